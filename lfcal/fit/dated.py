@@ -35,7 +35,7 @@ class Dated:
     camera
         The camera as found.
     values
-        Value and standard deviation of each parameter by name.
+        Value of each parameter by name, and its standard deviation with all else held.
     units, groups_of
         Unit, and group of unknowns, of each.
     groups
@@ -99,7 +99,10 @@ def read_fit(folder: str | os.PathLike[str], label: str = "") -> Dated:
     camera = _camera(place / CAMERA)
     try:
         rows = data["parameters"]
-        values = {str(one["name"]): (_number(one["value"]), _number(one["sigma"])) for one in rows}
+        # what is held is the same in all of them
+        values = {
+            str(one["name"]): (_number(one["value"]), _number(one.get("sigma_held", one["sigma"]))) for one in rows
+        }
         when, recorded = _when(data, path)
         # a region in the middle of the sensor where an older file does not say
         x, y = data.get("middle_um") or (0.0, 0.0)

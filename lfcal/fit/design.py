@@ -16,7 +16,7 @@ from lfcal.fit.information import Expected, Information, iter_information
 from lfcal.fit.lacking import check_groups
 from lfcal.fit.parameters import GROUPS
 from lfcal.fit.setup import Setup, called_for
-from lfcal.fit.spread import spread_out
+from lfcal.fit.spread import kept_aside, spread_out
 from lfcal.progress import Clock, Work, drain
 
 __all__ = ["Chosen", "CurvePoint", "Design", "choose", "iter_next_positions", "next_positions"]
@@ -251,7 +251,7 @@ def iter_next_positions(
     clock = Clock("choose positions", 3)
     yield clock.at(0)
     start = Chosen(told).error
-    aside = spread_out(index, _aside(count), plan.period, there)
+    aside = kept_aside(index, _aside(count), plan, there)
     rows = choose(told, count - len(aside), np.setdiff1d(np.arange(len(index)), aside))
     yield clock.at(1)
     curve = tuple(
@@ -359,7 +359,7 @@ def _point(
     apart = min(_aside(count), len(aside))
     own = rows[: count - apart]
     spread = spread_out(told.index, count, plan.period)
-    kept = spread_out(told.index[spread], apart, plan.period)
+    kept = kept_aside(told.index[spread], apart, plan)
     errors = []
     for used in (own, np.delete(spread, kept).tolist()):
         chosen = Chosen(told)

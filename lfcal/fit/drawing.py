@@ -101,12 +101,24 @@ def draw_patterns(left: Leftover, path: str | os.PathLike[str]) -> None:
     """Draw measured, model and residual of some patterns, from the best to the worst."""
     order = np.argsort(np.nan_to_num(left.chi2))
     chosen = order[np.unique(np.linspace(0, len(order) - 1, SHOWN).round().astype(int))]
-    with figure(9.6, 2.7 * len(chosen)) as fig:
-        for panels, k in zip(fig.subplots(len(chosen), 3, squeeze=False), chosen, strict=True):
+    rows = len(chosen)
+    with figure(9.6, 2.7 * rows) as fig:
+        # a layout that measures every label of a dozen panels takes as long as the fit
+        fig.set_layout_engine(None)
+        fig.subplots_adjust(0.06, 0.17 / rows, 0.96, 1 - 0.1 / rows, wspace=0.2, hspace=0.32)
+        for row, (panels, k) in enumerate(zip(fig.subplots(rows, 3, squeeze=False), chosen, strict=True)):
             at = tuple(int(v) for v in left.index[k])
-            draw_image(panels[0], left.measured[k], title=f"measured, (z, y, x) = {at}")
-            draw_image(panels[1], left.model[k], title="model")
-            draw_image(panels[2], left.residual[k], title=f"residual, χ² {left.chi2[k]:.2f}", unit="σ", signed=True)
+            below = "column s (px)" if row == rows - 1 else ""
+            for panel, image, title in (
+                (panels[0], left.measured[k], f"measured, (z, y, x) = {at}"),
+                (panels[1], left.model[k], "model"),
+                (panels[2], left.residual[k], f"residual, χ² {left.chi2[k]:.2f}"),
+            ):
+                signed, beside = panel is panels[2], "row t (px)" if panel is panels[0] else ""
+                draw_image(
+                    panel, image, title=title, unit="σ" if signed else "", xlabel=below, ylabel=beside, signed=signed
+                )
+                panel.locator_params(nbins=4)
         save_figure(fig, path)
 
 

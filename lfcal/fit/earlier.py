@@ -71,7 +71,7 @@ class Earlier:
             fit.groups,
             tuple(one.name for one in found),
             np.array([one.value for one in found]),
-            np.array([one.sigma for one in found]),
+            np.array([one.sigma_held for one in found]),
             fit.correlations,
             fit.spread,
             np.array(list(fit.residuals), np.intp).reshape(-1, 3),
@@ -141,7 +141,9 @@ def read_earlier(folder: str | os.PathLike[str]) -> Earlier:
 def _earlier(data: Mapping[str, Any], camera: Camera, place: Path) -> Earlier:
     found = data["parameters"]
     correlations = np.array(data["correlations"], np.float64)
-    values, sigmas = (np.array([one[name] for one in found], np.float64) for name in ("value", "sigma"))
+    values = np.array([one["value"] for one in found], np.float64)
+    # correlations are those with all else held
+    sigmas = np.array([one.get("sigma_held", one["sigma"]) for one in found], np.float64)
     if correlations.shape != (len(found), len(found)) or not np.isfinite([*values, *sigmas, *correlations.flat]).all():
         wanted = f"{len(found)} parameters with their correlations"
         raise FileFormatError.expected(f"{place / 'fit.json'}", wanted, "others", "fit again")

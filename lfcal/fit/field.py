@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.camera import Camera, ScanPlan
-from lfcal.fit.fit import check_stage, groups_of, iter_retrieved, problem_of
+from lfcal.fit.fit import check_stage, groups_of, iter_retrieved, iter_summarised, problem_of
 from lfcal.fit.lacking import check_groups
 from lfcal.fit.measured import Measured
 from lfcal.fit.parameters import Frame, Vector, field_of
@@ -18,7 +18,6 @@ from lfcal.fit.questions import as_described, check_described, check_light
 from lfcal.fit.regional import Regional, regional_of
 from lfcal.fit.result import Fit
 from lfcal.fit.setup import Setup, called_for
-from lfcal.fit.summary import summarised
 from lfcal.progress import Work, drain
 from lfcal.simulate.effects import FieldAberrations, Zernike
 from lfcal.simulate.effects.base import Effect
@@ -149,8 +148,8 @@ def iter_fit_field(
     problem = problem_of(measured, setup, (*core, *candidates), workers)
     start = yield from _nearby(measured, problem, setup, [name for name in core if name in ALONE], workers)
     finished = yield from iter_retrieved(problem, core, candidates, stage=stage, start=start)
-    problem, point, groups, columns, outliers = finished
-    found = summarised(problem, point, columns, groups=groups, tried=candidates, outliers=outliers)
+    problem = finished[0]
+    found = yield from iter_summarised(*finished, candidates)
     names = [measured.regions[k].name for _, _, k in problem.measured.parts()]
     return FieldFit(dict(zip(names, found, strict=True)))
 

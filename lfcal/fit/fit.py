@@ -35,12 +35,22 @@ from lfcal.fit.result import Fit, Outlier
 from lfcal.fit.select import choose, prune
 from lfcal.fit.setup import Setup, called_for
 from lfcal.fit.solver import Tell, descend
+from lfcal.fit.stand_ins import iter_held_beside
 from lfcal.fit.summary import summarised
 from lfcal.progress import Work, drain
 from lfcal.psf import PSFMatrix
 from lfcal.simulate.effects.base import Effect
 
-__all__ = ["check_stage", "fit_camera", "groups_of", "iter_fit_camera", "iter_retrieved", "problem_of"]
+__all__ = [
+    "addable",
+    "check_stage",
+    "fit_camera",
+    "groups_of",
+    "iter_fit_camera",
+    "iter_retrieved",
+    "iter_summarised",
+    "problem_of",
+]
 
 
 def iter_fit_camera(
@@ -73,8 +83,22 @@ def iter_fit_camera(
         check_groups(setup, measured.plan, core)
     problem = problem_of(measured, setup, (*core, *candidates), workers)
     finished = yield from iter_retrieved(problem, core, candidates, stage=stage)
-    problem, point, groups, columns, found = finished
-    return summarised(problem, point, columns, groups=groups, tried=candidates, outliers=found)[0]
+    return (yield from iter_summarised(*finished, candidates))[0]
+
+
+def iter_summarised(
+    problem: Problem,
+    point: Point,
+    groups: tuple[str, ...],
+    columns: Columns,
+    outliers: tuple[Outlier, ...],
+    candidates: Sequence[str],
+) -> Work[tuple[Fit, ...]]:
+    """Return the fit of what `iter_retrieved` found, as it is in each region; ``candidates`` are the groups tried."""
+    beside: tuple[str, ...] = ()
+    if not candidates:
+        beside = yield from iter_held_beside(problem, point, columns, groups)
+    return summarised(problem, point, columns, groups=groups, tried=candidates, outliers=outliers, beside=beside)
 
 
 def iter_retrieved(
@@ -176,6 +200,11 @@ def groups_of(unknowns: str | Sequence[str]) -> tuple[tuple[str, ...], tuple[str
     return found, ()
 
 
+def addable(candidates: Sequence[str]) -> list[str]:
+    """Return the groups that are added where they help: not those that are held in any case."""
+    return [name for name in candidates if not GROUPS.get(name).held]
+
+
 def check_stage(stage: str | float) -> None:
     """Raise `InputError` unless ``stage`` is an rms of sources beside their places, or ``"auto"``."""
     if stage != "auto":
@@ -191,7 +220,7 @@ def _approached(
         columns: Columns | None = None
         before = groups
         if candidates:
-            tried = [name for name in candidates if turn or not GROUPS.get(name).late]
+            tried = [name for name in addable(candidates) if turn or not GROUPS.get(name).late]
             every = vector.of_groups([*groups, *tried]).tolist()
             columns = yield from problem.columns(point, every, f"groups, round {turn + 1}", own=False)
             groups = choose(problem, point, columns, groups, tried, least=0.0 if turn else FAR)
@@ -238,7 +267,7 @@ def _finished(
         problem, point, columns = _without(problem, point, columns, ~far)
     point = _with_spread(problem, point, columns, stage)
     if candidates:
-        groups = prune(problem, point, columns, choose(problem, point, columns, groups, candidates), core)
+        groups = prune(problem, point, columns, choose(problem, point, columns, groups, addable(candidates)), core)
         left = np.setdiff1d(np.arange(len(vector)), vector.of_groups(groups))
         u = point.u.copy()
         u[left] = 0.0

@@ -22,6 +22,9 @@ INCOMPLETE = 5.0
 SHOWN = 3.0
 """Standard deviations by which what left-out patterns scatter must lie above their noise to be a value."""
 
+OWN = 0.5
+"""Share of what left-out patterns scatter (rms) below which what each has to itself may be a part of it."""
+
 F8 = NDArray[np.float64]
 
 
@@ -61,17 +64,21 @@ class ModelError:
     Attributes
     ----------
     squared, squared_sigma
-        What left-out patterns scatter beyond their noise, as a share of their squares, and its standard deviation.
+        What left-out patterns scatter beyond their noise, as a share of their squares, and its standard deviation; of
+        a model that does not suffice all patterns.
     statistical
         What the unknowns' own errors make of it.
     patterns
         How many were left out.
+    among
+        Standard deviation of ``squared`` beyond that: some patterns are predicted worse than others.
     """
 
     squared: float
     squared_sigma: float
     statistical: float
     patterns: int
+    among: float = 0.0
 
     @property
     def known(self) -> bool:
@@ -86,12 +93,13 @@ class ModelError:
     @property
     def sigma(self) -> float:
         """Standard deviation of a `known` value."""
-        return 0.5 * self.squared_sigma / math.sqrt(self.squared) if self.known else math.inf
+        return 0.5 * math.hypot(self.squared_sigma, self.among) / math.sqrt(self.squared) if self.known else math.inf
 
     @property
     def limit(self) -> float:
         """What the error is below, by two standard deviations."""
-        return max(self.statistical, math.sqrt(max(0.0, self.squared) + 2.0 * self.squared_sigma))
+        spread = math.hypot(self.squared_sigma, self.among) if self.known else self.squared_sigma
+        return max(self.statistical, math.sqrt(max(0.0, self.squared) + 2.0 * spread))
 
     def __str__(self) -> str:
         """Return the value with its standard deviation, or the limit."""
@@ -148,31 +156,59 @@ def left_out_error(
     which: NDArray[np.intp],
     spread: F8,
     among: NDArray[np.bool_] | None = None,
+    *,
+    complete: bool = True,
 ) -> ModelError:
     """Return the error of the model from left-out patterns; ``spread`` is the covariance of what is shared.
 
     ``among`` are the patterns that are asked for, all by default: where none of them was left out, all of them count.
-    The squares of their residuals have the noise's variance beside the error's: E[(d - m)² - v] = error².
+    So they do where the model is not ``complete``: what is left of those that were fitted is then no noise, hardly less
+    than of others, and they are four times as many.
+    The squares of their residuals have the noise's variance beside the error's: E[(d - m)² - v] = error². What a
+    pattern has to itself, lamp and displaced source, is no error of the model, but where it is less than half of what
+    is left it may be a part of that: then it counts.
     """
     measured = problem.measured
     some = np.ones(len(measured), np.bool_) if among is None else among
-    aside = measured.left_out & some if (measured.left_out & some).any() else problem.fitted & some
+    left_out = measured.left_out & some
+    told = left_out if left_out.any() else problem.fitted & some
+    aside = told if complete else some
     part, planes = measured.of(aside), problem.planes[aside]
     data, valid = flat(part)
     light = point.model[aside] * point.levels.factors(problem.planes)[aside, None]
     back = point.levels.backgrounds[planes, None]
     noise = variance(part, light.astype(np.float32), doubtful=False, error=0.0).astype(np.float64)
     good = valid & ~point.seen.wild[aside]
-    square = np.where(good, np.square(data - light - back, dtype=np.float64) - noise, 0.0)
-    power = float(np.square(np.where(good, light, 0.0), dtype=np.float64).sum())
-    scatter = math.sqrt(2.0 * float(np.where(good, noise**2, 0.0).sum())) / power
+    noise = np.where(good, noise, 0.0)
+    own = np.where(good, light - _ideal(problem, point, columns, aside), 0.0)
+    left = np.where(good, data - light - back, 0.0).astype(np.float64)
+    power = np.square(np.where(good, light, 0.0), dtype=np.float64).sum(1)
+    squares = (np.square(left) - noise).sum(1)
+    if np.square(own).sum() < OWN**2 * squares.sum():
+        left += own
+        squares = (np.square(left) - noise).sum(1)
+    whole_power, found = float(power.sum()), float(squares.sum() / power.sum())
+    scatter = math.sqrt(2.0 * float((noise**2).sum())) / whole_power
+    beside = 0.0
+    if len(power) > 1:
+        apart = float(np.square(squares - found * power).sum()) * len(power) / (len(power) - 1)
+        beside = math.sqrt(max(0.0, apart / whole_power**2 - scatter**2))
     ones = np.ones_like(point.seen.inverse[aside])
     plain = Weighed(0 * ones, np.where(good, ones, 0).astype(np.float32), ones, ones)
     whole = replace(point, local=replace(point.local, stage_px=0.0, lamp=0.0))
     normal = problem.normal(columns, replace(whole, seen=_placed(point.seen, plain, aside)), aside)
     used = shared_of(problem, which)
-    made = float(np.trace(normal.matrix[np.ix_(used, used)] @ spread)) / power
-    return ModelError(float(square.sum()) / power, scatter, math.sqrt(max(0.0, made)), int(aside.sum()))
+    made = float(np.trace(normal.matrix[np.ix_(used, used)] @ spread)) / whole_power
+    return ModelError(found, scatter, math.sqrt(max(0.0, made)), int(told.sum()), beside)
+
+
+def _ideal(problem: Problem, point: Point, columns: Columns, keep: NDArray[np.bool_]) -> F8:
+    """Return the light of the patterns ``keep`` as the model has it: each source in its place, the lamp steady."""
+    model = point.model[keep].astype(np.float64)
+    if columns.own is not None:
+        model -= np.einsum("pa,apm->pm", point.local.offsets_px[keep], columns.own[:, keep].astype(np.float64))
+    found: F8 = model * point.levels.gains[problem.planes[keep], None]
+    return found
 
 
 def _placed(seen: Weighed, part: Weighed, keep: NDArray[np.bool_]) -> Weighed:

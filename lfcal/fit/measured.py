@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.camera import Camera, ScanPlan
 from lfcal.checks import check_number
 from lfcal.errors import InputError
-from lfcal.fit.spread import spread_out
+from lfcal.fit.spread import kept_aside, spread_out
 from lfcal.psf import PSFMatrix
 from lfcal.psf.half_cell import copied_positions
 
@@ -177,7 +177,7 @@ def _aside(chosen: NDArray[np.intp], left_out: float | Sequence[Sequence[int]], 
         left_out = LEFT_OUT
     check_number("share of patterns left out", left_out, at_least=0, below=0.9)
     aside = np.zeros(len(chosen), np.bool_)
-    aside[spread_out(chosen, round(left_out * len(chosen)), plan.period)] = True
+    aside[kept_aside(chosen, round(left_out * len(chosen)), plan)] = True
     return aside
 
 

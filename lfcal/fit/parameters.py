@@ -148,6 +148,8 @@ class Group(ABC):
     """Order in lists."""
     late: bool = False
     """Whether it is tried only where others have been found: each pattern takes many runs of the engine."""
+    held: bool = False
+    """Whether ``unknowns="auto"`` never adds it, but says what of the others it would make less sure."""
     core: bool = False
     """Whether ``unknowns="auto"`` starts with it; others are added where they lower the error of left-out patterns."""
     needs: str = "a camera that has them"

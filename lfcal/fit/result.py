@@ -37,9 +37,12 @@ class Parameter:
     name, group, unit
         As of the unknown.
     value, sigma
-        What was found, and its standard deviation.
+        What was found, and its standard deviation; what was tried and is held as described is part of it, where that
+        may stand in its place.
     start
         What the description said.
+    sigma_held
+        Standard deviation with all else held as it is: what fits of the same groups differ by.
     """
 
     name: str
@@ -48,6 +51,7 @@ class Parameter:
     value: float
     sigma: float
     start: float
+    sigma_held: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +90,7 @@ class Fit:
     chi_square
         Of the fitted patterns.
     left_out_error
-        Error of the model's patterns, from patterns that were never fitted.
+        Error of the model's patterns, from patterns that were never fitted; where it does not suffice, from all.
     correlations
         Of the parameters, in their order ``(k, k)``.
     held

@@ -5,46 +5,97 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["spread_out"]
+from lfcal.camera import ScanPlan
+
+__all__ = ["kept_aside", "spread_out"]
+
+
+def kept_aside(
+    index: NDArray[np.intp], count: int, plan: ScanPlan, earlier: NDArray[np.intp] | None = None
+) -> NDArray[np.intp]:
+    """Return which ``count`` of a plan's positions ``(n, 3)`` are to stand for all others: those that are never fitted.
+
+    Few positions that lie far apart in the period lie a whole number of lenslets apart: the pattern of each is that of
+    the others, and what they say of a model is said of one place behind a lenslet. So they lie far apart there too.
+    """
+    cell = plan.camera.lattice.basis_um()[:, ::-1] / plan.camera.sensor.pixel_um
+    return spread_out(index, count, plan.period, earlier, cell)
 
 
 def spread_out(
-    index: NDArray[np.intp], count: int, period: tuple[int, int], earlier: NDArray[np.intp] | None = None
+    index: NDArray[np.intp],
+    count: int,
+    period: tuple[int, int],
+    earlier: NDArray[np.intp] | None = None,
+    cell: NDArray[np.float64] | None = None,
 ) -> NDArray[np.intp]:
     """Return which ``count`` of positions ``(n, 3)`` as (z, y, x) lie farthest from each other; planes in turn.
 
     Each next one is the farthest from all that were taken, around the period's edges; planes have equal shares.
-    Positions ``earlier`` ``(m, 3)`` count as taken, without being among those returned.
+    Positions ``earlier`` ``(m, 3)`` count as taken, without being among those returned. With the vectors ``(2, 2)`` as
+    (rows, columns) of the array's ``cell`` (pixels) they lie far apart in the period and behind their lenslets.
     """
     there = np.zeros((0, 3), np.intp) if earlier is None else earlier
-    planes = np.unique(index[:, 0])
-    taken: dict[int, list[int]] = {int(z): [] for z in planes}
-    members = {int(z): np.flatnonzero(index[:, 0] == z) for z in planes}
+    planes: dict[int, _Plane] = {}
+    for z in np.unique(index[:, 0]).tolist():
+        members = np.flatnonzero(index[:, 0] == z)
+        planes[z] = _Plane(members, index[members, 1:], period, cell)
+        for place in there[there[:, 0] == z, 1:]:
+            planes[z].away_from(place)
     for turn in range(count):
-        order = sorted(taken, key=lambda z: (len(taken[z]) - len(members[z]) >= 0, len(taken[z]) / len(members[z])))
-        z = order[0]
-        if len(taken[z]) == len(members[z]):
+        z = min(planes, key=lambda z: (planes[z].full, len(planes[z].taken) / len(planes[z].members)))
+        if planes[z].full:
             break
-        others = there[there[:, 0] == z, 1:]
-        taken[z].append(_farthest(index[members[z], 1:], taken[z], others, period, turn))
-    chosen = [int(members[z][k]) for z, own in taken.items() for k in own]
+        planes[z].take(turn)
+    chosen = [int(plane.members[k]) for plane in planes.values() for k in plane.taken]
     return np.sort(np.array(chosen, np.intp))
 
 
-def _farthest(
-    places: NDArray[np.intp], taken: list[int], others: NDArray[np.intp], period: tuple[int, int], turn: int
-) -> int:
-    """Return the place that is farthest from those taken and ``others``; at first one near the middle.
+class _Plane:
+    """The positions of a plane: which are taken, and how far each of the others is from the nearest of those."""
 
-    The first one lies elsewhere in each plane.
-    """
-    size = np.array(period, np.float64)
-    full = np.concatenate([places[np.array(taken, np.intp)], others])
-    if not len(full):
-        aim = size * (0.5 + 0.23 * (turn % 3 - 1))
-        return int(np.argmin(((places - aim) ** 2).sum(1)))
-    apart = np.abs(places[:, None, :] - full[None, :, :])
-    apart = np.minimum(apart, size - apart)
-    nearest = (apart**2).sum(2).min(1)
-    nearest[np.array(taken, np.intp)] = -1.0
-    return int(np.argmax(nearest))
+    def __init__(
+        self,
+        members: NDArray[np.intp],
+        places: NDArray[np.intp],
+        period: tuple[int, int],
+        cell: NDArray[np.float64] | None,
+    ) -> None:
+        self.members, self.taken = members, list[int]()
+        self._places, self._cell, self._size = places, cell, np.array(period, np.float64)
+        self._nearest = np.full(len(places), np.inf)
+
+    @property
+    def full(self) -> bool:
+        """Whether all of them are taken."""
+        return len(self.taken) == len(self.members)
+
+    def take(self, turn: int) -> None:
+        """Take the place that is farthest from those taken; at first one near the middle, elsewhere in each plane."""
+        if np.isinf(self._nearest).all():
+            aim = self._size * (0.5 + 0.23 * (turn % 3 - 1))
+            k = int(np.argmin(((self._places - aim) ** 2).sum(1)))
+        else:
+            k = int(np.argmax(self._nearest))
+        self.taken.append(k)
+        self.away_from(self._places[k])
+        self._nearest[k] = -1.0
+
+    def away_from(self, place: NDArray[np.intp]) -> None:
+        """Let others lie far from ``place``, around the period's edges and behind their lenslets."""
+        between = self._places - place
+        apart = np.minimum(np.abs(between), self._size - np.abs(between))
+        squares = (apart**2).sum(1) / self._size.prod()
+        if self._cell is not None:
+            squares = np.minimum(squares, _folded(between, self._cell) / abs(np.linalg.det(self._cell)))
+        self._nearest = np.minimum(self._nearest, squares)
+
+
+def _folded(between: NDArray[np.intp], cell: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the squares of the shortest of the ways ``(..., 2)`` that are alike but for whole vectors of a cell."""
+    steps = between @ np.linalg.inv(cell)
+    steps -= np.rint(steps)
+    near = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)])
+    ways = (steps[..., None, :] + near) @ cell
+    found: NDArray[np.float64] = np.square(ways).sum(-1).min(-1)
+    return found

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.errors import InputError
 from lfcal.fit.judge import eliminated
 from lfcal.fit.normal import Columns
-from lfcal.fit.parameters import Unknown
+from lfcal.fit.parameters import GROUPS, Unknown, Vector
 from lfcal.fit.problem import Point, Problem
 from lfcal.fit.solver import with_prior
+from lfcal.fit.spread import spread_out
+from lfcal.progress import Work
+from lfcal.simulate.engines.base import EnergyError
 
-__all__ = ["stand_ins", "standing_in"]
+__all__ = ["StandIns", "iter_held_beside", "stand_ins", "standing_in"]
 
 F8 = NDArray[np.float64]
 
@@ -23,32 +28,106 @@ WIDER = 8.0
 NAMED = 3
 """Parameters that are named of what one unknown would change."""
 
+VAGUE = 10.0
+"""Standard deviation, in scales, from which on what is held is not told at all: it is named and no more."""
 
-def standing_in(problem: Problem, point: Point, columns: Columns, which: NDArray[np.intp]) -> tuple[str, ...]:
+LEAST, FEW = 3, 8
+"""Patterns by which unknowns that nobody asked for are held against those that were found: a quarter of all, within."""
+
+
+@dataclass(frozen=True, eq=False)
+class StandIns:
+    """What is held and what of the unknowns that were found it may have moved, in their scales.
+
+    Attributes
+    ----------
+    words
+        Each for people, the worst first.
+    spread
+        Covariance ``(k, k)`` that the errors of what is held add.
+    shift
+        By how much ``(k,)`` the unknowns would move, were it found too: what they may be off by already.
+    """
+
+    words: tuple[str, ...]
+    spread: F8
+    shift: F8
+
+    def variances(self, own: F8, grown: float = 1.0) -> F8:
+        """Return the variances of the unknowns whose ``own`` covariance ``(k, k)`` is that with all else held.
+
+        Of an unknown h that is held at 0 and told as d ± s, the mean square is d² + s². Noise is ``grown`` times as
+        large as stated.
+        """
+        found: F8 = np.maximum(grown**2 * np.diag(own + self.spread) + np.square(self.shift), 0.0)
+        return found
+
+
+def standing_in(
+    problem: Problem, point: Point, columns: Columns, which: NDArray[np.intp], times: float = 1.0
+) -> StandIns:
     """Return what of the unknowns that were tried, but not found, those found at ``which`` stand in for.
 
-    The scan may show that something changed without telling which of them did. ``columns`` has the derivatives by all.
+    The scan may show that something changed without telling which of them did. ``columns`` has the derivatives by all;
+    each pattern stands for ``times`` as many.
     """
     normal = problem.normal(columns, point, problem.fitted)
-    matrix, _ = with_prior(problem, normal, point.u)
+    normal = replace(normal, matrix=times * normal.matrix, gradient=times * normal.gradient)
+    matrix, gradient = with_prior(problem, normal, point.u)
     k = len(problem.vector)
     held = np.array([j for j in range(k) if j not in which and normal.matrix[j, j] > 0], np.intp)
-    unknowns = problem.vector.unknowns
-    return stand_ins(unknowns, which, held, eliminated(matrix, k), point.u)
+    data = eliminated(matrix, k)
+    slope = gradient[:k] - matrix[:k, k:] @ np.linalg.pinv(matrix[k:, k:], rcond=1e-13) @ gradient[k:]
+    return stand_ins(problem.vector.unknowns, which, held, data, slope, point.u)
+
+
+def iter_held_beside(problem: Problem, point: Point, columns: Columns, groups: Sequence[str]) -> Work[tuple[str, ...]]:
+    """Say what else is known of the camera's unknowns and may be what those of ``groups``, that were asked for, tell.
+
+    By a few patterns, for it is named and no more; groups of which each pattern takes many runs are not looked at.
+    Yields progress in derivatives.
+    """
+    measured, fitted = problem.measured, np.flatnonzero(problem.fitted)
+    few = min(len(fitted), max(LEAST, len(fitted) // 4))
+    some = fitted[spread_out(measured.index[fitted], min(FEW, few), measured.plan.period)]
+    keep = np.zeros(len(measured), np.bool_)
+    keep[some] = True
+    others = [group.name for group in GROUPS if not group.late and group.name not in groups]
+    old = problem.vector
+    vector = Vector(old.setup, old.frame, [*(group.name for group in old.groups), *others])
+    part = Problem(measured.of(keep), vector, problem.workers)
+    own = np.arange(len(old))
+    levels = replace(point.levels, lamps=point.levels.lamps[keep])
+    local = replace(point.local, offsets_px=point.local.offsets_px[keep])
+    u = np.concatenate([point.u, np.zeros(len(vector) - len(old))])
+    at = Point(u, local, point.model[keep], levels, point.seen.of(keep), point.sampling, point.doubtful)
+    held = range(len(old), len(vector))
+    try:
+        found = yield from part.columns(at, held, "what else may have changed", own=False)
+    except (InputError, EnergyError):
+        # a camera that cannot have them all at once has been found all the same
+        return ()
+    shared = found.shared
+    shared[own] = columns.shared[own][:, keep]
+    beside = None if columns.own is None else columns.own[:, keep]
+    times = len(fitted) / len(some)
+    return standing_in(part, at, Columns(shared, beside), old.of_groups(groups), times).words
 
 
 def stand_ins(
-    unknowns: Sequence[Unknown], which: NDArray[np.intp], held: NDArray[np.intp], data: F8, u: F8
-) -> tuple[str, ...]:
-    """Return in words which of the unknowns ``held`` stand behind those found at ``which``, the worst first.
+    unknowns: Sequence[Unknown], which: NDArray[np.intp], held: NDArray[np.intp], data: F8, slope: F8, u: F8
+) -> StandIns:
+    """Return which of the unknowns ``held`` stand behind those found at ``which``.
 
-    ``data`` ``(k, k)`` is the matrix of the data and priors in scales, ``u`` where the unknowns are.
+    ``data`` ``(k, k)`` and ``slope`` ``(k,)`` are matrix and gradient of the data and priors in scales, ``u`` where the
+    unknowns are.
     """
     inner = data[np.ix_(which, which)]
     size = np.sqrt(np.maximum(np.diag(inner), 1e-300))
     spread = np.linalg.pinv(inner / np.outer(size, size), rcond=1e-13, hermitian=True) / np.outer(size, size)
     sigmas = np.sqrt(np.maximum(np.diag(spread), 1e-300))
     found: list[tuple[float, str]] = []
+    told: list[int] = []
     for k in held.tolist():
         # by how much each parameter moves for a step of it, and how well it is told beside them
         moves = spread @ data[which, k]
@@ -67,4 +146,20 @@ def stand_ins(
         own = unknowns[k]
         value = f"{own.value(float(u[k])):.6g} {own.unit}".rstrip()
         found.append((float(wider[order[0]]), f"{own.name}, held at {value}, with {', '.join(parts)}"))
-    return tuple(words for _, words in sorted(found, reverse=True))
+        if left > VAGUE**-2:
+            told.append(k)
+    words = tuple(words for _, words in sorted(found, reverse=True))
+    return StandIns(words, *_allowed(which, np.array(told, np.intp), data, slope, spread))
+
+
+def _allowed(which: NDArray[np.intp], held: NDArray[np.intp], data: F8, slope: F8, spread: F8) -> tuple[F8, F8]:
+    """Return what errors of the unknowns ``held``, all at once, do to those found: covariance, and shift."""
+    if not len(held):
+        return np.zeros_like(spread), np.zeros(len(which))
+    moves = spread @ data[np.ix_(which, held)]
+    told = data[np.ix_(held, held)] - data[np.ix_(held, which)] @ moves
+    size = np.sqrt(np.maximum(np.diag(told), 1e-300))
+    errors = np.linalg.pinv(told / np.outer(size, size), rcond=1e-9, hermitian=True) / np.outer(size, size)
+    off = errors @ (slope[held] - moves.T @ slope[which])
+    # those found go back by what they took of it
+    return moves @ errors @ moves.T, -moves @ off

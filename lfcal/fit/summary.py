@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from lfcal.fit.judge import chi_square, covariance, left_out_error
 from lfcal.fit.normal import Columns
 from lfcal.fit.nuisance import Spread
-from lfcal.fit.parameters import Unknown
+from lfcal.fit.parameters import GROUPS, Unknown
 from lfcal.fit.problem import Point, Problem
 from lfcal.fit.questions import order_of_types
 from lfcal.fit.result import Fit, InRegion, Outlier, Parameter
@@ -55,8 +55,12 @@ def summarised(
     groups: Sequence[str],
     tried: Sequence[str],
     outliers: tuple[Outlier, ...],
+    beside: tuple[str, ...] = (),
 ) -> tuple[Fit, ...]:
-    """Return the fit at a point, as it is in each region of the field, with the last derivatives that were computed."""
+    """Return the fit at a point, as it is in each region of the field, with the last derivatives that were computed.
+
+    ``beside`` says what else, that was not tried, may have changed in the place of what was found.
+    """
     vector = problem.vector
     which = vector.of_groups(groups)
     unknowns = [vector.unknowns[k] for k in which]
@@ -64,7 +68,9 @@ def summarised(
     chi2 = chi_square(point, problem.fitted, len(which))
     # where the model does not suffice its unknowns are as much less sure
     grown = math.sqrt(max(1.0, chi2.lit)) if not chi2.complete else 1.0
-    sigmas = grown * np.sqrt(np.maximum(np.diag(spread)[: len(which)], 0.0))
+    alone = grown * np.sqrt(np.maximum(np.diag(spread)[: len(which)], 0.0))
+    held = standing_in(problem, point, columns, which)
+    sigmas = np.sqrt(held.variances(spread[: len(which), : len(which)], grown))
     parameters = {
         one.name: Parameter(
             one.name,
@@ -73,8 +79,9 @@ def summarised(
             one.value(float(point.u[k])),
             one.sigma_of(float(point.u[k]), float(sigma)),
             one.start,
+            one.sigma_of(float(point.u[k]), float(own)),
         )
-        for k, one, sigma in zip(which, unknowns, sigmas, strict=True)
+        for k, one, sigma, own in zip(which, unknowns, sigmas, alone, strict=True)
     }
     size = np.sqrt(np.maximum(np.diag(spread)[: len(which)], 1e-300))
     nt, ns = problem.measured.plan.cutout
@@ -87,12 +94,14 @@ def summarised(
         planned=measured.plan,
         parameters=parameters,
         groups=tuple(groups),
-        unhelpful=tuple(name for name in tried if name not in groups and vector.of_groups([name]).size),
+        unhelpful=tuple(
+            name for name in tried if name not in groups and not GROUPS.get(name).held and vector.of_groups([name]).size
+        ),
         chi_square=chi2,
-        left_out_error=left_out_error(problem, point, columns, which, grown**2 * spread),
+        left_out_error=left_out_error(problem, point, columns, which, grown**2 * spread, complete=chi2.complete),
         correlations=spread[: len(which), : len(which)] / np.outer(size, size),
         held=tuple(dict.fromkeys(one.gauge for one in unknowns if one.gauge)),
-        unidentified=(*unidentified(unknowns, data), *standing_in(problem, point, columns, which)),
+        unidentified=(*unidentified(unknowns, data), *held.words, *beside),
         outliers=outliers,
         answers={"order of lens types": f"{order} of the description"} if order else {},
         spread=Spread(point.local.stage_px, point.local.lamp),
@@ -111,8 +120,9 @@ def summarised(
             fitted = among & problem.fitted
             # each region has its part of what all of them found
             share = round(len(which) * fitted.sum() / max(1, problem.fitted.sum()))
-            error = left_out_error(problem, point, columns, which, grown**2 * spread, among)
-            here = InRegion(chi_square(point, fitted, share), error)
+            chi2 = chi_square(point, fitted, share)
+            error = left_out_error(problem, point, columns, which, grown**2 * spread, among, complete=chi2.complete)
+            here = InRegion(chi2, error)
         found.append(
             replace(
                 whole,

@@ -100,7 +100,7 @@ class Changes:
 def changes_of(camera: Behind, index: NDArray[np.intp], offsets_px: F8) -> Changes:
     """Return the derivatives of patterns by everything that a fit can find, by steps of each unknown."""
     plan = camera.plan
-    groups = [group.name for group in GROUPS if group.name not in OF_THE_SCAN and not group.late]
+    groups = [group.name for group in GROUPS if group.name not in OF_THE_SCAN and not (group.late or group.held)]
     vector = Vector(camera.setup, Frame.of(plan), groups)
     titles = {group.name: group.title for group in GROUPS}
     start = predict(camera.setup, plan, index, offsets_px, Fineness.coarse).astype(np.float64)

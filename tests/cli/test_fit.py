@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import io
 import json
 import shlex
 from base64 import b64encode
 from collections.abc import Callable
-from contextlib import redirect_stdout
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +16,6 @@ import pytest
 
 import lfcal.fit
 from lfcal.camera import Camera, ScanPlan
-from lfcal.cli import main
 from lfcal.cli.fit_source import Reading, parse_noise, read_patterns
 from lfcal.cli.fit_validate import withheld_points
 from lfcal.errors import InputError
@@ -31,6 +28,7 @@ from lfcal.psf.facts import Facts
 from lfcal.simulate.effects import Crosstalk
 from lfcal.simulate.effects.described import parse_entries
 from tests.cli.conftest import Run
+from tests.fit.commands import typed, undrawn
 from tests.fit.common import few_patterns, setup_of, small_plan
 
 Lfcal = Callable[..., Run]
@@ -56,21 +54,22 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """Return the folder in which the few patterns were fitted, and what was said."""
     folder = tmp_path_factory.mktemp("whole")
     save(few_patterns(), folder / "few.h5")
-    said = io.StringIO()
     real = lfcal.fit.iter_fit_camera
 
     def kept(*words: Any, **options: Any) -> Work[Fit]:
         FOUND.append((yield from real(*words, **options)))
         return FOUND[-1]
 
-    with pytest.MonkeyPatch.context() as patch, redirect_stdout(said):
-        patch.chdir(folder)
+    with pytest.MonkeyPatch.context() as patch:
         patch.setattr("lfcal.fit.iter_fit_camera", kept)
-        patch.setattr("sys.argv", ["lfcal", "fit", "few.h5", "--unknowns", "geometry,geometry", "--workers", "1"])
-        with pytest.raises(SystemExit) as end:
-            main()
-    assert not end.value.code
-    return folder, said.getvalue()
+        said, _ = typed(folder, "fit", "few.h5", "--unknowns", "geometry,geometry", "--workers", 1)
+    return folder, said
+
+
+@pytest.fixture
+def plain_pages(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave the pictures of the fit out, which were drawn already."""
+    undrawn(monkeypatch)
 
 
 @pytest.fixture
@@ -83,15 +82,7 @@ def fitted(whole: tuple[Path, str], monkeypatch: pytest.MonkeyPatch) -> list[Mea
         yield from ()
         return FOUND[0]
 
-    def page(fit: Fit, measured: Measured, folder: Path, source: str = "") -> Work[Path]:
-        yield from ()
-        folder.mkdir(exist_ok=True)
-        (folder / "index.html").write_text(source)
-        return folder / "index.html"
-
     monkeypatch.setattr("lfcal.fit.iter_fit_camera", again)
-    # pictures of it were drawn already, too
-    monkeypatch.setattr("lfcal.fit.report.iter_fit_report", page)
     return seen
 
 
@@ -140,6 +131,7 @@ def test_the_camera_and_effects_make_the_same_h(lfcal: Lfcal, whole: tuple[Path,
     assert np.abs(a - b).sum() / np.abs(a).sum() < 0.012
 
 
+@pytest.mark.usefixtures("plain_pages")
 def test_frames_are_corrected_and_cut_out(lfcal: Lfcal, place: Path, fitted: list[Measured]) -> None:
     plan = replace(small_plan(15, (2.2,)), period=(2, 4))
     (place / "plan.json").write_text(plan.to_json())
@@ -190,6 +182,7 @@ def test_withheld_points_are_predicted(lfcal: Lfcal, place: Path, fitted: list[M
     assert again.code == 2 and "exists; add --force" in again.err
 
 
+@pytest.mark.usefixtures("plain_pages")
 def test_a_plane_without_patterns_is_told(lfcal: Lfcal, place: Path) -> None:
     few = few_patterns()
     assert few.camera is not None and few.facts.noise is not None
@@ -233,6 +226,7 @@ def object_frame(volume: np.ndarray, gap: float, gain: float) -> np.ndarray:
     return np.rint(70 + rng.poisson(whole * 2500 / whole.max()) + 4 * rng.standard_normal(whole.shape))
 
 
+@pytest.mark.usefixtures("plain_pages")
 def test_a_known_objects_frame_is_predicted(lfcal: Lfcal, place: Path, fitted: list[Measured]) -> None:
     rng = np.random.default_rng(1)
     volume = (rng.random((1, 120, 120)) < 0.01) * rng.random((1, 120, 120)).astype(np.float32)
@@ -288,6 +282,7 @@ def test_bad_words_end_in_one_line(lfcal: Lfcal, place: Path, words: tuple[objec
     assert [path.name for path in place.iterdir()] == ["few.h5"]
 
 
+@pytest.mark.usefixtures("plain_pages")
 def test_an_h_without_camera_or_noise_is_told_what_to_name(lfcal: Lfcal, place: Path, fitted: list[Measured]) -> None:
     data = few_patterns()
     plain = Facts.of(data.shape[:3], data.cutout, recorded=data.recorded)
@@ -353,6 +348,7 @@ def test_noise_in_words() -> None:
             parse_noise(text)
 
 
+@pytest.mark.usefixtures("plain_pages")
 def test_effects_are_given_beside_the_described_ones(place: Path, lfcal: Lfcal) -> None:
     given = ("--effect", "crosstalk=0.01", "--effect", "exact_angles=off")
     run = lfcal("fit", "few.h5", "--unknowns", "geometry", "--no-h", "--workers", "1", *given)

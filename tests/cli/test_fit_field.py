@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -22,6 +23,7 @@ from lfcal.psf.facts import Facts
 from lfcal.simulate.effects import FieldAberrations
 from lfcal.simulate.effects.described import parse_entries
 from tests.cli.conftest import Run
+from tests.fit.commands import typed
 from tests.fit.field_common import ANCHORS, camera
 
 Lfcal = Callable[..., Run]
@@ -53,10 +55,21 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_regions_are_fitted_as_one_camera(place: Path, lfcal: Lfcal) -> None:
-    run = lfcal("fit", "centre.h5", "edge.h5", "--unknowns", "field_wavefront", "--workers", "1")
-    assert not run.code, run.err
-    assert "wavefront (waves)" in run.out and "field_coma" in run.out
+WORDS = ("--unknowns", "field_wavefront", "--positions", "4", "--hybrid", "--validate", "--validate-on", "there.h5")
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    """Return the folder in which two regions were fitted, and what was said."""
+    folder = tmp_path_factory.mktemp("regions")
+    for name, of in (("centre", "centre"), ("edge", "edge"), ("there", "corner")):
+        save(region(of), folder / f"{name}.h5")
+    said, _ = typed(folder, "fit", "centre.h5", "edge.h5", *WORDS, "--workers", 1, "--json")
+    return folder, json.loads(said)
+
+
+def test_regions_are_fitted_as_one_camera(whole: tuple[Path, dict[str, Any]]) -> None:
+    place, _ = whole
     found = json.loads((place / "fit" / "field.json").read_text())
     assert [one["name"] for one in found["regions"]] == ["centre", "edge"] and found["complete"]
     coma = next(one for one in found["parameters"] if one["name"] == "field_coma")
@@ -71,19 +84,30 @@ def test_regions_are_fitted_as_one_camera(place: Path, lfcal: Lfcal) -> None:
         data, model = np.asarray(measured[0, 1, 2]), np.asarray(H[0, 1, 2])
         assert np.corrcoef(data.ravel(), model.ravel())[0, 1] > 0.99
     assert Camera.from_json((place / "fit" / "camera.json").read_text()).name == camera().name
+
+
+def test_what_a_fit_of_regions_wrote_stays(
+    whole: tuple[Path, dict[str, Any]], lfcal: Lfcal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(whole[0])
+    before = {path: path.stat().st_mtime_ns for path in whole[0].rglob("*")}
     again = lfcal("fit", "centre.h5", "edge.h5", "--unknowns", "field_wavefront")
     assert again.code == 2 and "exists; add --force" in again.err
     # H of these regions does not stay beside another camera
     bare = lfcal("fit", "centre.h5", "edge.h5", "--no-h", "--force")
     assert bare.code == 2 and "no fit of another camera" in bare.err
+    assert {path: path.stat().st_mtime_ns for path in whole[0].rglob("*")} == before
 
 
-def test_hybrid_and_validation_are_each_regions_own(place: Path, lfcal: Lfcal) -> None:
-    save(region("corner"), place / "there.h5")
-    words = ("--unknowns", "field_wavefront", "--positions", "4", "--hybrid", "--validate", "--validate-on", "there.h5")
-    run = lfcal("fit", "centre.h5", "edge.h5", *words, "--workers", "1", "--json")
-    assert not run.code, run.err
-    told = json.loads(run.out)
+@pytest.mark.long
+def test_a_fit_of_regions_is_told_in_words(place: Path, lfcal: Lfcal) -> None:
+    run = lfcal("fit", "centre.h5", "edge.h5", "--unknowns", "field_wavefront", "--no-h", "--workers", "1")
+    assert not run.code and "error of the model" in run.out
+    assert "wavefront (waves)" in run.out and "field_coma" in run.out
+
+
+def test_hybrid_and_validation_are_each_regions_own(whole: tuple[Path, dict[str, Any]]) -> None:
+    place, told = whole
     assert set(told["hybrid"]) == {"centre", "edge"} and set(told["validation"]) == {"centre", "edge", "there"}
     for name in ("centre", "edge"):
         folder = place / "fit" / name
@@ -102,16 +126,15 @@ def test_hybrid_and_validation_are_each_regions_own(place: Path, lfcal: Lfcal) -
     assert periodic["known"] and (off["value"] if off["known"] else off["limit"]) < 0.3 * periodic["value"]
 
 
-def test_the_field_as_a_whole_has_a_page(place: Path, lfcal: Lfcal) -> None:
-    run = lfcal("fit", "centre.h5", "edge.h5", "--unknowns", "field_wavefront", "--no-h", "--workers", "1")
-    assert not run.code and "error of the model" in run.out
+def test_the_field_as_a_whole_has_a_page(whole: tuple[Path, dict[str, Any]]) -> None:
+    place, _ = whole
     page = (place / "fit" / "report" / "index.html").read_text()
     found = json.loads((place / "fit" / "field.json").read_text())
     for one in found["regions"]:
         # how well it does there, which the mean of all hides
         assert 0.5 < one["chi2"] < 1.6 and one["error"]["limit"] > 0
         x, y = one["field_um"]
-        assert f"<td>{one['name']}</td><td>{x / 1e3:.2f}, {y / 1e3:.2f}</td><td>7</td>" in page
+        assert f"<td>{one['name']}</td><td>{x / 1e3:.2f}, {y / 1e3:.2f}</td><td>4</td>" in page
         down, right = one["aside_px"]
         assert f"{down:+.3f}, {right:+.3f}" in page
         for term in one["wavefront"]:

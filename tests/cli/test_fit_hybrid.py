@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +14,7 @@ import pytest
 from lfcal.psf import PSFMatrix, open_psf, save
 from lfcal.psf.facts import Facts, Origin
 from tests.cli.conftest import Run
+from tests.fit.commands import typed, undrawn
 from tests.fit.common import few_patterns, small_plan
 
 Lfcal = Callable[..., Run]
@@ -27,29 +29,41 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
-def scan(lfcal: Lfcal, place: Path) -> Path:
-    """Return a folder of simulated frames of which five are missing, and the fit of what is there."""
+def plain_pages(monkeypatch: pytest.MonkeyPatch) -> None:
+    undrawn(monkeypatch)
+
+
+CORRECTED = ("--dark", "scan/dark", "--orientation", "as-is")
+
+
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with simulated frames of which five are missing, and the fit of what is there."""
+    place = tmp_path_factory.mktemp("fitted")
     (place / "plan.json").write_text(PLAN.to_json())
-    made = lfcal("simulate", "plan.json", "--frames", "scan", "--level", "grid", "--workers", 1)
-    assert made.code == 0, made.err
+    typed(place, "simulate", "plan.json", "--frames", "scan", "--level", "grid", "--workers", 1)
     (place / "plan.json").unlink()
     for y, x in ((0, 1), (1, 3), (2, 0), (2, 4), (3, 2)):
         (place / "scan" / "frames" / f"z0_y{y:02d}_x{x:02d}.png").unlink()
     # it would name them
     for listed in (place / "scan" / "frames").glob("manifest.*"):
         listed.unlink()
+    typed(place, "fit", "scan/frames", *CORRECTED, *FIT, "--positions", 0, "--no-h", drawn=False)
+    return place
+
+
+@pytest.fixture
+def scan(place: Path, fitted: Path) -> Path:
+    """Return the folder of the frames, beside it that of their fit."""
+    shutil.copytree(fitted, place, dirs_exist_ok=True)
     return place / "scan"
 
 
-CORRECTED = ("--dark", "scan/dark", "--orientation", "as-is")
-
-
+@pytest.mark.usefixtures("plain_pages")
 def test_missing_positions_are_filled_and_marked(lfcal: Lfcal, place: Path, scan: Path) -> None:
     bare = lfcal("assemble", "scan/frames", *CORRECTED, "-o", "bare.h5", "--dtype", "float32")
     assert bare.code == 0 and "5 positions are missing" in bare.err + bare.out, bare.err
     assert "lfcal assemble --fill FIT then fills what is missing" in bare.err + bare.out
-    fitted = lfcal("fit", "scan/frames", *CORRECTED, *FIT, "--positions", 0, "--no-h")
-    assert fitted.code == 0, fitted.err
     words = ("assemble", "scan/frames", *CORRECTED, "--fill", "fit", "--dtype", "float32", "--workers", 1)
     run = lfcal(*words, "-o", "H.h5")
     assert run.code == 0, run.err
@@ -86,7 +100,6 @@ def test_missing_positions_are_filled_and_marked(lfcal: Lfcal, place: Path, scan
 
 
 def test_a_fit_of_something_else_fills_nothing(lfcal: Lfcal, place: Path, scan: Path) -> None:
-    assert lfcal("fit", "scan/frames", *CORRECTED, *FIT, "--positions", 0, "--no-h").code == 0
     path = place / "fit" / "fit.json"
     kept = json.loads(path.read_text())
     camera = json.loads((place / "fit" / "camera.json").read_text())

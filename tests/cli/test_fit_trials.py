@@ -16,6 +16,7 @@ from lfcal.camera import preset
 from lfcal.psf import PSFMatrix, save
 from lfcal.psf.facts import Facts
 from tests.cli.conftest import Run
+from tests.fit.commands import undrawn
 from tests.fit.common import few_patterns, small_plan
 
 Lfcal = Callable[..., Run]
@@ -139,6 +140,7 @@ def test_the_command_that_is_named_does_what_is_missing(
 ) -> None:
     """Each is typed as it is told; the folder's name has a space."""
     monkeypatch.chdir(tmp_path)
+    undrawn(monkeypatch)
     plan = replace(small_plan(15, (2.2,)), period=(2, 4))
     (tmp_path / "plan.json").write_text(plan.to_json())
     assert lfcal("simulate", "plan.json", "--frames", "my scan", "--level", "grid").code == 0

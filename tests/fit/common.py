@@ -9,12 +9,12 @@ from functools import cache
 import numpy as np
 
 from lfcal.camera import Camera, ScanPlan, preset
-from lfcal.fit import Measured, Setup
+from lfcal.fit import Fit, Measured, Setup, fit_camera, measured_of
 from lfcal.fit.fit import problem_of
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.parameters import Vector
 from lfcal.fit.setup import described_effects
-from lfcal.fit.spread import spread_out
+from lfcal.fit.spread import kept_aside, spread_out
 from lfcal.psf import PSFMatrix
 from lfcal.psf.facts import Facts
 
@@ -43,7 +43,7 @@ def some_index(plan: ScanPlan, count: int) -> np.ndarray:
 def measured(plan: ScanPlan, patterns: np.ndarray, index: np.ndarray, noise: tuple[float, float]) -> Measured:
     n = len(index)
     aside = np.zeros(n, bool)
-    aside[spread_out(index, round(0.2 * n), plan.period)] = True
+    aside[kept_aside(index, round(0.2 * n), plan)] = True
     valid = np.ones(patterns.shape, bool)
     return Measured(plan, index, patterns.astype(np.float32), np.tile(noise, (n, 1)), np.zeros((n, 2)), valid, aside)
 
@@ -64,6 +64,12 @@ def few_patterns() -> PSFMatrix:
     noise = np.tile([64.0, 1.0], (*plan.shape[:3], 1))
     facts = Facts.of(plan.shape[:3], plan.cutout, recorded=recorded, noise=noise)
     return PSFMatrix(values, depths=plan.depths_um, camera=plan.camera, anchor=plan.anchor, facts=facts)
+
+
+@cache
+def few_fit() -> Fit:
+    """Return the fit of the few patterns' array."""
+    return fit_camera(measured_of(few_patterns()), unknowns=["geometry"], workers=1)
 
 
 def vector_of(plan: ScanPlan, groups: Sequence[str]) -> Vector:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from lfcal.camera import ScanPlan, preset
-from lfcal.fit import Fit, Measured, fit_camera, measured_of
+from lfcal.fit import Fit, Measured, measured_of
 from lfcal.fit.drawing import leftover_of, lens_types
 from lfcal.fit.files import effects_text, fit_dict, iter_write_model, json_text, measured_camera
 from lfcal.fit.report import iter_fit_report, report_files
@@ -19,13 +18,11 @@ from lfcal.progress import drain
 from lfcal.psf import open_psf
 from lfcal.simulate.effects import Crosstalk, LensletSpherical
 from lfcal.simulate.effects.described import parse_entries
-from tests.fit.common import few_patterns
+from tests.fit.common import few_fit, few_patterns
 
 
-@cache
 def found() -> tuple[Measured, Fit]:
-    measured = measured_of(few_patterns())
-    return measured, fit_camera(measured, unknowns=["geometry"], workers=1)
+    return measured_of(few_patterns()), few_fit()
 
 
 def test_the_model_is_streamed_whole_or_not_at_all(tmp_path: Path) -> None:

@@ -145,6 +145,21 @@ def test_what_is_not_as_described_is_refused_by_name(case: str, what: str) -> No
         fit_camera(wrong.of(np.arange(40) % 7 == 0), unknowns=CORE, workers=1)
 
 
+@long
+def test_a_stuck_blade_is_not_fitted_quietly() -> None:
+    """It hides what lies beyond 0.7 of the pupil's radius on one side, and no unknown does that."""
+    measured = small()[1]
+    rows, columns = np.indices(SMALL.cutout) - np.array(SMALL.cutout)[:, None, None] // 2
+    some = measured.of(np.arange(40) % 3 == 0)
+    light = np.maximum(some.patterns, 0).sum(0)
+    radius = np.sqrt(2 * (light * (rows**2 + columns**2)).sum() / light.sum())
+    dark = np.cos(0.6) * columns + np.sin(0.6) * rows > 0.7 * radius
+    rng = np.random.default_rng(0)
+    blade = np.where(dark, 8.0 * rng.standard_normal(some.patterns.shape), some.patterns).astype(np.float32)
+    fit = fit_camera(replace(some, patterns=blade), unknowns=CORE, workers=1)
+    assert not fit.complete and fit.verdict.startswith("model incomplete: chi²") and fit.left_out_error.value > 0.05
+
+
 def test_the_order_of_lens_types_is_named() -> None:
     camera = PLAN.camera
     types = camera.lattice.types

@@ -176,3 +176,16 @@ def test_forty_patterns_end_near_the_engine_s_floor(case: Case) -> None:
 def test_six_patterns_are_enough_for_a_percent(case: Case) -> None:
     fit = fit_of(case, 6)
     assert told(case, fit) < 0.008 and fit.complete
+
+
+def test_a_depth_that_others_may_stand_for_has_their_error() -> None:
+    """The wavefront is ρ⁴, which holds defocus beside Zernike's term: 0.2 waves of it are a micron of depth."""
+    fit = fit_of(IN_WATER, 10)
+    told(IN_WATER, fit)
+    depth = fit.parameters["specimen_depth_um"]
+    print(f"depth {depth.value:.2f} ± {depth.sigma:.2g} µm ({depth.sigma_held:.2g} with all else held)")
+    assert abs(depth.value - 14.0) < 3 * depth.sigma < 9.0
+    # what nothing stands for is as sure as it was
+    gap = fit.parameters["gap_um"]
+    true = IN_WATER.truth.camera.lattice.gap_um
+    assert abs(gap.value - true) < 3.5 * gap.sigma and gap.sigma < 1.5 * gap.sigma_held

@@ -23,7 +23,7 @@ from lfcal.fit.nuisance import Spread
 from lfcal.progress import drain
 from lfcal.psf import PSFMatrix, open_psf, save, verify
 from lfcal.psf.facts import Facts, Origin
-from tests.fit.common import few_patterns, measured, setup_of, small_plan, some_index
+from tests.fit.common import few_fit, few_patterns, measured, setup_of, small_plan, some_index
 from tests.fit.test_incomplete import ABERRATED, COUNT, PEAK, READ, SIZE, ghosted, outcome, tilted
 
 PLAN = replace(small_plan(15, (2.2,)), period=(8, 12))
@@ -32,15 +32,14 @@ EVERY = np.argwhere(np.ones(PLAN.shape[:3], bool))
 
 
 @cache
-def found() -> Fit:
-    return fit_camera(measured_of(few_patterns()), unknowns=["geometry"], workers=1)
+def unit() -> np.ndarray:
+    """Return the patterns of all positions without noise, as shares of the light."""
+    return predict(setup_of(PLAN), PLAN, EVERY, np.zeros((len(EVERY), 2)), Fineness.finest).astype(float)
 
 
-@cache
 def light() -> np.ndarray:
-    """Return the patterns of all positions without noise, of the brightest pixel 16,000."""
-    values = predict(setup_of(PLAN), PLAN, EVERY, np.zeros((len(EVERY), 2)), Fineness.finest).astype(float)
-    return 16000 * np.maximum(values, 0) / values.max()
+    """Return the same, of the brightest pixel 16,000."""
+    return 16000 * np.maximum(unit(), 0) / unit().max()
 
 
 @cache
@@ -51,6 +50,12 @@ def whole() -> Fit:
     rng = np.random.default_rng(1)
     data = rng.poisson(light()[at]) + 8.0 * rng.standard_normal((len(few), *PLAN.cutout))
     return fit_camera(measured(PLAN, data, few, NOISE), unknowns=["geometry"], workers=1)
+
+
+@cache
+def modelled() -> np.ndarray:
+    """Return H of that fit."""
+    return np.asarray(whole().model(workers=1))
 
 
 def scan(values: np.ndarray, seed: int = 3, *, every: int = 1) -> PSFMatrix:
@@ -76,7 +81,7 @@ def stated(H: PSFMatrix, z: int = 0) -> np.ndarray:
 
 def test_where_the_model_suffices_the_hybrid_is_the_model() -> None:
     fit = whole()
-    model = np.asarray(fit.model(workers=1))
+    model = modelled()
     truth = light().reshape(PLAN.shape)
     for seed in (3, 4):
         H = fit.hybrid(scan(light(), seed), workers=1)
@@ -92,7 +97,7 @@ def test_a_ghost_that_the_model_lacks_is_in_the_hybrid() -> None:
     fit = whole()
     ghost = ghosted(light()).reshape(PLAN.shape)
     H = fit.hybrid(scan(ghost.reshape(light().shape)), workers=1)
-    recorded, model = np.asarray(scan(ghost.reshape(light().shape))), np.asarray(fit.model(workers=1))
+    recorded, model = np.asarray(scan(ghost.reshape(light().shape))), modelled()
     error = off(np.asarray(H), ghost)
     assert error < 0.5 * off(model, ghost) and error < 0.5 * off(recorded, ghost)
     lit = model > 0.03 * model.max()
@@ -110,7 +115,7 @@ def test_positions_between_recorded_ones_follow_them_and_say_so() -> None:
     H = fit.hybrid(some, workers=1)
     between = H.recorded == 0
     np.testing.assert_array_equal(H.recorded, some.recorded)
-    assert off(np.asarray(H)[between], ghost[between]) < 0.8 * off(np.asarray(fit.model())[between], ghost[between])
+    assert off(np.asarray(H)[between], ghost[between]) < 0.8 * off(modelled()[between], ghost[between])
     assert H.facts.origin is not None and (H.facts.origin[between] == Origin.HYBRID).mean() > 0.9
     assert H.provenance["hybrid"]["between"] > 0.9 * between.sum()
     # they are less sure
@@ -125,7 +130,7 @@ def test_an_outlier_is_left_to_the_model_and_marked() -> None:
     H = whole().hybrid(spoilt, workers=1)
     assert H.facts.origin is not None and H.facts.origin[0, 4, 7] == Origin.OUTLIER
     assert (H.facts.origin == Origin.OUTLIER).sum() == H.provenance["hybrid"]["outliers"] == 1
-    np.testing.assert_array_equal(H[0, 4, 7], whole().model(workers=1)[0, 4, 7])
+    np.testing.assert_array_equal(H[0, 4, 7], modelled()[0, 4, 7])
 
 
 def test_what_belongs_to_single_patterns_is_no_part_of_it() -> None:
@@ -133,20 +138,19 @@ def test_what_belongs_to_single_patterns_is_no_part_of_it() -> None:
     rng = np.random.default_rng(9)
     beside = 0.03 * rng.standard_normal((len(EVERY), 2))
     moved = predict(setup_of(PLAN), PLAN, EVERY, beside, Fineness.finest).astype(float)
-    still = predict(setup_of(PLAN), PLAN, EVERY, 0 * beside, Fineness.finest).astype(float)
     lamp = 1 + 0.02 * rng.standard_normal((len(EVERY), 1, 1))
-    data = scan(ghosted(16000 * np.maximum(moved, 0) / still.max()) * lamp)
+    data = scan(ghosted(16000 * np.maximum(moved, 0) / unit().max()) * lamp)
     ghost = ghosted(light()).reshape(PLAN.shape)
     unaware = whole().hybrid(data, workers=1)
     H = replace(whole(), spread=Spread(0.03, 0.02)).hybrid(data, workers=1)
     assert off(np.asarray(H), ghost) < 0.6 * off(np.asarray(unaware), ghost)
-    assert off(np.asarray(H), ghost) < 0.7 * off(np.asarray(whole().model(workers=1)), ghost)
+    assert off(np.asarray(H), ghost) < 0.7 * off(modelled(), ghost)
 
 
 def test_what_the_model_lacks_is_not_taken_for_lamp_or_stage() -> None:
     """They are taken out where they make half of the model's error or more: less may be the ghost's share of light."""
     fit = replace(whole(), left_out_error=ModelError(0.016**2, 1e-6, 0.001, 5))
-    plane = np.asarray(fit.model(workers=1))[0]
+    plane = modelled()[0]
     own = np.ones(PLAN.period, bool)
     data = PlaneData(plane, 0 * plane, np.ones_like(plane), own, True)
     matters = partial(_matter, data=data, places=np.argwhere(own))
@@ -170,9 +174,9 @@ def test_what_the_model_lacks_is_not_taken_for_lamp_or_stage() -> None:
 
 
 def test_patterns_that_were_fitted_do_as_well() -> None:
-    H = found().hybrid(measured_of(few_patterns()), workers=1)
+    H = few_fit().hybrid(measured_of(few_patterns()), workers=1)
     np.testing.assert_array_equal(H.recorded, few_patterns().recorded)
-    np.testing.assert_allclose(np.asarray(H), np.asarray(found().model(workers=1)))
+    np.testing.assert_allclose(np.asarray(H), np.asarray(few_fit().model(workers=1)))
     assert str(HybridSummary.of([(H.facts.plane(0), np.zeros((2, 4)))])) == (
         "hybrid H: no position shows more than noise beyond the model, which it is"
     )
@@ -217,14 +221,14 @@ def test_it_is_streamed_whole_or_not_at_all_and_read_back(tmp_path: Path) -> Non
 )
 def test_another_scan_is_refused(change: Callable[[PSFMatrix], PSFMatrix], what: str) -> None:
     with pytest.raises(InputError, match=what):
-        found().hybrid(change(few_patterns()), workers=1)
+        few_fit().hybrid(change(few_patterns()), workers=1)
     bare = PSFMatrix(
         np.asarray(few_patterns()),
         depths=few_patterns().depths,
         anchor=few_patterns().anchor,
         recorded=few_patterns().recorded,
     )
-    assert found().hybrid(bare, noise=NOISE, workers=1).shape == bare.shape
+    assert few_fit().hybrid(bare, noise=NOISE, workers=1).shape == bare.shape
 
 
 # -- incomplete models that were fitted ------------------------------------------------------------------

@@ -70,6 +70,37 @@ def test_the_error_of_a_wrong_model_is_what_is_stated() -> None:
         assert "±" in str(error) and error.limit > wanted
 
 
+def test_it_is_less_sure_where_some_patterns_are_predicted_worse_than_others() -> None:
+    one = problem()
+    at = point(one, 1.0)
+    error = stated(one, at)
+    aside = one.measured.left_out
+    light = (at.model * at.levels.factors(one.planes)[:, None])[aside].astype(float)
+    data = one.measured.patterns.reshape(COUNT, -1)[aside] - at.levels.backgrounds[one.planes[aside], None]
+    squares = (np.square(data - light) - (64 + np.maximum(light, 0))).sum(1)
+    power = np.square(light).sum(1)
+    assert error.squared == pytest.approx(squares.sum() / power.sum(), rel=1e-3)
+    # the same by leaving out one pattern at a time
+    without = (squares.sum() - squares) / (power.sum() - power)
+    jackknife = np.sqrt(7 / 8 * np.square(without - without.mean()).sum())
+    assert np.hypot(error.squared_sigma, error.among) == pytest.approx(jackknife, rel=0.25)
+    assert error.among > error.squared_sigma and error.limit > error.value + error.sigma
+
+
+def test_what_each_pattern_has_to_itself_counts_where_it_may_be_a_part_of_the_error() -> None:
+    one = problem()
+    for off, size in ((1.0, 0.01), (0.0, 0.02)):
+        plain = point(one, off)
+        # an unsteady lamp that no pattern has
+        lamps = size * (1.0 - 2.0 * (np.arange(COUNT) % 2))
+        at = replace(plain, local=replace(plain.local, lamp=size), levels=replace(plain.levels, lamps=lamps))
+        without, with_them = stated(one, plain).squared, stated(one, at).squared
+        if off:
+            assert without > 4 * size**2 and with_them == pytest.approx(without, rel=5e-3)
+        else:
+            assert with_them > without + 0.5 * size**2
+
+
 def test_of_a_true_model_a_limit_is_stated() -> None:
     error = stated(problem(), point(problem()))
     assert not error.known and error.value == 0 and 0.001 < error.limit < 0.03

@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
 from lfcal.fit.measured import measured_of
-from lfcal.fit.spread import spread_out
+from lfcal.fit.spread import kept_aside, spread_out
 from lfcal.psf import PSFMatrix
 from lfcal.psf.facts import Facts, pack_valid
-from tests.fit.common import small_plan
+from tests.fit.common import small_camera, small_plan
 
 PLAN = small_plan(5, (2.2, 2.7))
 RNG = np.random.default_rng(3)
@@ -113,3 +114,22 @@ def test_positions_are_spread_over_planes_and_period() -> None:
         # ten discs of this distance would fill half of the period
         assert apart.min() > 0.6 * np.sqrt(19 * 33 / 10)
     assert len(spread_out(every[:3], 9, (19, 33))) == 3
+
+
+@pytest.mark.parametrize("name", ["bench", "lfm_20x05"])
+def test_patterns_that_stand_for_all_others_lie_everywhere_behind_a_lenslet(name: str) -> None:
+    """Far apart in the period alone, all four of a plane would have the source at one place of its lenslet."""
+    camera = small_camera(name)
+    plan = ScanPlan.for_camera(camera, cutout=21, depths_um=[0.0, 5.0])
+    every = np.argwhere(np.ones(plan.shape[:3], bool))
+    index = every[spread_out(every, 40, plan.period)]
+    aside = index[kept_aside(index, 8, plan)]
+    assert (np.bincount(aside[:, 0]) == 4).all() and len(np.unique(aside, axis=0)) == 8
+    cell = plan.camera.lattice.basis_um()[:, ::-1] / plan.camera.sensor.pixel_um
+    for z in (0, 1):
+        own = aside[aside[:, 0] == z, 1:]
+        steps = (own[:, None] - own[None]) @ np.linalg.inv(cell)
+        apart = np.linalg.norm((steps - np.rint(steps)) @ cell, axis=-1)
+        np.fill_diagonal(apart, np.inf)
+        # four discs of this distance would fill a quarter of the cell
+        assert apart.min() > 0.5 * np.sqrt(abs(np.linalg.det(cell)) / 4)

@@ -2,33 +2,68 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+import pytest
 
 from lfcal.camera import ScanPlan
-from lfcal.fit import Setup, Unknown
-from lfcal.fit.fit import problem_of
+from lfcal.fit import Fit, Setup, Unknown
+from lfcal.fit.fit import addable, groups_of, problem_of
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.normal import Columns, Local
+from lfcal.fit.problem import Problem
 from lfcal.fit.setup import called_for
-from lfcal.fit.stand_ins import stand_ins
+from lfcal.fit.stand_ins import StandIns, iter_held_beside, stand_ins
 from lfcal.fit.summary import summarised
 from lfcal.progress import drain
 from lfcal.simulate.effects import IndexMismatch
-from tests.fit.common import measured, small_camera, some_index
+from tests.fit.common import measured, small_camera, small_plan, some_index, vector_of
+
+UNKNOWNS = [Unknown(name, "some", "µm", 5.0, 0.5) for name in ("found", "other", "held")]
+WHICH, HELD = np.array([0, 1]), np.array([2])
+ALIKE = np.array([[100.0, 0, 99.5], [0, 100, 0], [99.5, 0, 100]])
+
+
+def told(data: np.ndarray, slope: np.ndarray | None = None, held: np.ndarray = HELD) -> StandIns:
+    return stand_ins(UNKNOWNS, WHICH, held, data, np.zeros(3) if slope is None else slope, np.zeros(3))
 
 
 def test_only_what_would_make_the_others_much_less_sure_is_named() -> None:
-    unknowns = [Unknown(name, "some", "µm", 5.0, 0.5) for name in ("found", "other", "held")]
-    which, held, u = np.array([0, 1]), np.array([2]), np.zeros(3)
-    alike = np.array([[100.0, 0, 99.5], [0, 100, 0], [99.5, 0, 100]])
     # sigma 0.1 scales, or 0.1 / sqrt(1 - 0.995²)
-    said = "held, held at 5 µm, with found (± 0.05 would be ± 0.5 µm)"
-    assert stand_ins(unknowns, which, held, alike, u) == (said,)
+    assert told(ALIKE).words == ("held, held at 5 µm, with found (± 0.05 would be ± 0.5 µm)",)
     # known well beforehand it cannot be otherwise by as much
-    known = alike + np.diag([0.0, 0.0, 40.0])
-    assert stand_ins(unknowns, which, held, known, u) == ()
+    assert told(ALIKE + np.diag([0.0, 0.0, 40.0])).words == ()
     apart = np.array([[100.0, 0, 98], [0, 100, 0], [98, 0, 100]])
-    assert stand_ins(unknowns, which, held, apart, u) == () == stand_ins(unknowns, which, held[:0], alike, u)
+    assert told(apart).words == () == told(ALIKE, held=HELD[:0]).words
+
+
+def test_what_is_held_is_part_of_the_standard_deviation() -> None:
+    """As it would be, were it found too; and by as much as it is seen to be off, for the value stays as it is."""
+    own = np.diag([0.01, 0.01])
+    np.testing.assert_allclose(told(ALIKE).variances(own), [np.linalg.inv(ALIKE)[0, 0], 0.01], rtol=1e-6)
+    # a change of it by 2.5 scales of which the fit of the others took 0.995
+    truth = np.array([0.0, 0.0, 2.5])
+    found = np.array([0.995 * 2.5, 0.0, 0.0])
+    shown = told(ALIKE, ALIKE @ (truth - found))
+    np.testing.assert_allclose(shown.shift, [-0.995 * 2.5, 0.0], atol=1e-9)
+    assert np.sqrt(shown.variances(own)[0]) == pytest.approx(math.hypot(0.995 * 2.5, 1.0), rel=0.01)
+    # noise larger than stated makes all of it less sure, but not what is seen
+    assert shown.variances(own, 2.0)[0] == pytest.approx((0.995 * 2.5) ** 2 + 4.0, rel=0.02)
+    # what is not told at all is a matter of what is held
+    same = np.array([[100.0, 0, 100], [0, 100, 0], [100, 0, 100]])
+    assert len(told(same).words) == 1 and not told(same).spread.any()
+
+
+def test_the_defocus_of_an_objective_is_looked_at_but_never_added() -> None:
+    """Added it would take the place of the distance; held it says how far that is to be believed."""
+    _, tried = groups_of("auto")
+    assert "defocus" in tried and set(tried) - set(addable(tried)) == {"defocus"}
+    names = [one.name for one in vector_of(small_plan(15), ("defocus", "distance")).unknowns]
+    plan = ScanPlan.for_camera(small_camera("lfm_20x05"), depths_um=(5.0, 12.0), cutout=15)
+    assert names == ["distance_um"]
+    (own, _) = vector_of(plan, ("defocus", "distance")).unknowns
+    assert own.name == "zernike_2_0" and own.sigma == 0.25 and not own.gauge
 
 
 def test_derivatives_of_a_round_keep_those_by_all_else() -> None:
@@ -51,13 +86,28 @@ def test_a_planes_distance_is_named_beside_the_depth_in_a_specimen() -> None:
     point = problem.point(np.zeros(len(problem.vector)), Local(np.zeros((4, 2))), Fineness.coarse)
     columns = drain(problem.columns(point, range(len(problem.vector)), "", own=False))
 
-    def named(*groups: str) -> tuple[str, ...]:
-        (fit,) = summarised(problem, point, columns, groups=groups, tried=names, outliers=())
-        return fit.unidentified
+    def fitted(*groups: str) -> Fit:
+        return summarised(problem, point, columns, groups=groups, tried=names, outliers=())[0]
 
-    (deep,) = named("geometry", "distance", *rest)
+    (deep,) = fitted("geometry", "distance", *rest).unidentified
     assert deep.startswith("specimen_depth_um, held at 12 µm, with distance_um (± ")
-    (near,) = named("geometry", "specimen", *rest)
+    fit = fitted("geometry", "specimen", *rest)
+    (near,) = fit.unidentified
     assert near.startswith("distance_um, held at 0 µm, with specimen_depth_um (± ")
+    wide, sure = fit.parameters["specimen_depth_um"], fit.parameters["gap_um"]
+    assert wide.sigma > 8 * wide.sigma_held and sure.sigma < 2 * sure.sigma_held
     # found with both of them nothing is held, and standard deviations are what they are
-    assert named("geometry", "distance", *rest, "specimen") == ()
+    both = fitted("geometry", "distance", *rest, "specimen")
+    assert both.unidentified == ()
+    assert all(one.sigma == pytest.approx(one.sigma_held) for one in both.parameters.values())
+
+    # so it is where nothing but these groups was asked for, by derivatives that are made for it
+    asked = problem_of(patterns, setup, ("geometry", "specimen", *rest), 1)
+    own = np.array([names_of(problem).index(name) for name in names_of(asked)])
+    at = asked.point(np.zeros(len(asked.vector)), Local(np.zeros((4, 2))), Fineness.coarse)
+    beside = drain(iter_held_beside(asked, at, Columns(columns.shared[own]), ("geometry", "specimen", *rest)))
+    assert any(one.startswith("distance_um, held at 0 µm, with specimen_depth_um (± ") for one in beside)
+
+
+def names_of(problem: Problem) -> list[str]:
+    return [one.name for one in problem.vector.unknowns]

@@ -1,0 +1,40 @@
+"""Commands that are run once for several tests."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from contextlib import redirect_stderr, redirect_stdout
+from pathlib import Path
+
+import pytest
+
+from lfcal.cli import main
+from lfcal.fit import Fit, Measured
+from lfcal.progress import Work
+
+
+def undrawn(patch: pytest.MonkeyPatch) -> None:
+    """Let reports of fits be pages without their pictures, which take as long as the fit of a few patterns."""
+
+    def page(fit: Fit, measured: Measured, folder: Path, source: str = "", notes: Sequence[str] = ()) -> Work[Path]:
+        yield from ()
+        folder.mkdir(exist_ok=True)
+        (folder / "index.html").write_text(f"<html><body>{source}</body></html>")
+        return folder / "index.html"
+
+    patch.setattr("lfcal.fit.writing.iter_fit_report", page)
+
+
+def typed(folder: Path, *words: object, drawn: bool = True) -> tuple[str, str]:
+    """Run ``lfcal`` with words in a folder, in which all went well; return what it said on both streams."""
+    out, err = io.StringIO(), io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
+        patch.chdir(folder)
+        patch.setattr("sys.argv", ["lfcal", *map(str, words)])
+        if not drawn:
+            undrawn(patch)
+        with pytest.raises(SystemExit) as end:
+            main()
+    assert not end.value.code, err.getvalue()
+    return out.getvalue(), err.getvalue()
