@@ -1,4 +1,4 @@
-"""What metrics cost that no fault stands for: measured on this H where that can be, and said to be typical elsewhere."""
+"""What metrics cost that no fault stands for: measured on this H where that can be, else said to be typical."""
 
 from __future__ import annotations
 
