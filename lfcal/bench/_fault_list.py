@@ -113,7 +113,7 @@ def _faults() -> Iterator[Injected]:
     yield one("JPEG", "quality", (95, 75, 30), "compression", lambda r, s: compressed(r.clean(), s))
     yield one("background", "of the peak", (0.001, 0.005, 0.02), "background", lifted(1))
     yield one("dark frame too bright", "of the peak", (0.001, 0.005, 0.02), "background", lifted(-1))
-    yield one("clipped at zero", "read noise", (0.0, 0.5, 1.0), "clipped background", clipped)
+    yield one("clipped at zero", "read noise", (0.0, 0.5, 1.0), "cut_off clipped background", clipped)
     yield one("glow of the amplifier", "of the peak", (0.003, 0.01, 0.03), "line_offsets background leak", glow)
     yield one("neighbours swapped", "pairs", (1, 3, 10), scan, swapped(False))
     yield one("far positions swapped", "pairs", (1, 3, 10), scan, swapped(True))

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from json import dumps, loads
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
@@ -12,6 +14,7 @@ import typer
 from lfcal.cli.console import print_json, print_table
 from lfcal.cli.options import JsonOption
 from lfcal.errors import InputError
+from lfcal.files import read_text, storage_errors
 
 if TYPE_CHECKING:
     from lfcal.bench._fault_costs import TrueCost
@@ -86,11 +89,12 @@ def command(
     strengths: str = typer.Option("1,2,3", help="Strengths, from weak (1) to strong (3)."),
     patterns: int = typer.Option(60, min=24, help="Patterns that are compared with the camera."),
     clean: bool = typer.Option(False, "--clean", help="Inspect 40 cameras without a fault instead."),
+    keep: Path | None = typer.Option(None, help="File that results are added to; what stands there is not done again."),
     json: JsonOption = False,
 ) -> None:
     """Put faults into simulated recordings, and hold what the inspection says against what they cost.
 
-    Example: `lfcal bench faults --cameras bench --strengths 3`
+    Example: `lfcal bench faults --cameras bench --strengths 3 --keep faults.jsonl`
     """
     if clean:
         _tell_alarms(alarms(patterns, quiet=json), json)
@@ -107,17 +111,48 @@ def command(
         raise InputError.expected("--strengths", "some of 1, 2, 3", strengths, "correct it")
     chosen = FAULTS[first : None if faults is None else first + faults]
     found: list[Tried] = []
+    done = {} if keep is None else _kept(keep, patterns)
     for name in wanted:
-        recording = Recording(CAMERAS[name]())
-        truth = _truth(recording)
+        plan = CAMERAS[name]()
+        trial: tuple[Recording, TrueCost] | None = None
         for one in chosen:
-            if one.types > len(recording.plan.camera.lattice.types):
+            if one.types > len(plan.camera.lattice.types):
                 continue
-            for level in sorted(set(levels)):
-                found.append(tried(name, recording, truth, one, one.strengths[level - 1], patterns))
+            for strength in (one.strengths[level - 1] for level in sorted(set(levels))):
+                before = done.get((name, one.name, strength))
+                if before is None:
+                    if trial is None:
+                        recording = Recording(plan)
+                        trial = recording, _truth(recording)
+                    before = tried(name, *trial, one, strength, patterns)
+                    if keep is not None:
+                        _add(keep, before, patterns)
+                found.append(before)
                 if not json:
-                    _tell(found[-1])
+                    _tell(before)
     _report(found, json)
+
+
+def _kept(file: Path, patterns: int) -> dict[tuple[str, str, float], Tried]:
+    """Return the results that stand in a file, of so many patterns, by camera, fault and strength."""
+    found = {}
+    lines = read_text(file).splitlines() if file.exists() else []
+    for number, line in enumerate(lines, 1):
+        try:
+            values = loads(line)
+            if values.pop("patterns") != patterns:
+                continue
+            one = Tried(**{**values, "found": tuple(values["found"])})
+        except (ValueError, TypeError, KeyError, AttributeError):
+            here = f"line {number} of {file.name}"
+            raise InputError.expected("--keep", "results of this command", here, "give another file") from None
+        found[one.camera, one.fault, one.strength] = one
+    return found
+
+
+def _add(file: Path, one: Tried, patterns: int) -> None:
+    with storage_errors(file), file.open("a", encoding="utf-8") as out:
+        out.write(dumps({**asdict(one), "patterns": patterns}) + "\n")
 
 
 def _truth(recording: Recording) -> TrueCost:

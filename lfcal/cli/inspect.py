@@ -77,6 +77,7 @@ def command(
         found = None
         if seconds > 0:
             found = run_work(iter_inspection(H, quality, setup=setup, seconds=seconds), quiet=json)
+            quality = found.quality  # with the costs that were measured
         if not json:
             _show(H, quality, comparison, found)
         page = _write(H, quality, other, report, workers, found, quiet=json)

@@ -61,11 +61,14 @@ class Costs:
         The same of H as it is.
     costs
         By how much each finding adds to ``clean``; None: not measured.
+    whole
+        Whether these are errors of all of H, and not of a part.
     """
 
     clean: float | None
     as_it_is: float | None
     costs: tuple[float | None, ...]
+    whole: bool = False
 
 
 def iter_costs(evidence: Evidence, findings: Sequence[Finding], seconds: float | None) -> Work[Costs]:
@@ -98,16 +101,39 @@ def iter_costs(evidence: Evidence, findings: Sequence[Finding], seconds: float |
         costs: list[float | None] = [None] * len(findings)
         for done, k in enumerate(order):
             yield clock.at(2 + done)
+            if findings[k].wider > 1:
+                costs[k] = _wider(evidence, findings[k], many)
+                continue
             own, factor = trial, trial.factor(findings[k])
             if factor > 1 / SHOWN:
-                planes = _planes(evidence, findings[k : k + 1])
-                own = _Trial.at(evidence, _place(evidence, findings[k]), planes, many)
+                own = _own_trial(evidence, findings[k], many)
                 factor = own.factor(findings[k])
             costs[k] = own.cost(findings[k], factor)
+            if trial.sample is None:
+                costs[k] = _no_more(costs[k], findings[k], as_it_is - trial.clean)
     except (InputError, EnergyError):  # a camera that is computed for the patterns but not for a patch
         return Costs(None, None, (None,) * len(findings))
     yield clock.at(len(findings) + 2)
-    return Costs(trial.clean, as_it_is, tuple(costs))
+    return Costs(trial.clean, as_it_is, tuple(costs), trial.sample is None)
+
+
+def _no_more(cost: float | None, finding: Finding, all_of_it: float) -> float | None:
+    """Return the cost of frames of which some were compared: no more than that of all of H, where all was looked at."""
+    return cost if cost is None or finding.extent is None else min(cost, max(0.0, all_of_it))
+
+
+def _own_trial(evidence: Evidence, finding: Finding, many: int | None) -> _Trial:
+    planes = _planes(evidence, (finding,))
+    return _Trial.at(evidence, _place(evidence, finding), planes, many, finding.wider)
+
+
+def _wider(evidence: Evidence, finding: Finding, many: int | None) -> float | None:
+    """Return what a fault costs that only larger cutouts show; None where the sensor has no room for them."""
+    try:
+        own = _own_trial(evidence, finding, many)
+    except (InputError, EnergyError):
+        return None
+    return own.cost(finding, own.factor(finding))
 
 
 def scene(shape: tuple[int, int, int], seed: int = 0, density: float = 1 / POINTS) -> F8:
@@ -142,7 +168,9 @@ class _Trial:
     sample: Patch | None
 
     @classmethod
-    def at(cls, evidence: Evidence, place: tuple[int, int], planes: list[int], many: int | None) -> _Trial:
+    def at(
+        cls, evidence: Evidence, place: tuple[int, int], planes: list[int], many: int | None, wider: float = 1.0
+    ) -> _Trial:
         period, many = evidence.plan.period, MOST if many is None else many
         # all of the period of fewer planes: a part of it is less like the whole
         while len(planes) > 1 and many < len(planes) * period[0] * period[1]:
@@ -157,11 +185,11 @@ class _Trial:
         index = np.stack([a.ravel() for a in np.meshgrid(planes, y, x, indexing="ij")], 1).astype(np.intp)
         side = tuple(-(-SIDE_PX // b) * b for b in block)
         cutout = (2 * side[0] - 1, 2 * side[1] - 1)
-        patch = patch_of(evidence, index, cutout)
+        patch = patch_of(evidence, index, cutout, wider=wider)
         sample = None
         if not whole:
             every = np.linspace(0, len(evidence) - 1, min(SAMPLE, len(evidence))).astype(int)
-            sample = patch_of(evidence, evidence.index[every], cutout)
+            sample = patch_of(evidence, evidence.index[every], cutout, wider=wider)
         bare = cls(patch, (len(planes), *block), (side[0], side[1]), patch.light[0], np.zeros(()), 0.0, sample)
         image = bare.projector(patch.light).forward(scene((len(planes), *bare.image_shape)))
         bare = replace(bare, image=image)

@@ -89,6 +89,8 @@ class Finding:
         Puts it into patterns that have none, for what it costs.
     extent
         Share of all positions that have it, where ``positions`` are single frames; None: it is no fault of such.
+    wider
+        Times as large cutouts on which ``put_in`` shows what it costs.
     cost
         What it adds to the error of a reconstruction with this H (NRMSE); None: not measured.
     """
@@ -106,6 +108,7 @@ class Finding:
     redo: bool = False
     put_in: PutIn | None = None
     extent: float | None = None
+    wider: float = 1.0
     cost: float | None = None
 
     @property

@@ -11,7 +11,7 @@ from lfcal.inspect.compared import iter_evidence
 from lfcal.inspect.cost import iter_costs
 from lfcal.inspect.evidence import Evidence, Unlike
 from lfcal.inspect.finding import Finding
-from lfcal.inspect.metric_costs import as_findings, with_costs
+from lfcal.inspect.metric_costs import FRAMES, as_findings, with_costs
 from lfcal.inspect.search import iter_search
 from lfcal.inspect.suspects import suspects
 from lfcal.progress import Work
@@ -93,8 +93,9 @@ class Inspection:
         return next((one for one in self.findings if metric.key in one.fault.settles), None)
 
     def withdrawn(self, metric: Metric) -> bool:
-        """Return whether the comparison measured what a metric suspects, and found nothing of it."""
-        return bool(self.compared) and metric.key in MEASURED and self.settled(metric) is None
+        """Return whether the comparison measured what a metric suspects, and found next to nothing of it."""
+        harmless = metric.measured and metric.key not in FRAMES and metric.cost < FAIR
+        return bool(self.compared) and (metric.key in MEASURED or harmless) and self.settled(metric) is None
 
     @property
     def alarms(self) -> tuple[Metric, ...]:
@@ -221,9 +222,9 @@ def iter_inspection(
     found, cleaned = yield from iter_search(evidence)
     misfit = _unexplained(evidence, cleaned, found)
     if misfit is not None:
-        # what an unsuitable model leaves looks like any fault
+        # what an unsuitable model leaves looks like any fault, and what was taken out for it is in H
         sure = tuple(one for one in found if not one.fault.needs_camera)
-        costs = yield from iter_costs(cleaned, sure, COST_OF * seconds if patterns is None else None)
+        costs = yield from iter_costs(evidence, sure, COST_OF * seconds if patterns is None else None)
         sure = tuple(replace(one, cost=cost) for one, cost in zip(sure, costs.costs, strict=True))
         why = f"its camera leaves {format_share(misfit)} of the light unexplained"
         why += "; find the true one with lfcal fit, and name it" if setup is None else ""
@@ -231,7 +232,7 @@ def iter_inspection(
     told = dict(as_findings(Inspection(quality, found, len(evidence), 0.0, "", 0.0).alarms, cleaned))
     several = (*found, *told.values())
     costs = yield from iter_costs(cleaned, several, COST_OF * seconds if patterns is None else None)
-    quality = with_costs(quality, dict(zip(told, costs.costs[len(found) :], strict=True)))
+    quality = with_costs(quality, tuple(told), costs, costs.costs[: len(found)])
     found = tuple(replace(one, cost=cost) for one, cost in zip(found, costs.costs, strict=False))
     ranked = tuple(sorted(found, key=worst_first))
     took = time.perf_counter() - start

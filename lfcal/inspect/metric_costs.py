@@ -1,24 +1,50 @@
-"""What metrics without a model cost on this H, where it is known what their faults do to patterns."""
+"""What metrics without a model cost on this H: measured where it is known what their faults do to patterns."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import math
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.inspect.cost import Costs
 from lfcal.inspect.evidence import Evidence
 from lfcal.inspect.faults.places import only_recorded
-from lfcal.inspect.finding import Fault, Finding
+from lfcal.inspect.finding import Fault, Finding, PutIn
 from lfcal.inspect.patch import Patch
 from lfcal.psf.quality import QualityReport
 from lfcal.psf.quality.metric import Metric
 
-__all__ = ["as_findings", "with_costs"]
+__all__ = ["FRAMES", "as_findings", "with_costs"]
 
 FRAMES = ("missing", "duplicates", "suspect", "misplaced")
 """Keys of metrics that name single frames: what is wrong with these is in H."""
+
+NOISY = ("snr", "noise")
+"""Keys of metrics of the noise: they cost what H's noise costs."""
+
+IN_PATTERNS = frozenset(
+    {
+        "background",
+        "flicker",
+        "hot_pixels",
+        "jitter",
+        "lamp",
+        "leak",
+        "position",
+        "saturation",
+        "scan_order",
+        "seam",
+        "stage_gain",
+        "step",
+    }
+)
+"""Keys of metrics whose faults make patterns unlike the camera's: they cost no more than these do as they are."""
+
+WIDER = 1.5
+"""Times as large cutouts that tell what is cut off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,14 +60,19 @@ class _Told(Fault):
 
 
 def as_findings(metrics: Iterable[Metric], evidence: Evidence) -> Iterator[tuple[str, Finding]]:
-    """Yield keys of metrics, and what puts their faults into patterns without one."""
+    """Yield keys of metrics, and what puts their faults into patterns without one, where that is known."""
     for one in metrics:
+        found = Finding(_Told(one.key), "", 0.0, 0.0)
         if one.key in FRAMES and len(one.positions):
             share = len(one.positions) / int(np.prod(evidence.plan.shape[:3]))
             put_in = only_recorded(one.positions)
-            yield one.key, Finding(_Told(one.key), "", 0.0, share, one.positions, put_in=put_in, extent=share)
+            yield one.key, replace(found, share=share, positions=one.positions, put_in=put_in, extent=share)
         elif one.key == "clipped":
-            yield one.key, Finding(_Told(one.key), "", 0.0, 0.0, put_in=_clipped)
+            yield one.key, replace(found, put_in=_clipped)
+        elif one.key == "truncation":
+            yield one.key, replace(found, put_in=_cut_to(evidence.plan.cutout), wider=WIDER)
+        elif one.key in NOISY or one.key in IN_PATTERNS:
+            yield one.key, found
 
 
 def _clipped(patch: Patch) -> NDArray[np.float32]:
@@ -50,10 +81,52 @@ def _clipped(patch: Patch) -> NDArray[np.float32]:
     return found
 
 
-def with_costs(quality: QualityReport, costs: dict[str, float | None]) -> QualityReport:
-    """Return the metrics with the costs that were measured."""
+def _cut_to(cutout: tuple[int, int]) -> PutIn:
+    """Return what leaves nothing, and no noise either, outside the middle ``cutout`` of larger ones."""
+
+    def put_in(patch: Patch) -> NDArray[np.float32]:
+        t, s = (max(0, n - m) // 2 for n, m in zip(patch.light.shape[1:], cutout, strict=True))
+        rows, columns = (slice(k, n - k) for k, n in zip((t, s), patch.light.shape[1:], strict=True))
+        found = -patch.noise
+        found[:, rows, columns] = patch.light[:, rows, columns]
+        return found
+
+    return put_in
+
+
+def with_costs(
+    quality: QualityReport, told: Sequence[str], costs: Costs, findings: Sequence[float | None]
+) -> QualityReport:
+    """Return the metrics with the costs that were measured.
+
+    Parameters
+    ----------
+    quality
+        The metrics.
+    told
+        Keys of those that costs were measured of.
+    costs
+        What was measured: of ``findings``, and then of those.
+    findings
+        What the faults that have a name cost.
+    """
+    own = dict(zip(told, costs.costs[len(findings) :], strict=True))
+    rest = _unnamed(costs, findings)
     metrics = []
     for one in quality.metrics:
-        cost = costs.get(one.key)
-        metrics.append(one if cost is None else replace(one, cost=cost))
+        cost = own.get(one.key)
+        if one.key in own and one.key in NOISY:
+            cost = costs.clean
+        elif one.key in own and one.key in IN_PATTERNS and rest is not None:
+            cost = min(one.cost, rest)
+        metrics.append(one if cost is None else replace(one, cost=cost, measured=True))
     return replace(quality, metrics=tuple(metrics))
+
+
+def _unnamed(costs: Costs, findings: Sequence[float | None]) -> float | None:
+    """Return what H costs beyond its noise and the faults that have a name; None where that is not known."""
+    if costs.clean is None or costs.as_it_is is None or not costs.whole or None in findings:
+        return None
+    power = costs.clean**2
+    named = sum((costs.clean + cost) ** 2 - power for cost in findings if cost is not None)
+    return math.sqrt(power + max(0.0, costs.as_it_is**2 - power - named)) - costs.clean

@@ -92,10 +92,14 @@ class Patch:
         return out
 
 
-def patch_of(evidence: Evidence, index: NDArray[np.intp], cutout: tuple[int, int], seed: int = 0) -> Patch:
-    """Return the patch of positions ``(n, 3)``, its cutouts no larger than ``cutout``."""
+def patch_of(
+    evidence: Evidence, index: NDArray[np.intp], cutout: tuple[int, int], seed: int = 0, *, wider: float = 1.0
+) -> Patch:
+    """Return the patch of positions ``(n, 3)``, its cutouts no larger than ``cutout``, nor than so many times H's."""
     plan = evidence.plan
-    smaller = replace(plan, cutout=(min(plan.cutout[0], cutout[0]), min(plan.cutout[1], cutout[1])))
+    # as many more on both sides
+    rows, columns = (min(n + 2 * round((wider - 1) * n / 2), m) for n, m in zip(plan.cutout, cutout, strict=True))
+    smaller = replace(plan, cutout=(rows, columns))
     known = replace(evidence.camera, plan=smaller)
     seen = np.isfinite(evidence.sigmas[:, 0])
     gains = np.full(plan.shape[0], float(np.median(evidence.values[seen, 0])))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,14 +16,22 @@ from tests.bench.test_commands import Bench, bench
 __all__ = ["bench"]
 
 
-def test_a_fault_is_tried_with_its_costs(bench: Bench) -> None:
+def test_a_fault_is_tried_with_its_costs_and_what_was_tried_is_kept(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     number = next(k for k, one in enumerate(FAULTS) if one.name == "offsets of columns")
     part = ("--cameras", "bench", "--first", number, "--faults", 1, "--strengths", "3", "--patterns", 24)
-    found = json.loads(bench("faults", *part, "--json"))
+    file = tmp_path / "tried.jsonl"
+    found = json.loads(bench("faults", *part, "--json", "--keep", file))
     (one,) = found["faults"]
     assert one["fault"] == "offsets of columns" and one["strength"] == 15 and one["rank"] == 1
     assert one["true"] / 2 < one["told"] < 2 * one["true"]
     assert (found["dear"], found["first_or_second"], found["named"], found["within_2"]) == (1, 1, 1, 1)
+    monkeypatch.setattr(faults, "tried", None)  # nothing is done again
+    assert json.loads(bench("faults", *part, "--json", "--keep", file)) == found
+    with file.open("a") as more:
+        more.write("none\n")
+    assert "line 2 of tried.jsonl" in bench("faults", *part, "--keep", file, code=2)
 
 
 def test_cameras_without_a_fault(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -150,6 +150,11 @@ INJECTIONS: dict[str, Injection] = {
         "light of the brightest samples missing beside the camera, at one common value",
         lambda: np.minimum(clean(), np.float32(0.5 * PEAK)),
     ),
+    "cut_off": Injection(
+        "values below zero, half of the noise of dark samples, are set to it",
+        "how many dark samples are exactly zero, and what the mean of all of them is",
+        lambda: np.maximum(clean(), np.float32(0)),
+    ),
     "background": Injection(
         "2 % of the peak is added to every sample",
         "what samples have where the camera has no light",

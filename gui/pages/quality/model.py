@@ -204,7 +204,7 @@ def metric_rows(inspection: Inspection) -> tuple[MetricRow, ...]:
 
     rows = []
     for m in inspection.quality.metrics:
-        cost = f"{m.cost:.3f}" if m.cost > 0 else "–"
+        cost = m.cost_text if m.cost > 0 else "–"
         merit, told = told_of(inspection, m)
         rows.append(MetricRow(m.key, m.spec.title, m.text, *limits(m), merit, told, cost))
     return tuple(rows)

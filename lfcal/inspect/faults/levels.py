@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr, ndtri
 
 from lfcal.inspect.evidence import Evidence
 from lfcal.inspect.faults.places import place_map
 from lfcal.inspect.faults.series import SURE, usual
-from lfcal.inspect.finding import Fault, Finding, Picture
+from lfcal.inspect.finding import Fault, Finding, Picture, PutIn, adding
+from lfcal.inspect.patch import Patch
 
-__all__ = ["FAULTS", "Background", "Saturated"]
+__all__ = ["FAULTS", "Background", "CutOff", "Saturated"]
 
 F4 = NDArray[np.float32]
 
@@ -29,11 +32,27 @@ FEW = 12
 HIGHER = 1.02
 """Light over the ceiling that samples at it should have had."""
 
+ALWAYS, SEVERAL = 0.9, 4
+"""Share of the patterns that see a pixel in which it is at the ceiling if it is hot, and how many tell that."""
+
 BRIGHT = 3e-4
 """Background over the brightest light that is worth a word."""
 
 MUCH = 0.005
 """Share of the light that it adds or takes away at least."""
+
+
+DARK, MANY = 5e-4, 2000
+"""Share of the brightest light below which samples are dark, and how many of these tell their noise."""
+
+ZEROS = 0.1
+"""Share of them that is exactly zero, and that is not, where noise was cut off."""
+
+TAIL = 5.0
+"""Standard deviations that such noise reaches."""
+
+DIM = 4.0
+"""Standard deviations of the noise below which samples may have been cut off."""
 
 
 class Saturated(Fault):
@@ -75,10 +94,71 @@ class Saturated(Fault):
 
 
 def _spread(evidence: Evidence, at: NDArray[np.bool_]) -> bool:
-    """Return whether samples lie on many pixels of the sensor: a hot one is seen by many patterns."""
-    k, t, s = np.nonzero(at)
-    places = evidence.corners()[k] + np.stack([t, s], 1)
-    return len(np.unique(places, axis=0)) > len(k) / 3
+    """Return whether most samples lie on pixels that are not always at the ceiling: a hot one is in all patterns."""
+    ny, nx = evidence.plan.period
+    nt, ns = evidence.plan.cutout
+    hits, seen = np.zeros((2, ny + nt - 1, nx + ns - 1))
+    for k, (row, column) in enumerate(evidence.corners().tolist()):
+        place = slice(row, row + nt), slice(column, column + ns)
+        hits[place] += at[k]
+        seen[place] += evidence.valid[k]
+    hot = (hits > ALWAYS * seen) & (seen >= SEVERAL)
+    return float(hits[~hot].sum()) > float(hits.sum()) / 3
+
+
+class CutOff(Fault):
+    """Values that end at zero: of dark samples the lower half of the noise is gone, and its mean looks like light."""
+
+    name = "cut_off"
+    title = "noise cut off at zero"
+    rank = 6
+    advice = "Keep values signed when the dark frame is subtracted, or record with an offset, and assemble H again."
+    settles: ClassVar[tuple[str, ...]] = ("clipped", "background", "leak", "snr")
+
+    def found(self, evidence: Evidence) -> Iterable[Finding]:
+        """Yield where the noise of dark samples ends, by how many of them are exactly zero and what the others are."""
+        peak = float(evidence.light.max())
+        dark = evidence.data[evidence.valid & (evidence.light < DARK * peak)].astype(np.float64)
+        if dark.size < MANY or float(evidence.data[evidence.valid].min()) < 0:
+            return
+        zeros = float((dark == 0).mean())
+        if not ZEROS < zeros < 1 - ZEROS:
+            return
+        # of Gaussian noise about a level, cut off at zero: share of zeros and mean tell both
+        t = -float(ndtri(zeros))
+        noise = float(dark.mean()) / (t * float(ndtr(t)) + math.exp(-(t**2) / 2) / math.sqrt(2 * math.pi))
+        level = t * noise
+        top = float(np.quantile(dark, 0.999))
+        if not top < TAIL * noise + max(level, 0.0):  # no such noise: light, or values in steps
+            return
+        dim = evidence.valid & (evidence.light + min(level, 0.0) < DIM * noise)
+        drawn = np.random.default_rng(0).standard_normal(evidence.data.shape, np.float32) * np.float32(noise)
+        whole = np.where(dim, evidence.light + drawn, evidence.data - np.float32(level))
+        yield Finding(
+            self,
+            f"{100 * zeros:.0f} % of dark samples are zero and none is negative: noise of {noise:.3g} counts about "
+            f"{level:+.3g} was cut off",
+            math.sqrt(dark.size) * zeros,
+            float(np.abs(whole - evidence.data)[dim].sum() / max(float(evidence.light.sum()), 1e-300)),
+            picture=Picture(
+                np.histogram(dark, np.linspace(0, top, 41))[0] / dark.size * 100,
+                "% of dark samples",
+                "dark samples by their value",
+                ("value (counts)",),
+                np.linspace(0, top, 41)[:-1],
+            ),
+            repair=adding(evidence.index, whole - evidence.data),
+            put_in=_cut_off(level),
+        )
+
+
+def _cut_off(level: float) -> PutIn:
+    def put_in(patch: Patch) -> F4:
+        # with the noise of H added again, nothing is negative
+        found: F4 = np.maximum(patch.light + patch.noise + np.float32(level), np.float32(0)) - patch.noise
+        return found
+
+    return put_in
 
 
 class Background(Fault):
@@ -112,4 +192,4 @@ class Background(Fault):
         )
 
 
-FAULTS = (Saturated(), Background())
+FAULTS = (Saturated(), CutOff(), Background())

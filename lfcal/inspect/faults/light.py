@@ -38,6 +38,21 @@ def _gains(evidence: Evidence) -> tuple[F8, F8]:
     return out, errors
 
 
+def _amid(evidence: Evidence) -> tuple[F8, F8]:
+    """Return the light of each pattern over the middle of what that of its plane ranges over, less 1, and its sigma.
+
+    Where light jumps in all planes, the median of a plane is that of the side on which more patterns were compared.
+    """
+    gains, sigmas = _gains(evidence)
+    for z in np.unique(evidence.index[:, 0]):
+        own = (evidence.index[:, 0] == z) & np.isfinite(sigmas)
+        even = own & ~evidence.asked
+        if own.any():
+            middle = 1 + float(np.quantile(gains[even if even.any() else own], (0.2, 0.8)).mean())
+            gains[own], sigmas[own] = (1 + gains[own]) / middle - 1, sigmas[own] / middle
+    return gains, sigmas
+
+
 def _within(plan: ScanPlan, index: NDArray[np.intp]) -> F8:
     """Return how far the scan of each pattern's plane had come, -0.5 to 0.5 ``(n,)``."""
     ny, nx = plan.period
@@ -99,7 +114,9 @@ class Lamp(Fault):
         found, errors, _ = robust(np.stack([*rows, time], 1), gains, sigmas)
         trend, error = float(found[-1]), float(errors[-1])
         step = sharpest_step(scan_order(evidence.index), gains, sigmas)
-        each = sharpest_step(np.argsort(time, kind="stable"), gains, sigmas) if len(rows) > 1 else None
+        each = None
+        if len(rows) > 1:
+            each = sharpest_step(np.argsort(time, kind="stable"), *_amid(evidence))
         if step is None or (each is not None and each.sigmas > step.sigmas):
             step = each
         if step is not None and step.sigmas > SURE and abs(step.size) > WORTH:

@@ -34,10 +34,13 @@ CURVED = 0.02
 """Difference of an exponent from 1 that is worth a word."""
 
 STRONG = 0.1
-"""The same from which on it is looked for: a derivative tells no more of it."""
+"""The same from which on exponents are tried: a derivative tells no more of it."""
 
 EXPONENTS = np.geomspace(0.3, 3.0, 41)
 """Exponents that are tried."""
+
+LIKE, GAINED = 0.99, 4.0
+"""Correlation with the camera below which they are, and times as near to 1 that the best of them must bring it."""
 
 LITTLE = 1e-4
 """Share of the light that pixels must add or take away."""
@@ -201,48 +204,67 @@ class NotLinear(Fault):
     """Values that are not proportional to the light."""
 
     name = "not_linear"
-    rank = 13
+    # before lines and pixels: of bent values the model is off everywhere, and any line of them may stand out
+    rank = 9
     title = "values not proportional to the light"
     advice = "Switch the camera's gamma and contrast off, or linearise the frames, and import them anew."
     settles: ClassVar[tuple[str, ...]] = ("background", "leak")
 
     def found(self, evidence: Evidence) -> Iterable[Finding]:
         """Yield the exponent of the light that values follow."""
-        light = np.maximum(evidence.light, 0)
-        peak = float(light.max())
         found, sigma = _bend(evidence)
-        if abs(found) < CURVED or abs(found) < SURE * sigma:
+        strong = _likeliest(evidence)
+        if strong is None and abs(found) < max(CURVED, SURE * sigma):
             return
-        exponent = 1 + found if abs(found) < STRONG else _likeliest(evidence)
+        peak = float(np.abs(evidence.data).max()) or 1.0
+        exponent, told = (1 + found, abs(found) / sigma) if strong is None else strong
+        now = evidence
         for _ in range(2):  # the derivative is that at an exponent of 1
-            straight = np.sign(evidence.data) * peak * (np.abs(evidence.data) / peak) ** np.float32(1 / exponent)
-            exponent *= 1 + _bend(evidence.with_data(straight.astype(np.float32), evidence.valid))[0]
+            straight = _bent(evidence.data, 1 / exponent, peak)
+            now = evidence.with_data(straight, evidence.valid)
+            more, sigma = _bend(now)
+            exponent *= 1 + more
+        light = np.maximum(now.light, 0)
 
         def repair(index: NDArray[np.intp], patterns: F4) -> F4:
             del index
-            top = float(np.abs(patterns).max()) or 1.0
-            straight = np.sign(patterns) * top * (np.abs(patterns) / top) ** (1 / max(exponent, 0.1))
-            return straight.astype(np.float32)
+            return _bent(patterns, 1 / max(exponent, 0.1), peak)
 
         yield Finding(
             self,
             f"values follow the light to the power of {exponent:.3f} ± {sigma:.3f}",
-            abs(found) / sigma,
-            float(abs(found) * np.abs(_curve(light)).sum() / max(float(light.sum()), 1e-300)),
+            told,
+            float(abs(exponent - 1) * np.abs(_curve(light)).sum() / max(float(light.sum()), 1e-300)),
             picture=_tone(evidence, light, peak),
             repair=repair,
             put_in=lambda patch: _bent(patch.light, exponent, peak),
         )
 
 
-def _likeliest(evidence: Evidence) -> float:
-    """Return the exponent without which patterns are most like those of the camera at their places."""
-    model = np.where(evidence.valid, evidence.model, np.float32(0))
-    alike = [
-        np.median(correlation(model, np.sign(evidence.data) * np.abs(evidence.data) ** np.float32(1 / exponent)))
-        for exponent in EXPONENTS
-    ]
-    return float(EXPONENTS[int(np.argmax(alike))])
+def _likeliest(evidence: Evidence) -> tuple[float, float] | None:
+    """Return the exponent without which patterns are most like those of the camera, and by how much for the least sure.
+
+    None where they are like them as they are, or not much more so without: a small bend is told by its derivative.
+    """
+    peak = float(np.abs(evidence.data).max()) or 1.0
+    model = _without_mean(evidence.model, evidence.valid)
+    alike = correlation(model, _without_mean(evidence.data, evidence.valid))
+    if float(np.median(alike)) > LIKE:
+        return None
+    bent = (_bent(evidence.data, 1 / float(exponent), peak) for exponent in EXPONENTS)
+    tried = [correlation(model, _without_mean(one, evidence.valid)) for one in bent]
+    best = int(np.argmax([np.median(one) for one in tried]))
+    gained = (1 - alike) / np.maximum(1 - tried[best], 1e-9)
+    if abs(EXPONENTS[best] - 1) < STRONG or float(np.median(gained)) < GAINED:
+        return None
+    return float(EXPONENTS[best]), float(np.median(gained) * np.sqrt(len(gained)))
+
+
+def _without_mean(patterns: F4, valid: NDArray[np.bool_]) -> F4:
+    """Return patterns ``(n, nt, ns)`` less the mean of what is valid of each: a background is no bend."""
+    mean = np.where(valid, patterns, 0).sum((1, 2)) / np.maximum(valid.sum((1, 2)), 1)
+    found: F4 = np.where(valid, patterns - mean[:, None, None], 0).astype(np.float32)
+    return found
 
 
 def _bent(light: F4, exponent: float, peak: float) -> F4:

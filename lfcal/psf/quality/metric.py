@@ -184,6 +184,8 @@ class Metric:
         Overall value (NaN: unknown) and its merit.
     cost
         Estimated reconstruction error (NRMSE); NaN where the value is unknown.
+    measured
+        Whether the cost was measured on this H, and not what such a value costs as a rule.
     per_plane
         Value of each plane ``(nz,)``; NaN where unknown; a single one where planes have none of their own.
     map
@@ -202,6 +204,7 @@ class Metric:
     map: NDArray[np.float32] | None = None
     positions: NDArray[np.intp] = field(default_factory=lambda: np.empty((0, 3), np.intp))
     detail: str = ""
+    measured: bool = False
 
     @property
     def key(self) -> str:
@@ -220,8 +223,10 @@ class Metric:
 
     @property
     def cost_text(self) -> str:
-        """Cost for people: a dash where there is none or it is unknown."""
-        return f"{self.cost:.3f}" if self.cost > 0 else "—"
+        """Cost for people: a dash where there is none or it is unknown, and a word where it was not measured."""
+        if self.measured:
+            return f"{self.cost:.3f}"
+        return f"{self.cost:.2g} typical" if self.cost > 0 else "—"
 
     @property
     def limits(self) -> str:
@@ -242,6 +247,7 @@ class Metric:
             "bad": self.spec.limits.bad,
             "higher_is_better": self.spec.limits.higher_is_better,
             "cost": self.cost,
+            "cost_is": "measured" if self.measured else "typical",
             "plot": self.spec.plot,
             "per_plane": self.per_plane.tolist(),
             "positions": self.positions.tolist(),

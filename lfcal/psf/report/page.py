@@ -152,7 +152,10 @@ def _metrics(quality: QualityReport) -> str:
         name = f'<b class="nb">{text(m.spec.title)}</b>'
         return [_merit(m.merit), name, text(value_text(m)), text(best), text(worst), m.cost_text, words]
 
-    note = '<p class="note">Cost: estimate of the reconstruction error (NRMSE) that a fault of this size makes.</p>'
+    note = (
+        '<p class="note">Cost: error of a reconstruction (NRMSE) that a fault of this size makes: measured with this '
+        "H, or typical, what it makes as a rule.</p>"
+    )
     headers = ("merit", "metric", "value", "good", "bad", "cost", "meaning and advice")
     return table(headers, map(row, quality.metrics), (2, 3, 4, 5)) + note
 

@@ -1,0 +1,69 @@
+"""What metrics cost that no fault stands for: measured on this H where that can be, else said to be typical."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lfcal.inspect import iter_search
+from lfcal.inspect.cost import Costs, iter_costs
+from lfcal.inspect.inspection import FAIR, Inspection
+from lfcal.inspect.metric_costs import as_findings, with_costs
+from lfcal.progress import drain
+from lfcal.psf.quality import QualityReport, inspect
+from lfcal.psf.quality.metric import Metric
+from tests.inspect.common import clean, evidence_of, matrix, plan
+
+
+def alarm(quality: QualityReport, key: str) -> Metric:
+    return replace(quality[key], merit="bad", cost=0.3)
+
+
+@pytest.fixture(scope="module")
+def quality() -> QualityReport:
+    return inspect(matrix(clean()), workers=1)
+
+
+def test_they_are_measured_where_it_is_known_what_they_do(quality: QualityReport) -> None:
+    keys = ("snr", "truncation", "step", "period")
+    alarms = {key: alarm(quality, key) for key in keys}
+    bad = replace(quality, metrics=tuple(alarms.get(m.key, m) for m in quality.metrics))
+    found, cleaned = drain(iter_search(evidence_of(clean())))
+    assert not found
+    told = dict(as_findings(alarms.values(), cleaned))
+    assert set(told) == {"snr", "truncation", "step"}
+    costs = drain(iter_costs(cleaned, tuple(told.values()), None))
+    assert costs.clean is not None and costs.whole
+    out = with_costs(bad, tuple(told), costs, ())
+    assert out["snr"].measured and out["snr"].cost == costs.clean
+    assert out["truncation"].measured and out["truncation"].cost < 0.1, "tails beyond a cutout of 41 pixels"
+    assert out["step"].measured and out["step"].cost < FAIR, "patterns are those of the camera"
+    assert not out["period"].measured and out["period"].cost == 0.3
+    assert "typical" in out["period"].cost_text and "typical" not in out["snr"].cost_text
+    assert [out[key].to_dict()["cost_is"] for key in ("snr", "period")] == ["measured", "typical"]
+    whole = Inspection(out, (), len(cleaned), 0.0, "", 0.0, costs.clean, costs.as_it_is)
+    assert whole.withdrawn(out["step"]) and not whole.withdrawn(out["period"])
+    assert [m.key for m in whole.alarms] == ["period"], "what costs next to nothing is no alarm"
+
+
+def test_none_costs_more_than_what_h_costs_beside_its_named_faults(quality: QualityReport) -> None:
+    bad = replace(quality, metrics=tuple(alarm(quality, m.key) if m.key == "leak" else m for m in quality.metrics))
+
+    def cost(*named: float | None, whole: bool = True) -> Metric:
+        return with_costs(bad, ("leak",), Costs(0.01, 0.2, (*named, None), whole), named)["leak"]
+
+    assert cost().cost == pytest.approx(0.19) and cost().measured
+    assert cost(0.15).cost == pytest.approx(np.sqrt(0.2**2 - 0.16**2 + 0.01**2) - 0.01)
+    assert cost(0.19).cost == pytest.approx(0, abs=1e-9) and cost(0.5).cost == pytest.approx(0, abs=1e-9)
+    for unknown in (cost(None), cost(whole=False)):
+        assert unknown.cost == 0.3 and not unknown.measured
+
+
+def test_light_beyond_the_cutouts_costs_what_larger_ones_show(quality: QualityReport) -> None:
+    """Of a cutout that is a third of the shadow most is cut off."""
+    found = evidence_of(np.ascontiguousarray(clean()[..., 12:-12, 12:-12]))
+    told = dict(as_findings([alarm(quality, "truncation")], found))
+    (cost,) = drain(iter_costs(found, tuple(told.values()), None)).costs
+    assert cost is not None and cost > 0.1 and plan().cutout == (41, 41)
