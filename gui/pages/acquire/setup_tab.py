@@ -14,7 +14,7 @@ from gui.models.project import ProjectState
 from gui.pages.acquire import model_findings as findings
 from gui.pages.acquire.model import AcquireSettings, target_of
 from gui.pages.acquire.model_live import LivePicture, live_picture, stage_arrows
-from gui.pages.acquire.model_station import Station, open_station
+from gui.pages.acquire.model_station import Station, open_station, with_defaults
 from gui.pages.acquire.setup_panel import FINDINGS, SetupPanel
 from lfcal.errors import LfcalError
 from lfcal.psf import PSFMatrix
@@ -22,7 +22,7 @@ from lfcal.psf import PSFMatrix
 __all__ = ["SetupTab"]
 
 LIVE_MS = 30
-QUICK = "the simulator's default spot has no lenslets: set optics under Options"
+QUICK = "the simulator's quick pattern has no lenslets: set optics under Options"
 MEASURING = "measuring …"
 
 
@@ -177,7 +177,7 @@ class SetupTab(QObject):
 
     def _looked(self, picture: LivePicture) -> None:
         chosen = AcquireSettings.of(self.context.state)
-        quick = chosen.backend == "sim" and "optics" not in dict(chosen.device_options)
+        quick = chosen.backend == "sim" and dict(chosen.device_options).get("optics") == "pattern"
         self.panel.show_live(picture, self.context.state.camera, QUICK if quick else "")
         if self.panel.live.isChecked() and self.free:
             self.live_timer.start()
@@ -308,5 +308,7 @@ def _backends() -> tuple[Any, dict[str, Any], dict[str, bool]]:
             backend = get_backend(finding.name)
         except LfcalError:
             continue
-        options[finding.name], stages[finding.name] = dict(backend.options), backend.has_stage
+        own = with_defaults(finding.name, {})
+        said = {key: f"empty: {own[key]}. {text}" if key in own else text for key, text in backend.options.items()}
+        options[finding.name], stages[finding.name] = said, backend.has_stage
     return findings, options, stages
