@@ -7,14 +7,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import Qt
-from PySide6.QtGui import QKeySequence, QShortcut
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QKeySequence, QShortcut, QShowEvent
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QStackedWidget, QVBoxLayout, QWidget
 
 from gui.context import Context
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
 from gui.notice import Notice
+from gui.theme import current_theme, style_sheet
 
 __all__ = ["BasePage", "EmptyState", "page_class"]
 
@@ -45,7 +46,15 @@ class EmptyState(QWidget):
 
 
 class BasePage(QWidget):
-    """A page: a header with title, hint and tools, and a body that is replaced by an empty state if need be."""
+    """A page: a header with title, hint and tools, and a body that is replaced by an empty state if need be.
+
+    Signals
+    -------
+    theme_changed()
+        Colours changed, and the page is seen; plots redraw.
+    """
+
+    theme_changed = Signal()
 
     def __init__(self, spec: PageSpec, context: Context) -> None:
         super().__init__()
@@ -73,6 +82,25 @@ class BasePage(QWidget):
         self.empty: EmptyState | None = None
         outer.addWidget(self._stack, 1)
         context.state_changed.connect(self._follow_project)
+        self._theme = current_theme()
+        self.setStyleSheet(style_sheet())
+        context.theme_changed.connect(self._theme_changed)
+
+    def _theme_changed(self) -> None:
+        if self.isVisible():
+            self.take_theme()
+
+    def take_theme(self) -> None:
+        """Take the colours of the theme in use, once: a page that is not seen does so when it is."""
+        if self._theme is not current_theme():
+            self._theme = current_theme()
+            self.setStyleSheet(style_sheet())
+            self.theme_changed.emit()
+
+    def showEvent(self, event: QShowEvent) -> None:
+        """Follow a change of the theme that came while the page was not seen."""
+        self.take_theme()
+        super().showEvent(event)
 
     def show_empty(self, text: str, buttons: dict[str, Any] | None = None) -> None:
         """Show what to do next in place of the body."""

@@ -20,6 +20,7 @@ from PySide6.QtWidgets import (
 
 from gui.log import system_line
 from gui.models.mishaps import Mishap
+from gui.theme import style_sheet
 
 __all__ = ["CrashDialog", "open_folder"]
 
@@ -36,6 +37,7 @@ class CrashDialog(QDialog):
 
     def __init__(self, log: Path | None, parent: QWidget | None = None) -> None:
         super().__init__(parent)
+        self.setStyleSheet(style_sheet())
         self.setWindowTitle("Unexpected error")
         self._log = log
         self._mishaps: list[Mishap] = []

@@ -14,6 +14,8 @@ _KEYS = (
     ("Ctrl+Z, Ctrl+Shift+Z", "undo, redo"),
     ("Ctrl+N, Ctrl+O, Ctrl+S", "new, open, save project"),
     ("Ctrl+Shift+C", "copy a picture of the page"),
+    ("Ctrl+Shift+K, Ctrl+Shift+Y", "copy what the page does as a command, as Python"),
+    ("Ctrl+Shift+P", "command palette"),
     ("Ctrl+T", "light or dark"),
     ("F1", "this sheet"),
 )

@@ -36,8 +36,16 @@ class PainterSketch:
         self._painter.setBrush(self._painter.pen().color() if filled else Qt.BrushStyle.NoBrush)
 
 
-def icon_of(draw: Callable[[Sketch], None], colour: str, size: int = ICON_SIDE) -> QIcon:
-    """Return what ``draw`` draws as a line icon, at twice its size for sharp screens."""
+def icon_of(draw: Callable[[Sketch], None], colour: str, selected: str = "", size: int = ICON_SIDE) -> QIcon:
+    """Return what ``draw`` draws as a line icon, in the colour ``selected`` where it stands on the accent."""
+    icon = QIcon(_drawn(draw, colour, size))
+    if selected:
+        icon.addPixmap(_drawn(draw, selected, size), QIcon.Mode.Selected)
+    return icon
+
+
+def _drawn(draw: Callable[[Sketch], None], colour: str, size: int) -> QPixmap:
+    """Draw at twice the size, for sharp screens."""
     pixmap = QPixmap(size * 2, size * 2)
     pixmap.setDevicePixelRatio(2.0)
     pixmap.fill(Qt.GlobalColor.transparent)
@@ -47,4 +55,4 @@ def icon_of(draw: Callable[[Sketch], None], colour: str, size: int = ICON_SIDE) 
     painter.scale(size / ICON_SIDE, size / ICON_SIDE)
     draw(PainterSketch(painter))
     painter.end()
-    return QIcon(pixmap)
+    return pixmap

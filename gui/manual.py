@@ -7,6 +7,7 @@ from PySide6.QtGui import QDesktopServices
 from PySide6.QtWidgets import QDialog, QHBoxLayout, QPushButton, QTextBrowser, QVBoxLayout, QWidget
 
 from gui.models.manual import ATLAS, manual_folder, section_of
+from gui.theme import style_sheet
 from lfcal.files import read_text
 
 __all__ = ["Manual"]
@@ -19,6 +20,7 @@ class Manual(QDialog):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
+        self.setStyleSheet(style_sheet())
         self.setWindowTitle("Manual")
         self.resize(*SIZE)
         self._page = ATLAS

@@ -7,6 +7,7 @@ from PySide6.QtGui import QCloseEvent
 from PySide6.QtWidgets import QDialog, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
 from gui.models.autosave import Kept
+from gui.theme import style_sheet
 
 __all__ = ["RestoreDialog"]
 
@@ -28,6 +29,7 @@ class RestoreDialog(QDialog):
 
     def __init__(self, kept: Kept, parent: QWidget | None = None) -> None:
         super().__init__(parent)
+        self.setStyleSheet(style_sheet())
         self.setWindowTitle("Unsaved work was found")
         self._answered = False
         column = QVBoxLayout(self)

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 from PySide6.QtCore import QByteArray, QSettings, QSize, Qt, QTimer
-from PySide6.QtGui import QAction, QCloseEvent, QDragEnterEvent, QDropEvent, QKeySequence
+from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent
 from PySide6.QtWidgets import (
     QApplication,
     QDockWidget,
@@ -16,7 +15,6 @@ from PySide6.QtWidgets import (
     QListWidget,
     QListWidgetItem,
     QMainWindow,
-    QMessageBox,
     QPlainTextEdit,
     QStackedWidget,
     QWidget,
@@ -24,18 +22,17 @@ from PySide6.QtWidgets import (
 
 from gui.base_page import BasePage, page_class
 from gui.context import Context
-from gui.crash_dialog import open_folder
-from gui.help import about_text, cheat_sheet
 from gui.icons import icon_of
 from gui.job_panel import JobPanel
 from gui.jobs import JOBS_S, Job, Jobs, JobState
-from gui.log import log_folder
 from gui.manual import Manual
-from gui.models.manual import ATLAS
+from gui.menus import WindowMenus, page_key
 from gui.models.page import PAGES, PageSpec, PageState, available_pages, page_states
 from gui.models.project import Project, ProjectState
+from gui.models.step import step_of
+from gui.palette import Palette, doable
 from gui.project_files import ProjectFiles
-from gui.theme import DARK, LIGHT, apply_theme, current_theme
+from gui.theme import DARK, LIGHT, apply_theme, current_theme, style_sheet
 from gui.workers import LOG
 from lfcal.errors import LfcalError
 
@@ -48,11 +45,6 @@ _MARKS = {
     PageState.DONE: "●",
     PageState.ATTENTION: "▲",
 }
-
-
-def _key_of(row: int) -> QKeySequence | None:
-    """Return the shortcut of a page in the rail: there are nine digits."""
-    return QKeySequence(f"Ctrl+{row + 1}") if row < 9 else None
 
 
 class MainWindow(QMainWindow):
@@ -80,7 +72,8 @@ class MainWindow(QMainWindow):
         self.specs = tuple(available_pages() if pages is None else pages)
         self._build_centre()
         self._build_docks()
-        self._build_menus()
+        self.menus = WindowMenus(self)
+        self._style()
         self.context.state_changed.connect(self._state_changed)
         self.context.go.connect(self.go)
         self.context.help_asked.connect(self.show_manual)
@@ -138,51 +131,6 @@ class MainWindow(QMainWindow):
         self.resizeDocks([self.job_dock], [110], Qt.Orientation.Vertical)
         self.job_dock.hide()
         self.log_dock.hide()
-
-    def _build_menus(self) -> None:
-        bar = self.menuBar()
-        file, files, keys = bar.addMenu("&Project"), self.files, QKeySequence.StandardKey
-        self._action(file, "New project", files.new, keys.New)
-        self._action(file, "Open project …", lambda: files.open(), keys.Open)
-        self.recent_menu = file.addMenu("Open recent")
-        self.recent_menu.aboutToShow.connect(lambda: files.fill_recent(self.recent_menu))
-        self._action(file, "Save project", lambda: files.save(), keys.Save)
-        self._action(file, "Save project as …", lambda: files.save_as(), QKeySequence("Ctrl+Shift+S"))
-        self._action(file, "Restore unsaved work …", lambda: files.rescue.look(asked=True), None)
-        file.addSeparator()
-        self._action(file, "Quit", self.close, keys.Quit)
-        self._build_edit_menu()
-        self._build_view_menu()
-        help_ = bar.addMenu("&Help")
-        title, sheet = "Keyboard shortcuts", cheat_sheet(self.specs)
-        self._action(help_, title, lambda: QMessageBox.information(self, title, sheet), QKeySequence("F1"))
-        self._action(help_, "Fault atlas", lambda: self.show_manual(ATLAS), None)
-        self._action(help_, "Open log folder", lambda: open_folder(log_folder()), None)
-        self._action(help_, "About lfcal", lambda: QMessageBox.about(self, "About lfcal", about_text()), None)
-
-    def _build_edit_menu(self) -> None:
-        edit = self.menuBar().addMenu("&Edit")
-        self.undo_action = self._action(edit, "Undo", self.project.undo, QKeySequence.StandardKey.Undo)
-        self.redo_action = self._action(edit, "Redo", self.project.redo, QKeySequence.StandardKey.Redo)
-        edit.addSeparator()
-        self._action(edit, "Copy picture of the page", self.copy_page, QKeySequence("Ctrl+Shift+C"))
-
-    def _build_view_menu(self) -> None:
-        view = self.menuBar().addMenu("&View")
-        for row, spec in enumerate(self.specs):
-            self._action(view, spec.title, lambda _=False, key=spec.key: self.go(key, None), _key_of(row))
-        view.addSeparator()
-        self._action(view, "Light or dark", self.toggle_theme, QKeySequence("Ctrl+T"))
-        view.addAction(self.job_dock.toggleViewAction())
-        view.addAction(self.log_dock.toggleViewAction())
-
-    def _action(self, menu: Any, text: str, slot: Any, key: Any) -> QAction:
-        action = QAction(text, self)
-        if key is not None:
-            action.setShortcut(key)
-        action.triggered.connect(slot)
-        menu.addAction(action)
-        return action
 
     # -- pages -----------------------------------------------------------------------------------------
     def page(self, key: str) -> BasePage:
@@ -255,16 +203,16 @@ class MainWindow(QMainWindow):
         for row, spec in enumerate(self.specs):
             item, found = self.rail.item(row), states[spec.key]
             item.setText(f"{spec.title}  {_MARKS[found]}")
-            key = _key_of(row)
+            key = page_key(row)
             shortcut = "" if key is None else f"   ({key.toString()})"
             item.setToolTip(f"{spec.hint}\nState: {found.value}{shortcut}")
-            item.setIcon(icon_of(spec.icon, theme.text))
+            item.setIcon(icon_of(spec.icon, theme.text, theme.accent_text))
         star = "*" if self.project.unsaved else ""
         place = self.project.path.name if self.project.path else state.name
         self.setWindowTitle(f"{place}{star} – lfcal")
         for action, word, label in (
-            (self.undo_action, "Undo", self.project.undo_label),
-            (self.redo_action, "Redo", self.project.redo_label),
+            (self.menus.undo, "Undo", self.project.undo_label),
+            (self.menus.redo, "Redo", self.project.redo_label),
         ):
             action.setEnabled(bool(label))
             action.setText(f"{word} {label}".strip())
@@ -286,15 +234,37 @@ class MainWindow(QMainWindow):
         app = QApplication.instance()
         assert isinstance(app, QApplication)
         apply_theme(app, DARK if name == "dark" else LIGHT)
+        self._style()
         if self.settings is not None:
             self.settings.setValue("theme", name)
         self.context.theme_changed.emit()
         self._refresh()
 
+    def _style(self) -> None:
+        """Style what stands around the pages, which style themselves as soon as they are seen."""
+        for part in (self.menuBar(), self.statusBar(), self.rail, self.job_dock, self.log_dock, self._manual):
+            if part is not None:
+                part.setStyleSheet(style_sheet())
+
     def copy_page(self) -> None:
         """Put a picture of the page on the clipboard."""
         QApplication.clipboard().setPixmap(self.stack.currentWidget().grab())
         self.log("picture of the page copied")
+
+    def copy_step(self, *, python: bool = False) -> None:
+        """Put what the page does on the clipboard, as a command or as Python; say what it lacks."""
+        spec = self.specs[self.rail.currentRow()]
+        try:
+            step = step_of(spec, self.project.state)
+            QApplication.clipboard().setText(step.script() if python else step.shell())
+        except LfcalError as error:
+            self.log(f"{spec.title}: nothing copied; {error}")
+            return
+        self.log(f"{spec.title} copied as {'Python' if python else 'a command'}")
+
+    def show_palette(self) -> None:
+        """Offer everything that can be done here by its name."""
+        Palette(self, doable(self.menuBar(), self.stack.currentWidget())).open()
 
     def dragEnterEvent(self, event: QDragEnterEvent) -> None:
         """Accept files."""

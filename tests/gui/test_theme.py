@@ -1,9 +1,11 @@
 from __future__ import annotations
 
 import pytest
+from PySide6.QtGui import QIcon
 from PySide6.QtWidgets import QApplication
 
-from gui.theme import DARK, LIGHT, apply_theme, current_theme
+from gui.theme import DARK, LIGHT, apply_theme, current_theme, style_sheet
+from gui.window import MainWindow
 
 
 def test_another_theme_leaves_the_style(qapp: QApplication, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -11,17 +13,50 @@ def test_another_theme_leaves_the_style(qapp: QApplication, monkeypatch: pytest.
     made: list[str] = []
     monkeypatch.setattr(QApplication, "setStyle", lambda _, name: made.append(name))
     apply_theme(qapp, DARK)
-    assert made == [] and DARK.text in qapp.styleSheet()
+    assert made == [] and DARK.text in style_sheet()
     apply_theme(qapp, LIGHT)
 
 
 def test_the_theme_it_has_already_is_not_worked_out_anew(qapp: QApplication, monkeypatch: pytest.MonkeyPatch) -> None:
     apply_theme(qapp, LIGHT)
-    made: list[str] = []
+    made: list[object] = []
     with monkeypatch.context() as patched:
-        patched.setattr(QApplication, "setStyleSheet", lambda _, sheet: made.append(sheet))
+        patched.setattr(QApplication, "setPalette", made.append)
         apply_theme(qapp, LIGHT)
         assert made == []
         apply_theme(qapp, DARK)
         assert len(made) == 1 and current_theme() is DARK
         apply_theme(qapp, LIGHT)
+
+
+def test_a_theme_is_taken_by_what_is_seen_and_by_the_rest_when_it_is(qapp: QApplication, window: MainWindow) -> None:
+    """All widgets took it at once, thousands of which belong to menus that plots never show: 2.5 s."""
+    window.go("plan")
+    window.go("camera")
+    camera, plan = window.page("camera"), window.page("plan")
+    redrawn: list[str] = []
+    camera.theme_changed.connect(lambda: redrawn.append("camera"))
+    plan.theme_changed.connect(lambda: redrawn.append("plan"))
+    window.set_theme("dark")
+    assert qapp.styleSheet() == "" and DARK.text in camera.styleSheet() and DARK.text in window.menuBar().styleSheet()
+    assert LIGHT.text in plan.styleSheet() and redrawn == ["camera"]
+    window.go("plan")
+    assert DARK.text in plan.styleSheet() and redrawn == ["camera", "plan"]
+    window.set_theme("light")
+    window.set_theme("dark")
+    window.set_theme("light")
+    window.go("camera")
+    assert LIGHT.text in camera.styleSheet()
+
+
+def test_the_icon_of_the_page_that_is_looked_at_has_the_colour_of_its_title(window: MainWindow) -> None:
+    """It was drawn in the colour of the others, dark on dark."""
+    window.set_theme("light")
+    icon = window.rail.item(0).icon()
+
+    def colours(mode: QIcon.Mode) -> set[str]:
+        image = icon.pixmap(22, 22, mode).toImage()
+        whole = [image.pixelColor(x, y) for x in range(image.width()) for y in range(image.height())]
+        return {colour.name() for colour in whole if colour.alpha() == 255}
+
+    assert LIGHT.accent_text in colours(QIcon.Mode.Selected) and LIGHT.accent_text not in colours(QIcon.Mode.Normal)

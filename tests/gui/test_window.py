@@ -126,10 +126,10 @@ def test_undo_through_the_menu(window: MainWindow) -> None:
     editor.setText("8")
     editor.textEdited.emit("8")
     assert window.project.state.camera.optics.f_number == 8  # type: ignore[union-attr]
-    assert window.undo_action.isEnabled() and "f number" in window.undo_action.text()
-    window.undo_action.trigger()
+    assert window.menus.undo.isEnabled() and "f number" in window.menus.undo.text()
+    window.menus.undo.trigger()
     assert window.project.state.camera == preset("bench") and editor.text() == "4"
-    window.redo_action.trigger()
+    window.menus.redo.trigger()
     assert editor.text() == "8"
 
 

@@ -8,6 +8,7 @@ from typing import Any
 from PySide6.QtWidgets import QWidget
 
 from gui.context import Context
+from gui.pages.acquire.model_stills import recipe_of
 from gui.saving import ask_target, may_replace
 
 __all__ = ["Afterwards"]
@@ -47,7 +48,7 @@ class Afterwards:
             f"Assemble {out.name}",
             "acquire",
             str(out),
-            lambda: iter_assemble_session(folder, out, planes=planes),
+            lambda: iter_assemble_session(folder, out, planes=planes, recipe=recipe_of(folder)),
             lambda report: self._assembled(report, page, found),
         )
 

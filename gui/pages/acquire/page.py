@@ -28,7 +28,7 @@ class Page(BasePage):
         self.record = RecordTab(context, self.setup, self.panel.record, self)
         self.record.ended.connect(lambda: self._show(context.state, folder=False))
         self.set_panel(self.panel)
-        context.theme_changed.connect(self.panel.apply_theme)
+        self.theme_changed.connect(self.panel.apply_theme)
         self._show(context.state, folder=True)
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:

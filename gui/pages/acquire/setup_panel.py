@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from PySide6.QtCore import Qt, Signal
@@ -12,6 +13,7 @@ from gui.jobs import Jobs
 from gui.models.display import Display
 from gui.pages.acquire.device_panel import DevicePanel
 from gui.pages.acquire.model_live import LivePicture
+from gui.pages.acquire.model_stills import KINDS
 from gui.pages.acquire.stage_panel import StagePanel
 from gui.theme import current_theme
 from gui.widgets.axis_arrows import AxisArrows
@@ -51,7 +53,7 @@ class SetupPanel(QWidget):
     live_toggled(on), exposure_edited(seconds)
         The live view.
     find_asked(key), use_asked(key)
-        Measure one of `FINDINGS`; take what was found into the plan.
+        Measure one of `FINDINGS`, or record one of `KINDS`; take what was found into the plan.
     overlays_changed()
         Lattice or cutout were switched.
     """
@@ -74,7 +76,7 @@ class SetupPanel(QWidget):
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 6, 0, 0)
         row.setSpacing(8)
-        row.addWidget(column_area(300, self.devices, self.stage, self._find_card()))
+        row.addWidget(column_area(300, self.devices, self.stage, *self._cards()))
         row.addWidget(self._view_card(), 3)
         row.addLayout(self._numbers(), 2)
         self.set_connected(False)
@@ -127,12 +129,16 @@ class SetupPanel(QWidget):
             box.toggled.connect(lambda _: self.overlays_changed.emit())
         self.log.toggled.connect(lambda on: self.view.set_display(Display("log" if on else "linear")))
 
-    def _find_card(self) -> QWidget:
-        frame, column = card("Find by moving")
+    def _cards(self) -> tuple[QWidget, QWidget]:
+        """Make the cards of what is measured and what is recorded before the session."""
         self.find_buttons: dict[str, QPushButton] = {}
         self.use_buttons: dict[str, QPushButton] = {}
         self.results: dict[str, QLabel] = {}
-        for key, title, tip in FINDINGS:
+        return self._find_card("Find by moving", FINDINGS), self._find_card("White and dark", KINDS)
+
+    def _find_card(self, heading_: str, offered: Sequence[tuple[str, str, str]]) -> QWidget:
+        frame, column = card(heading_)
+        for key, title, tip in offered:
             button, use, result = QPushButton(title), QPushButton("Use"), QLabel("")
             button.setToolTip(tip)
             use.setToolTip("Take this into the plan; undo takes it back")

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QObject, QTimer, Signal
+from PySide6.QtWidgets import QFileDialog, QMessageBox
 
 from gui.context import Context
 from gui.jobs import Job, JobState
@@ -14,15 +16,17 @@ from gui.models.project import ProjectState
 from gui.pages.acquire import model_findings as findings
 from gui.pages.acquire.model import AcquireSettings, target_of
 from gui.pages.acquire.model_live import LivePicture, live_picture, stage_arrows
-from gui.pages.acquire.model_station import Station, open_station
+from gui.pages.acquire.model_station import Station, open_station, with_defaults
+from gui.pages.acquire.model_stills import ASKED, KINDS, iter_stills, still_files
 from gui.pages.acquire.setup_panel import FINDINGS, SetupPanel
+from gui.saving import may_replace
 from lfcal.errors import LfcalError
 from lfcal.psf import PSFMatrix
 
 __all__ = ["SetupTab"]
 
 LIVE_MS = 30
-QUICK = "the simulator's default spot has no lenslets: set optics under Options"
+QUICK = "the simulator's quick pattern has no lenslets: set optics under Options"
 MEASURING = "measuring …"
 
 
@@ -177,7 +181,7 @@ class SetupTab(QObject):
 
     def _looked(self, picture: LivePicture) -> None:
         chosen = AcquireSettings.of(self.context.state)
-        quick = chosen.backend == "sim" and "optics" not in dict(chosen.device_options)
+        quick = chosen.backend == "sim" and dict(chosen.device_options).get("optics") == "pattern"
         self.panel.show_live(picture, self.context.state.camera, QUICK if quick else "")
         if self.panel.live.isChecked() and self.free:
             self.live_timer.start()
@@ -231,7 +235,10 @@ class SetupTab(QObject):
 
     # -- finding ---------------------------------------------------------------------------------------
     def find(self, key: str) -> None:
-        """Measure one of `FINDINGS` as a job."""
+        """Measure one of `FINDINGS` as a job, or record white or dark frames."""
+        if key in ASKED:
+            self.take_stills(key)
+            return
         from lfcal.acquire import setup as library
 
         station, plan = self.station, self.context.state.plan
@@ -243,16 +250,38 @@ class SetupTab(QObject):
             "axis": lambda: library.iter_optical_axis(station.rig, plan, options=options),
             "exposure": lambda: library.iter_exposures(station.rig, plan, options=options),
         }
-        title = {name: text for name, text, _ in FINDINGS}[key]
+        self._start(key, lambda: station.use(works[key]()), lambda found: self._found(key, found))
+
+    def _start(self, key: str, work: Callable[[], Any], done: Callable[[Any], None]) -> None:
+        """Use the devices for a job whose result stands below its button."""
+        title = {name: text for name, text, _ in (*FINDINGS, *KINDS)}[key]
         self.panel.show_result(key, MEASURING)
         self._job = self.context.jobs.start(
-            title,
-            "acquire",
-            lambda: station.use(works[key]()),
-            lambda found: self._found(key, found),
-            lambda job: self.panel.show_result(key, f"<b>{job.error}</b>", good=False),
+            title, "acquire", work, done, lambda job: self.panel.show_result(key, f"<b>{job.error}</b>", good=False)
         )
         self._changed()
+
+    def take_stills(self, kind: str) -> None:
+        """Record white or dark frames beside the session, once the user has done what they need."""
+        station, plan, folder = self.station, self.context.state.plan, self.context.state.recording
+        if station is None or plan is None or not self.free:
+            return
+        folder = folder or QFileDialog.getExistingDirectory(self.panel, "Folder of the session")
+        if not folder or not may_replace(self.panel, still_files(Path(folder), kind)):
+            return
+        by_hand = station.name != "sim" and (kind == "white" or station.rig.light is None)
+        buttons = QMessageBox.StandardButton
+        if by_hand and buttons.Ok != QMessageBox.information(
+            self.panel, "Before the frames", ASKED[kind], buttons.Ok | buttons.Cancel
+        ):
+            return
+        self.context.project.update("session folder", recording=folder)
+        exposure = self.panel.exposure.value() / 1e3
+        self._start(
+            kind,
+            lambda: iter_stills(station, plan, exposure, Path(folder), kind),
+            lambda found: self.panel.show_result(kind, found.words()),
+        )
 
     def _found(self, key: str, found: Any) -> None:
         plan = self.context.state.plan
@@ -308,5 +337,7 @@ def _backends() -> tuple[Any, dict[str, Any], dict[str, bool]]:
             backend = get_backend(finding.name)
         except LfcalError:
             continue
-        options[finding.name], stages[finding.name] = dict(backend.options), backend.has_stage
+        own = with_defaults(finding.name, {})
+        said = {key: f"empty: {own[key]}. {text}" if key in own else text for key, text in backend.options.items()}
+        options[finding.name], stages[finding.name] = said, backend.has_stage
     return findings, options, stages

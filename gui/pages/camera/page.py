@@ -51,7 +51,7 @@ class Page(BasePage):
         self.panel.check.dark_asked.connect(self.choose_dark)
         self.panel.check.taken.connect(self._take_measured)
         self.set_panel(self.panel)
-        context.theme_changed.connect(self.panel.apply_theme)
+        self.theme_changed.connect(self.panel.apply_theme)
         self.panel.show_camera(context.state.camera)
         self._white, self._dark, self._job = "", "", 0
         self._checked: Checked | None = None

@@ -47,7 +47,7 @@ class Page(BasePage):
         self.panel.place_asked.connect(self.panel.show_place)
         self.set_panel(self.panel)
         self._add_shortcuts()
-        context.theme_changed.connect(self._apply_theme)
+        self.theme_changed.connect(self._apply_theme)
         context.matrices.changed.connect(self._matrix_changed)
         context.jobs.changed.connect(self._job_changed)
         context.jobs.finished.connect(self._job_finished)

@@ -72,7 +72,7 @@ class Page(BasePage):
         self.set_panel(self.panel)
         self._connect_panel()
         self._add_shortcuts()
-        context.theme_changed.connect(self.panel.apply_theme)
+        self.theme_changed.connect(self.panel.apply_theme)
         self._open()
 
     def _connect_panel(self) -> None:
@@ -142,7 +142,7 @@ class Page(BasePage):
         """Ask what frames that others recorded are, with what was found of them."""
         if self.dialog is None:  # kept: pictures that are being drawn for it may come after it was closed
             self.dialog = ImportDialog(self.context.jobs, self)
-            self.context.theme_changed.connect(self.dialog.apply_theme)
+            self.theme_changed.connect(self.dialog.apply_theme)
             self.dialog.accepted_frames.connect(lambda found: self._imported(open_choice(found, self.settings)))
         self.dialog.start(self.context.state.plan, self.context.state.camera)
         if frames:

@@ -50,7 +50,7 @@ class Page(BasePage):
         self.panel.open_asked.connect(self.choose_image)
         self.panel.tabs.currentChanged.connect(lambda _: self._reconstruct())
         context.jobs.finished.connect(self._job_finished)
-        context.theme_changed.connect(self._apply_theme)
+        self.theme_changed.connect(self._apply_theme)
         self._show(context.state)
 
     # -- project ---------------------------------------------------------------------------------------

@@ -33,7 +33,7 @@ class Page(BasePage):
         self.panel = PlanPanel(self._check)
         self.panel.edited.connect(self._edited)
         self.set_panel(self.panel)
-        context.theme_changed.connect(self.panel.apply_theme)
+        self.theme_changed.connect(self.panel.apply_theme)
         self._show(context.state)
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:

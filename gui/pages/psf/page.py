@@ -66,7 +66,7 @@ class Page(BasePage):
         self.panel.clicked.connect(self._hold)
         self.set_panel(self.panel)
         self._add_shortcuts()
-        context.theme_changed.connect(self.panel.apply_theme)
+        self.theme_changed.connect(self.panel.apply_theme)
         context.matrices.changed.connect(self._matrix_changed)
         self._open()
 

@@ -59,7 +59,7 @@ class Page(BasePage):
         self.set_panel(self.panel)
         self.shortcut("F5", self.begin)
         self.shortcut("Escape", self.stop)
-        context.theme_changed.connect(self._apply_theme)
+        self.theme_changed.connect(self._apply_theme)
         context.fitted_changed.connect(self._show_state)
         context.jobs.changed.connect(self._job_changed)
         context.jobs.finished.connect(self._job_finished)

@@ -54,7 +54,7 @@ class Page(BasePage):
         self.panel.shown_changed.connect(lambda _: self._show_volume())
         context.jobs.changed.connect(self._job_changed)
         context.jobs.finished.connect(self._job_finished)
-        context.theme_changed.connect(self.panel.apply_theme)
+        self.theme_changed.connect(self.panel.apply_theme)
         context.matrices.changed.connect(self._matrix_changed)
         context.on_close(self._close)
         self._show(context.state)

@@ -50,7 +50,7 @@ class Page(BasePage):
         self.panel = SimulatePanel(context.jobs)
         self._connect()
         self.set_panel(self.panel)
-        context.theme_changed.connect(self._apply_theme)
+        self.theme_changed.connect(self._apply_theme)
         self._show(context.state)
 
     def _connect(self) -> None:

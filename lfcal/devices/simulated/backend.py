@@ -72,7 +72,7 @@ class SimBackend:
     has_stage = True
     options: Mapping[str, str] = {
         "optics": "pattern (quick), or a level of the simulator: auto, geometric, wave, grid (for fits), microscope",
-        "effects": "JSON file of effects on the optics, as lfcal simulate --effects reads it; needs a level",
+        "effects": "JSON file of effects on the optics, as lfcal simulate --effects reads it, or auto; needs a level",
         "time": "virtual (waits pass at once) or real",
         "velocity": "speed of the stage (µm/s)",
         "backlash": "backlash of each axis (µm)",

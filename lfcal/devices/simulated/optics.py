@@ -134,8 +134,9 @@ def simulated_optics(plan: ScanPlan, level: str, effects: str = "") -> FramesRen
     It is free of noise: `SimCamera` adds that of the sensor. ``level`` is ``"auto"``, ``"geometric"``, ``"wave"``,
     ``"grid"`` (slower, and as fine as a fit) or ``"microscope"``; ``effects`` is a JSON file as
     `lfcal.simulate.effects.described.read_entries` reads it, of which what enters H is simulated, and with it what
-    `plan_effects` finds necessary. Raises `InputError` where the level does not suit the plan's camera, or the file
-    holds no effects.
+    `plan_effects` finds necessary; or ``"auto"``: this alone. Ideal optics focus a point into a single pixel of each
+    micro-image, which no search for light can tell from a hot pixel. Raises `InputError` where the level does not
+    suit the plan's camera, or the file holds no effects.
     """
     # here, so that the quick pattern does not load the simulator
     from lfcal.simulate import SimulatedCamera, plan_effects
@@ -143,7 +144,10 @@ def simulated_optics(plan: ScanPlan, level: str, effects: str = "") -> FramesRen
 
     if not effects:
         return FramesRenderer(plan, SimulatedCamera(plan, (), level=level))
-    settings, given = parse_entries(effects)
-    chosen = plan_effects(plan.camera, plan, TOLERANCE, settings, effects=given)
+    if effects == "auto":
+        chosen = plan_effects(plan.camera, plan, TOLERANCE)
+    else:
+        settings, given = parse_entries(effects)
+        chosen = plan_effects(plan.camera, plan, TOLERANCE, settings, effects=given)
     fine = FINE if level == "grid" else TOLERANCE
     return FramesRenderer(plan, SimulatedCamera(plan, chosen, level=level, tolerance=fine))

@@ -183,7 +183,7 @@ def test_stations_open_and_refuse() -> None:
 
 def test_the_window_s_simulator_shows_a_plenoptic_camera() -> None:
     """It refused every optics but a spot: no image of a lenslet array could be recorded in the window."""
-    plain = open_station(PLAN, "sim", {})
+    plain = open_station(PLAN, "sim", {"optics": "pattern"})
     lenslets = open_station(PLAN, "sim", {"optics": "geometric"})
     try:
         frames = []

@@ -30,7 +30,9 @@ PLAN = small_plan((3, 4), 2, settle_s=0.0)
 
 @pytest.fixture
 def state() -> ProjectState:
-    return ProjectState(camera=PLAN.camera, plan=PLAN)
+    # the quick pattern suits a period of three by four, which no lenslet array has
+    quick = AcquireSettings(device_options=(("optics", "pattern"),))
+    return ProjectState(camera=PLAN.camera, plan=PLAN, settings={"acquire": quick.to_dict()})
 
 
 @pytest.fixture
@@ -80,11 +82,11 @@ def test_device_options_go_into_the_project_and_back(page: Page, context: Contex
     editor.editingFinished.emit()
     assert AcquireSettings.of(context.state).device_options == (("optics", "geometric"),)
     context.project.undo()
-    assert editor.text() == ""
+    assert editor.text() == "pattern"
 
 
 def test_a_wrong_option_is_said_in_words(page: Page, context: Context, qtbot: QtBot) -> None:
-    page.setup._devices_edited("sim", (("velocity", "fast"),), "")
+    page.setup._devices_edited("sim", (("optics", "pattern"), ("velocity", "fast")), "")
     page.setup.connect_devices()
     qtbot.waitUntil(lambda: "velocity" in page.panel.setup.devices.reason.text(), timeout=GUARD_MS)
     assert page.setup.station is None and page.panel.setup.devices.button.isEnabled()
@@ -117,7 +119,7 @@ def test_live_view_moves_and_numbers(page: Page, qtbot: QtBot, context: Context)
 
 
 def test_a_wrong_sign_is_caught_in_red_and_corrected(page: Page, qtbot: QtBot, context: Context) -> None:
-    page.setup._devices_edited("sim", (("axes", "-x,+y,+z"),), "")
+    page.setup._devices_edited("sim", (("optics", "pattern"), ("axes", "-x,+y,+z")), "")
     connect(page, qtbot)
     page.panel.setup.live.setChecked(False)
     seen: list[tuple[str, bool]] = []

@@ -1,0 +1,90 @@
+"""What a page does, as a command and as Python: the same step without a window. No Qt."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import shlex
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from gui.models.page import PageSpec
+from gui.models.project import ProjectState
+from lfcal.camera import ScanPlan
+from lfcal.errors import InputError
+
+__all__ = ["CAMERA_FILE", "PLAN_FILE", "Step", "needed_file", "needed_plan", "options_of", "step_of"]
+
+CAMERA_FILE = "lfcal-camera.json"
+PLAN_FILE = "lfcal-plan.json"
+END = "LFCAL_END"
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step of a sitting.
+
+    Attributes
+    ----------
+    arguments
+        Of the command line, after ``lfcal``.
+    python
+        The same with the library; it may take ``Path`` as imported.
+    files
+        Pairs of name and text: small files that both read, written first.
+    """
+
+    arguments: tuple[str, ...]
+    python: str
+    files: tuple[tuple[str, str], ...] = ()
+
+    def shell(self) -> str:
+        """Return lines for a POSIX shell."""
+        texts = [f"cat > {shlex.quote(name)} <<'{END}'\n{text}\n{END}\n" for name, text in self.files]
+        return "".join(texts) + shlex.join(("lfcal", *self.arguments)) + "\n"
+
+    def script(self) -> str:
+        """Return a Python script."""
+        texts = [f"Path({name!r}).write_text({text!r}, encoding='utf-8')\n" for name, text in self.files]
+        return "from pathlib import Path\n\n" + "".join(texts) + self.python.strip("\n") + "\n"
+
+
+def step_of(spec: PageSpec, project: ProjectState) -> Step:
+    """Return what a page does with the project as it is: the function ``step`` of its module ``step``.
+
+    Raises
+    ------
+    InputError
+        If the page has no command, or the project lacks what it needs.
+    """
+    module = f"{spec.package}.step"
+    if importlib.util.find_spec(module) is None:
+        raise InputError(f"{spec.title}: this page has no command; its author may add one (step.py in its folder)")
+    found: Step = importlib.import_module(module).step(project)
+    return found
+
+
+def options_of(pairs: Iterable[tuple[str, Any]]) -> tuple[str, ...]:
+    """Return options of the command line, without those whose value is None, False or empty; True stands alone."""
+    found: list[str] = []
+    for name, value in pairs:
+        if value is True:
+            found.append(name)
+        elif value is not None and value is not False and value != "":
+            found.append(f"{name}={value}")  # a value may begin with a minus
+    return tuple(found)
+
+
+def needed_plan(project: ProjectState) -> ScanPlan:
+    """Return the plan; raise `InputError` where there is none."""
+    if project.plan is None:
+        raise InputError.expected("scan plan", "one", "none", "make or open one on the page Plan")
+    return project.plan
+
+
+def needed_file(path: str, what: str, where: str) -> str:
+    """Return ``path``; raise `InputError` where the project has none."""
+    if not path:
+        raise InputError.expected(what, "one", "none", f"open one on the page {where}")
+    return path

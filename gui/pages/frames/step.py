@@ -1,0 +1,63 @@
+"""Assembly as a command. No Qt."""
+
+from __future__ import annotations
+
+from gui.models.project import ProjectState
+from gui.models.step import PLAN_FILE, Step, needed_file, needed_plan, options_of
+from gui.pages.frames.model import FrameSettings
+
+__all__ = ["step"]
+
+
+def step(project: ProjectState) -> Step:
+    """Return how H is made of the frames."""
+    frames = needed_file(project.frames, "frames", "Frames")
+    plan, chosen = needed_plan(project), FrameSettings.of(project)
+    dark = chosen.dark if chosen.use_dark else "none"
+    white = chosen.white if chosen.use_white else ""
+    background = "border" if chosen.use_background else "none"
+    pairs = (
+        ("--plan", PLAN_FILE),
+        ("--manifest", chosen.manifest),
+        ("--pattern", chosen.pattern),
+        ("--columns", chosen.columns),
+        ("--first", chosen.first),
+        ("--dark", dark),
+        ("--white", white),
+        ("--defects", chosen.use_defects),
+        ("--background", background),
+        ("--shift", chosen.shift or ""),
+        ("--channel", chosen.channel),
+        ("--interpolation", chosen.interpolation),
+        ("--orientation", chosen.orientation),
+        ("--out", "H.h5"),
+    )
+    script = _script(frames, chosen, dark, white, background)
+    return Step(("assemble", frames, *options_of(pairs)), script, ((PLAN_FILE, plan.to_json()),))
+
+
+def _script(frames: str, chosen: FrameSettings, dark: str, white: str, background: str) -> str:
+    first = int(chosen.first) if chosen.first else None
+    return f"""
+from lfcal.camera import ScanPlan
+from lfcal.frames import CorrectionRecipe, corrected_view, open_frames
+from lfcal.frames.oriented import oriented
+from lfcal.progress import drain
+from lfcal.psf import AssemblySettings, assemble_plan
+from lfcal.psf.upright import iter_upright
+
+plan = ScanPlan.from_json(Path({PLAN_FILE!r}).read_text(encoding="utf-8"))
+recipe = CorrectionRecipe(
+    dark={dark!r}, white={white!r}, defects={chosen.use_defects}, background={background!r},
+    shift={chosen.shift!r}, channel={chosen.channel!r},
+)
+with open_frames(
+    {frames!r}, manifest={chosen.manifest or None!r}, pattern={chosen.pattern or None!r},
+    columns={chosen.columns!r}, first={first!r}, plan=plan,
+) as frames:
+    view = corrected_view(frames, recipe, plan)
+    turn, lie = drain(iter_upright(view, plan, {chosen.orientation!r}))
+    upright = oriented(view, turn, plan.camera.sensor.shape)
+    settings = AssemblySettings(interpolation={chosen.interpolation!r})
+    print(assemble_plan(upright, plan, "H.h5", settings, provenance=lie).matrix)
+"""

@@ -1,0 +1,52 @@
+"""A reconstruction as a command. No Qt."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+from gui.models.project import ProjectState
+from gui.models.step import Step, needed_file, options_of
+from gui.pages.reconstruct.model import ReconstructSettings
+from lfcal.errors import InputError
+
+__all__ = ["step"]
+
+
+def step(project: ProjectState) -> Step:
+    """Return how the light field becomes a volume."""
+    psf = needed_file(project.psf, "H", "PSF")
+    frame, chosen = needed_file(project.light_field, "light field", "Reconstruct"), ReconstructSettings.of(project)
+    if chosen.region:
+        raise InputError.expected("region", "the whole light field", chosen.region, "a command takes all of it")
+    choice = chosen.choice()
+    pairs = (
+        ("--solver", choice.name),
+        ("--iterations", choice.iterations),
+        ("--method", chosen.method),
+        ("--threshold", chosen.threshold or None),
+        ("--anchor", ",".join(f"{v!r}" for v in chosen.anchor)),
+        ("--background", choice.background or None),
+        ("--read-noise", choice.read_noise or None),
+        ("--saturation", choice.saturation),
+        ("--strength", choice.strength),
+        ("--subsets", choice.subsets),
+        ("--double", chosen.double),
+        ("--out", "volume.tif"),
+    )
+    anchor = tuple(chosen.anchor) or None
+    python = f"""
+import numpy as np
+import tifffile
+from lfcal.psf import open_psf
+from lfcal.reconstruct import Projector, SolverChoice, reconstruct
+
+image = tifffile.imread({frame!r}).astype(np.float32)
+choice = SolverChoice(**{asdict(choice)!r})
+with open_psf({psf!r}) as H:
+    projector = Projector(
+        H, image.shape, {anchor!r}, {chosen.method!r},
+        dtype={"float64" if chosen.double else "float32"!r}, threshold={chosen.threshold!r},
+    )
+    tifffile.imwrite("volume.tif", np.asarray(reconstruct(projector, image, choice).volume, np.float32))
+"""
+    return Step(("reconstruct", psf, frame, *options_of(pairs)), python)

@@ -1,0 +1,98 @@
+"""The command palette: everything that can be done now, found by a part of its name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from PySide6.QtCore import QEvent, QObject, Qt
+from PySide6.QtGui import QKeyEvent, QKeySequence
+from PySide6.QtWidgets import QDialog, QLineEdit, QListWidget, QMenuBar, QPushButton, QVBoxLayout, QWidget
+
+from gui.theme import style_sheet
+
+__all__ = ["Entry", "Palette", "doable"]
+
+SIZE = (520, 420)
+STEPS = {Qt.Key.Key_Down: 1, Qt.Key.Key_Up: -1}
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One thing to do: its name, its key if it has one, and the call."""
+
+    name: str
+    key: str
+    do: Callable[[], object]
+
+    def matches(self, typed: str) -> bool:
+        """Return whether the name has every word of ``typed`` in it."""
+        return all(word in self.name.lower() for word in typed.lower().split())
+
+
+def doable(bar: QMenuBar, page: QWidget) -> list[Entry]:
+    """Return the buttons of ``page`` and the actions of the menus that can be pressed now."""
+    entries = [
+        Entry(button.text(), "", button.click)
+        for button in page.findChildren(QPushButton)
+        if button.text() and button.isEnabled() and button.isVisibleTo(page)
+    ]
+    for menu in (action.menu() for action in bar.actions()):
+        for action in [] if menu is None else menu.actions():
+            if action.text() and action.isEnabled() and action.menu() is None and not action.isSeparator():
+                shortcut = action.shortcut().toString(QKeySequence.SequenceFormat.NativeText)
+                name = f"{menu.title()}: {action.text()}".replace("&", "")
+                entries.append(Entry(name, shortcut, action.trigger))
+    return entries
+
+
+class Palette(QDialog):
+    """A line to type in and what matches it; Enter does the marked one."""
+
+    def __init__(self, parent: QWidget, entries: Sequence[Entry]) -> None:
+        super().__init__(parent)
+        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        self.setWindowTitle("Command palette")
+        self.setStyleSheet(style_sheet())
+        self.resize(*SIZE)
+        self._entries = tuple(entries)
+        self.line = QLineEdit()
+        self.line.setPlaceholderText("Type a part of what to do")
+        self.line.setAccessibleName("command")
+        self.line.textChanged.connect(self._show)
+        self.line.returnPressed.connect(self._do)
+        self.line.installEventFilter(self)
+        self.list = QListWidget()
+        self.list.setAccessibleName("commands that match")
+        self.list.itemActivated.connect(lambda _: self._do())
+        column = QVBoxLayout(self)
+        column.addWidget(self.line)
+        column.addWidget(self.list, 1)
+        self._show("")
+        self.line.setFocus()
+
+    @property
+    def shown(self) -> list[Entry]:
+        """What matches the line."""
+        return [entry for entry in self._entries if entry.matches(self.line.text())]
+
+    def _show(self, _: str) -> None:
+        self.list.clear()
+        self.list.addItems([f"{entry.name}    {entry.key}".rstrip() for entry in self.shown])
+        self.list.setCurrentRow(0)
+
+    def _do(self) -> None:
+        row, shown = self.list.currentRow(), self.shown
+        if 0 <= row < len(shown):
+            self.accept()
+            shown[row].do()
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Move in the list by the arrow keys while the line is typed in."""
+        if event.type() == QEvent.Type.KeyPress and isinstance(event, QKeyEvent):
+            step = STEPS.get(Qt.Key(event.key()))
+            if step is not None:
+                row = self.list.currentRow() + step
+                self.list.setCurrentRow(max(0, min(self.list.count() - 1, row)))
+                return True
+        return super().eventFilter(watched, event)
