@@ -33,6 +33,7 @@ def page(open_page: OpenPage) -> Page:
 
 
 def make(page: Page, qtbot: QtBot, path: Path, name: str = "vesicle") -> None:
+    qtbot.waitUntil(lambda: page.context.matrix(page.context.state.psf) is not None, timeout=GUARD_MS)
     page.make_light_field(name, str(path), (24, 28))
     qtbot.waitUntil(lambda: page.image is not None and page._opened == str(path), timeout=GUARD_MS)
 
