@@ -212,6 +212,8 @@ class Page(BasePage):
         """Project a phantom through H and take the result as the light field."""
         matrix = self.context.matrix(self.context.state.psf)
         if matrix is None or self._job:
+            what = "H is still being opened" if matrix is None else "a reconstruction is under way"
+            self.context.message.emit(f"{what}; make a light field when it has ended")
             return
         if not path:
             name = Path(self.context.state.psf).with_name(f"{phantom}.tif")

@@ -44,6 +44,17 @@ def test_empty_states_say_what_comes_next(page: Page, context: Context) -> None:
     assert page.empty is not None and "needs an H" in page.empty.label.text()
 
 
+def test_a_light_field_that_cannot_be_made_yet_is_refused_in_words(
+    page: Page, context: Context, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """It was ignored in silence while H was being opened."""
+    said: list[str] = []
+    context.message.connect(said.append)
+    monkeypatch.setattr(context.matrices, "get", lambda _: None)
+    page.make_light_field("vesicle", str(tmp_path / "v.tif"))
+    assert any("H is still being opened" in words for words in said)
+
+
 def test_a_made_light_field_is_reconstructed_and_judged(
     page: Page, context: Context, open_page: OpenPage, qtbot: QtBot, tmp_path: Path
 ) -> None:
