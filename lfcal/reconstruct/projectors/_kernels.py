@@ -23,13 +23,14 @@ __all__ = [
     "fill_entries",
     "gather_sums",
     "gather_windows",
+    "lay_patterns",
     "overlap_add",
 ]
 
 Array = NDArray[Any]
 
-LANES = 128
-"""Lattice positions summed at once: sums and sources of all phases stay in the caches."""
+LANES = 512
+"""Lattice positions summed at once: entries are read again for the next, and sums must stay in the nearest cache."""
 
 
 class Tiling(NamedTuple):
@@ -90,6 +91,27 @@ def gather_windows(windows: Array, image: Array, tiling: Tiling, first: int) -> 
             window = windows[k, t]
             for s in range(columns):
                 window[s] = line[s]
+
+
+@njit()
+def lay_patterns(patterns: Array, rows: Array, columns: Array, band: Array) -> None:
+    """Lay patterns ``(ky, kx, nt, ns)`` into windows ``(ky, kx, any, any)``, where their rows and columns begin.
+
+    ``rows`` (ky,) may be negative and patterns reach beyond the last row. Beside patterns nothing is written.
+    """
+    ky, kx, nt, ns = patterns.shape
+    for j in range(ky):
+        for i in range(kx):
+            left = columns[i]
+            for t in range(band.shape[2]):
+                own = t - rows[j]
+                line = band[j, i, t, left : left + ns]
+                if 0 <= own < nt:
+                    pattern = patterns[j, i, own]
+                    for s in range(ns):
+                        line[s] = pattern[s]
+                else:
+                    line[:] = 0
 
 
 @njit()
@@ -158,7 +180,7 @@ def gather_sums(entries: Entries, values_in: Array, values_out: Array, base: int
     """Add to ``values_out[k, q]`` the sum over entries e of phase k of ``value[e] * values_in[offset[e] + base + q]``.
 
     ``low <= k < high``; ``values_in`` is flat, ``values_out`` is ``(phases, positions)`` and ``base`` the first
-    position behind the margins. Four entries are taken at a time, which saves three of four loads and stores of the
+    position behind the margins. Eight entries are taken at a time, which saves seven of eight loads and stores of the
     sums.
     """
     start, offset, value = entries.start, entries.offset, entries.value
@@ -172,22 +194,24 @@ def gather_sums(entries: Entries, values_in: Array, values_out: Array, base: int
             if begin == end:
                 continue
             sums[:] = 0
-            fours = begin + (end - begin) // 4 * 4
-            for e in range(begin, fours, 4):
-                a, b, c, d = value[e], value[e + 1], value[e + 2], value[e + 3]
-                pa = values_in[offset[e] + first : offset[e] + first + lanes]
-                pb = values_in[offset[e + 1] + first : offset[e + 1] + first + lanes]
-                pc = values_in[offset[e + 2] + first : offset[e + 2] + first + lanes]
-                pd = values_in[offset[e + 3] + first : offset[e + 3] + first + lanes]
-                if lanes == LANES:  # a length known at compile time is quicker
-                    for q in range(LANES):
-                        sums[q] += (a * pa[q] + b * pb[q]) + (c * pc[q] + d * pd[q])
-                else:
-                    for q in range(lanes):
-                        sums[q] += (a * pa[q] + b * pb[q]) + (c * pc[q] + d * pd[q])
-            for e in range(fours, end):
-                a = value[e]
-                pa = values_in[offset[e] + first : offset[e] + first + lanes]
+            eights = begin + (end - begin) // 8 * 8
+            for n in range(begin, eights, 8):
+                a, b, c, d = value[n], value[n + 1], value[n + 2], value[n + 3]
+                e, f, g, h = value[n + 4], value[n + 5], value[n + 6], value[n + 7]
+                pa = values_in[offset[n] + first : offset[n] + first + lanes]
+                pb = values_in[offset[n + 1] + first : offset[n + 1] + first + lanes]
+                pc = values_in[offset[n + 2] + first : offset[n + 2] + first + lanes]
+                pd = values_in[offset[n + 3] + first : offset[n + 3] + first + lanes]
+                pe = values_in[offset[n + 4] + first : offset[n + 4] + first + lanes]
+                pf = values_in[offset[n + 5] + first : offset[n + 5] + first + lanes]
+                pg = values_in[offset[n + 6] + first : offset[n + 6] + first + lanes]
+                ph = values_in[offset[n + 7] + first : offset[n + 7] + first + lanes]
+                for q in range(lanes):
+                    near = (a * pa[q] + b * pb[q]) + (c * pc[q] + d * pd[q])
+                    sums[q] += near + ((e * pe[q] + f * pf[q]) + (g * pg[q] + h * ph[q]))
+            for n in range(eights, end):
+                a = value[n]
+                pa = values_in[offset[n] + first : offset[n] + first + lanes]
                 for q in range(lanes):
                     sums[q] += a * pa[q]
             for q in range(lanes):

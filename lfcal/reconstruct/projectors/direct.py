@@ -1,7 +1,7 @@
 """Direct projection for large periods: matrix products over the period's columns, windows added up.
 
-For one row of source phases the ``nx`` patterns, each moved to its own column, form a banded matrix. One product
-with it yields the windows of all lattice cells, which are added to the image where they overlap.
+For a few rows of source phases the patterns, each moved to its own place, form a banded matrix. One product with it
+yields the windows of all lattice cells, which are added to the image where they overlap.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.reconstruct.projectors._kernels import Tiling, gather_windows, overlap_add
+from lfcal.reconstruct.projectors._kernels import Tiling, gather_windows, lay_patterns, overlap_add
 from lfcal.reconstruct.projectors.grid import Grid
 from lfcal.reconstruct.projectors.nodes import Nodes
 from lfcal.reconstruct.projectors.planes import trim
@@ -23,6 +23,9 @@ __all__ = ["Direct"]
 
 WINDOW_BYTES = 1 << 21
 """Size of the window buffer of a product: about the second-level cache."""
+
+CELLS, SOURCES = 256, 200
+"""Lattice cells and sources that a product takes at least, where there are as many (measured)."""
 
 
 class _Scratch:
@@ -41,14 +44,19 @@ class _Scratch:
 
 
 def rows_at_once(nt: int, width: int, itemsize: int) -> int:
-    """Return how many pattern rows a product takes, so that windows of 64 cells fill `WINDOW_BYTES`."""
-    return max(1, min(nt, WINDOW_BYTES // (64 * width * itemsize)))
+    """Return how many window rows a product takes, so that windows of `CELLS` cells fill `WINDOW_BYTES`."""
+    return max(1, min(nt, WINDOW_BYTES // (CELLS * width * itemsize)))
 
 
 def cells_at_once(rows: int, width: int, itemsize: int) -> int:
     """Return how many lattice cells a product takes."""
     # a product of fewer rows is bound by reading its right factor
     return max(16, WINDOW_BYTES // (rows * width * itemsize))
+
+
+def rows_together(rows: int, columns: int, workers: int) -> int:
+    """Return how many rows of sources, ``columns`` each, share a window: its additions are spared all but once."""
+    return max(1, min(math.ceil(SOURCES / columns), math.ceil(rows / workers)))
 
 
 class Direct:
@@ -98,15 +106,17 @@ class Direct:
         """Return the image of sources ``cells`` ``(rows, lattice cells, columns)``, those of nodes where it has any."""
         total = np.zeros(self.grid.image_shape, self.dtype)
 
+        groups = self._groups(operand)
+
         def work(start: int, stop: int) -> NDArray[Any]:
             image, scratch = self._empty_image(operand), _Scratch(self.dtype)
-            for row in range(start, stop):
-                self._spread(cells[row], operand, row, image, scratch)
+            for group in groups[start:stop]:
+                self._spread(cells[group], operand, group, image, scratch)
             return image
 
-        # threads over row phases, each with an image of its own: BLAS's threads on top would only queue
+        # threads over groups of rows, each with an image of its own: BLAS's threads on top would only queue
         with one_blas_thread():
-            for image in for_each_chunk(work, len(operand), self.workers, parts_per_worker=1):
+            for image in for_each_chunk(work, len(groups), self.workers, parts_per_worker=1):
                 total += self.grid.unpack(image, before=_centre(operand))
         return total
 
@@ -122,15 +132,16 @@ class Direct:
     def cells_of(self, operand: NDArray[Any], image: NDArray[Any]) -> NDArray[Any]:
         """Return the patterns' products with ``image``, ``(rows, lattice cells, columns)``: transpose of `image_of`."""
         packed = self.grid.pack(image, self.dtype, before=_centre(operand), after=_centre(operand))
-        cells = np.empty((len(operand), self.grid.cells[0] * self.grid.cells[1], operand.shape[1]), self.dtype)
+        cells = np.zeros((len(operand), self.grid.cells[0] * self.grid.cells[1], operand.shape[1]), self.dtype)
+        groups = self._groups(operand)
 
         def work(start: int, stop: int) -> None:
             scratch = _Scratch(self.dtype)
-            for row in range(start, stop):
-                self._collect(packed, operand, row, cells[row], scratch)
+            for group in groups[start:stop]:
+                self._collect(packed, operand, group, cells[group], scratch)
 
         with one_blas_thread():
-            for_each_chunk(work, len(operand), self.workers)
+            for_each_chunk(work, len(groups), self.workers)
         return cells
 
     # -- steps -----------------------------------------------------------------------------------------
@@ -143,62 +154,72 @@ class Direct:
         (ny, nx), (cells_y, cells_x), (nt, ns) = self.grid.period, self.grid.cells, operand.shape[2:]
         return np.zeros((cells_y * ny + nt - 1, cells_x * nx + ns - 1), self.dtype)
 
+    def _groups(self, operand: NDArray[Any]) -> list[slice]:
+        """Return runs of rows of sources that share windows."""
+        step = rows_together(len(operand), operand.shape[1], self.workers)
+        return [slice(k, min(k + step, len(operand))) for k in range(0, len(operand), step)]
+
     def _spread(
-        self, sources: NDArray[Any], operand: NDArray[Any], row: int, image: NDArray[Any], scratch: _Scratch
+        self, sources: NDArray[Any], operand: NDArray[Any], group: slice, image: NDArray[Any], scratch: _Scratch
     ) -> None:
-        """Add the patterns of a row of sources, weighted by ``sources`` (cells, columns), to the padded ``image``."""
-        (ny, nx), cells_x, y = self.grid.period, self.grid.cells[1], int(self.sources[0][row])
-        for rows, band in self._bands(operand, row, scratch):
-            for first, stop in self._blocks(len(sources), band.shape[1:]):
-                windows = scratch.array("windows", (stop - first, *band.shape[1:]))
-                np.matmul(sources[first:stop], band.reshape(len(band), -1), out=windows.reshape(stop - first, -1))
+        """Add the patterns of some rows, weighted by ``sources`` (rows, cells, columns), to the padded ``image``."""
+        (ny, nx), cells_x, y = self.grid.period, self.grid.cells[1], int(self.sources[0][group.start])
+        for rows, own, band in self._bands(operand, group, scratch):
+            window = band.shape[-2:]
+            flat = band.reshape(-1, math.prod(window))
+            for first, stop in self._blocks(sources.shape[1], window):
+                windows = scratch.array("windows", (stop - first, *window))
+                left = sources[own, first:stop].swapaxes(0, 1).reshape(stop - first, -1)
+                np.matmul(left, flat, out=windows.reshape(stop - first, -1))
                 # windows of neighbouring cells overlap: a pattern is wider than the period
                 overlap_add(windows, image, Tiling(y + rows.start, cells_x, ny, nx), first)
 
     def _collect(
-        self, packed: NDArray[Any], operand: NDArray[Any], row: int, cells: NDArray[Any], scratch: _Scratch
+        self, packed: NDArray[Any], operand: NDArray[Any], group: slice, cells: NDArray[Any], scratch: _Scratch
     ) -> None:
-        """Write the patterns' products with the padded image into ``cells``: the transpose of `_spread`."""
-        (ny, nx), cells_x, y = self.grid.period, self.grid.cells[1], int(self.sources[0][row])
-        cells[:] = 0
-        for rows, band in self._bands(operand, row, scratch):
-            for first, stop in self._blocks(len(cells), band.shape[1:]):
-                windows = scratch.array("windows", (stop - first, *band.shape[1:]))
+        """Add the patterns' products with the padded image to ``cells``: the transpose of `_spread`."""
+        (ny, nx), cells_x, y = self.grid.period, self.grid.cells[1], int(self.sources[0][group.start])
+        for rows, own, band in self._bands(operand, group, scratch):
+            window = band.shape[-2:]
+            flat = band.reshape(-1, math.prod(window)).T
+            for first, stop in self._blocks(cells.shape[1], window):
+                windows = scratch.array("windows", (stop - first, *window))
                 gather_windows(windows, packed, Tiling(y + rows.start, cells_x, ny, nx), first)
-                cells[first:stop] += windows.reshape(stop - first, -1) @ band.reshape(len(band), -1).T
+                product = windows.reshape(stop - first, -1) @ flat
+                cells[own, first:stop] += product.reshape(stop - first, len(band), -1).swapaxes(0, 1)
 
-    def _bands(self, operand: NDArray[Any], row: int, scratch: _Scratch) -> Iterator[tuple[slice, NDArray[Any]]]:
-        """Yield runs of pattern rows and the banded matrix ``(columns, rows, nx + ns - 1)`` of each.
+    def _bands(
+        self, operand: NDArray[Any], group: slice, scratch: _Scratch
+    ) -> Iterator[tuple[slice, slice, NDArray[Any]]]:
+        """Yield runs of window rows, the group's rows that reach there, and their banded matrix.
 
-        Pattern ``x`` lies ``x`` columns to the right: seen through a view whose rows are one longer, that is a
-        plain copy.
+        That is ``(rows of sources, columns of sources, window rows, nx + ns - 1)``: pattern ``x`` lies ``x`` columns
+        to the right, and those of later rows of sources lower down.
         """
-        nx, (nt, ns) = self.grid.period[1], operand.shape[2:]
-        width = nx + ns - 1
+        at_y, at_x = self.sources
+        nt, ns = operand.shape[2:]
+        width, down = self.grid.period[1] + ns - 1, at_y[group] - at_y[group.start]
+        height = nt + int(down[-1])
         step = rows_at_once(nt, width, self.dtype.itemsize)
-        for rows in self._row_runs(nt, int(self.sources[0][row]), step):
+        for rows in self._row_runs(height, int(at_y[group.start]) - (nt - 1) // 2, step):
             count = rows.stop - rows.start
-            # What lies beside the patterns is never written, so the zeros of the first use last.
-            if self.nodes is not None:
-                moved = scratch.array(f"band of {count} rows", (len(self.sources[1]), count, width))
-                for k, x in enumerate(self.sources[1].tolist()):
-                    moved[k, :, x : x + ns] = operand[row, k, rows]
-                yield rows, moved
-                continue
-            band = scratch.array(f"band of {count} rows", (nx * count * width + nx,))
-            item = self.dtype.itemsize
-            strides = ((count * width + 1) * item, width * item, item)
-            np.lib.stride_tricks.as_strided(band, (nx, count, ns), strides)[...] = operand[row, :, rows]
-            yield rows, band[: nx * count * width].reshape(nx, count, width)
+            own = slice(
+                int(np.searchsorted(down, rows.start - nt, side="right")), int(np.searchsorted(down, rows.stop))
+            )
+            patterns = operand[group][own]
+            # what lies beside the patterns is never written, so the zeros of the first use last
+            band = scratch.array(f"band of {count} rows", (len(patterns), len(at_x), count, width))
+            lay_patterns(patterns, down[own] - rows.start, at_x, band)
+            yield rows, own, band
 
-    def _row_runs(self, nt: int, y: int, step: int) -> Iterator[slice]:
-        """Yield runs of at most ``step`` pattern rows that fall onto selected image phases."""
+    def _row_runs(self, height: int, first: int, step: int) -> Iterator[slice]:
+        """Yield runs of at most ``step`` window rows that fall onto selected image phases, row 0 onto ``first``."""
         if self.phases is None:
-            yield from (slice(t, min(t + step, nt)) for t in range(0, nt, step))
+            yield from (slice(t, min(t + step, height)) for t in range(0, height, step))
             return
         ny = self.grid.period[0]
         used = np.asarray(self.phases.any(axis=1))
-        wanted = used[(y + np.arange(nt) - (nt - 1) // 2) % ny]
+        wanted = used[(first + np.arange(height)) % ny]
         # ends of the runs of wanted rows, with a row that is not wanted on either side
         edges = np.flatnonzero(np.diff(np.concatenate(([0], wanted.astype(np.int8), [0]))))
         for start, stop in edges.reshape(-1, 2):

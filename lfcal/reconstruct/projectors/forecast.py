@@ -12,7 +12,7 @@ import numpy as np
 
 from lfcal.errors import InputError
 from lfcal.reconstruct.projectors import rates
-from lfcal.reconstruct.projectors.direct import cells_at_once, rows_at_once
+from lfcal.reconstruct.projectors.direct import cells_at_once, rows_at_once, rows_together
 from lfcal.reconstruct.projectors.engine import Cost
 from lfcal.reconstruct.projectors.grid import Grid
 from lfcal.reconstruct.projectors.nodes import Nodes
@@ -212,12 +212,16 @@ def _direct_seconds(problem: Problem, sources: tuple[int, int]) -> tuple[float, 
     rows = rows_at_once(nt, width, problem.dtype.itemsize)
     block = min(cells, cells_at_once(rows, width, problem.dtype.itemsize))
     share = problem.pixels / grid.phases
-    runs = down * nt / rows * cells / block * share
+    together = rows_together(down, across, workers)
+    height = nt + (together - 1) * grid.period[0] / down  # of the windows that rows of sources share
+    runs = down / together * height / rows * cells / block * share
     add, gather = rates.window_seconds(rows, width, dtype, workers)
     values = block * rows * width
-    ahead = rates.gemm_seconds(block, across, rows * width, dtype, workers)
-    back = rates.gemm_seconds(block, rows * width, across, dtype, workers, turned=True)
-    bands = down * across * nt * (width + ns) / rates.copy_rate(dtype, workers) / 2
+    # those that reach a few rows of a window
+    reaching = round(across * max(1.0, together * (nt + rows) / (height + rows)))
+    ahead = rates.gemm_seconds(block, reaching, rows * width, dtype, workers)
+    back = rates.gemm_seconds(block, rows * width, reaching, dtype, workers, turned=True)
+    bands = down * across * nt * 2 * ns / rates.copy_rate(dtype, workers) / 2
     return runs * (ahead + add * values) + bands, runs * (back + gather * values) + bands
 
 

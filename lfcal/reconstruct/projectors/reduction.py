@@ -24,7 +24,7 @@ Array = NDArray[Any]
 SPACINGS = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 11.0)
 """Distances of nodes (positions) that are tried."""
 
-NODE_WORK, ENTRY_WORK = 1.5, 2.3
+NODE_WORK, ENTRY_WORK = 1.2, 2.0
 """Work on a node's pattern and on a single entry beside those of a plane that is projected whole (measured)."""
 
 
