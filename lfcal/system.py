@@ -14,8 +14,10 @@ from lfcal.errors import StorageError
 
 __all__ = [
     "OPEN_FLAGS",
+    "free_memory",
     "is_alive",
     "lock",
+    "memory_in_use",
     "processors",
     "read_at",
     "replace",
@@ -193,23 +195,28 @@ def processors(root: Path = Path("/")) -> int:
 def _quota(root: Path) -> float:
     """Return the processors that the control groups of this process allow, infinite without a limit.
 
-    Version 2 says it in ``cpu.max``, version 1 in ``cpu.cfs_quota_us``; a group above may allow less than its own.
+    Version 2 says it in ``cpu.max``, version 1 in ``cpu.cfs_quota_us``.
     """
-    found = [math.inf]
+    return min(map(_limit, _groups(root, "cpu")), default=math.inf)
+
+
+def _groups(root: Path, controller: str) -> list[Path]:
+    """Return the folders of the control groups that this process is in: a group above may allow less than its own."""
+    found: list[Path] = []
     for line in _read(root / "proc" / "self" / "cgroup").splitlines():
         number, _, rest = line.partition(":")
         controllers, _, place = rest.partition(":")
         if number == "0":
             bases = [root / "sys" / "fs" / "cgroup"]
-        elif "cpu" in controllers.split(","):
-            bases = [root / "sys" / "fs" / "cgroup" / name for name in (controllers, "cpu")]
+        elif controller in controllers.split(","):
+            bases = [root / "sys" / "fs" / "cgroup" / name for name in (controllers, controller)]
         else:
             continue
         for base in bases:
             group = base / place.strip("/")
             # inside a container the path may be that of the machine: the group at the base is then its own
-            found += [_limit(g) for g in (group, *group.parents) if g == base or base in g.parents]
-    return min(found)
+            found += [g for g in (group, *group.parents) if g == base or base in g.parents]
+    return found
 
 
 def _limit(group: Path) -> float:
@@ -228,3 +235,49 @@ def _read(path: Path) -> str:
         return path.read_text(encoding="ascii").strip()
     except (OSError, ValueError):
         return ""
+
+
+def free_memory(root: Path = Path("/")) -> int:
+    """Return the bytes of memory that programs may take now, by the machine and by a container's limit.
+
+    ``root`` holds ``proc`` and ``sys``. Where the system does not tell what is free, half of the memory counts.
+    """
+    free = [_kilobytes(root / "proc" / "meminfo", "MemAvailable") or _half_of_memory()]
+    for group in _groups(root, "memory"):
+        for limit, used in (("memory.max", "memory.current"), ("memory.limit_in_bytes", "memory.usage_in_bytes")):
+            with suppress(ValueError):  # "max", or no such file
+                # what a group has read from files is given back when it is asked for
+                given_back = _words(group / "memory.stat").get("inactive_file", 0)
+                free.append(int(_read(group / limit)) - int(_read(group / used)) + given_back)
+    return max(0, min(free))
+
+
+def memory_in_use(root: Path = Path("/")) -> int:
+    """Return the bytes of memory this process holds now, 0 where the system does not tell."""
+    return _kilobytes(root / "proc" / "self" / "status", "VmRSS")
+
+
+def _half_of_memory() -> int:
+    """Return half the bytes of memory this machine has; 4 GB where that is not told."""
+    if sys.platform == "win32":
+        import ctypes
+
+        # GlobalMemoryStatusEx fills eight 64-bit fields, of which the first holds two of 32 bits.
+        status = (ctypes.c_ulonglong * 8)(64)  # MEMORYSTATUSEX: its length, then the sizes
+        ctypes.windll.kernel32.GlobalMemoryStatusEx(ctypes.byref(status))
+        return int(status[2])  # what is free
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 2
+    except (AttributeError, ValueError, OSError):
+        return 4 << 30
+
+
+def _kilobytes(path: Path, name: str) -> int:
+    """Return the bytes of a line ``name: 123 kB`` of a file; 0 where there is none."""
+    return 1024 * _words(path).get(f"{name}:", 0)
+
+
+def _words(path: Path) -> dict[str, int]:
+    """Return the lines of a file that are a name and a number, by name."""
+    lines = (line.split() for line in _read(path).splitlines())
+    return {words[0]: int(words[1]) for words in lines if len(words) > 1 and words[1].isdigit()}

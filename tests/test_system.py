@@ -17,8 +17,10 @@ from lfcal import system
 from lfcal.errors import StorageError
 from lfcal.files import replace_whole
 from lfcal.system import (
+    free_memory,
     is_alive,
     lock,
+    memory_in_use,
     processors,
     read_at,
     replace,
@@ -249,3 +251,46 @@ def test_processors_where_affinity_is_unknown(tmp_path: Path, monkeypatch: pytes
     assert processors(tmp_path) == 5
     monkeypatch.setattr(os, "cpu_count", lambda: None)
     assert processors(tmp_path) == 1
+
+
+@pytest.mark.parametrize(
+    ("groups", "files", "expected"),
+    [
+        ("0::/", {}, 6_000),
+        ("0::/", {"memory.max": "max", "memory.current": "1024"}, 6_000),
+        ("0::/", {"memory.max": "4096000", "memory.current": "1024000"}, 3_000),
+        ("0::/", {"memory.max": "1024", "memory.current": "2048"}, 0),
+        (
+            "0::/",
+            {"memory.max": "4096000", "memory.current": "3072000", "memory.stat": "anon 5\ninactive_file 2048000"},
+            3_000,
+        ),
+        ("0::/a/b", {"a/memory.max": "2048000", "a/memory.current": "1024000"}, 1_000),
+        (
+            "6:memory:/d",
+            {"memory/d/memory.limit_in_bytes": "2048000", "memory/d/memory.usage_in_bytes": "0"},
+            2_000,
+        ),
+        ("6:cpu:/d", {"memory/d/memory.limit_in_bytes": "2048000", "memory/d/memory.usage_in_bytes": "0"}, 6_000),
+    ],
+)
+def test_memory_that_is_free(tmp_path: Path, groups: str, files: dict[str, str], expected: int) -> None:
+    (tmp_path / "proc" / "self").mkdir(parents=True)
+    (tmp_path / "proc" / "self" / "cgroup").write_text(groups + "\n")
+    (tmp_path / "proc" / "meminfo").write_text("MemTotal: 9000 kB\nMemAvailable:    6000 kB\n")
+    for name, text in files.items():
+        path = tmp_path / "sys" / "fs" / "cgroup" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text + "\n")
+    assert free_memory(tmp_path) == expected * 1024
+
+
+def test_memory_where_the_system_does_not_tell(tmp_path: Path) -> None:
+    assert free_memory(tmp_path) > 1 << 20
+    assert memory_in_use(tmp_path) == 0
+
+
+def test_memory_in_use_grows_with_what_is_held() -> None:
+    before = memory_in_use()
+    held = bytearray(b"x" * (64 << 20))
+    assert memory_in_use() == 0 or memory_in_use() > before + len(held) // 2

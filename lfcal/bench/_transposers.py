@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import io
-import os
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from statistics import median
 from typing import Any
 
@@ -21,7 +19,6 @@ from lfcal.threads import for_each_chunk
 
 __all__ = [
     "Scaled",
-    "available_bytes",
     "check_transposed",
     "copy_parallel",
     "interleaved",
@@ -38,16 +35,6 @@ class Scaled:
 
     seconds: float
     share: float = 1.0
-
-
-def available_bytes() -> int:
-    """Return the memory that can be taken now without swapping, as far as the system says."""
-    with contextlib.suppress(OSError, StopIteration, ValueError):
-        lines = Path("/proc/meminfo").read_text().splitlines()
-        return 1024 * int(next(line for line in lines if line.startswith("MemAvailable")).split()[1])
-    if hasattr(os, "sysconf"):
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 2
-    return 4 << 30
 
 
 def random_matrix(shape: tuple[int, ...]) -> NDArray[np.float32]:

@@ -242,11 +242,11 @@ def command(
 
     Example: `lfcal bench transpose --quick --sizes 111/11,187/31`
     """
-    from lfcal.bench._transposers import available_bytes
     from lfcal.cli.console import print_json, run_work
+    from lfcal.system import free_memory
 
     # Not all of the free memory: a machine that swaps would time its disk.
-    limit = int(memory * 1e9) if memory is not None else int(0.6 * available_bytes())
+    limit = int(memory * 1e9) if memory is not None else int(0.6 * free_memory())
     settings = (
         Settings(planes, min(limit, 1_500_000_000), workers, 3, 0.3, 1)
         if quick

@@ -91,7 +91,7 @@ def command(
     ),
     double: bool = typer.Option(False, "--double", help="Compute in double precision."),
     memory: float | None = typer.Option(
-        None, "--memory", help="Most memory for projections (GB); half of what is free."
+        None, "--memory", help="Most memory of the reconstruction (GB); most of what is free by default."
     ),
     workers: WorkersOption = None,
     executor: ExecutorOption = "",
@@ -110,6 +110,7 @@ def command(
     from lfcal.cli.reconstruct_units import Settings
     from lfcal.psf import open_psf
     from lfcal.psf.voxels import voxel_um
+    from lfcal.reconstruct.memory import room_for_projections
     from lfcal.reconstruct.projectors.projector import Projector
     from lfcal.reconstruct.solvers.choice import SolverChoice
 
@@ -126,19 +127,22 @@ def command(
         view = view_of(H, white, lattice) if resample else None
         check_grid(H, task.shape, resample=resample)
         at = anchor_of(anchor, view, H)
+        shape = task.shape if view is None else view.shape
+        most = None if memory is None else int(memory * 1e9)
+        room = partial(room_for_projections, (len(H), *shape), choice, 8 if double else 4, memory=most, warm=warm)
         P = Projector(
             H,
-            task.shape if view is None else view.shape,
+            shape,
             at,
             method,
             dtype="float64" if double else "float32",
             threshold=threshold,
             tolerance=within,
-            memory_limit=None if memory is None else int(memory * 1e9),
+            memory_limit=room(),
             workers=workers,
         )
         if forecast or out is None:
-            _show_forecast(P, choice, len(task.frames), json)
+            _show_forecast(P, task, json)
             return
         shared = Settings(psf, dark, white, lattice, resample, anchor, method, double, threshold, within)
         seconds = P.forecast().chosen.prepare_s + len(task.frames) * choice.iterations * P.forecast().chosen.pair_s
@@ -146,14 +150,14 @@ def command(
             out, executor, scheduler, workers, resume=resume, force=force, seconds=seconds, units="frame by frame"
         )
         grid = grid_of(voxel, H, P.image_shape, at)
-        shape = P.volume_shape if grid is None else (len(H), *grid.shape)
+        volume = P.volume_shape if grid is None else (len(H), *grid.shape)
         sides = voxel_um(H) if grid is None else (grid.voxel_um, grid.voxel_um)
         with _saving(P, sides, targets, {"psf": psf.name, **task.details(P)}, grid) as save:
             if run is None:
                 results = _solve(task, P, cleaner(dark, white, view), view, save)
             else:
-                results = _solve_in_units(task, P, shared, out, run, save)
-    _show_results(P, shape, results, targets, json)
+                results = _solve_in_units(task, P, shared, out, run, save, room)
+    _show_results(P, volume, results, targets, json)
 
 
 @dataclass(frozen=True)
@@ -191,6 +195,7 @@ class _Task:
 def _solve(task: _Task, P: Projector, clean: Cleaner, view: Resampling | None, save: Save) -> tuple[FrameResult, ...]:
     """Reconstruct and save frame by frame; one volume is in memory at a time."""
     from lfcal.cli.console import report, run_work
+    from lfcal.reconstruct.memory import run_memory
     from lfcal.reconstruct.series import iter_series
 
     weights = None if view is None else view.inside(task.shape)
@@ -202,15 +207,19 @@ def _solve(task: _Task, P: Projector, clean: Cleaner, view: Resampling | None, s
     work = iter_series(P, frames, len(frames), task.choice, take, weights=weights, warm=task.warm)
     # The forecast goes to standard error, before the wait that it is about.
     if not task.quiet:
-        report(str(P.forecast()))
-    run_work(P.iter_prepare(), quiet=task.quiet)
+        report(f"{P.forecast()}; memory {run_memory(P, task.choice, warm=task.warm)}")
+    if not task.choice.solver.in_parts:
+        run_work(P.iter_prepare(), quiet=task.quiet)
     return run_work(work, quiet=task.quiet)
 
 
 def _solve_in_units(
-    task: _Task, P: Projector, shared: Settings, out: Path, run: RunChoice, save: Save
+    task: _Task, P: Projector, shared: Settings, out: Path, run: RunChoice, save: Save, room: Callable[..., int]
 ) -> tuple[FrameResult, ...]:
-    """Reconstruct frame by frame, each volume in a file that stays until all are there; then save them."""
+    """Reconstruct frame by frame, each volume in a file that stays until all are there; then save them.
+
+    ``room`` gives what projections may take where processes ``share`` the memory.
+    """
     from lfcal.cli.reconstruct_units import frame_units, iter_collect
     from lfcal.errors import InputError
     from lfcal.threads import worker_count
@@ -220,7 +229,7 @@ def _solve_in_units(
         raise InputError.expected("--warm", "--executor threads", run.executor, "each frame needs the one before it")
     # each process has an H of its own
     share = 1 if run.executor == "threads" else worker_count(run.workers)
-    hints = {"projection": P.method, "memory": P.memory_limit // share}
+    hints = {"projection": P.method, "memory": room(share=share)}
     units = frame_units(task.frames, shared, task.choice, out, hints, warm=task.warm)
     results: list[FrameResult] = []
     names = [frame.name for frame in task.frames]
@@ -313,14 +322,17 @@ def _cleaned(frame: FrameFile, clean: Cleaner) -> NDArray[Any]:
     return clean(frame.read())
 
 
-def _show_forecast(P: Any, choice: Any, frames: int, json: bool) -> None:
+def _show_forecast(P: Projector, task: _Task, json: bool) -> None:
     from lfcal.cli.console import print_json, print_table
+    from lfcal.reconstruct.memory import run_memory
     from lfcal.units import format_bytes, format_seconds
 
-    found = P.forecast()
-    total = found.chosen.prepare_s + frames * choice.iterations * found.chosen.pair_s
+    found, frames, iterations = P.forecast(), len(task.frames), task.choice.iterations
+    memory = run_memory(P, task.choice, warm=task.warm)
+    total = found.chosen.prepare_s + frames * iterations * found.chosen.pair_s
     if json:
-        print_json({"forecast": found.chosen, "options": found.options, "seconds": total})
+        known = {"memory": memory, "memory_bytes": memory.total, "seconds": total}
+        print_json({"forecast": found.chosen, "options": found.options, **known})
         return
     rows = [
         [
@@ -334,7 +346,8 @@ def _show_forecast(P: Any, choice: Any, frames: int, json: bool) -> None:
         for c in found.options
     ]
     print_table(["method", "set-up", "forward", "adjoint", "memory", "kept"], rows, title=f"{P.volume_shape} volume")
-    typer.echo(f"{frames} frames, {choice.iterations} iterations: about {format_seconds(total)}")
+    typer.echo(f"{frames} frames, {iterations} iterations: about {format_seconds(total)}")
+    typer.echo(f"memory {memory}")
 
 
 def _show(result: Any, target: Path, shape: tuple[int, ...]) -> None:

@@ -105,8 +105,9 @@ def do_frame(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None
     settings = Settings.of(arguments["settings"])
     tool = _tool_for(settings, image.shape, arguments["projection"], arguments["memory"], workers)
     initial = load_volume(arguments["initial"]) if arguments["initial"] else None
-    yield from tool.projector.iter_prepare()
     choice = SolverChoice(**arguments["choice"])
+    if not choice.solver.in_parts:
+        yield from tool.projector.iter_prepare()
     weights = None if tool.view is None else tool.view.inside(image.shape)
     result = yield from iter_reconstruct(tool.projector, tool.clean(image), choice, weights=weights, initial=initial)
     last = result.history[-1]

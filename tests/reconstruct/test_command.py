@@ -109,7 +109,10 @@ def test_a_series_to_hdf5_as_json(files, run, tmp_path):
 def test_forecast_and_list_of_solvers_write_nothing(files, run):
     folder = files[0]
     code, out, _ = run(folder / "H.h5", folder / "frames" / "t0.tif", "--forecast")
-    assert code == 0 and "polyphase" in out and "iterations" in out
+    assert code == 0 and "polyphase" in out and "iterations" in out and "solver" in out.splitlines()[-1]
+    code, out, _ = run(folder / "H.h5", folder / "frames" / "t0.tif", "--forecast", "--json")
+    told = json.loads(out)
+    assert told["memory_bytes"] == sum(told["memory"].values()) > told["memory"]["solver"] > 0
     code, out, _ = run(folder / "H.h5", "--solver", "list")
     assert code == 0 and "Stefanoiu" in out
 
@@ -127,7 +130,8 @@ def test_forecast_and_list_of_solvers_write_nothing(files, run):
         (["--batch", "frames", "-o", "v", "--solver", "cg", "--warm"], "warm start"),
         (["frames/t0.tif", "-o", "v.tif", "--anchor", "left"], "--anchor"),
         (["frames/t0.tif", "-o", "v.tif", "--resample"], "--resample"),
-        (["frames/t0.tif", "-o", "v.tif", "--memory", "0.000001"], "memory limit"),
+        (["frames/t0.tif", "-o", "v.tif", "--memory", "0.000001"], "memory of the reconstruction"),
+        (["frames/t0.tif", "-o", "v.tif", "--memory", "0.00008"], "memory limit"),
     ],
 )
 def test_bad_input_is_one_line_and_code_2(files, run, monkeypatch, arguments, message):

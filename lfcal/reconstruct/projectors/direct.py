@@ -19,7 +19,7 @@ from lfcal.reconstruct.projectors.nodes import Nodes
 from lfcal.reconstruct.projectors.planes import trim
 from lfcal.threads import for_each_chunk, one_blas_thread, worker_count
 
-__all__ = ["Direct"]
+__all__ = ["WINDOW_BYTES", "Direct", "cells_at_once", "rows_at_once", "rows_together"]
 
 WINDOW_BYTES = 1 << 21
 """Size of the window buffer of a product: about the second-level cache."""
@@ -67,6 +67,7 @@ class Direct:
     """
 
     name = "direct"
+    any_phases = True
 
     def __init__(
         self,

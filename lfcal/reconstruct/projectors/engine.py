@@ -24,7 +24,9 @@ class Cost:
     operand_bytes
         What the prepared planes take together.
     scratch_bytes
-        Working memory of one projection, one plane of H included.
+        Working memory of one projection, beside its result.
+    prepare_bytes
+        Working memory while a plane of H is read and prepared, beside the operand.
     resident
         Whether all prepared planes are kept; else they are prepared anew in every projection, and the
         seconds say so.
@@ -36,6 +38,7 @@ class Cost:
     adjoint_s: float
     operand_bytes: int
     scratch_bytes: int
+    prepare_bytes: int
     resident: bool = True
 
     @property
@@ -45,8 +48,10 @@ class Cost:
 
     @property
     def memory_bytes(self) -> int:
-        """Bytes in use during a projection."""
-        return self.scratch_bytes + (self.operand_bytes if self.resident else 0)
+        """Most bytes in use, arrays of the caller's aside."""
+        if self.resident:
+            return self.operand_bytes + max(self.scratch_bytes, self.prepare_bytes)
+        return self.scratch_bytes + self.prepare_bytes
 
 
 class Engine(Protocol):
@@ -56,6 +61,8 @@ class Engine(Protocol):
     """
 
     name: str
+    any_phases: bool
+    """Whether operands are the same whatever image phases are in use."""
     rounding: float
     """Error of a projected value relative to the largest one; values below are rounding."""
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from lfcal.errors import InputError
 from lfcal.reconstruct.projectors import rates
-from lfcal.reconstruct.projectors.direct import cells_at_once, rows_at_once, rows_together
+from lfcal.reconstruct.projectors.direct import WINDOW_BYTES, cells_at_once, rows_at_once, rows_together
 from lfcal.reconstruct.projectors.engine import Cost
 from lfcal.reconstruct.projectors.grid import Grid
 from lfcal.reconstruct.projectors.nodes import Nodes
@@ -181,8 +181,9 @@ def _resident(cost: Cost, problem: Problem, limit: int) -> Cost:
         cost.forward_s + cost.prepare_s,
         cost.adjoint_s + cost.prepare_s,
         cost.operand_bytes,
+        cost.scratch_bytes,
         # not all planes but two are held at a time
-        cost.scratch_bytes + 2 * cost.operand_bytes // problem.planes,
+        cost.prepare_bytes + 2 * cost.operand_bytes // problem.planes,
         False,
     )
 
@@ -194,14 +195,26 @@ def _fft(problem: Problem) -> Cost:
     copies = 2 * rows * columns / rates.copy_rate(problem.dtype.str, 1)
     pair = problem.planes * grid.phases * (2 * one + copies)
     scratch = 8 * rows * columns * problem.dtype.itemsize
-    return Cost("fft", problem.planes * problem.read_s, pair, pair, problem.planes * problem.plane_bytes, scratch)
+    operand, once = problem.planes * problem.plane_bytes, problem.plane_bytes
+    return Cost("fft", problem.planes * problem.read_s, pair, pair, operand, scratch, once)
 
 
 def _direct(problem: Problem) -> Cost:
     forward, adjoint = _direct_seconds(problem, problem.grid.period)
-    scratch = 4 * problem.image_bytes + problem.workers * (2 * problem.image_bytes + (8 << 20))
-    each, planes = problem.planes * problem.read_s, problem.planes
-    return Cost("direct", each, planes * forward, planes * adjoint, planes * problem.plane_bytes, scratch)
+    each, planes, once = problem.planes * problem.read_s, problem.planes, problem.plane_bytes
+    scratch = _direct_scratch(problem, problem.grid, problem.grid.period)
+    return Cost("direct", each, planes * forward, planes * adjoint, planes * once, scratch, once)
+
+
+def _direct_scratch(problem: Problem, grid: Grid, sources: tuple[int, int]) -> int:
+    """Return the working memory of a projection with patterns at ``sources`` (rows, columns) of a period."""
+    (ny, nx), (nt, ns), item = grid.period, grid.cutout, problem.dtype.itemsize
+    height, width = grid.cells[0] * ny, grid.cells[1] * nx
+    together = rows_together(*sources, problem.workers)
+    band = together * sources[1] * rows_at_once(nt, nx + ns - 1, item) * (nx + ns - 1) * item
+    # each worker has an image of its own, and makes windows and bands of two sizes
+    own = (height + nt - 1) * (width + ns - 1) * item + 2 * WINDOW_BYTES + 2 * band
+    return 3 * height * width * item + problem.workers * own
 
 
 def _direct_seconds(problem: Problem, sources: tuple[int, int]) -> tuple[float, float]:
@@ -235,8 +248,12 @@ def _reduced(problem: Problem) -> Cost:
     share = nodes[0] * nodes[1] / problem.grid.phases
     operand = int(planes * (share * once + kept * entries * 2 * (4 + problem.dtype.itemsize)))
     prepare = problem.read_s + entries * (8e-9 / problem.workers + 3e-9 + kept * 35e-9)
-    scratch = 2 * once + 8 * problem.image_bytes + problem.workers * (2 * problem.image_bytes + (8 << 20))
-    return Cost(REDUCED, planes * prepare, planes * (forward + beside), planes * (back + beside), operand, scratch)
+    (ny, nx), (height, width) = problem.grid.period, problem.grid.image_shape
+    wide = replace(problem.grid, image_shape=(height + ny, width + nx))
+    scratch = max(_direct_scratch(problem, wide, nodes) + problem.image_bytes, _sparse_scratch(problem))
+    back, forward = planes * (back + beside), planes * (forward + beside)
+    # beside the plane what it leaves over
+    return Cost(REDUCED, planes * prepare, forward, back, operand, scratch, 2 * once)
 
 
 def _sparse(problem: Problem) -> Cost:
@@ -245,8 +262,16 @@ def _sparse(problem: Problem) -> Cost:
     once = problem.planes * _sparse_seconds(problem, problem.density)
     sorting = grid.phases * grid.cutout[0] * grid.cutout[1] * (3e-9 + problem.density * 35e-9)
     operand = int(problem.planes * entries * 2 * (4 + problem.dtype.itemsize))
-    scratch = problem.plane_bytes + 8 * problem.image_bytes
-    return Cost("sparse", problem.planes * (problem.read_s + sorting), once, once, operand, scratch)
+    prepare = problem.planes * (problem.read_s + sorting)
+    return Cost("sparse", prepare, once, once, operand, _sparse_scratch(problem), problem.plane_bytes)
+
+
+def _sparse_scratch(problem: Problem) -> int:
+    """Return the working memory of a projection: values by phase with margins, sums, and both sides packed."""
+    grid = problem.grid
+    (ny, nx), (cells_y, cells_x), (ry, rx) = grid.period, grid.cells, grid.reach
+    block = (cells_y + 2 * ry) * (cells_x + rx) + 2 * rx
+    return (block * grid.phases + 3 * cells_y * ny * cells_x * nx) * problem.dtype.itemsize
 
 
 def _sparse_seconds(problem: Problem, density: float) -> float:
@@ -286,9 +311,13 @@ def _polyphase(problem: Problem, limit: int) -> list[Option]:
         prepare += 8 * spectra * (2 * grid.reach[0] + 1) / flops_s
         whole = plan.scratch_bytes(complex_type.itemsize)
         band = max(1, min(counts[0], int(counts[0] * 0.25 * limit / max(1, whole))))
-        scratch = whole * band // counts[0] + problem.plane_bytes + 6 * problem.image_bytes
+        # bands are cut from the whole lattice, packed, and put together on it
+        scratch = whole * band // counts[0] + (0 if band == counts[0] else 2 * problem.image_bytes)
         operand = problem.planes * plan.spectrum_bytes(complex_type.itemsize, problem.pixels)
-        cost = Cost("polyphase", problem.planes * prepare, forward, adjoint, operand, scratch)
+        taps_bytes = taps * grid.phases * problem.pixels // max(1, grid.phases // 64) * complex_type.itemsize
+        cost = Cost(
+            "polyphase", problem.planes * prepare, forward, adjoint, operand, scratch, problem.plane_bytes + taps_bytes
+        )
         options.append((_resident(cost, problem, limit), plan, band))
     return options
 

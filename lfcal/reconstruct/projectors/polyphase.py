@@ -43,6 +43,7 @@ class Polyphase:
     """
 
     name = "polyphase"
+    any_phases = False
 
     def __init__(
         self,

@@ -22,6 +22,7 @@ class PositionFFT:
     """
 
     name = "fft"
+    any_phases = True
 
     def __init__(
         self, grid: Grid, dtype: np.dtype[Any], workers: int | None = None, phases: NDArray[np.bool_] | None = None

@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,6 +29,7 @@ from lfcal.reconstruct.projectors.position_fft import PositionFFT
 from lfcal.reconstruct.projectors.reduced import Reduced
 from lfcal.reconstruct.projectors.reduction import SPACINGS
 from lfcal.reconstruct.projectors.sparse import Sparse
+from lfcal.system import free_memory
 from lfcal.threads import worker_count
 
 __all__ = ["Projector"]
@@ -106,11 +106,12 @@ class Projector:
         self._phases = None if phases is None else _phase_mask(phases, (ny, nx))
         self._workers = worker_count(workers)
         self._requested = method
-        self._limit = _free_memory() // 2 if memory_limit is None else int(memory_limit)
+        self._limit = free_memory() // 2 if memory_limit is None else int(memory_limit)
         self._forecast = forecast(self._problem(method), method, self._limit)
         self._engine = self._build()
         self._operands: dict[int, Any] = {}
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
+        self._subsets: dict[bytes, Projector] = {}
 
     # -- what it is ------------------------------------------------------------------------------------
     @property
@@ -193,19 +194,26 @@ class Projector:
         return out
 
     def subset(self, phases: ArrayLike) -> Projector:
-        """Return the projector of the image phases in the mask ``phases`` ``(ny, nx)`` alone, same method."""
-        return Projector(
-            self._reader.H,
-            self.image_shape,
-            self._grid.anchor,
-            self.method,
-            dtype=self.dtype,
-            threshold=self._reader.threshold,
-            tolerance=self._tolerance,
-            memory_limit=self._limit,
-            workers=self._workers,
-            phases=phases,
-        )
+        """Return the projector of the image phases in the mask ``phases`` ``(ny, nx)`` alone, same method.
+
+        It is made once; where planes of H are prepared for all phases alike it uses those of this projector.
+        """
+        mask = _phase_mask(phases, self.period)
+        with self._lock:
+            if mask.tobytes() not in self._subsets:
+                self._subsets[mask.tobytes()] = self._subset(mask)
+            return self._subsets[mask.tobytes()]
+
+    def _subset(self, phases: NDArray[np.bool_]) -> Projector:
+        # in the same tiles: what subsets keep then takes no more than this projector would
+        part = object.__new__(Projector)
+        part.__dict__.update(self.__dict__)
+        part._phases = phases
+        part._engine = part._build()
+        part._subsets = {}
+        if not (self._engine.any_phases and self._forecast.chosen.resident):
+            part._operands, part._lock = {}, threading.RLock()
+        return part
 
     def __reduce__(self) -> Any:
         """Travel to another process as what it is made of again: H as it travels, and the settings."""
@@ -286,12 +294,3 @@ def _phase_mask(phases: ArrayLike, period: tuple[int, int]) -> NDArray[np.bool_]
             "image phases", f"a mask of shape {period} with at least one phase", mask.shape, "correct it"
         )
     return mask
-
-
-def _free_memory() -> int:
-    """Return the bytes of memory that programs may take now, or 8 GB where the system does not report it."""
-    try:
-        fields = dict(line.split(":", 1) for line in Path("/proc/meminfo").read_text().splitlines())
-        return int(fields["MemAvailable"].split()[0]) * 1024
-    except (OSError, KeyError, ValueError):
-        return 8 << 30

@@ -57,6 +57,7 @@ class Reduced:
     """
 
     name = "reduced"
+    any_phases = False
 
     def __init__(
         self,

@@ -33,6 +33,7 @@ class Sparse:
     """
 
     name = "sparse"
+    any_phases = False
 
     def __init__(
         self, grid: Grid, dtype: np.dtype[Any], workers: int | None = None, phases: NDArray[np.bool_] | None = None

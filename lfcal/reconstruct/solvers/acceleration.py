@@ -45,7 +45,9 @@ def extrapolate(state: SolverState, name: str) -> tuple[NDArray[Any], float]:
             step = min(max(step, 0.0), 0.999)
     if step == 0.0:
         return state.volume, 0.0
-    ahead = state.volume + state.volume.dtype.type(step) * (state.volume - previous)
+    ahead = state.volume - previous
+    ahead *= state.volume.dtype.type(step)
+    ahead += state.volume
     # A multiplicative update cannot come back from a negative value.
     return np.maximum(ahead, 0, out=ahead), step
 

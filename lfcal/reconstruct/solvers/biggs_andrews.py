@@ -23,4 +23,5 @@ SOLVER = Solver(
     iterate,
     EM,
     rank=40,
+    volumes=(7, 8),
 )

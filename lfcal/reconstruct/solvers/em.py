@@ -174,13 +174,18 @@ def _parts(P: Projector, data: Measurement, options: EmOptions) -> tuple[_Part, 
 
 
 def _part(P: Projector, mask: NDArray[np.bool_] | None, data: Measurement, options: EmOptions) -> _Part:
-    sensitivity = np.maximum(P.adjoint(data.ones()), 0)
+    sensitivity = P.adjoint(data.ones())
+    np.maximum(sensitivity, 0, out=sensitivity)
     matched = P.adjoint(data.weighted(data.image)) if options.rule == "isra" else None
     return _Part(P, mask, sensitivity, matched)
 
 
 def _start(P: Projector, data: Measurement, parts: tuple[_Part, ...], initial: ArrayLike | None) -> NDArray[Any]:
-    sensitivity = sum(part.sensitivity for part in parts)
+    sensitivity = parts[0].sensitivity
+    if len(parts) > 1:
+        sensitivity = sensitivity.copy()
+        for part in parts[1:]:
+            sensitivity += part.sensitivity
     reach = float(np.sum(sensitivity, dtype=np.float64))
     if not reach > 0 and data.ones().any():
         raise no_light()
@@ -194,8 +199,8 @@ def _start(P: Projector, data: Measurement, parts: tuple[_Part, ...], initial: A
     light = float(data.weighted(np.maximum(data.image - data.background, 0)).sum(dtype=np.float64))
     level = light / reach if reach > 0 else 0.0
     # A voxel no pixel sees would keep its start for ever: it starts, and stays, at zero.
-    seen = sensitivity > UNSEEN * np.max(sensitivity)
-    start: NDArray[Any] = np.where(seen, level, 0).astype(P.dtype)
+    start = np.zeros(P.volume_shape, P.dtype)
+    start[sensitivity > UNSEEN * np.max(sensitivity)] = level
     return start
 
 
@@ -229,16 +234,22 @@ def _update(
     if options.rule == "isra":
         assert part.matched is not None
         above, below = part.matched, P.adjoint(data.weighted(model))
+        updated = below
     else:
         ratio = np.divide(data.image, model, out=np.zeros_like(model), where=model > floor)
         above, below = P.adjoint(data.weighted(ratio)), part.sensitivity
-    if options.penalty is not None:
-        scale = below.max(initial=0) if options.rule == "isra" else top
-        # A steep gradient would turn the denominator negative or blow the voxel up: grow no more than tenfold.
-        below = np.maximum(below + scale * options.penalty.gradient(volume), 0.1 * below)
-    seen = (part.sensitivity > UNSEEN * top) & (below > 0)
-    factor = np.divide(np.maximum(above, 0), below, out=np.ones_like(volume), where=seen)
-    if options.relaxation < 1:
-        factor = 1 + options.relaxation * (factor - 1)
-    updated: NDArray[Any] = volume * factor.astype(volume.dtype, copy=False)
+        updated = above
+    scale = below.max(initial=0) if options.rule == "isra" else top
+    steep = None if options.penalty is None else options.penalty.gradient(volume)
+    # plane by plane, into the array that is not needed again: volumes may fill the memory
+    for z in range(len(volume)):
+        share = below[z]
+        if steep is not None:
+            # A steep gradient would turn the denominator negative or blow the voxel up: grow no more than tenfold.
+            share = np.maximum(below[z] + scale * steep[z], 0.1 * below[z])
+        seen = (part.sensitivity[z] > UNSEEN * top) & (share > 0)
+        factor = np.divide(np.maximum(above[z], 0), share, out=np.ones_like(volume[z]), where=seen)
+        if options.relaxation < 1:
+            factor = 1 + options.relaxation * (factor - 1)
+        np.multiply(volume[z], factor.astype(volume.dtype, copy=False), out=updated[z])
     return updated

@@ -31,4 +31,5 @@ SOLVER = Solver(
     iterate,
     EM,
     rank=80,
+    volumes=(3, 4),
 )

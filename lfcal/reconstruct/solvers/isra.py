@@ -87,4 +87,6 @@ def iterate(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:
     return iter_run(P, image, run, EmOptions("isra"))
 
 
-SOLVER = Solver("isra", "least squares without negative values (ISRA)", iterate, COMMON | {"initial"}, rank=90)
+SOLVER = Solver(
+    "isra", "least squares without negative values (ISRA)", iterate, COMMON | {"initial"}, rank=90, volumes=(4, 4)
+)

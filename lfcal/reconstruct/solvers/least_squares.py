@@ -19,6 +19,7 @@ from lfcal.reconstruct.solvers.records import (
     SolverWork,
     progress_of,
     relative_change,
+    squares,
     without_state,
 )
 from lfcal.reconstruct.solvers.solver import COMMON, Solver, SolverRun
@@ -140,6 +141,7 @@ SOLVER = Solver(
     iterate,
     COMMON | {"strength"},
     rank=95,
+    volumes=(4, 4),
 )
 
 
@@ -158,7 +160,7 @@ def _start(P: Projector, data: Measurement) -> SolverState:
     descent = P.adjoint(data.weighted(miss))
     if not descent.any() and data.weighted(miss).any():
         raise no_light()
-    return SolverState(np.zeros(P.volume_shape, P.dtype), arrays=(miss, descent), numbers=(_square(descent),))
+    return SolverState(np.zeros(P.volume_shape, P.dtype), arrays=(miss, descent), numbers=(squares(descent),))
 
 
 def _step(
@@ -168,23 +170,25 @@ def _step(
     miss, direction = state.arrays
     power = state.numbers[0]
     image = P.forward(direction)
-    curvature = float((data.weighted(image).astype(np.float64) * image).sum()) + weak * _square(direction)
+    curvature = float((data.weighted(image).astype(np.float64) * image).sum()) + weak * squares(direction)
     if power == 0 or curvature <= 0:  # the minimum, or directions no pixel sees
         return state.volume, state.arrays, state.numbers
     kind = state.volume.dtype.type
     length = kind(power / curvature)
-    volume = state.volume + length * direction
+    volume = length * direction
+    volume += state.volume
     miss = miss - length * image  # instead of projecting the new volume: one projection less per step
-    gradient = P.adjoint(data.weighted(miss)) - kind(weak) * volume
-    new_power = _square(gradient)
-    return volume, (miss, gradient + kind(new_power / power) * direction), (new_power,)
+    gradient = P.adjoint(data.weighted(miss))
+    if weak > 0:
+        for own, plane in zip(gradient, volume, strict=True):
+            own -= kind(weak) * plane
+    new_power = squares(gradient)
+    for own, plane in zip(gradient, direction, strict=True):
+        own += kind(new_power / power) * plane
+    return volume, (miss, gradient), (new_power,)
 
 
 def _largest(P: Projector, data: Measurement) -> float:
     """Return a bound of the largest eigenvalue of HT w H, for a matrix without negative entries."""
     ones = np.ones(P.volume_shape, P.dtype)
     return float(np.abs(P.adjoint(data.weighted(P.forward(ones)))).max(initial=0))
-
-
-def _square(array: NDArray[Any]) -> float:
-    return float((array.astype(np.float64) ** 2).sum())

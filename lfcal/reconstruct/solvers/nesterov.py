@@ -17,4 +17,4 @@ def iterate(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:
     return iter_run(P, image, run, EmOptions(acceleration="nesterov"))
 
 
-SOLVER = Solver("rl-nesterov", "Richardson-Lucy, accelerated (Nesterov)", iterate, EM, rank=50)
+SOLVER = Solver("rl-nesterov", "Richardson-Lucy, accelerated (Nesterov)", iterate, EM, rank=50, volumes=(5, 5))

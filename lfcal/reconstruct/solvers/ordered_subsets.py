@@ -15,10 +15,14 @@ __all__ = ["SOLVER"]
 
 def iterate(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:
     """Run Richardson-Lucy over the subsets asked for, 4 by default, in turn."""
-    count = 4 if run.subsets is None else run.subsets
+    count = _parts(run.subsets)
     # A short period has fewer phases than subsets are usual: then each phase is one.
     masks = interleaved_subsets(P.period, min(count, P.grid.phases))
     return iter_run(P, image, run, EmOptions(subsets=masks))
+
+
+def _parts(subsets: int | None) -> int:
+    return 4 if subsets is None else subsets
 
 
 SOLVER = Solver(
@@ -27,4 +31,6 @@ SOLVER = Solver(
     iterate,
     EM | {"subsets"},
     rank=60,
+    volumes=(4, 4),
+    parts=_parts,
 )

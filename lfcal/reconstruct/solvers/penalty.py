@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -11,6 +12,10 @@ from numpy.typing import NDArray
 from lfcal.errors import InputError
 
 __all__ = ["Penalty", "Tikhonov", "TotalVariation"]
+
+
+SLAB = 4
+"""Planes whose gradient is made at a time where they are compared with their neighbours."""
 
 
 class Penalty(Protocol):
@@ -42,15 +47,20 @@ class TotalVariation:
 
     def gradient(self, volume: NDArray[Any]) -> NDArray[Any]:
         """Return minus the divergence of the unit gradient."""
-        steps = _differences(volume, self.z_weight)
-        size = np.sqrt(sum(d * d for d in steps.values()))
         # Below a millionth of the peak the direction of the gradient is rounding, not structure.
-        size += max(float(volume.max(initial=0.0)) * 1e-6, float(np.finfo(volume.dtype).tiny))
-        for axis, step in steps.items():
-            step /= size
-            if axis == 0:
-                step *= volume.dtype.type(self.z_weight)
-        return _scaled(_divergence(steps), -self.weight)
+        least = max(float(volume.max(initial=0.0)) * 1e-6, float(np.finfo(volume.dtype).tiny))
+
+        def of(slab: NDArray[Any]) -> NDArray[Any]:
+            steps = _differences(slab, self.z_weight)
+            size = np.sqrt(sum(d * d for d in steps.values()))
+            size += least
+            for axis, step in steps.items():
+                step /= size
+                if axis == 0:
+                    step *= volume.dtype.type(self.z_weight)
+            return _scaled(_divergence(steps), -self.weight)
+
+        return _by_slabs(volume, of, self.z_weight)
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,18 +84,35 @@ class Tikhonov:
 
     def gradient(self, volume: NDArray[Any]) -> NDArray[Any]:
         """Return minus the Laplacian over the peak."""
-        steps = _differences(volume, self.z_weight)
-        if 0 in steps:
-            # z_weight enters twice, once in the difference and once in its adjoint: the gradient of a weighted norm
-            steps[0] *= volume.dtype.type(self.z_weight)
         # over the peak, so that the weight has the same effect in any unit of light
         peak = float(volume.max(initial=0))
-        return _scaled(_divergence(steps), -self.weight / peak if peak > 0 else 0.0)
+
+        def of(slab: NDArray[Any]) -> NDArray[Any]:
+            steps = _differences(slab, self.z_weight)
+            if 0 in steps:
+                # z_weight enters twice, in the difference and in its adjoint: the gradient of a weighted norm
+                steps[0] *= volume.dtype.type(self.z_weight)
+            return _scaled(_divergence(steps), -self.weight / peak if peak > 0 else 0.0)
+
+        return _by_slabs(volume, of, self.z_weight)
 
 
 def _check(weight: float, z_weight: float) -> None:
     if not (0 <= weight < 10 and 0 <= z_weight < 100):
         raise InputError.expected("penalty weights", "small, not negative", (weight, z_weight), "try 0.002 and 0")
+
+
+def _by_slabs(volume: NDArray[Any], of: Callable[[NDArray[Any]], NDArray[Any]], z_weight: float) -> NDArray[Any]:
+    """Return ``of`` a volume, made of a few planes at a time: it takes several arrays of the size of what it is given.
+
+    A plane asks for its neighbours alone, and for none where planes are not compared.
+    """
+    out = np.empty_like(volume)
+    beside, step = (1, SLAB) if z_weight > 0 else (0, 1)
+    for z in range(0, len(volume), step):
+        first, stop = max(0, z - beside), min(len(volume), z + step)
+        out[z:stop] = of(volume[first : stop + beside])[z - first : stop - first]
+    return out
 
 
 def _differences(volume: NDArray[Any], z_weight: float) -> dict[int, NDArray[Any]]:

@@ -16,8 +16,15 @@ __all__ = ["SOLVER", "lenslet_phase"]
 
 def iterate(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:
     """Run Richardson-Lucy over blocks of views, 3 x 3 by default."""
-    blocks = 3 if run.subsets is None else run.subsets
-    return iter_run(P, image, run, EmOptions(subsets=_views(P, image, blocks)))
+    return iter_run(P, image, run, EmOptions(subsets=_views(P, image, _blocks(run.subsets))))
+
+
+def _blocks(subsets: int | None) -> int:
+    return 3 if subsets is None else subsets
+
+
+def _parts(subsets: int | None) -> int:
+    return _blocks(subsets) ** 2
 
 
 def _views(P: Projector, image: ArrayLike, blocks: int) -> Masks:
@@ -41,5 +48,11 @@ def lenslet_phase(P: Projector) -> tuple[float, float]:
 
 
 SOLVER = Solver(
-    "phase-space", "view by view, brightest first (ordering of Lu et al. 2019)", iterate, EM | {"subsets"}, rank=70
+    "phase-space",
+    "view by view, brightest first (ordering of Lu et al. 2019)",
+    iterate,
+    EM | {"subsets"},
+    rank=70,
+    volumes=(4, 4),
+    parts=_parts,
 )

@@ -114,5 +114,7 @@ def iterate(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:
     return iter_run(P, image, run, EmOptions())
 
 
-SOLVER = Solver("rl", "Richardson-Lucy, as published (Eberhart et al. 2020, equation 2)", iterate, EM, rank=10)
+SOLVER = Solver(
+    "rl", "Richardson-Lucy, as published (Eberhart et al. 2020, equation 2)", iterate, EM, rank=10, volumes=(3, 3)
+)
 """What the registry takes from this module; the same in every module of a solver."""

@@ -64,6 +64,10 @@ class SolverRun:
     resume: SolverState | None = None
 
 
+def _one(subsets: int | None) -> int:
+    return 1
+
+
 @dataclass(frozen=True, slots=True)
 class Solver:
     """A way to reconstruct.
@@ -81,6 +85,12 @@ class Solver:
         Which of `OPTIONS` it honours; the others are refused.
     rank
         Order in lists.
+    volumes
+        Arrays of the size of the volume that are held at once: during a projection, its result among them, and most
+        between projections.
+    parts
+        How many parts an image is taken in at given ``subsets`` (None: its default); each but one holds one more
+        array.
     """
 
     name: str
@@ -88,6 +98,13 @@ class Solver:
     iterate: Callable[[Projector, ArrayLike, SolverRun], SolverWork]
     honours: frozenset[str] = COMMON
     rank: int = 100
+    volumes: tuple[int, int] = (6, 6)
+    parts: Callable[[int | None], int] = _one
+
+    @property
+    def in_parts(self) -> bool:
+        """Whether it takes an image in parts: H is prepared for each of them, and not for whole images."""
+        return "subsets" in self.honours
 
     def __post_init__(self) -> None:
         """Check the options' names."""

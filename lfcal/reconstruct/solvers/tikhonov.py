@@ -20,5 +20,10 @@ def iterate(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:
 
 
 SOLVER = Solver(
-    "rl-tikhonov", "Richardson-Lucy with Tikhonov-Miller: less noise, softer", iterate, EM | {"strength"}, rank=30
+    "rl-tikhonov",
+    "Richardson-Lucy with Tikhonov-Miller: less noise, softer",
+    iterate,
+    EM | {"strength"},
+    rank=30,
+    volumes=(3, 4),
 )

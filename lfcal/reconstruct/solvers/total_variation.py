@@ -20,5 +20,10 @@ def iterate(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:
 
 
 SOLVER = Solver(
-    "rl-tv", "Richardson-Lucy with total variation: less noise, edges kept", iterate, EM | {"strength"}, rank=20
+    "rl-tv",
+    "Richardson-Lucy with total variation: less noise, edges kept",
+    iterate,
+    EM | {"strength"},
+    rank=20,
+    volumes=(3, 4),
 )

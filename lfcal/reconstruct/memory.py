@@ -1,0 +1,131 @@
+"""How much memory a reconstruction takes, arrays of its solver included, before it begins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from lfcal.errors import InputError
+from lfcal.reconstruct.projectors.projector import Projector
+from lfcal.reconstruct.solvers.choice import SOLVERS, SolverChoice
+from lfcal.system import free_memory, memory_in_use
+from lfcal.units import format_bytes
+
+__all__ = ["RunMemory", "room_for_projections", "run_memory"]
+
+FREE_SHARE = 0.8
+"""Share of the memory that is free now which a reconstruction takes, where nothing else is said."""
+
+PROJECTING, UPDATING, FITTING = 3, 7, 17
+"""Images beside a volume's arrays: while it is projected, changed plane by plane, and compared with the frame."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunMemory:
+    """Most bytes that a reconstruction holds at once, by what they are for.
+
+    Attributes
+    ----------
+    matrix
+        Planes of H that are prepared and kept.
+    solver
+        Volumes and images of the solver.
+    projection
+        Working memory of a projection.
+    program
+        What this process holds already.
+    """
+
+    matrix: int
+    solver: int
+    projection: int
+    program: int
+
+    @property
+    def total(self) -> int:
+        """All of them."""
+        return self.matrix + self.solver + self.projection + self.program
+
+    def __str__(self) -> str:
+        """Return it as one line."""
+        parts = {"H": self.matrix, "solver": self.solver, "projection": self.projection, "program": self.program}
+        return f"{format_bytes(self.total)}: " + ", ".join(f"{name} {format_bytes(b)}" for name, b in parts.items())
+
+
+def run_memory(P: Projector, choice: SolverChoice, *, warm: bool = False) -> RunMemory:
+    """Return the memory of reconstructing with a projector and a solver.
+
+    ``warm``: the last volume is kept, for the next frame to begin with.
+    """
+    cost = P.forecast().chosen
+    projecting, between = _solver_bytes(P.volume_shape, choice, P.dtype.itemsize, warm)
+    matrix, scratch = cost.operand_bytes, cost.scratch_bytes
+    if not cost.resident:  # planes are prepared while they are projected
+        matrix, scratch = 0, cost.memory_bytes
+    if between >= projecting + scratch:
+        return RunMemory(matrix, between, 0, memory_in_use())
+    return RunMemory(matrix, projecting, scratch, memory_in_use())
+
+
+def room_for_projections(
+    shape: tuple[int, int, int],
+    choice: SolverChoice,
+    itemsize: int,
+    *,
+    memory: int | None = None,
+    warm: bool = False,
+    share: int = 1,
+) -> int:
+    """Return the bytes left for H and projections where a solver has what it needs: a projector's ``memory_limit``.
+
+    Parameters
+    ----------
+    shape
+        Of the volume, (nz, Y, X).
+    choice
+        Solver and its subsets.
+    itemsize
+        Bytes of a number: 4 in single precision.
+    memory
+        Bytes the reconstruction may take; by default most of what is free now.
+    warm
+        Whether the last volume is kept, for the next frame to begin with.
+    share
+        How many processes share the memory, each with an H of its own.
+
+    Raises
+    ------
+    InputError
+        If nothing is left.
+    """
+    most = (int(FREE_SHARE * free_memory()) if memory is None else memory) // share
+    needed = max(_solver_bytes(shape, choice, itemsize, warm))
+    if needed < most:
+        return most - needed
+    remedies = ["take a smaller image or fewer planes"]
+    if share > 1:
+        remedies.append(f"fewer than {share} --workers")
+    leanest = min(SOLVERS, key=lambda solver: (max(_held(SolverChoice(solver.name), warm)), solver.rank))
+    if (least := max(_held(SolverChoice(leanest.name), warm))) < (own := max(_held(choice, warm))):
+        remedies.append(f"choose {leanest.name}, which holds {least} volumes instead of {own}")
+    raise InputError.expected(
+        "memory of the reconstruction",
+        f"more than {format_bytes(needed)} for the arrays of {choice.name} alone",
+        format_bytes(most),
+        "; or ".join(remedies),
+    )
+
+
+def _solver_bytes(shape: tuple[int, int, int], choice: SolverChoice, itemsize: int, warm: bool) -> tuple[int, int]:
+    """Return the most bytes of a solver's arrays during a projection, and between projections."""
+    nz, rows, columns = shape
+    held, most = _held(choice, warm)
+    # no result of a projection is held while model and frame are compared
+    images = held * nz + PROJECTING, max(most * nz + UPDATING, (held - 1) * nz + FITTING)
+    return images[0] * rows * columns * itemsize, images[1] * rows * columns * itemsize
+
+
+def _held(choice: SolverChoice, warm: bool) -> tuple[int, int]:
+    """Return how many arrays of the size of the volume are held during a projection, and most between them."""
+    more = choice.solver.parts(choice.subsets) - 1 + int(warm)
+    held, most = choice.solver.volumes
+    return held + more, most + more
