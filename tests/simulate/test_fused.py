@@ -108,6 +108,23 @@ def test_what_has_no_stages_is_told() -> None:
             way_of(n)
 
 
+@pytest.mark.parametrize(
+    ("corner", "start", "told"),
+    [
+        ((0, 0), (-1, 0), r"samples \[-1, 0\] to \[25, 26\] of a field \(27, 27\): expected some of 27 x 27"),
+        ((0, 0), (0, 2), r"samples \[0, 2\] to \[26, 28\]"),
+        ((12, 0), (0, 0), r"grid at 12, 0: expected 27 x 27 within \(38, 32\)"),
+        ((0, 6), (0, 0), "grid at 0, 6: expected"),
+        ((-1, 0), (0, 0), "grid at -1, 0: expected"),
+    ],
+)
+def test_nothing_is_read_beyond_what_there_is(corner: tuple[int, int], start: tuple[int, int], told: str) -> None:
+    field, table, step = made(27)
+    response, out = FusedResponse(step), np.empty((8, 8), np.float32)
+    with pytest.raises(ValueError, match=told):
+        response.respond(field, (table, corner), np.ones(5, np.float32), (3, *start), response.workspace(8), out)
+
+
 def test_every_grid_has_stages() -> None:
     sides = {Extent(k / 3, 0.0, k / 3, 12.0).side(4, 10) for k in range(1, 1500)}
     assert len(sides) > 50 and all(FusedResponse.transforms(side) for side in sides)

@@ -140,15 +140,25 @@ class FusedResponse:
             Samples per pixel, and where those of the first pixel begin (row, column).
         work
             From `workspace`, for no other thread.
+
+        Raises
+        ------
+        ValueError
+            Where pixels, or the grid, reach beyond what there is: compiled code does not look.
         """
         table, (row, column) = array
-        width = table.shape[1]
-        grid = Grid(_flat(lit), _flat(table), width, row * width + column, self._n, self._transfer)
+        n, (per, *starts), width = self._n, place, table.shape[1]
+        ends = [first + (count - 1) * per + weights.size for first, count in zip(starts, out.shape, strict=True)]
+        if min(starts) < 0 or max(ends) > n or lit.shape != (n, n):
+            raise ValueError(f"samples {starts} to {ends} of a field {lit.shape}: expected some of {n} x {n}")
+        if min(row, column) < 0 or row + n > table.shape[0] or column + n > width:
+            raise ValueError(f"grid at {row}, {column}: expected {n} x {n} within {table.shape}")
+        grid = Grid(_flat(lit), _flat(table), width, row * width + column, n, self._transfer)
         pixels = Pixels(weights, *place, *out.shape)
         power = light_on_rows(grid, self._way, pixels, work)
-        add_up(work.lines, self._n, pixels, out)
+        add_up(work.lines, n, pixels, out)
         return power
 
 
 def _flat(field: NDArray[Any]) -> Reals:
-    return field.reshape(-1).view(np.float32)
+    return np.ascontiguousarray(field, np.complex64).reshape(-1).view(np.float32)
