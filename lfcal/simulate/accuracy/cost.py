@@ -30,8 +30,8 @@ PER_COHERENT_NODE = 7.5e-9
 SET_UP, PROBED = 0.4, 12
 """Seconds of the tables, twice as a probe judges them, and positions that it computes, in all."""
 
-REFERENCE_OVER_WAVE, REFERENCE_OVER_GRID = 320.0, 25.0
-PER_SAMPLE, PER_TABLE_SAMPLE, GRID_SET_UP = 1.1e-9, 7e-7, 0.15
+REFERENCE_OVER_WAVE, REFERENCE_OVER_GRID = 320.0, 65.0
+PER_SAMPLE, PER_TABLE_SAMPLE, GRID_SET_UP = 4.2e-10, 7e-7, 0.15
 
 
 @lru_cache(maxsize=1)

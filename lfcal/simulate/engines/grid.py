@@ -1,4 +1,4 @@
-"""W2g: all lenslets of a position on one grid, taken to the sensor by two FFTs in single precision.
+"""W2g: all lenslets of a position on one grid, taken to the sensor by two FFTs in single precision (see `fused`).
 
 What the array lets through is tabulated once, on samples that lie alike about every pixel. A position multiplies a
 part of it by the main lens's field and takes the product over the gap: fields of all lenslets are added, no window
@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from copy import copy
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.fft as sf
@@ -37,6 +37,9 @@ from lfcal.simulate.pupil import pixel_response
 from lfcal.simulate.scene import Scene
 from lfcal.simulate.symmetry import mirrored_rows
 from lfcal.threads import for_each_chunk
+
+if TYPE_CHECKING:
+    from lfcal.simulate.engines.fused import FusedResponse
 
 __all__ = ["GridPlane", "extent_of", "largest_angle"]
 
@@ -108,7 +111,6 @@ class GridPlane:
         self._apertures = self._lenslets()
         self._array = self._transmission((0, 0), scene.period)
         self._table, self._size = self._main_field()
-        self._step = self._transfer()
         self._tilted = None
         if scene.tilt != (0.0, 0.0):
             self._tilted = TiltedArray(scene, self._n, self._dx, self._n / 2 * self._dx, self._dtype)
@@ -118,6 +120,7 @@ class GridPlane:
         else:
             self._rule = fitted_rule(self.per_px, band, scene.pixel_fill, falloff=MANY_ANGLES)
         self._weights = (self._rule.weights * scene.reduced_pixel_um).astype(self._real)
+        self._gap = self._in_passes()
         self._lit: tuple[Place, Complex] | None = None
         self._wider: GridPlane | None = None
         self._ledger = Ledger()
@@ -183,6 +186,14 @@ class GridPlane:
             step = step * pixel_response(power / 2, sines[:, None] + from_y, sines[None, :] + from_x)
         return step.astype(self._dtype)
 
+    def _in_passes(self) -> FusedResponse | Complex:
+        """Return what takes fields to pixels in passes; where FFTs come one after the other, the transfer function."""
+        from lfcal.simulate.engines.fused import FusedResponse  # compiled code: loaded when it is needed
+
+        plain = self._tilted is None and not self.sampling.double
+        step = self._transfer()
+        return FusedResponse(step) if plain and FusedResponse.transforms(self._n) else step
+
     def in_mode(self, mode: str) -> GridPlane:
         """Return the engine of another of the scene's fields: the array's table is shared."""
         other = copy(self)
@@ -221,7 +232,7 @@ class GridPlane:
         own = [(r, c) for r in range(rows.size) if r not in mirrored for c in range(columns.size)]
 
         def some(start: int, stop: int) -> None:
-            work = np.empty((self._n, self._n), self._dtype)
+            work = self._workspace()
             for r, c in own[start:stop]:
                 y, x = int(rows[r]), int(columns[c])
                 self._respond(scene.source_um(y, x), (y, x), work, result[r, c])
@@ -234,7 +245,7 @@ class GridPlane:
     def point(self, y_um: float, x_um: float) -> NDArray[np.float32]:
         """Return the cutout about the pixel nearest to a chief ray; see `PlaneEngine.point`."""
         out = np.empty(self.scene.cutout, np.float32)
-        work = np.empty((self._n, self._n), self._dtype)
+        work = self._workspace()
         self._respond((y_um, x_um), self.scene.nearest_pixel(y_um, x_um), work, out)
         return out
 
@@ -242,27 +253,38 @@ class GridPlane:
         """Return the CPU-seconds of ``n_positions``; see `PlaneEngine.predicted_seconds`."""
         return self._pilot.seconds(self, n_positions)
 
-    def _respond(self, source: Place, pixel: tuple[int, int], work: Complex, out: NDArray[np.float32]) -> None:
+    def _workspace(self) -> Any:
+        """Return what one thread works on."""
+        if isinstance(self._gap, np.ndarray):
+            return np.empty((self._n, self._n), self._dtype)
+        return self._gap.workspace(self.scene.cutout[0])
+
+    def _respond(self, source: Place, pixel: tuple[int, int], work: Any, out: NDArray[np.float32]) -> None:
         """Fill ``out`` (nt, ns) for a source (y, x) on the sensor and its cutout's middle pixel."""
         scene, per = self.scene, self.per_px
         aside = tuple((s - p * scene.pixel_um) / scene.scale / self._dx for s, p in zip(source, pixel, strict=True))
-        lit, seen = self._incoming((aside[0], aside[1])), self._seen(pixel)
-        if self._tilted is None:
-            np.multiply(lit, seen, out=work)
-            energy_in = float(np.vdot(work, work).real) * self._dx**2
-            spectrum = sf.fft2(work, overwrite_x=True, workers=1)
-        else:
-            heights = self._tilted.heights(self._farther(pixel))
-            np.multiply(self._tilted.met(lit, heights), seen, out=work)
-            energy_in = float(np.vdot(work, work).real) * self._dx**2
-            spectrum = self._tilted.left(work, heights)
-        spectrum *= self._step
-        light = sf.ifft2(spectrum, overwrite_x=True, workers=1)
+        lit, table, corner = self._incoming((aside[0], aside[1])), *self._seen(pixel)
         # where the samples of the cutout's middle pixel begin, some of which lie in the pixel before it
         first = self._n // 2 - per // 2 - self._rule.beyond
         top, left = (first - (count // 2) * per for count in scene.cutout)
-        bin_light(light, self._weights, per, top, left, out)
-        self._certify(energy_in, float(out.sum(dtype=np.float64)))
+        if isinstance(self._gap, np.ndarray):
+            seen = table[corner[0] : corner[0] + self._n, corner[1] : corner[1] + self._n]
+            power, spectrum = self._spectrum(lit, seen, pixel, work)
+            spectrum *= self._gap
+            light = sf.ifft2(spectrum, overwrite_x=True, workers=1)
+            bin_light(light, self._weights, per, top, left, out)
+        else:
+            power = self._gap.respond(lit, (table, corner), self._weights, (per, top, left), work, out)
+        self._certify(power * self._dx**2, float(out.sum(dtype=np.float64)))
+
+    def _spectrum(self, lit: Complex, seen: Complex, pixel: tuple[int, int], work: Complex) -> tuple[float, Complex]:
+        """Return the power of the field behind the array, and its spectrum (n, n)."""
+        if self._tilted is None:
+            np.multiply(lit, seen, out=work)
+            return float(np.vdot(work, work).real), sf.fft2(work, overwrite_x=True, workers=1)
+        heights = self._tilted.heights(self._farther(pixel))
+        np.multiply(self._tilted.met(lit, heights), seen, out=work)
+        return float(np.vdot(work, work).real), self._tilted.left(work, heights)
 
     def _farther(self, pixel: tuple[int, int]) -> NDArray[np.float64]:
         """Return how much farther from the sensor the array lies at the samples of the grid about a pixel (µm)."""
@@ -270,12 +292,11 @@ class GridPlane:
         y, x = ((p * self.per_px + axis) * self._dx for p in pixel)
         return self.scene.farther_at(y[:, None], x[None, :])
 
-    def _seen(self, pixel: tuple[int, int]) -> Complex:
-        """Return the part of the array that the grid about a pixel covers."""
+    def _seen(self, pixel: tuple[int, int]) -> tuple[Complex, tuple[int, int]]:
+        """Return a table of the array, and where in it (row, column) the grid about a pixel begins."""
         if not all(0 <= p < count for p, count in zip(pixel, self.scene.period, strict=True)):
-            return self._transmission(pixel, (1, 1))
-        top, left = pixel[0] * self.per_px, pixel[1] * self.per_px
-        return self._array[top : top + self._n, left : left + self._n]
+            return self._transmission(pixel, (1, 1)), (0, 0)
+        return self._array, (pixel[0] * self.per_px, pixel[1] * self.per_px)
 
     def _incoming(self, aside: Place) -> Complex:
         """Return the main lens's field ``(n, n)``, its sphere included, of a source ``aside`` (y, x) of the middle.

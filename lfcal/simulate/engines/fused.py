@@ -1,0 +1,164 @@
+"""A response on a grid in passes that stay in the caches: product, transforms, transfer function, and pixels."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.simulate.engines._fused import (
+    LANES,
+    RADICES,
+    STEP,
+    Grid,
+    Pixels,
+    Stages,
+    Way,
+    Work,
+    add_up,
+    light_on_rows,
+)
+
+__all__ = ["FusedResponse", "aligned", "frequency_order", "way_of"]
+
+Reals = NDArray[np.float32]
+
+
+@lru_cache(maxsize=64)
+def way_of(n: int) -> Way:
+    """Return the stages of a transform of ``n`` numbers: the fewest there are, as alike as can be.
+
+    Raises
+    ------
+    ValueError
+        If ``n`` has a prime factor above 11, or no two factors.
+    """
+    radices = _fewest(n, RADICES[-1])
+    if radices is None or len(radices) < 2:
+        raise ValueError(f"{n} numbers: expected two factors or more, primes up to 11")
+    small_first = radices[::-1]
+    return Way(_stages(n, small_first[:1]), _stages(n // small_first[0], small_first[1:]))
+
+
+def _stages(n: int, radices: tuple[int, ...]) -> Stages:
+    starts, factors, block = [], [np.zeros(0)], n
+    for radix in radices:
+        starts.append(sum(f.size for f in factors))
+        apart = block // radix
+        if apart > 1:
+            turns = np.outer(np.arange(apart), np.arange(1, radix)).ravel()
+            w = np.exp(-2j * np.pi * turns / block)
+            factors.append(np.stack([w.real, w.imag], axis=1).ravel())
+        block = apart
+    found = np.concatenate(factors)
+    twiddles = aligned(found.size)
+    twiddles[:] = found
+    return Stages(np.array(radices), np.array(starts), twiddles)
+
+
+def _fewest(n: int, most: int) -> tuple[int, ...] | None:
+    """Return factors of ``n`` from `RADICES`, at most ``most``, falling: the fewest, and of those the smallest sum."""
+    if n == 1:
+        return ()
+    found = []
+    for radix in (r for r in RADICES if r <= most and n % r == 0):
+        rest = _fewest(n // radix, radix)
+        if rest is not None:
+            found.append((radix, *rest))
+    return min(found, key=lambda factors: (len(factors), sum(factors)), default=None)
+
+
+def frequency_order(n: int) -> NDArray[np.int64]:
+    """Return the frequencies 0 ... n - 1 in the order in which a transform leaves them."""
+    order = np.zeros(1, np.int64)
+    way = way_of(n)
+    for radix in (*way.then.radices[::-1], *way.first.radices):
+        order = (np.arange(radix)[:, None] + radix * order).ravel()
+    return order
+
+
+def aligned(count: int) -> Reals:
+    """Return ``count`` zeros that begin a cache line."""
+    raw = np.zeros(count + 16, np.float32)
+    first = -(raw.ctypes.data // 4) % 16
+    return raw[first : first + count]
+
+
+class FusedResponse:
+    """Takes fields to the array, and on to pixels, in single precision.
+
+    Parameters
+    ----------
+    step
+        Transfer function from the array to the sensor (n, n), frequencies as `numpy.fft.fftfreq` has them; n has no
+        prime factor above 11.
+    """
+
+    def __init__(self, step: NDArray[Any]) -> None:
+        n = step.shape[0]
+        self._n, self._way, order = n, way_of(n), frequency_order(n)
+        rows = np.zeros((-(-n // LANES), LANES, n), np.complex64)
+        rows.reshape(-1, n)[:n] = step[order][:, order] / n**2
+        # rows on lanes, columns one behind the other
+        buffers = np.stack([rows.real, rows.imag]).transpose(1, 3, 0, 2)
+        self._transfer = aligned(buffers.size)
+        self._transfer[:] = buffers.ravel()
+
+    @staticmethod
+    def transforms(n: int) -> bool:
+        """Return whether grids of ``n`` samples a side are transformed."""
+        return n >= LANES and _fewest(n, RADICES[-1]) is not None
+
+    def workspace(self, rows: int) -> Work:
+        """Return what one thread works on for cutouts of ``rows`` pixels."""
+        groups = -(-self._n // LANES)
+        buffer = groups * LANES * STEP
+        return Work(aligned(groups * buffer), aligned(buffer), aligned(rows * self._n))
+
+    def respond(
+        self,
+        lit: NDArray[Any],
+        array: tuple[NDArray[Any], tuple[int, int]],
+        weights: Reals,
+        place: tuple[int, int, int],
+        work: Work,
+        out: Reals,
+    ) -> float:
+        """Fill ``out`` (rows, columns) with the light on pixels and return the power behind the array.
+
+        Parameters
+        ----------
+        lit
+            Field that meets the array (n, n).
+        array
+            Table of what it lets through, and where in it (row, column) the grid begins.
+        weights
+            Of the samples of a pixel, along either axis.
+        place
+            Samples per pixel, and where those of the first pixel begin (row, column).
+        work
+            From `workspace`, for no other thread.
+
+        Raises
+        ------
+        ValueError
+            Where pixels, or the grid, reach beyond what there is: compiled code does not look.
+        """
+        table, (row, column) = array
+        n, (per, *starts), width = self._n, place, table.shape[1]
+        ends = [first + (count - 1) * per + weights.size for first, count in zip(starts, out.shape, strict=True)]
+        if min(starts) < 0 or max(ends) > n or lit.shape != (n, n):
+            raise ValueError(f"samples {starts} to {ends} of a field {lit.shape}: expected some of {n} x {n}")
+        if min(row, column) < 0 or row + n > table.shape[0] or column + n > width:
+            raise ValueError(f"grid at {row}, {column}: expected {n} x {n} within {table.shape}")
+        grid = Grid(_flat(lit), _flat(table), width, row * width + column, n, self._transfer)
+        pixels = Pixels(weights, *place, *out.shape)
+        power = light_on_rows(grid, self._way, pixels, work)
+        add_up(work.lines, n, pixels, out)
+        return power
+
+
+def _flat(field: NDArray[Any]) -> Reals:
+    return np.ascontiguousarray(field, np.complex64).reshape(-1).view(np.float32)
