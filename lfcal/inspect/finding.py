@@ -142,6 +142,8 @@ class Fault:
         Whether it is told by the difference from a camera that explains the patterns.
     rank
         Order in which faults are looked for: what is found is taken out before the next.
+    strong_rank
+        Where in that order it is looked for besides, by `strong`; None: nowhere.
     """
 
     name: ClassVar[str]
@@ -151,6 +153,12 @@ class Fault:
     explains: ClassVar[tuple[str, ...]] = ()
     needs_camera: ClassVar[bool] = True
     rank: ClassVar[int]
+    strong_rank: ClassVar[int | None] = None
+
+    def strong(self, evidence: Evidence) -> Iterable[Finding]:
+        """Yield what is found of it where it is so strong that other faults would be named for it."""
+        del evidence
+        return ()
 
     def found(self, evidence: Evidence) -> Iterable[Finding]:
         """Yield what is found of it."""

@@ -2,33 +2,45 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
+
 import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.inspect.evidence import Evidence
-from lfcal.inspect.finding import FAULTS, Finding
+from lfcal.inspect.finding import FAULTS, Fault, Finding
 from lfcal.progress import Clock, Work
 
 __all__ = ["iter_search"]
+
+Look = Callable[[Evidence], Iterable[Finding]]
 
 
 def iter_search(evidence: Evidence) -> Work[tuple[tuple[Finding, ...], Evidence]]:
     """Look for every fault; return what was found, and the evidence without it."""
     found: list[Finding] = []
     explained: set[str] = set()
-    clock = Clock("looking for faults", len(FAULTS))
-    for k, fault in enumerate(FAULTS):
+    looks = _looks()
+    clock = Clock("looking for faults", len(looks))
+    for k, (fault, look) in enumerate(looks):
         yield clock.at(k)
         if fault.name in explained:
             continue
-        own = tuple(fault.found(evidence))
+        own = tuple(look(evidence))
         for one in own:
             evidence = _without(evidence, one)
         if own:
             explained.update(fault.explains)
         found += own
-    yield clock.at(len(FAULTS))
+    yield clock.at(len(looks))
     return tuple(found), evidence
+
+
+def _looks() -> list[tuple[Fault, Look]]:
+    """Return every fault with what looks for it, in their order; some are looked for twice."""
+    both = [(fault.rank, fault, fault.found) for fault in FAULTS]
+    both += [(fault.strong_rank, fault, fault.strong) for fault in FAULTS if fault.strong_rank is not None]
+    return [(fault, look) for _, fault, look in sorted(both, key=lambda one: (one[0], one[1].name))]
 
 
 def _without(evidence: Evidence, finding: Finding) -> Evidence:

@@ -45,8 +45,14 @@ EXPLAINS = 0.3
 LEFT = 0.02
 """Misfit from which on lens types are tried: less leaves no room for one that is out of focus."""
 
+STRONG, MOST = 0.04, 0.5
+"""The same from which on they are tried before all else, and the share of it that a change must then explain."""
+
 STEP = 0.01
 """Change of a focal length that its derivative is made of."""
+
+ROUNDS, NEAR = 6, 0.001
+"""Times that the change is told anew at most, and from which change of it on: the derivative is that at one length."""
 
 BLUR = 0.005
 """Change of a focal length that is worth a word."""
@@ -144,32 +150,36 @@ class TypeFocus(Fault):
 
     name = "type_focus"
     title = "lens type out of focus"
+    strong_rank = 8
     rank = 57
     advice = (
         "Fit the focal lengths (lfcal fit, group focal), and describe the camera by them; nothing is recorded anew."
     )
     settles: ClassVar[tuple[str, ...]] = ("depth",)
 
+    def strong(self, evidence: Evidence) -> Iterable[Finding]:
+        """Yield it where it explains most of what the camera does not: bent values or bad pixels explain some of it."""
+        return self._told(evidence, STRONG, MOST)
+
     def found(self, evidence: Evidence) -> Iterable[Finding]:
         """Yield the type whose focal length explains most of what is left."""
+        return self._told(evidence, LEFT, EXPLAINS)
+
+    def _told(self, evidence: Evidence, least: float, explains: float) -> Iterable[Finding]:
         types = len(evidence.plan.camera.lattice.types)
-        if evidence.misfit < LEFT or types < 2:
+        if evidence.misfit < least or types < 2:
             return
         try:
             tried = [_change(evidence, kind) for kind in range(types)]
+            kind = int(np.argmax([abs(value) / sigma for value, sigma in tried]))
+            change, sigma = tried[kind]
+            if abs(change) < max(BLUR, SURE * sigma):
+                return
+            change, other, moved = _settled(evidence, kind, change)
         except (InputError, EnergyError):
             return
-        kind = int(np.argmax([abs(value) / sigma for value, sigma in tried]))
-        change, sigma = tried[kind]
-        if abs(change) < max(BLUR, SURE * sigma):
-            return
-        known = evidence.camera
-        for _ in range(2):  # the derivative is that at the stated focal length
-            other = _light(evidence, _with_focal(known, kind, change))
-            moved = evidence.with_data(evidence.data + evidence.light - other, evidence.valid)
-            change += _change(moved, kind)[0]
         share = float(np.abs(other - evidence.light).sum() / max(float(evidence.light.sum()), 1e-300))
-        if moved.misfit > (1 - EXPLAINS) * evidence.misfit:
+        if moved.misfit > (1 - explains) * evidence.misfit:
             return
         focal = evidence.plan.camera.lattice.types[kind].focal_length_um
         told = np.array([100 * value for value, _ in tried])
@@ -186,6 +196,18 @@ class TypeFocus(Fault):
             repair=adding(evidence.index, evidence.light - other),
             put_in=put_in,
         )
+
+
+def _settled(evidence: Evidence, kind: int, change: float) -> tuple[float, F4, Evidence]:
+    """Return the change of a type's focal length from a first guess, the light with it, and the evidence without."""
+    for turn in range(ROUNDS):
+        other = _light(evidence, _with_focal(evidence.camera, kind, change))
+        moved = evidence.with_data(evidence.data + evidence.light - other, evidence.valid)
+        more = _change(moved, kind)[0] if turn + 1 < ROUNDS else 0.0
+        if abs(more) < NEAR:
+            break
+        change += more
+    return change, other, moved
 
 
 def _with_focal(known: Behind, kind: int, change: float) -> Behind:
