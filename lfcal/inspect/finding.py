@@ -143,7 +143,8 @@ class Fault:
     rank
         Order in which faults are looked for: what is found is taken out before the next.
     strong_rank
-        Where in that order it is looked for besides, by `strong`; None: nowhere.
+        Where in that order it is looked for besides, to count if it explains most of what the camera does not: others
+        would be named for it. None: nowhere.
     """
 
     name: ClassVar[str]
@@ -154,11 +155,6 @@ class Fault:
     needs_camera: ClassVar[bool] = True
     rank: ClassVar[int]
     strong_rank: ClassVar[int | None] = None
-
-    def strong(self, evidence: Evidence) -> Iterable[Finding]:
-        """Yield what is found of it where it is so strong that other faults would be named for it."""
-        del evidence
-        return ()
 
     def found(self, evidence: Evidence) -> Iterable[Finding]:
         """Yield what is found of it."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,7 +11,8 @@ from lfcal.progress import Clock, Work
 
 __all__ = ["iter_search"]
 
-Look = Callable[[Evidence], Iterable[Finding]]
+STRONG, MOST = 0.04, 0.5
+"""Misfit from which on strong faults are looked for before others, and the share of it that one must then explain."""
 
 
 def iter_search(evidence: Evidence) -> Work[tuple[tuple[Finding, ...], Evidence]]:
@@ -22,25 +21,26 @@ def iter_search(evidence: Evidence) -> Work[tuple[tuple[Finding, ...], Evidence]
     explained: set[str] = set()
     looks = _looks()
     clock = Clock("looking for faults", len(looks))
-    for k, (fault, look) in enumerate(looks):
+    for k, (fault, strong) in enumerate(looks):
         yield clock.at(k)
-        if fault.name in explained:
+        if fault.name in explained or (strong and evidence.misfit < STRONG):
             continue
-        own = tuple(look(evidence))
-        for one in own:
-            evidence = _without(evidence, one)
-        if own:
+        for one in tuple(fault.found(evidence)):
+            without = _without(evidence, one)
+            if strong and without.misfit > (1 - MOST) * evidence.misfit:
+                continue
+            evidence = without
             explained.update(fault.explains)
-        found += own
+            found.append(one)
     yield clock.at(len(looks))
     return tuple(found), evidence
 
 
-def _looks() -> list[tuple[Fault, Look]]:
-    """Return every fault with what looks for it, in their order; some are looked for twice."""
-    both = [(fault.rank, fault, fault.found) for fault in FAULTS]
-    both += [(fault.strong_rank, fault, fault.strong) for fault in FAULTS if fault.strong_rank is not None]
-    return [(fault, look) for _, fault, look in sorted(both, key=lambda one: (one[0], one[1].name))]
+def _looks() -> list[tuple[Fault, bool]]:
+    """Return every fault in the order of the search; those that are looked for as strong ones come a second time."""
+    both = [(fault.rank, fault.name, fault, False) for fault in FAULTS]
+    both += [(fault.strong_rank, fault.name, fault, True) for fault in FAULTS if fault.strong_rank is not None]
+    return [(fault, strong) for _, _, fault, strong in sorted(both, key=lambda one: one[:2])]
 
 
 def _without(evidence: Evidence, finding: Finding) -> Evidence:

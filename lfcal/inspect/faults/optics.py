@@ -28,9 +28,6 @@ DEEP = 0.004
 GHOSTLY = 0.003
 """Share of the light that makes a ghost."""
 
-STRONG, MOST = 0.04, 0.5
-"""Misfit from which on a ghost is looked for before all else, and the share of it that one must then explain."""
-
 NEAR_PX = 3
 """Displacement within which a ghost is not told from the pattern's own tails (pixels)."""
 
@@ -99,16 +96,6 @@ class Ghost(Fault):
         "Look for a reflection between filter, cover glass and sensor; a lens hood or a tilted filter takes it away."
     )
     settles: ClassVar[tuple[str, ...]] = ("leak", "background", "truncation")
-
-    def strong(self, evidence: Evidence) -> Iterable[Finding]:
-        """Yield it where it is most of what is left: bent values or bad pixels would be named for it."""
-        if evidence.misfit < STRONG:
-            return
-        for one in self.found(evidence):
-            assert one.repair is not None
-            without = evidence.with_data(one.repair(evidence.index, evidence.data), evidence.valid)
-            if without.misfit < (1 - MOST) * evidence.misfit:
-                yield one
 
     def found(self, evidence: Evidence) -> Iterable[Finding]:
         """Yield the displacement at which what is left looks most like the pattern."""

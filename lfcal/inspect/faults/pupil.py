@@ -45,9 +45,6 @@ EXPLAINS = 0.3
 LEFT = 0.02
 """Misfit from which on lens types are tried: less leaves no room for one that is out of focus."""
 
-STRONG, MOST = 0.04, 0.5
-"""The same from which on they are tried before all else, and the share of it that a change must then explain."""
-
 STEP = 0.01
 """Change of a focal length that its derivative is made of."""
 
@@ -157,17 +154,10 @@ class TypeFocus(Fault):
     )
     settles: ClassVar[tuple[str, ...]] = ("depth",)
 
-    def strong(self, evidence: Evidence) -> Iterable[Finding]:
-        """Yield it where it explains most of what the camera does not: bent values or bad pixels explain some of it."""
-        return self._told(evidence, STRONG, MOST)
-
     def found(self, evidence: Evidence) -> Iterable[Finding]:
         """Yield the type whose focal length explains most of what is left."""
-        return self._told(evidence, LEFT, EXPLAINS)
-
-    def _told(self, evidence: Evidence, least: float, explains: float) -> Iterable[Finding]:
         types = len(evidence.plan.camera.lattice.types)
-        if evidence.misfit < least or types < 2:
+        if evidence.misfit < LEFT or types < 2:
             return
         try:
             tried = [_change(evidence, kind) for kind in range(types)]
@@ -175,12 +165,13 @@ class TypeFocus(Fault):
             change, sigma = tried[kind]
             if abs(change) < max(BLUR, SURE * sigma):
                 return
-            change, other, moved = _settled(evidence, kind, change)
+            settled = _settled(evidence, kind, change)
         except (InputError, EnergyError):
             return
-        share = float(np.abs(other - evidence.light).sum() / max(float(evidence.light.sum()), 1e-300))
-        if moved.misfit > (1 - explains) * evidence.misfit:
+        if settled is None or settled[2].misfit > (1 - EXPLAINS) * evidence.misfit:
             return
+        change, other, _ = settled
+        share = float(np.abs(other - evidence.light).sum() / max(float(evidence.light.sum()), 1e-300))
         focal = evidence.plan.camera.lattice.types[kind].focal_length_um
         told = np.array([100 * value for value, _ in tried])
 
@@ -198,11 +189,16 @@ class TypeFocus(Fault):
         )
 
 
-def _settled(evidence: Evidence, kind: int, change: float) -> tuple[float, F4, Evidence]:
-    """Return the change of a type's focal length from a first guess, the light with it, and the evidence without."""
+def _settled(evidence: Evidence, kind: int, change: float) -> tuple[float, F4, Evidence] | None:
+    """Return the change of a type's focal length from a first guess, the light with it, and the evidence without.
+
+    None where the first guess explains next to nothing: it is another fault.
+    """
     for turn in range(ROUNDS):
         other = _light(evidence, _with_focal(evidence.camera, kind, change))
         moved = evidence.with_data(evidence.data + evidence.light - other, evidence.valid)
+        if turn == 0 and moved.misfit > (1 - EXPLAINS / 3) * evidence.misfit:
+            return None
         more = _change(moved, kind)[0] if turn + 1 < ROUNDS else 0.0
         if abs(more) < NEAR:
             break
