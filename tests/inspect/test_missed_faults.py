@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from lfcal.bench._fault_costs import TrueCost
+from lfcal.bench._fault_list import FAULTS
 from lfcal.bench._fault_optics import flicker
+from lfcal.bench._fault_recordings import CAMERAS, Recording
 from lfcal.inspect import Evidence, iter_evidence, iter_search
 from lfcal.inspect.faults.levels import BRIGHT, MUCH
 from lfcal.inspect.faults.pupil import LEFT
@@ -107,6 +109,17 @@ def test_a_strong_ghost_is_told_whole_and_once() -> None:
     found, _ = drain(iter_search(evidence_of(put_in("ghost turned", 0.1))))
     assert [one.name for one in found] == ["ghost"] and "turned by half" in found[0].detail
     assert found[0].share == pytest.approx(0.1, abs=0.003)
+
+
+@pytest.mark.long
+def test_no_ghost_is_brighter_than_the_light() -> None:
+    """Of a strong gamma on this camera a ghost of 18 times the light explained most of what was left."""
+    other = Recording(CAMERAS["lfm_20x05"]())
+    (bent,) = (one for one in FAULTS if one.name == "gamma above 1")
+    evidence = drain(iter_evidence(other.matrix(bent.put_in(other, 2.2)), patterns=FEWEST))
+    assert isinstance(evidence, Evidence)
+    found = {one.name: one for one in drain(iter_search(evidence))[0]}
+    assert next(iter(found)) == "not_linear" and "ghost" not in found
 
 
 def test_the_frames_that_flicker_most_do_not_tell_by_how_much_all_do() -> None:

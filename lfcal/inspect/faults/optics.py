@@ -28,6 +28,9 @@ DEEP = 0.004
 GHOSTLY = 0.003
 """Share of the light that makes a ghost."""
 
+BRIGHTEST = 0.5
+"""Share of the light that a ghost has at most: of bent values, a brighter one may be next to all that the fit has."""
+
 NEAR_PX = 3
 """Displacement within which a ghost is not told from the pattern's own tails (pixels)."""
 
@@ -107,14 +110,14 @@ class Ghost(Fault):
                 best = share, sigmas, name, place, table
         assert best is not None
         share, sigmas, name, place, table = best
-        if share < GHOSTLY or sigmas < SURE:
+        if not GHOSTLY < share < BRIGHTEST or sigmas < SURE:
             return
         copy = _aside(VIEWS[name](light), *place)
         for _ in range(ROUNDS):  # what the fit of each pattern made up for at first comes out
             now = evidence.with_data(evidence.data - np.float32(share) * copy, evidence.valid)
             power = float(np.square(copy).sum(dtype=np.float64))
             share += float((now.left * copy).sum(dtype=np.float64)) / max(power, 1e-300)
-        if not _in_most(left, copy, share):
+        if share > BRIGHTEST or not _in_most(left, copy, share):
             return
         yield Finding(
             self,
