@@ -95,7 +95,8 @@ def iter_costs(evidence: Evidence, findings: Sequence[Finding], seconds: float |
     order = sorted(range(len(findings)), key=lambda k: -findings[k].share)
     try:
         many = None if seconds is None else _affordable(evidence, findings, seconds)
-        trial = _Trial.at(evidence, _place(evidence, findings[order[0]]), _planes(evidence, findings), many)
+        worst = [findings[k] for k in order]
+        trial = _Trial.at(evidence, worst, _planes(evidence, findings), many)
         yield clock.at(1)
         as_it_is = trial.error(trial.patch.recorded())
         costs: list[float | None] = [None] * len(findings)
@@ -123,8 +124,7 @@ def _no_more(cost: float | None, finding: Finding, all_of_it: float) -> float | 
 
 
 def _own_trial(evidence: Evidence, finding: Finding, many: int | None) -> _Trial:
-    planes = _planes(evidence, (finding,))
-    return _Trial.at(evidence, _place(evidence, finding), planes, many, finding.wider)
+    return _Trial.at(evidence, (finding,), _planes(evidence, (finding,)), many, finding.wider)
 
 
 def _wider(evidence: Evidence, finding: Finding, many: int | None) -> float | None:
@@ -166,12 +166,14 @@ class _Trial:
     reference: F8
     clean: float
     sample: Patch | None
+    anchor: tuple[float, float]
 
     @classmethod
     def at(
-        cls, evidence: Evidence, place: tuple[int, int], planes: list[int], many: int | None, wider: float = 1.0
+        cls, evidence: Evidence, findings: Sequence[Finding], planes: list[int], many: int | None, wider: float = 1.0
     ) -> _Trial:
-        period, many = evidence.plan.period, MOST if many is None else many
+        """Return the trial about the first of the findings."""
+        place, period, many = _place(evidence, findings[0]), evidence.plan.period, MOST if many is None else many
         # all of the period of fewer planes: a part of it is less like the whole
         while len(planes) > 1 and many < len(planes) * period[0] * period[1]:
             planes = planes[:-1]
@@ -190,14 +192,16 @@ class _Trial:
         if not whole:
             every = np.linspace(0, len(evidence) - 1, min(SAMPLE, len(evidence))).astype(int)
             sample = patch_of(evidence, evidence.index[every], cutout, wider=wider)
-        bare = cls(patch, (len(planes), *block), (side[0], side[1]), patch.light[0], np.zeros(()), 0.0, sample)
+        shape, anchor = (len(planes), *block), _anchor(evidence, findings, block, (first[0], first[1]))
+        bare = cls(patch, shape, (side[0], side[1]), patch.light[0], np.zeros(()), 0.0, sample, anchor)
         image = bare.projector(patch.light).forward(scene((len(planes), *bare.image_shape)))
         bare = replace(bare, image=image)
         bare = replace(bare, reference=bare.volume(patch.light))
         return replace(bare, clean=difference(bare.volume(patch.light + patch.noise), bare.reference))
 
     def projector(self, patterns: F4) -> Projector:
-        return Projector(PSFMatrix(patterns.reshape(*self.shape, *patterns.shape[1:])), self.image_shape)
+        matrix = PSFMatrix(patterns.reshape(*self.shape, *patterns.shape[1:]))
+        return Projector(matrix, self.image_shape, self.anchor)
 
     def volume(self, patterns: F4) -> F8:
         found: F8 = richardson_lucy(self.projector(patterns), self.image, ITERATIONS).volume.astype(np.float64)
@@ -267,6 +271,24 @@ def _place(evidence: Evidence, finding: Finding) -> tuple[int, int]:
         row, column = np.median(finding.pixels, axis=0) - (np.array(evidence.plan.cutout) - 1) / 2
         return int(np.clip(row, 0, ny - 1)), int(np.clip(column, 0, nx - 1))
     return ny // 2, nx // 2
+
+
+def _anchor(
+    evidence: Evidence, findings: Sequence[Finding], block: tuple[int, int], first: tuple[int, int]
+) -> tuple[float, float]:
+    """Return the anchor of a block of positions by which the first pixels concerned lie in the middle of its periods.
+
+    At the border of the image a pixel sees few positions: where all of these have it dead, it is noise that light is
+    divided by, and any cost comes of it.
+    """
+    pixels = next((one.pixels for one in findings if len(one.pixels)), None)
+    if pixels is None:
+        return 0.0, 0.0
+    # the pattern of position y shows pixel y + t, and pixel p of the image sees it by t = p - v + c at v = y + anchor
+    middle = (np.array(evidence.plan.cutout) - 1) // 2
+    beside = np.rint(np.median(pixels, axis=0)).astype(int) - middle - np.array(first)
+    y, x = ((n // 2 - int(k)) % n for n, k in zip(block, beside, strict=True))
+    return float(y), float(x)
 
 
 def _affordable(evidence: Evidence, findings: Sequence[Finding], seconds: float) -> int:

@@ -37,6 +37,10 @@ APART = 0.3
 APART_ASKED = 0.05
 """The same of those that were suspected: what they show of the sensor, others show as well."""
 
+ASIDE_PX, SOME = 0.4, 0.25
+"""Displacement of single cutouts (pixels) that makes their patterns unlike their places, and the share of all patterns
+below which they are single ones."""
+
 ROUNDS = 3
 """Fits of each pattern: outliers are clipped, and the noise is told anew, after each."""
 
@@ -153,7 +157,19 @@ class Evidence:
         if not seen.any():
             return np.zeros(len(self), np.bool_)
         limit = np.median(self.alike[seen]) - np.where(self.asked, APART_ASKED, APART)
-        return np.asarray(seen & (self.alike < limit), np.bool_)
+        return np.asarray((seen & (self.alike < limit)) | self._aside, np.bool_)
+
+    @property
+    def _aside(self) -> Flags:
+        """Patterns ``(n,)`` whose cutouts lie elsewhere than those of their plane, where they are some of all."""
+        found = np.zeros(len(self), np.bool_)
+        for name in ("window_y", "window_x"):
+            values, sigmas = self.column(name)
+            for z in np.unique(self.index[:, 0]):
+                own = self.index[:, 0] == z
+                off = np.abs(values[own] - np.median(values[own]))
+                found[own] |= (off > ASIDE_PX) & (off > CLIP * sigmas[own])
+        return found if found.mean() < SOME else np.zeros_like(found)
 
     def beyond(self, column: F4) -> tuple[F8, F8]:
         """Return by how much of one more column ``(n, nt, ns)`` each pattern is fitted better, and its sigma ``(n,)``.

@@ -142,6 +142,9 @@ class Fault:
         Whether it is told by the difference from a camera that explains the patterns.
     rank
         Order in which faults are looked for: what is found is taken out before the next.
+    strong_rank
+        Where in that order it is looked for besides, to count if it explains most of what the camera does not: others
+        would be named for it. None: nowhere.
     """
 
     name: ClassVar[str]
@@ -151,6 +154,7 @@ class Fault:
     explains: ClassVar[tuple[str, ...]] = ()
     needs_camera: ClassVar[bool] = True
     rank: ClassVar[int]
+    strong_rank: ClassVar[int | None] = None
 
     def found(self, evidence: Evidence) -> Iterable[Finding]:
         """Yield what is found of it."""

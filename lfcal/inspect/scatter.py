@@ -105,11 +105,12 @@ def _terms(residual: F4, light: F4, valid: Flags) -> tuple[float, float, float]:
     if top <= 0:
         return scatter, 0.0, 0.0
     edges = np.concatenate([[-1.0], top * np.geomspace(1e-5, 1, BINS)])
-    which = np.digitize(v, edges[1:-1])
+    which = np.digitize(v, edges[1:-1]).astype(np.uint8)
+    order = np.argsort(which, kind="stable")
+    ends = np.cumsum(np.bincount(which, minlength=BINS))[:-1]
     rows, wanted = [], []
-    for b in range(BINS):
-        own = which == b
-        if own.sum() >= FEW:
+    for own in np.split(order, ends):
+        if own.size >= FEW:
             rows.append([1.0, float(np.mean(v[own])), float(np.mean(v[own] ** 2))])
             wanted.append(float(np.median(r[own] ** 2)) / 0.4549)
     if not rows:

@@ -6,29 +6,41 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.inspect.evidence import Evidence
-from lfcal.inspect.finding import FAULTS, Finding
+from lfcal.inspect.finding import FAULTS, Fault, Finding
 from lfcal.progress import Clock, Work
 
 __all__ = ["iter_search"]
+
+STRONG, MOST = 0.04, 0.5
+"""Misfit from which on strong faults are looked for before others, and the share of it that one must then explain."""
 
 
 def iter_search(evidence: Evidence) -> Work[tuple[tuple[Finding, ...], Evidence]]:
     """Look for every fault; return what was found, and the evidence without it."""
     found: list[Finding] = []
     explained: set[str] = set()
-    clock = Clock("looking for faults", len(FAULTS))
-    for k, fault in enumerate(FAULTS):
+    looks = _looks()
+    clock = Clock("looking for faults", len(looks))
+    for k, (fault, strong) in enumerate(looks):
         yield clock.at(k)
-        if fault.name in explained:
+        if fault.name in explained or (strong and evidence.misfit < STRONG):
             continue
-        own = tuple(fault.found(evidence))
-        for one in own:
-            evidence = _without(evidence, one)
-        if own:
+        for one in tuple(fault.found(evidence)):
+            without = _without(evidence, one)
+            if strong and without.misfit > (1 - MOST) * evidence.misfit:
+                continue
+            evidence = without
             explained.update(fault.explains)
-        found += own
-    yield clock.at(len(FAULTS))
+            found.append(one)
+    yield clock.at(len(looks))
     return tuple(found), evidence
+
+
+def _looks() -> list[tuple[Fault, bool]]:
+    """Return every fault in the order of the search; those that are looked for as strong ones come a second time."""
+    both = [(fault.rank, fault.name, fault, False) for fault in FAULTS]
+    both += [(fault.strong_rank, fault.name, fault, True) for fault in FAULTS if fault.strong_rank is not None]
+    return [(fault, strong) for _, _, fault, strong in sorted(both, key=lambda one: one[:2])]
 
 
 def _without(evidence: Evidence, finding: Finding) -> Evidence:

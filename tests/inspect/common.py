@@ -15,6 +15,7 @@ from lfcal.progress import drain
 from lfcal.psf import PSFMatrix
 
 __all__ = [
+    "FEWEST",
     "PATTERNS",
     "PEAK",
     "Values",
@@ -34,6 +35,10 @@ __all__ = [
 ]
 
 PATTERNS = 60
+
+FEWEST = 24
+"""Patterns that do where each takes long: those of a camera or of values that no model was computed for before."""
+
 Values = NDArray[np.float32]
 
 

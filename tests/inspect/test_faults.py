@@ -8,6 +8,7 @@ import pytest
 from lfcal.inspect import FAULTS, iter_search
 from lfcal.progress import drain
 from tests.inspect.common import (
+    FEWEST,
     PEAK,
     added,
     clean,
@@ -86,7 +87,7 @@ def test_the_exponent_of_values_is_measured(power: float) -> None:
 
 
 def test_compression_is_named_before_what_it_looks_like() -> None:
-    assert "compression" in faults_of(compressed(clean(), 75))
+    assert "compression" in faults_of(compressed(clean(), 75), FEWEST)
 
 
 def test_a_lamp_that_fades_and_one_that_flickers() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lfcal.bench._fault_list import FAULTS
-from tests.inspect.common import PEAK, Values, clean, faults_of, matrix, plan, recording
+from tests.inspect.common import FEWEST, PEAK, Values, clean, faults_of, matrix, plan, recording
 from tests.inspect.test_inspection import inspected
 
 
@@ -72,5 +72,5 @@ def test_two_frames_far_apart_that_were_swapped_are_both_listed() -> None:
 
 
 def test_rows_that_were_swapped_are_no_displaced_frames() -> None:
-    found = inspected(matrix(put_in("rows swapped", 3)))
+    found = inspected(matrix(put_in("rows swapped", 3)), FEWEST)
     assert found.findings[0].name == "strangers" and found.bad

@@ -5,13 +5,32 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lfcal.inspect import iter_search
+from lfcal.bench._fault_costs import TrueCost
+from lfcal.bench._fault_list import FAULTS
+from lfcal.bench._fault_optics import flicker
+from lfcal.bench._fault_recordings import CAMERAS, Recording
+from lfcal.inspect import Evidence, iter_evidence, iter_search
 from lfcal.inspect.faults.levels import BRIGHT, MUCH
+from lfcal.inspect.faults.pupil import LEFT
 from lfcal.inspect.faults.scan import WORTH_PX
 from lfcal.inspect.faults.sensor_lines import BRIGHT as HOT
 from lfcal.inspect.inspection import EXPLAINED
 from lfcal.progress import drain
-from tests.inspect.common import PEAK, added, clean, evidence_of, faults_of, light, matrix, sensor
+from tests.inspect.common import (
+    FEWEST,
+    PATTERNS,
+    PEAK,
+    added,
+    clean,
+    evidence_of,
+    faults_of,
+    light,
+    matrix,
+    noisy,
+    recording,
+    scaled,
+    sensor,
+)
 from tests.inspect.test_inspection import inspected
 from tests.inspect.test_levels_order_pupil import put_in
 from tests.inspect.test_stage_faults import displaced, grid
@@ -26,7 +45,7 @@ def test_single_dead_pixels_and_dust_are_named_with_their_places() -> None:
 
 @pytest.mark.parametrize("exponent", [2.2, pytest.param(0.5, marks=pytest.mark.long)])
 def test_a_strong_gamma_is_measured(exponent: float) -> None:
-    found = faults_of(put_in("gamma above 1", exponent))
+    found = faults_of(put_in("gamma above 1", exponent), FEWEST)
     told = float(found["not_linear"].detail.split("power of ")[1].split()[0])
     assert told == pytest.approx(exponent, rel=0.06)
 
@@ -76,6 +95,68 @@ def test_frames_that_a_metric_names_cost_what_they_cost_here() -> None:
     duplicates = found.quality["duplicates"]
     assert duplicates in found.alarms
     assert 0.025 < duplicates.cost < 0.1, "0.049 in a large reconstruction, 0.21 by the table"
+
+
+def test_a_lens_type_far_out_of_focus_is_no_bent_values() -> None:
+    """Of so different a camera the model is off everywhere: bent values, bad pixels and a ghost explain some of it."""
+    found, cleaned = drain(iter_search(evidence_of(put_in("lens type out of focus", 0.15))))
+    assert [one.name for one in found] == ["type_focus"] and cleaned.misfit < LEFT
+    told, stated = (float(found[0].detail.split(words)[1].split()[0]) for words in ("length ", "instead of "))
+    assert told / stated == pytest.approx(1.15, abs=0.005)
+
+
+def test_a_strong_ghost_is_told_whole_and_once() -> None:
+    found, _ = drain(iter_search(evidence_of(put_in("ghost turned", 0.1))))
+    assert [one.name for one in found] == ["ghost"] and "turned by half" in found[0].detail
+    assert found[0].share == pytest.approx(0.1, abs=0.003)
+
+
+@pytest.mark.long
+def test_no_ghost_is_brighter_than_the_light() -> None:
+    """Of a strong gamma on this camera a ghost of 18 times the light explained most of what was left."""
+    other = Recording(CAMERAS["lfm_20x05"]())
+    (bent,) = (one for one in FAULTS if one.name == "gamma above 1")
+    evidence = drain(iter_evidence(other.matrix(bent.put_in(other, 2.2)), patterns=FEWEST))
+    assert isinstance(evidence, Evidence)
+    found = {one.name: one for one in drain(iter_search(evidence))[0]}
+    assert next(iter(found)) == "not_linear" and "ghost" not in found
+
+
+def test_the_frames_that_flicker_most_do_not_tell_by_how_much_all_do() -> None:
+    lamp = flicker(recording(), 0.2)[..., 0, 0]
+    odd = np.argwhere(np.abs(lamp - 1) > 0.45)
+    assert len(odd) > 20
+    evidence = drain(iter_evidence(matrix(put_in("lamp that flickers", 0.2)), patterns=PATTERNS, suspected=odd))
+    assert isinstance(evidence, Evidence)
+    (one,) = (one for one in drain(iter_search(evidence))[0] if one.name == "flicker")
+    assert float(one.detail.split()[0]) == pytest.approx(20, rel=0.1)
+
+
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.long), pytest.param(2, marks=pytest.mark.long)])
+def test_a_dead_pixel_costs_the_same_whatever_its_noise(seed: int) -> None:
+    """Where all that a pixel at the image's border sees has it dead, light is divided by noise: 0.07 to 0.5."""
+    image = sensor(1.0)
+    image[36, 23] = 0.0
+    values = noisy(scaled(light(), image), seed)
+    true = TrueCost(light(), noisy(light(), seed)).cost(values)
+    (one,) = inspected(matrix(values)).findings
+    assert one.pixels.tolist() == [[36, 23]] and one.cost is not None and true / 2 < one.cost < 2 * true
+
+
+@pytest.mark.parametrize(("name", "strength"), [("repeated frames", 20), ("scan to and fro read as raster", 1)])
+def test_frames_of_other_places_make_no_bad_pixels_and_no_ghost(name: str, strength: float) -> None:
+    assert set(faults_of(put_in(name, strength))) == {"strangers"}
+
+
+def test_a_scan_to_and_fro_that_is_read_as_one_way() -> None:
+    values = clean()
+    values[:, 1::2] = values[:, 1::2, ::-1].copy()
+    found = faults_of(values)
+    assert set(found) == {"order"}
+    assert found["order"].detail.count("every other row of positions runs the other way") == 2
+    columns = clean()
+    columns[1, :, 1::2] = columns[1, ::-1, 1::2].copy()
+    assert "plane 1: every other column" in faults_of(columns)["order"].detail
 
 
 # -- just above the limit below which a finder says nothing ------------------------------------------------

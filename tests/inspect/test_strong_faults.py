@@ -8,7 +8,7 @@ import pytest
 from lfcal.bench._fault_costs import TrueCost
 from lfcal.inspect import Evidence, iter_evidence, iter_search
 from lfcal.progress import drain
-from tests.inspect.common import Values, clean, faults_of, light, matrix, plan
+from tests.inspect.common import FEWEST, Values, clean, faults_of, light, matrix, plan
 from tests.inspect.test_inspection import inspected
 from tests.inspect.test_levels_order_pupil import put_in
 
@@ -18,7 +18,7 @@ def true_cost(values: Values) -> float:
 
 
 def test_bent_values_are_straightened_before_lines_are_looked_for() -> None:
-    found = faults_of(put_in("gamma below 1", 0.4))
+    found = faults_of(put_in("gamma below 1", 0.4), FEWEST)
     assert next(iter(found)) == "not_linear" and not {"line_offsets", "mosaic", "depth_label"} & set(found)
     told = float(found["not_linear"].detail.split("power of ")[1].split()[0])
     assert told == pytest.approx(0.4, rel=0.03)
@@ -33,7 +33,7 @@ def test_bent_values_are_told_where_dark_samples_have_no_noise() -> None:
 
 
 def test_a_ceiling_that_most_light_ends_at_is_no_hot_pixel() -> None:
-    assert next(iter(faults_of(put_in("saturation", 0.02)))) == "saturated"
+    assert next(iter(faults_of(put_in("saturation", 0.02), FEWEST))) == "saturated"
 
 
 def test_noise_that_was_cut_off_at_zero_is_told_by_its_dark_samples() -> None:
@@ -53,7 +53,7 @@ def test_signed_noise_and_a_background_are_not_cut_off() -> None:
 
 
 def test_a_strong_compression_costs_what_it_takes_away() -> None:
-    found = inspected(matrix(put_in("JPEG", 30)))
+    found = inspected(matrix(put_in("JPEG", 30)), FEWEST)
     (one,) = found.findings
     assert one.name == "compression" and one.cost is not None
     assert 0.39 < one.cost < 1.5, "0.78 in a large reconstruction"

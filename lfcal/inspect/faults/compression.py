@@ -53,7 +53,7 @@ class Compression(Fault):
 
     name = "compression"
     needs_camera = False
-    rank = 8
+    rank = 7
     title = "lossy compression"
     advice = "Record without compression: what it took away cannot be brought back."
     settles: ClassVar[tuple[str, ...]] = (

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lfcal.camera import ScanPlan
 from lfcal.inspect.evidence import Evidence
 from lfcal.inspect.faults.places import late, only_recorded, place_map, share_of
-from lfcal.inspect.faults.series import SURE, robust, scan_order, sharpest_step, usual
+from lfcal.inspect.faults.series import ENOUGH, SURE, robust, scan_order, sharpest_step, usual
 from lfcal.inspect.finding import Fault, Finding, Picture, PutIn
 from lfcal.inspect.patch import Patch
 
@@ -21,6 +21,9 @@ F8 = NDArray[np.float64]
 
 WORTH = 0.02
 """Change of the light that is worth a word."""
+
+STEEP = 4.0
+"""Times the usual step of the light that a single one counts at most."""
 
 ODD = 0.25
 """Light of a single frame beside that of its neighbours that makes it odd."""
@@ -165,11 +168,17 @@ class Flicker(Fault):
         if most is None:
             return
         order = scan_order(evidence.index)
-        order = order[most.good[order]]
+        # those that were asked for are the oddest of all
+        order = order[(most.good & ~evidence.asked)[order]]
+        if len(order) < ENOUGH:
+            return
         # of neighbours in time: what changes slowly is the lamp's course
-        scatter = 1.4826 * float(np.median(np.abs(np.diff(gains[order])))) / np.sqrt(2)
+        steps = np.abs(np.diff(gains[order])) / np.sqrt(2)
+        scatter = 1.4826 * float(np.median(steps))
         chance = float(np.median(sigmas[order]))
-        rms = float(np.sqrt(max(0.0, scatter**2 - chance**2)))
+        # medians tell that it flickers, whatever single frames do; how much, the mean square tells better
+        mean = float(np.square(np.minimum(steps, STEEP * scatter)).mean())
+        rms = float(np.sqrt(max(0.0, mean - chance**2)))
         if rms < WORTH or (scatter / chance - 1) * np.sqrt(len(order)) < SURE:
             return
         yield Finding(

@@ -28,8 +28,14 @@ DEEP = 0.004
 GHOSTLY = 0.003
 """Share of the light that makes a ghost."""
 
+BRIGHTEST = 0.5
+"""Share of the light that a ghost has at most: of bent values, a brighter one may be next to all that the fit has."""
+
 NEAR_PX = 3
 """Displacement within which a ghost is not told from the pattern's own tails (pixels)."""
+
+ROUNDS = 2
+"""Times that the share of a ghost is told again."""
 
 TURNS = 3
 """Times that the light of types is told again."""
@@ -87,6 +93,7 @@ class Ghost(Fault):
 
     name = "ghost"
     title = "ghost image"
+    strong_rank = 8
     rank = 54
     advice = (
         "Look for a reflection between filter, cover glass and sensor; a lens hood or a tilted filter takes it away."
@@ -103,7 +110,14 @@ class Ghost(Fault):
                 best = share, sigmas, name, place, table
         assert best is not None
         share, sigmas, name, place, table = best
-        if share < GHOSTLY or sigmas < SURE:
+        if not GHOSTLY < share < BRIGHTEST or sigmas < SURE:
+            return
+        copy = _aside(VIEWS[name](light), *place)
+        for _ in range(ROUNDS):  # what the fit of each pattern made up for at first comes out
+            now = evidence.with_data(evidence.data - np.float32(share) * copy, evidence.valid)
+            power = float(np.square(copy).sum(dtype=np.float64))
+            share += float((now.left * copy).sum(dtype=np.float64)) / max(power, 1e-300)
+        if share > BRIGHTEST or not _in_most(left, copy, share):
             return
         yield Finding(
             self,
@@ -111,7 +125,7 @@ class Ghost(Fault):
             sigmas,
             share,
             picture=Picture(100 * table, "%", "what is left, as a share of the displaced pattern", ("down", "across")),
-            repair=adding(evidence.index, -np.float32(share) * _aside(VIEWS[name](light), *place)),
+            repair=adding(evidence.index, -np.float32(share) * copy),
             put_in=lambda patch: patch.light + np.float32(share) * _aside(VIEWS[name](patch.light), *place),
         )
 
@@ -155,6 +169,14 @@ def _displaced(left: F4, view: F4, *, near: bool) -> tuple[float, float, tuple[i
     place = int(y[k // table.shape[1]]), int(x[k % table.shape[1]])
     share = float(table.ravel()[k])
     return share, (share - float(np.median(table[free]))) / scatter / 2, place, table
+
+
+def _in_most(left: F4, copy: F4, share: float) -> bool:
+    """Return whether most patterns ``(n, nt, ns)`` hold such a share of a copy: one of another place is like it too."""
+    power = np.square(copy).sum((1, 2), dtype=np.float64)
+    seen = left.any((1, 2)) & (power > 0)
+    each = (left * copy).sum((1, 2), dtype=np.float64)[seen] / power[seen]
+    return bool(each.size) and float(np.median(each)) > share / 3
 
 
 class TypeLight(Fault):

@@ -48,6 +48,18 @@ def _flipped(period: tuple[int, int], axes: tuple[int, ...]) -> Order:
     return order
 
 
+def _to_and_fro(period: tuple[int, int], axis: int) -> Order:
+    """Return the order of a scan to and fro that is read as one way, or the other way about: odd lines run back."""
+
+    def order(index: Index) -> Index:
+        other, along = index.copy(), 3 - axis
+        back = index[:, axis] % 2 == 1
+        other[back, along] = period[along - 1] - 1 - other[back, along]
+        return other
+
+    return order
+
+
 def _late(period: tuple[int, int], by: int) -> Order:
     """Return the order of a scan to and fro whose frames come so many late."""
     ny, nx = period
@@ -123,25 +135,23 @@ class WrongOrder(Fault):
 
     def found(self, evidence: Evidence) -> Iterable[Finding]:
         """Yield the planes with the order that their patterns are in."""
-        orders = _orders(evidence.plan.period)
+        period = evidence.plan.period
+        orders = _orders(period)
+        back = {
+            f"every other {line} of positions runs the other way": axis for axis, line in ((1, "row"), (2, "column"))
+        }
+        lines = {name: _to_and_fro(period, axis) for name, axis in back.items()}
         turned: dict[int, str] = {}
         told = 0.0
         for z in np.unique(evidence.index[:, 0]).tolist():
             own = np.flatnonzero((evidence.index[:, 0] == z) & ~evidence.asked)
-            own = own[np.linspace(0, len(own) - 1, min(TRIED, len(own))).astype(int)]
-            data, index = evidence.data[own], evidence.index[own]
-            plane, still = plane_of(evidence.camera, z, 0.0), np.zeros((len(own), 2))
-            usual = float(np.median(correlation(plane.patterns(index[:, 1:], still), data)))
-            moved = evidence.starts.window[own]
-            if moved.any() and np.ptp(moved, axis=0).max() < 1:  # all cutouts alike: it is the anchor
-                usual = max(usual, float(np.median(evidence.alike[own])))
-            if usual > POOR:
-                continue
-            best = max(GOOD, usual + BETTER)
-            for name, order in orders.items():
-                alike = float(np.median(correlation(plane.patterns(order(index)[:, 1:], still), data)))
-                if alike > best:
-                    best, turned[z], told = alike, name, max(told, (alike - usual) / 0.02)
+            found = _best(evidence, z, own, orders)
+            for name, order in lines.items():
+                if found is not None:
+                    break
+                found = _best(evidence, z, own[evidence.index[own, back[name]] % 2 == 1], {name: order})
+            if found is not None:
+                turned[z], told = found[0], max(told, found[1])
         if not turned:
             return
         words = "; ".join(f"plane {z}: {name}" for z, name in list(turned.items())[:3])
@@ -152,8 +162,29 @@ class WrongOrder(Fault):
             len(turned) / len(np.unique(evidence.index[:, 0])),
             positions=evidence.index[np.isin(evidence.index[:, 0], list(turned))],
             picture=place_map(evidence, evidence.alike, "", "correlation with the camera's pattern"),
-            put_in=_turned({z: orders[name] for z, name in turned.items()}),
+            put_in=_turned({z: {**orders, **lines}[name] for z, name in turned.items()}),
         )
+
+
+def _best(evidence: Evidence, z: int, own: Index, orders: dict[str, Order]) -> tuple[str, float] | None:
+    """Return the order that the patterns ``own`` (numbers) of a plane are in, and how sure that is; None: their own."""
+    own = own[np.linspace(0, len(own) - 1, min(TRIED, len(own))).astype(int)]
+    if not own.size:
+        return None
+    data, index = evidence.data[own], evidence.index[own]
+    plane, still = plane_of(evidence.camera, z, 0.0), np.zeros((len(own), 2))
+    usual = float(np.median(correlation(plane.patterns(index[:, 1:], still), data)))
+    moved = evidence.starts.window[own]
+    if moved.any() and np.ptp(moved, axis=0).max() < 1:  # all cutouts alike: it is the anchor
+        usual = max(usual, float(np.median(evidence.alike[own])))
+    if usual > POOR:
+        return None
+    found, best = None, max(GOOD, usual + BETTER)
+    for name, order in orders.items():
+        alike = float(np.median(correlation(plane.patterns(order(index)[:, 1:], still), data)))
+        if alike > best:
+            best, found = alike, (name, (alike - usual) / 0.02)
+    return found
 
 
 def _turned(turned: dict[int, Order]) -> PutIn:

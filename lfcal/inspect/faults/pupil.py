@@ -48,6 +48,9 @@ LEFT = 0.02
 STEP = 0.01
 """Change of a focal length that its derivative is made of."""
 
+ROUNDS, NEAR = 6, 0.001
+"""Times that the change is told anew at most, and from which change of it on: the derivative is that at one length."""
+
 BLUR = 0.005
 """Change of a focal length that is worth a word."""
 
@@ -144,6 +147,7 @@ class TypeFocus(Fault):
 
     name = "type_focus"
     title = "lens type out of focus"
+    strong_rank = 8
     rank = 57
     advice = (
         "Fit the focal lengths (lfcal fit, group focal), and describe the camera by them; nothing is recorded anew."
@@ -157,20 +161,17 @@ class TypeFocus(Fault):
             return
         try:
             tried = [_change(evidence, kind) for kind in range(types)]
+            kind = int(np.argmax([abs(value) / sigma for value, sigma in tried]))
+            change, sigma = tried[kind]
+            if abs(change) < max(BLUR, SURE * sigma):
+                return
+            settled = _settled(evidence, kind, change)
         except (InputError, EnergyError):
             return
-        kind = int(np.argmax([abs(value) / sigma for value, sigma in tried]))
-        change, sigma = tried[kind]
-        if abs(change) < max(BLUR, SURE * sigma):
+        if settled is None or settled[2].misfit > (1 - EXPLAINS) * evidence.misfit:
             return
-        known = evidence.camera
-        for _ in range(2):  # the derivative is that at the stated focal length
-            other = _light(evidence, _with_focal(known, kind, change))
-            moved = evidence.with_data(evidence.data + evidence.light - other, evidence.valid)
-            change += _change(moved, kind)[0]
+        change, other, _ = settled
         share = float(np.abs(other - evidence.light).sum() / max(float(evidence.light.sum()), 1e-300))
-        if moved.misfit > (1 - EXPLAINS) * evidence.misfit:
-            return
         focal = evidence.plan.camera.lattice.types[kind].focal_length_um
         told = np.array([100 * value for value, _ in tried])
 
@@ -186,6 +187,23 @@ class TypeFocus(Fault):
             repair=adding(evidence.index, evidence.light - other),
             put_in=put_in,
         )
+
+
+def _settled(evidence: Evidence, kind: int, change: float) -> tuple[float, F4, Evidence] | None:
+    """Return the change of a type's focal length from a first guess, the light with it, and the evidence without.
+
+    None where the first guess explains next to nothing: it is another fault.
+    """
+    for turn in range(ROUNDS):
+        other = _light(evidence, _with_focal(evidence.camera, kind, change))
+        moved = evidence.with_data(evidence.data + evidence.light - other, evidence.valid)
+        if turn == 0 and moved.misfit > (1 - EXPLAINS / 3) * evidence.misfit:
+            return None
+        more = _change(moved, kind)[0] if turn + 1 < ROUNDS else 0.0
+        if abs(more) < NEAR:
+            break
+        change += more
+    return change, other, moved
 
 
 def _with_focal(known: Behind, kind: int, change: float) -> Behind:

@@ -24,6 +24,9 @@ F8 = NDArray[np.float64]
 DEAD, DUSTY = 0.3, 0.2
 """Share of the light that a single pixel must lack, and that each of several together must."""
 
+MOST = 0.02
+"""Share of the sensor's pixels that may be bad: more of them are none of single ones."""
+
 TOGETHER = 4
 """Pixels of three by three that make a spot of dust."""
 
@@ -79,7 +82,10 @@ class BadPixels(Fault):
         for axis in (0, 1):
             many = bad.sum(1 - axis) > 0.2 * bad.shape[1 - axis]
             bad &= ~(many[:, None] if axis == 0 else many[None, :])
-        if not bad.any() or bad.mean() > 0.02:
+        if not bad.any() or bad.mean() > MOST:
+            return
+        bad = _in_most(evidence, bad, np.where(hot_told > SURE, hot, 0.0), dim)
+        if not bad.any():
             return
         pixels = np.argwhere(bad)
         worst = float(np.maximum(np.abs(hot_told), np.abs(dim_told))[bad].max())
@@ -101,6 +107,32 @@ class BadPixels(Fault):
             blinds=True,
             put_in=_put_in(bad, hot, hot_told, dim),
         )
+
+
+def _in_most(evidence: Evidence, bad: NDArray[np.bool_], hot: F8, dim: F8) -> NDArray[np.bool_]:
+    """Return which of the bad pixels are so in most patterns, by their weights: one of another place makes spots too.
+
+    Parameters
+    ----------
+    evidence
+        What was compared.
+    bad
+        Pixels of the sensor ``(rows, columns)``.
+    hot, dim
+        Counts that they add, 0 of those that lack light; by what share they lack it, less than 0.
+    """
+    nt, ns = evidence.plan.cutout
+    found = np.zeros_like(bad)
+    for row, column in np.argwhere(bad).tolist():
+        t, s = (np.array([row, column]) - evidence.corners()).T
+        own = np.flatnonzero((t >= 0) & (t < nt) & (s >= 0) & (s < ns))
+        left, light, weight = (part[own, t[own], s[own]] for part in (evidence.left, evidence.light, evidence.weight))
+        if hot[row, column]:
+            alike = left > hot[row, column] / 2
+        else:
+            alike, weight = left < light * dim[row, column] / 2, weight * np.square(light)
+        found[row, column] = weight[alike].sum() > weight.sum() / 2
+    return found
 
 
 def _put_in(bad: NDArray[np.bool_], hot: F8, hot_told: F8, dim: F8) -> PutIn:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["BETTER", "FEW", "SURE", "Step", "Usual", "robust", "scan_order", "sharpest_step", "usual"]
+__all__ = ["BETTER", "ENOUGH", "FEW", "SURE", "Step", "Usual", "robust", "scan_order", "sharpest_step", "usual"]
 
 F8 = NDArray[np.float64]
 
