@@ -53,6 +53,11 @@ class StandIns:
     spread: F8
     shift: F8
 
+    def with_others(self, others: StandIns) -> StandIns:
+        """Return both as one."""
+        shift = np.hypot(self.shift, others.shift)
+        return StandIns((*self.words, *others.words), self.spread + others.spread, shift)
+
     def variances(self, own: F8, grown: float = 1.0) -> F8:
         """Return the variances of the unknowns whose ``own`` covariance ``(k, k)`` is that with all else held.
 
@@ -81,10 +86,11 @@ def standing_in(
     return stand_ins(problem.vector.unknowns, which, held, data, slope, point.u)
 
 
-def iter_held_beside(problem: Problem, point: Point, columns: Columns, groups: Sequence[str]) -> Work[tuple[str, ...]]:
-    """Say what else is known of the camera's unknowns and may be what those of ``groups``, that were asked for, tell.
+def iter_held_beside(problem: Problem, point: Point, columns: Columns, groups: Sequence[str]) -> Work[StandIns]:
+    """Return what of the camera's other unknowns those of ``groups``, that were asked for by name, stand in for.
 
-    By a few patterns, for it is named and no more; groups of which each pattern takes many runs are not looked at.
+    By a few patterns, each of which stands for several: enough for the spread, but what they say of the others' values
+    is less than all patterns do, so there is no shift. Groups of which each pattern takes many runs are not looked at.
     Yields progress in derivatives.
     """
     measured, fitted = problem.measured, np.flatnonzero(problem.fitted)
@@ -99,19 +105,20 @@ def iter_held_beside(problem: Problem, point: Point, columns: Columns, groups: S
     own = np.arange(len(old))
     levels = replace(point.levels, lamps=point.levels.lamps[keep])
     local = replace(point.local, offsets_px=point.local.offsets_px[keep])
-    u = np.concatenate([point.u, np.zeros(len(vector) - len(old))])
+    u, which = np.concatenate([point.u, np.zeros(len(vector) - len(old))]), old.of_groups(groups)
     at = Point(u, local, point.model[keep], levels, point.seen.of(keep), point.sampling, point.doubtful)
     held = range(len(old), len(vector))
     try:
         found = yield from part.columns(at, held, "what else may have changed", own=False)
     except (InputError, EnergyError):
         # a camera that cannot have them all at once has been found all the same
-        return ()
+        return StandIns((), np.zeros((len(which), len(which))), np.zeros(len(which)))
     shared = found.shared
     shared[own] = columns.shared[own][:, keep]
     beside = None if columns.own is None else columns.own[:, keep]
     times = len(fitted) / len(some)
-    return standing_in(part, at, Columns(shared, beside), old.of_groups(groups), times).words
+    told = standing_in(part, at, Columns(shared, beside), which, times)
+    return replace(told, shift=np.zeros_like(told.shift))
 
 
 def stand_ins(
