@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lfcal.camera import ScanPlan, preset
 from lfcal.errors import InputError
 from lfcal.fit import fit_camera
 from lfcal.fit.field import FieldFit, _changes, _Laid, fit_field
@@ -15,10 +16,11 @@ from lfcal.fit.model import Fineness, predict
 from lfcal.fit.normal import Local
 from lfcal.fit.parameters import Frame, Vector, field_of
 from lfcal.fit.regional import Regional, regional_of
-from lfcal.fit.setup import RegionPlace, Setup, described_effects
+from lfcal.fit.setup import RegionPlace, Setup, called_for, described_effects
 from lfcal.fit.summary import summarised
 from lfcal.progress import drain
-from lfcal.simulate.effects import FieldAberrations, FieldCurvature
+from lfcal.simulate.effects import FieldAberrations, FieldCurvature, Zernike
+from tests.fit.common import measured, some_index
 from tests.fit.field_common import ANCHORS, LAW, ON_AXIS, camera, plan_at, recorded, true_setup, unlike
 
 PLACES = (RegionPlace(), RegionPlace(0.2, -0.1), RegionPlace(-0.1, 0.15))
@@ -192,3 +194,55 @@ def test_h_of_another_place_is_that_of_its_wavefront() -> None:
     wanted = predict(alone, plan, np.array([[1, 1, 2]]), np.zeros((1, 2)), Fineness.finest)[0]
     np.testing.assert_allclose(H[1, 1, 2], at.levels.gains[1] * wanted, atol=1e-4 * float(np.max(H[1, 1, 2])))
     assert H.anchor == ANCHORS["far"] and H.period == (2, 3)
+
+
+def microscope_plan(name: str, cutout: int = 15) -> ScanPlan:
+    found = preset("lfm_20x05")
+    found = replace(found, sensor=replace(found.sensor, shape=(2000, 2400)))
+    return ScanPlan.for_camera(found, depths_um=(-6.0, 9.0), cutout=cutout, anchor=ANCHORS[name])
+
+
+def test_an_objective_has_the_symmetric_part_of_the_law() -> None:
+    """It is simulated with what is symmetric about a source's chief ray; the rest of the law is refused there."""
+    plan = microscope_plan("centre")
+    start = Setup(plan.camera, called_for(plan), (0.0, 0.0))
+    vector = Vector(
+        start, Frame.over([microscope_plan(name) for name in THREE]), ("field_wavefront", "field_curvature")
+    )
+    assert [one.name for one in vector.unknowns] == ["field_spherical", "field_sag_um"]
+    setup = vector.setup_at(vector.at({"field_spherical": 0.2, "field_sag_um": 400.0}))
+    axis, edge = (
+        predict(one, microscope_plan("edge"), np.array([[0, 3, 5]]), np.zeros((1, 2)), Fineness.coarse)
+        for one in (start, setup)
+    )
+    assert np.linalg.norm(edge - axis) > 0.05 * np.linalg.norm(axis)
+
+
+@pytest.mark.long
+def test_a_microscopes_field_is_found() -> None:
+    """Spherical aberration and the image's distance, both with the square of the field: also where nobody scanned."""
+    law, plan = FieldAberrations(0.0, 0.0, spherical=0.3, radius_um=12000.0), microscope_plan("centre")
+    lattice = replace(plan.camera.lattice, gap_um=1.01 * plan.camera.lattice.gap_um, rotation_rad=5e-4)
+    effects = (*called_for(plan), Zernike(((4, 0, 0.05),)), law, FieldCurvature(12000.0**2 / 800))
+    true = Setup(replace(plan.camera, lattice=lattice), effects, (0.0, 0.0))
+    rng, patterns = np.random.default_rng(0), {}
+    for name in THREE:
+        own = microscope_plan(name)
+        index = some_index(own, 6)
+        light = predict(true, own, index, np.zeros((6, 2)), Fineness.finest)
+        clean = 16e3 * np.maximum(light, 0) / light.max()
+        patterns[name] = measured(own, rng.poisson(clean) + rng.standard_normal(clean.shape), index, (1.0, 1.0))
+    names = ("geometry", "wavefront", "field_wavefront", "field_curvature")
+    fit = fit_field(patterns, unknowns=names, workers=1)
+    radius = max(np.hypot(*at) for at in Frame.over([microscope_plan(name) for name in THREE]).fields_um)
+    by = (radius / 12000.0) ** 2
+    wanted = {"field_spherical": 0.3 * by, "field_sag_um": 400.0 * by, "zernike_4_0": 0.05, "gap_um": lattice.gap_um}
+    for name, value in wanted.items():
+        own = fit.first.parameters[name]
+        print(f"{name}: {own.value:.5g} ± {own.sigma:.2g} of {value:.5g}")
+        assert abs(own.value - value) < 4 * own.sigma
+    far = microscope_plan("far")
+    naive = fit_field(patterns, unknowns=names[:2], workers=1)
+    off, one = (unlike(true, found.setup_at(far), far) for found in (fit, naive))
+    print(f"{fit.first.verdict}; elsewhere {off:.4f}; one wavefront for all: {naive.first.verdict}, {one:.4f}")
+    assert fit.first.complete and off < 0.01 and one > 5 * off and not naive.first.complete
