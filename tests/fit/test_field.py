@@ -238,11 +238,11 @@ def test_a_microscopes_field_is_found() -> None:
     by = (radius / 12000.0) ** 2
     wanted = {"field_spherical": 0.3 * by, "field_sag_um": 400.0 * by, "zernike_4_0": 0.05, "gap_um": lattice.gap_um}
     for name, value in wanted.items():
-        own = fit.first.parameters[name]
-        print(f"{name}: {own.value:.5g} ± {own.sigma:.2g} of {value:.5g}")
-        assert abs(own.value - value) < 4 * own.sigma
+        found = fit.first.parameters[name]
+        print(f"{name}: {found.value:.5g} ± {found.sigma:.2g} of {value:.5g}")
+        assert abs(found.value - value) < 4 * found.sigma
     far = microscope_plan("far")
     naive = fit_field(patterns, unknowns=names[:2], workers=1)
-    off, one = (unlike(true, found.setup_at(far), far) for found in (fit, naive))
+    off, one = (unlike(true, which.setup_at(far), far) for which in (fit, naive))
     print(f"{fit.first.verdict}; elsewhere {off:.4f}; one wavefront for all: {naive.first.verdict}, {one:.4f}")
     assert fit.first.complete and off < 0.01 and one > 5 * off and not naive.first.complete
