@@ -101,13 +101,11 @@ def command(
     from lfcal.cli.console import print_json, run_work
     from lfcal.cli.fit_check import Asked, check_h
     from lfcal.cli.fit_field import Regions, fit_regions
+    from lfcal.cli.fit_object import Place, object_dict, object_error, object_words, read_object
     from lfcal.cli.fit_source import SOME, Reading, is_matrix, open_upright, parse_noise, read_patterns
     from lfcal.cli.fit_validate import (
         VALIDATION,
         iter_write_validation,
-        object_dict,
-        object_error,
-        read_object,
         show_validation,
         validation_dict,
         withheld_points,
@@ -152,24 +150,22 @@ def command(
     source = sources[0]
     if hybrid and no_h:
         raise InputError.expected("--hybrid", "an H to write", "--no-h", "leave one of them out")
+    if (known_object is None) != (scene is None) or (known_object and no_h):
+        got = "without H" if no_h else "one of them"
+        raise InputError.expected("--object", "a frame, its --scene, and H", got, "give all of them, or none")
     groups = unknowns if unknowns == "auto" else _groups(unknowns)
     chosen = parse_effects(effects)
     if len(sources) > 1:
-        if known_object or scene:
-            # H of a region is one period: an object lies in all of the field
-            raise InputError.expected("--object", "one SOURCE", f"{len(sources)}", "fit regions without it")
-        wanted = Regions(hybrid=hybrid, validate=validate, validate_on=validate_on)
+        wanted = Regions(hybrid, validate, validate_on, known_object, scene)
         made = wanted.outputs(out, sources)
-        _check_regions(out, sources, camera, plan, dark, white, validate_on, more=made, no_h=no_h, force=force)
+        read = (camera, plan, dark, white, validate_on, known_object, scene)
+        _check_regions(out, sources, *read, more=made, no_h=no_h, force=force)
         recipe = CorrectionRecipe(dark=dark, black_level=black_level, white=white or "")
         start = load_camera(camera) if camera else None
         how = Reading(start, positions, parse_noise(noise), plan, recipe, orientation)
         begin = chosen if effects else None
         fit_regions(sources, how, groups, begin, out, wanted, with_h=not no_h, workers=workers, json=json)
         return
-    if (known_object is None) != (scene is None) or (known_object and no_h):
-        got = "without H" if no_h else "one of them"
-        raise InputError.expected("--object", "a frame, its --scene, and H", got, "give all of them, or none")
     more = VALIDATION if validate or validate_on else ()
     _check_before(
         out, source, camera, plan, dark, white, validate_on, known_object, scene, more=more, no_h=no_h, force=force
@@ -203,10 +199,10 @@ def command(
         if not json:
             show_validation(found)
     if shot is not None:
-        beside = object_error(out / MODEL, *shot, how.noise, workers)
+        beside = object_error([Place.of(out / MODEL, fit)], *shot, how.noise, workers)
         known_of["object"] = object_dict(beside)
         if not json:
-            typer.echo(f"{beside.label}: predicted with an error {beside.error}, chi² {beside.chi_square.lit:.3f}")
+            typer.echo(object_words(beside))
     if json:
         print_json(known_of)
 

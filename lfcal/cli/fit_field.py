@@ -55,11 +55,15 @@ class Regions:
         Predict the recorded positions of each region that were not fitted.
     validate_on
         Predict the points of another session or H, anywhere in the field.
+    known_object, scene
+        Predict the frame of a known object, each of its points by H of the nearest region.
     """
 
     hybrid: bool = False
     validate: bool = False
     validate_on: Path | None = None
+    known_object: Path | None = None
+    scene: Path | None = None
 
     def outputs(self, out: Path, sources: Sequence[Path]) -> list[Path]:
         """Return what is written beside the fit's own files."""
@@ -84,11 +88,13 @@ def fit_regions(
 ) -> None:
     """Fit one camera to the patterns of several regions, and write it."""
     from lfcal.cli.console import print_json, run_work
+    from lfcal.cli.fit_object import Place, object_dict, object_error, object_words, read_object
     from lfcal.cli.fit_source import is_matrix, open_upright, read_patterns
     from lfcal.cli.fit_validate import validation_dict, withheld_points
     from lfcal.fit.field import iter_fit_field
     from lfcal.fit.field_files import field_dict, iter_write_field
     from lfcal.fit.setup import called_for, with_given
+    from lfcal.fit.writing import MODEL
 
     by_name = dict(zip(names_of(sources), sources, strict=True))
     patterns, known = {}, {}
@@ -101,6 +107,7 @@ def fit_regions(
     }
     first = next(iter(patterns.values()))
     other = withheld_points(sources[0], more.validate_on, how, first, quiet=json) if more.validate_on else None
+    shot = read_object(more.known_object, more.scene, how, first) if more.known_object and more.scene else None
     begins = with_given(called_for(first.plan), *effects) if effects else None
     fit = run_work(iter_fit_field(patterns, how.camera, groups, effects=begins, workers=workers), quiet=json)
     with ExitStack() as stack:
@@ -119,10 +126,17 @@ def fit_regions(
         for name, summary in summaries.items():
             typer.echo(f"{name}: {summary}")
     found = _validated(fit, aside, other, by_name, out, more.validate_on, json=json)
+    beside = None
+    if shot is not None:
+        places = [Place.of(out / name / MODEL, own) for name, own in fit.fits.items()]
+        beside = object_error(places, *shot, how.noise, workers)
+        if not json:
+            typer.echo(object_words(beside))
     if json:
         told: dict[str, Any] = field_dict(fit) | {"files": written}
         told |= {"hybrid": {name: asdict(one) for name, one in summaries.items()}} if summaries else {}
         told |= {"validation": {name: validation_dict(one) for name, one in found.items()}} if found else {}
+        told |= {} if beside is None else {"object": object_dict(beside)}
         print_json(told)
 
 

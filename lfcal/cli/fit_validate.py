@@ -2,40 +2,27 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import typer
 
-from lfcal.cli.fit_check import new_frame, single_frames
-from lfcal.errors import InputError
-
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from lfcal.cli.fit_source import Reading
     from lfcal.fit import Fit, Measured
-    from lfcal.fit.compared import Compared
     from lfcal.fit.judge import ModelError
-    from lfcal.fit.locate import NewFrame
     from lfcal.fit.validate import PointError, Validation
     from lfcal.progress import Work
 
 __all__ = [
     "VALIDATION",
+    "error_dict",
     "iter_write_validation",
-    "object_dict",
-    "object_error",
-    "read_object",
     "show_validation",
     "validation_dict",
     "withheld_points",
 ]
-
-Noise: TypeAlias = tuple[float, float] | None
 
 VALIDATION = ("validation.json", "report/validation.png")
 """What is written beside a fit's own files."""
@@ -73,51 +60,11 @@ def iter_write_validation(
     return found
 
 
-def read_object(frame: Path, scene: Path, how: Reading, fitted: Measured) -> tuple[NewFrame, NDArray[np.float32]]:
-    """Return the frame of a known object, corrected, and the object; before anything is fitted."""
-    from lfcal.frames import corrected_view
-    from lfcal.reconstruct.volumes import load_volume
-
-    with ExitStack() as stack:
-        view = corrected_view(single_frames(frame, stack), how.recipe, fitted.plan)
-        if len(view) != 1:
-            raise InputError.expected(f"{frame}, frames", "one", len(view), "name the frame of the object")
-        shot = new_frame(view, 0, None, None, frame.name)
-    volume = load_volume(scene)
-    planes, shape = len(fitted.plan.depths_um), shot.values.shape
-    if volume.shape != (planes, *shape):
-        wanted = f"{(planes, *shape)}: the planes of H, the pixels of the frame"
-        raise InputError.expected(f"{scene}, volume", wanted, volume.shape, "resample it")
-    if not np.isfinite(volume).all() or not volume.any():
-        raise InputError.expected(f"{scene}, volume", "finite values, some above 0", "others", "correct it")
-    return shot, volume
-
-
-def object_error(H: Path, shot: NewFrame, volume: NDArray[np.float32], given: Noise, workers: int | None) -> Compared:
-    """Return a known object's frame beside what H makes of the object."""
-    from lfcal.fit.validate import predicted_frame
-    from lfcal.psf import open_psf
-    from lfcal.reconstruct.projectors.projector import Projector
-
-    noise = given or shot.noise
-    if noise is None:
-        raise InputError.expected(f"{shot.label}, noise", "a variance of its samples", "none", "state it with --noise")
-    rows, columns = shot.values.shape
-    with open_psf(H) as matrix:
-        light = Projector(matrix, (rows, columns), workers=workers).forward(volume)
-        return predicted_frame(np.asarray(light, np.float64), shot, noise, matrix.cutout)
-
-
-def object_dict(found: Compared) -> dict[str, Any]:
-    """Return how well a known object's frame was predicted, as plain types."""
-    return {"frame": found.label, "error": _error(found.error), "chi2": found.chi_square.lit, "light": found.gain}
-
-
 def validation_dict(found: Validation) -> dict[str, Any]:
     """Return what was found as plain types; the fitted camera's errors, and those of H taken as periodic."""
     parts = {"all": found.points, "middle": found.middle, "edges": found.edges}
     errors = {
-        how: {name: _error(found.error(part, periodic=how == "periodic")) for name, part in parts.items()}
+        how: {name: error_dict(found.error(part, periodic=how == "periodic")) for name, part in parts.items()}
         for how in ("camera", "periodic")
     }
     return {
@@ -132,7 +79,8 @@ def validation_dict(found: Validation) -> dict[str, Any]:
     }
 
 
-def _error(error: ModelError) -> dict[str, Any]:
+def error_dict(error: ModelError) -> dict[str, Any]:
+    """Return an error of the model as plain types."""
     return {"known": error.known, "value": error.value, "sigma": error.sigma, "limit": error.limit}
 
 
@@ -141,11 +89,11 @@ def _point(one: PointError) -> dict[str, Any]:
         "position": [one.z, one.y, one.x],
         "pixel": one.place_px,
         "field": one.field,
-        "error": _error(one.model.error),
+        "error": error_dict(one.model.error),
         "chi2": one.model.chi_square.lit,
         "displacement_px": one.model.displacement_px,
         "light": one.model.gain,
-        "periodic": None if one.periodic is None else _error(one.periodic.error),
+        "periodic": None if one.periodic is None else error_dict(one.periodic.error),
     }
 
 

@@ -35,7 +35,7 @@ from lfcal.fit.result import Fit, Outlier
 from lfcal.fit.select import choose, prune
 from lfcal.fit.setup import Setup, called_for
 from lfcal.fit.solver import Tell, descend
-from lfcal.fit.stand_ins import iter_held_beside
+from lfcal.fit.stand_ins import StandIns, iter_held_beside
 from lfcal.fit.summary import summarised
 from lfcal.progress import Work, drain
 from lfcal.psf import PSFMatrix
@@ -95,7 +95,7 @@ def iter_summarised(
     candidates: Sequence[str],
 ) -> Work[tuple[Fit, ...]]:
     """Return the fit of what `iter_retrieved` found, as it is in each region; ``candidates`` are the groups tried."""
-    beside: tuple[str, ...] = ()
+    beside: StandIns | None = None
     if not candidates:
         beside = yield from iter_held_beside(problem, point, columns, groups)
     return summarised(problem, point, columns, groups=groups, tried=candidates, outliers=outliers, beside=beside)

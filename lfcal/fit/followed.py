@@ -13,7 +13,7 @@ from lfcal.errors import InputError
 from lfcal.fit.expected import Behind
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.problem import STEP, STEP_PX
-from lfcal.fit.suspects import Changes, Left, Suspect, shows, sorted_suspects
+from lfcal.fit.suspects import Changes, Left, Suspect, best_step, shows, sorted_suspects
 from lfcal.simulate.engines.base import EnergyError
 
 __all__ = ["followed"]
@@ -194,11 +194,7 @@ def _step(state: _State, columns: F8) -> tuple[F8, F8, F8]:
     """Return the best step, its covariance, and the columns in sigmas, without what nuisances make up for."""
     x = state.left.without_nuisance(columns)
     residual = state.left.without_nuisance(state.left.residual[None])[0]
-    size = np.sqrt(np.square(x).sum(1))
-    size[size == 0] = 1.0
-    scaled = x / size[:, None]
-    inverse = np.linalg.pinv(scaled @ scaled.T, rcond=1e-9, hermitian=True) / np.outer(size, size)
-    return inverse @ (x @ residual), inverse, x
+    return *best_step(x, residual), x
 
 
 def _told(

@@ -130,7 +130,7 @@ def iter_information(
         local = Local(np.zeros((len(own), 2)), expected.stage_px, expected.lamp)
         point = problem.point(np.zeros(k), local, Fineness.coarse)
         # a part is quick: what is counted is patterns
-        columns = drain(problem.columns(point, range(k), "", own=expected.stage_px > 0))
+        columns = drain(problem.columns(point, range(k), "", own=expected.stage_px > 0, both=True))
         for p, at in enumerate(own.tolist()):
             told[at] = _told(problem, point, columns, p)
         sums.add(z, columns, point, gains[z], _noise(plan))

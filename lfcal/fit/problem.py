@@ -143,11 +143,16 @@ class Problem:
         return total
 
     # -- derivatives -------------------------------------------------------------------------------------
-    def columns(self, point: Point, which: Sequence[int], note: str, *, own: bool) -> Work[Columns]:
+    def columns(
+        self, point: Point, which: Sequence[int], note: str, *, own: bool, both: bool | None = None
+    ) -> Work[Columns]:
         """Compute the derivatives by the unknowns ``which``, and with ``own`` by each source's displacement.
 
-        Yields progress in columns; they are computed at the coarse sampling, several at a time.
+        Yields progress in columns; they are computed at the coarse sampling, several at a time. With ``both`` they are
+        by steps to both sides, so by default at all points but coarse ones: to one side the curvature is in them, a few
+        percent, by which unknowns that stand in for each other seem to be told apart.
         """
+        central = point.sampling != Fineness.coarse if both is None else both
         tasks: list[tuple[str, int]] = [("shared", int(k)) for k in which]
         tasks += [("own", axis) for axis in (0, 1)] if own else []
         clock = Clock(note, len(tasks) + 1)
@@ -159,7 +164,7 @@ class Problem:
         def some(start: int, stop: int) -> None:
             for kind, k in tasks[start:stop]:
                 if kind == "shared":
-                    shared[k] = self._derivative(point, base, k)
+                    shared[k] = self._derivative(point, base, k, both=central)
                 elif moved is not None:
                     by = np.zeros(2)
                     by[k] = STEP_PX
@@ -176,19 +181,23 @@ class Problem:
     def _coarse(self, point: Point) -> F4:
         return self.model(point.u, point.local.offsets_px, Fineness.coarse)
 
-    def _derivative(self, point: Point, base: F4, k: int) -> F4:
-        """Return the derivative by unknown ``k``, by a step to the side on which there is room."""
+    def _derivative(self, point: Point, base: F4, k: int, *, both: bool) -> F4:
+        """Return the derivative by unknown ``k``: by steps to both sides, or to the first on which there is room."""
+        found: list[F4] = []
         for step in (STEP, -STEP):
             u = point.u.copy()
             u[k] += step
             if not np.isclose(self.vector.clipped(u)[k], u[k]):
                 continue
             try:
-                found: F4 = (self.model(u, point.local.offsets_px, Fineness.coarse) - base) / np.float32(step)
+                found.append((self.model(u, point.local.offsets_px, Fineness.coarse) - base) / np.float32(step))
             except (InputError, EnergyError):
                 continue
-            return found
-        return np.zeros_like(base)
+            if not both:
+                break
+        if not found:
+            return np.zeros_like(base)
+        return found[0] if len(found) == 1 else (found[0] + found[1]) / np.float32(2)
 
     def normal(self, columns: Columns, point: Point, keep: NDArray[np.bool_]) -> Normal:
         """Return the normal equations of the patterns ``keep``, without the shared unknowns' priors."""

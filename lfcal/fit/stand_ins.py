@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.errors import InputError
-from lfcal.fit.judge import eliminated
+from lfcal.fit.judge import covariance, eliminated
 from lfcal.fit.normal import Columns
 from lfcal.fit.parameters import GROUPS, Unknown, Vector
 from lfcal.fit.problem import Point, Problem
@@ -53,6 +54,11 @@ class StandIns:
     spread: F8
     shift: F8
 
+    def with_others(self, others: StandIns) -> StandIns:
+        """Return both as one."""
+        shift = np.hypot(self.shift, others.shift)
+        return StandIns((*self.words, *others.words), self.spread + others.spread, shift)
+
     def variances(self, own: F8, grown: float = 1.0) -> F8:
         """Return the variances of the unknowns whose ``own`` covariance ``(k, k)`` is that with all else held.
 
@@ -81,17 +87,14 @@ def standing_in(
     return stand_ins(problem.vector.unknowns, which, held, data, slope, point.u)
 
 
-def iter_held_beside(problem: Problem, point: Point, columns: Columns, groups: Sequence[str]) -> Work[tuple[str, ...]]:
-    """Say what else is known of the camera's unknowns and may be what those of ``groups``, that were asked for, tell.
+def iter_held_beside(problem: Problem, point: Point, columns: Columns, groups: Sequence[str]) -> Work[StandIns]:
+    """Return what of the camera's other unknowns those of ``groups``, that were asked for by name, stand in for.
 
-    By a few patterns, for it is named and no more; groups of which each pattern takes many runs are not looked at.
+    By a few patterns, each of which stands for several: enough for the spread, but what they say of the others' values
+    is less than all patterns do, so there is no shift. Groups of which each pattern takes many runs are not looked at.
     Yields progress in derivatives.
     """
-    measured, fitted = problem.measured, np.flatnonzero(problem.fitted)
-    few = min(len(fitted), max(LEAST, len(fitted) // 4))
-    some = fitted[spread_out(measured.index[fitted], min(FEW, few), measured.plan.period)]
-    keep = np.zeros(len(measured), np.bool_)
-    keep[some] = True
+    measured, keep = problem.measured, _some(problem)
     others = [group.name for group in GROUPS if not group.late and group.name not in groups]
     old = problem.vector
     vector = Vector(old.setup, old.frame, [*(group.name for group in old.groups), *others])
@@ -99,19 +102,39 @@ def iter_held_beside(problem: Problem, point: Point, columns: Columns, groups: S
     own = np.arange(len(old))
     levels = replace(point.levels, lamps=point.levels.lamps[keep])
     local = replace(point.local, offsets_px=point.local.offsets_px[keep])
-    u = np.concatenate([point.u, np.zeros(len(vector) - len(old))])
+    u, which = np.concatenate([point.u, np.zeros(len(vector) - len(old))]), old.of_groups(groups)
     at = Point(u, local, point.model[keep], levels, point.seen.of(keep), point.sampling, point.doubtful)
     held = range(len(old), len(vector))
     try:
         found = yield from part.columns(at, held, "what else may have changed", own=False)
     except (InputError, EnergyError):
         # a camera that cannot have them all at once has been found all the same
-        return ()
+        return StandIns((), np.zeros((len(which), len(which))), np.zeros(len(which)))
     shared = found.shared
     shared[own] = columns.shared[own][:, keep]
-    beside = None if columns.own is None else columns.own[:, keep]
-    times = len(fitted) / len(some)
-    return standing_in(part, at, Columns(shared, beside), old.of_groups(groups), times).words
+    some = Columns(shared, None if columns.own is None else columns.own[:, keep])
+    told = standing_in(part, at, some, which, problem.fitted.sum() / keep.sum())
+    # few patterns may tell what was found less well than all do: what is known is how much wider it is
+    sure, sigmas = (_sigmas(one, here, its, which) for one, here, its in ((problem, point, columns), (part, at, some)))
+    size = np.minimum(1.0, sure / (sigmas * math.sqrt(keep.sum() / problem.fitted.sum())))
+    return StandIns(told.words, told.spread * np.outer(size, size), np.zeros_like(told.shift))
+
+
+def _some(problem: Problem) -> NDArray[np.bool_]:
+    """Return some of the fitted patterns: of each region a quarter, three at least, eight at most of all."""
+    measured, keep = problem.measured, np.zeros(len(problem.measured), np.bool_)
+    parts = [(plan, own[problem.fitted[own]]) for plan, own, _ in measured.parts()]
+    for plan, own in parts:
+        few = min(len(own), max(LEAST, min(FEW // len(parts), len(own) // 4)))
+        keep[own[spread_out(measured.index[own], few, plan.period)]] = True
+    return keep
+
+
+def _sigmas(problem: Problem, point: Point, columns: Columns, which: NDArray[np.intp]) -> F8:
+    """Return the standard deviations, in scales, of the unknowns found at ``which`` with all else held."""
+    spread, _ = covariance(problem, point, columns, which)
+    found: F8 = np.sqrt(np.maximum(np.diag(spread)[: len(which)], 1e-300))
+    return found
 
 
 def stand_ins(

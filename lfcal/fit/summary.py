@@ -16,7 +16,7 @@ from lfcal.fit.parameters import GROUPS, Unknown
 from lfcal.fit.problem import Point, Problem
 from lfcal.fit.questions import order_of_types
 from lfcal.fit.result import Fit, InRegion, Outlier, Parameter
-from lfcal.fit.stand_ins import standing_in
+from lfcal.fit.stand_ins import StandIns, standing_in
 from lfcal.fit.weighing import Levels
 
 __all__ = ["summarised", "unidentified"]
@@ -55,11 +55,11 @@ def summarised(
     groups: Sequence[str],
     tried: Sequence[str],
     outliers: tuple[Outlier, ...],
-    beside: tuple[str, ...] = (),
+    beside: StandIns | None = None,
 ) -> tuple[Fit, ...]:
     """Return the fit at a point, as it is in each region of the field, with the last derivatives that were computed.
 
-    ``beside`` says what else, that was not tried, may have changed in the place of what was found.
+    ``beside`` is what else, that was not tried, may have changed in the place of what was found.
     """
     vector = problem.vector
     which = vector.of_groups(groups)
@@ -70,6 +70,8 @@ def summarised(
     grown = math.sqrt(max(1.0, chi2.lit)) if not chi2.complete else 1.0
     alone = grown * np.sqrt(np.maximum(np.diag(spread)[: len(which)], 0.0))
     held = standing_in(problem, point, columns, which)
+    if beside is not None:
+        held = held.with_others(beside)
     sigmas = np.sqrt(held.variances(spread[: len(which), : len(which)], grown))
     parameters = {
         one.name: Parameter(
@@ -101,7 +103,7 @@ def summarised(
         left_out_error=left_out_error(problem, point, columns, which, grown**2 * spread, complete=chi2.complete),
         correlations=spread[: len(which), : len(which)] / np.outer(size, size),
         held=tuple(dict.fromkeys(one.gauge for one in unknowns if one.gauge)),
-        unidentified=(*unidentified(unknowns, data), *held.words, *beside),
+        unidentified=(*unidentified(unknowns, data), *held.words),
         outliers=outliers,
         answers={"order of lens types": f"{order} of the description"} if order else {},
         spread=Spread(point.local.stage_px, point.local.lamp),

@@ -16,7 +16,7 @@ from lfcal.fit.parameters import GROUPS, Frame, Unknown, Vector
 from lfcal.fit.problem import STEP
 from lfcal.simulate.engines.base import EnergyError
 
-__all__ = ["Changes", "Left", "Suspect", "changes_of", "held_against", "shows", "sorted_suspects"]
+__all__ = ["Changes", "Left", "Suspect", "best_step", "changes_of", "held_against", "shows", "sorted_suspects"]
 
 F8 = NDArray[np.float64]
 
@@ -185,15 +185,20 @@ def shows(gained: float, unknowns: int) -> bool:
     return gained > unknowns + SHOWS * math.sqrt(2.0 * unknowns) + SHOWS
 
 
-def _one(changes: Changes, own: list[int], x: F8, residual: F8, left: Left) -> Suspect:
-    """Return what the columns ``own`` explain; ``x`` are these, and ``residual``, in sigmas without nuisances."""
-    good = left.weight.ravel() > 0
-    power = float(np.square(left.light.ravel()[good]).sum())
+def best_step(x: F8, residual: F8) -> tuple[F8, F8]:
+    """Return the step by columns ``(k, n)`` in sigmas that explains a residual ``(n,)`` best, and its covariance."""
     size = np.sqrt(np.square(x).sum(1))
     size[size == 0] = 1.0
     scaled = x / size[:, None]
     inverse = np.linalg.pinv(scaled @ scaled.T, rcond=1e-9, hermitian=True) / np.outer(size, size)
-    step = inverse @ (x @ residual)
+    return inverse @ (x @ residual), inverse
+
+
+def _one(changes: Changes, own: list[int], x: F8, residual: F8, left: Left) -> Suspect:
+    """Return what the columns ``own`` explain; ``x`` are these, and ``residual``, in sigmas without nuisances."""
+    good = left.weight.ravel() > 0
+    power = float(np.square(left.light.ravel()[good]).sum())
+    step, inverse = best_step(x, residual)
     gained = float(step @ (x @ residual))
     # the change itself in samples, and what noise alone would be taken for
     sigmas = np.where(good, 1.0 / np.where(good, left.weight.ravel(), 1.0), 0.0)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lfcal.camera import ScanPlan, preset
 from lfcal.errors import InputError
 from lfcal.fit import fit_camera
 from lfcal.fit.field import FieldFit, _changes, _Laid, fit_field
@@ -15,7 +16,7 @@ from lfcal.fit.model import Fineness, predict
 from lfcal.fit.normal import Local
 from lfcal.fit.parameters import Frame, Vector, field_of
 from lfcal.fit.regional import Regional, regional_of
-from lfcal.fit.setup import RegionPlace, Setup, described_effects
+from lfcal.fit.setup import RegionPlace, Setup, called_for, described_effects
 from lfcal.fit.summary import summarised
 from lfcal.progress import drain
 from lfcal.simulate.effects import FieldAberrations, FieldCurvature
@@ -192,3 +193,25 @@ def test_h_of_another_place_is_that_of_its_wavefront() -> None:
     wanted = predict(alone, plan, np.array([[1, 1, 2]]), np.zeros((1, 2)), Fineness.finest)[0]
     np.testing.assert_allclose(H[1, 1, 2], at.levels.gains[1] * wanted, atol=1e-4 * float(np.max(H[1, 1, 2])))
     assert H.anchor == ANCHORS["far"] and H.period == (2, 3)
+
+
+def microscope_plan(name: str, cutout: int = 15) -> ScanPlan:
+    found = preset("lfm_20x05")
+    found = replace(found, sensor=replace(found.sensor, shape=(2000, 2400)))
+    return ScanPlan.for_camera(found, depths_um=(-6.0, 9.0), cutout=cutout, anchor=ANCHORS[name])
+
+
+def test_an_objective_has_the_symmetric_part_of_the_law() -> None:
+    """It is simulated with what is symmetric about a source's chief ray; the rest of the law is refused there."""
+    plan = microscope_plan("centre")
+    start = Setup(plan.camera, called_for(plan), (0.0, 0.0))
+    vector = Vector(
+        start, Frame.over([microscope_plan(name) for name in THREE]), ("field_wavefront", "field_curvature")
+    )
+    assert [one.name for one in vector.unknowns] == ["field_spherical", "field_sag_um"]
+    setup = vector.setup_at(vector.at({"field_spherical": 0.2, "field_sag_um": 400.0}))
+    axis, edge = (
+        predict(one, microscope_plan("edge"), np.array([[0, 3, 5]]), np.zeros((1, 2)), Fineness.coarse)
+        for one in (start, setup)
+    )
+    assert np.linalg.norm(edge - axis) > 0.05 * np.linalg.norm(axis)

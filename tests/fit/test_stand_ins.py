@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
 
 from lfcal.camera import ScanPlan
-from lfcal.fit import Fit, Setup, Unknown
+from lfcal.fit import Fit, Measured, Setup, Unknown
 from lfcal.fit.fit import addable, groups_of, problem_of
+from lfcal.fit.judge import covariance
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.normal import Columns, Local
 from lfcal.fit.problem import Problem
@@ -72,14 +74,19 @@ def test_derivatives_of_a_round_keep_those_by_all_else() -> None:
     assert now.shared[:, 0, 0].tolist() == [1.0, 2.0, 1.0]
 
 
-def test_a_planes_distance_is_named_beside_the_depth_in_a_specimen() -> None:
-    """Of an oil lens in water 2 µm of depth look as 0.1 µm of distance and some spherical aberration."""
+@cache
+def deep_in_water() -> tuple[ScanPlan, Setup, Measured]:
+    """Return four patterns of an oil lens that looks 12 µm deep, without noise."""
     plan = ScanPlan.for_camera(small_camera("lfm_60x12"), depths_um=[-1.0, 2.0], cutout=15)
     setup = Setup(plan.camera, (*called_for(plan), IndexMismatch(1.38, 12.0)), (0.0, 0.0))
     index = some_index(plan, 4)
     light = predict(setup, plan, index, np.zeros((4, 2)), Fineness.coarse)
-    noise = (4.0, 1.0)
-    patterns = measured(plan, 16e3 * light / light.max(), index, noise)
+    return plan, setup, measured(plan, 16e3 * light / light.max(), index, (4.0, 1.0))
+
+
+def test_a_planes_distance_is_named_beside_the_depth_in_a_specimen() -> None:
+    """Of an oil lens in water 2 µm of depth look as 0.1 µm of distance and some spherical aberration."""
+    _, setup, patterns = deep_in_water()
     rest = ("wavefront", "higher_wavefront")
     names = ("geometry", "distance", *rest, "specimen", "crosstalk")
     problem = problem_of(patterns, setup, names, 1)
@@ -102,12 +109,32 @@ def test_a_planes_distance_is_named_beside_the_depth_in_a_specimen() -> None:
     assert all(one.sigma == pytest.approx(one.sigma_held) for one in both.parameters.values())
 
     # so it is where nothing but these groups was asked for, by derivatives that are made for it
-    asked = problem_of(patterns, setup, ("geometry", "specimen", *rest), 1)
+    asked_for = ("geometry", "specimen", *rest)
+    asked = problem_of(patterns, setup, asked_for, 1)
     own = np.array([names_of(problem).index(name) for name in names_of(asked)])
     at = asked.point(np.zeros(len(asked.vector)), Local(np.zeros((4, 2))), Fineness.coarse)
-    beside = drain(iter_held_beside(asked, at, Columns(columns.shared[own]), ("geometry", "specimen", *rest)))
-    assert any(one.startswith("distance_um, held at 0 µm, with specimen_depth_um (± ") for one in beside)
+    beside = drain(iter_held_beside(asked, at, Columns(columns.shared[own]), asked_for))
+    assert any(one.startswith("distance_um, held at 0 µm, with specimen_depth_um (± ") for one in beside.words)
+    (fit,) = summarised(asked, at, Columns(columns.shared[own]), groups=asked_for, tried=(), outliers=(), beside=beside)
+    wide, sure = fit.parameters["specimen_depth_um"], fit.parameters["gap_um"]
+    assert wide.sigma > 8 * wide.sigma_held and sure.sigma < 2 * sure.sigma_held
 
 
 def names_of(problem: Problem) -> list[str]:
     return [one.name for one in problem.vector.unknowns]
+
+
+def test_what_stands_in_for_each_other_is_not_told_apart_by_the_curvature_in_derivatives() -> None:
+    """By steps to one side a few percent of curvature are in them, which seems to tell defocus from distance."""
+    _, setup, patterns = deep_in_water()
+    problem = problem_of(patterns, setup, ("distance", "wavefront", "specimen", "defocus"), 1)
+    whole, names = range(len(problem.vector)), names_of(problem)
+    point = problem.point(np.zeros(len(names)), Local(np.zeros((4, 2))), Fineness.fine)
+    by_steps = []
+    for u in 0.03 * np.eye(len(names)):
+        up, down = (problem.model(side, np.zeros((4, 2)), Fineness.coarse) for side in (u, -u))
+        by_steps.append((up - down) / np.float32(0.06))
+    true, _ = covariance(problem, point, Columns(np.array(by_steps)), np.array(whole))
+    found, _ = covariance(problem, point, drain(problem.columns(point, whole, "", own=False)), np.array(whole))
+    k = len(names)
+    np.testing.assert_allclose(np.sqrt(np.diag(found)[:k]), np.sqrt(np.diag(true)[:k]), rtol=0.1)

@@ -28,20 +28,24 @@ def farthest_um(frame: Frame) -> float:
 
 
 class FieldWavefront(Group):
-    """Coma, astigmatism and spherical aberration over the field, by their laws of third order."""
+    """Coma, astigmatism and spherical aberration over the field, by their laws of third order.
+
+    An objective is simulated with what is symmetric about each source's chief ray: of it spherical aberration alone.
+    """
 
     name = "field_wavefront"
     title = "how the wavefront changes over the field"
     rank = 51
-    needs = f"a main lens, and {NEEDS}"
+    needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
         """Return the coefficients at the farthest region (waves); the linear astigmatism needs three regions."""
-        if len(frame.fields_um) < 2 or not isinstance(setup.camera.optics, MainLens):
+        if len(frame.fields_um) < 2:
             return ()
-        start = self._start(setup, frame)
-        names = ["coma", "astigmatism", "spherical"]
-        names += ["astigmatism_y", "astigmatism_x"] if len(frame.fields_um) > 2 else []
+        start, names = self._start(setup, frame), ["spherical"]
+        if isinstance(setup.camera.optics, MainLens):
+            names = ["coma", "astigmatism", *names]
+            names += ["astigmatism_y", "astigmatism_x"] if len(frame.fields_um) > 2 else []
         held = "the wavefront's terms beside these are those on the axis"
         return tuple(
             Unknown(f"field_{name}", self.name, "waves", getattr(start, name), 0.1, None, -20.0, 20.0, gauge=held)
