@@ -15,6 +15,8 @@ from gui.jobs import Jobs
 from gui.models.display import Display, colour_table
 from gui.models.frame_view import Tile, lattice_points, render_tile, visible_tile
 from gui.theme import TYPE_COLOURS
+from gui.widgets.measuring import Measuring
+from gui.widgets.picture_menu import offer_menu, save_values
 from gui.widgets.plots import style_axes, theme_plot
 from lfcal.camera import Camera
 
@@ -30,16 +32,20 @@ class FrameView(QWidget):
         The pixel under the pointer, told again when the frame under it changes; row -1 when it left.
     drawn()
         A new picture is on the screen.
+    picture_changed()
+        There is another frame, or none.
     """
 
     hovered = Signal(int, int, float)
     drawn = Signal()
+    picture_changed = Signal()
 
     def __init__(self, jobs: Jobs, group: str, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._jobs, self._group = jobs, group
         self._frame: NDArray[Any] | None = None
         self._display, self._levels = Display(), (0.0, 1.0)
+        self._contrast: tuple[float, float] | None = None
         self._camera: Camera | None = None
         self._tile: Tile | None = None
         self._pointer: QPointF | None = None
@@ -72,6 +78,7 @@ class FrameView(QWidget):
         self._timer.timeout.connect(self._render)
         self.plot.vb.sigRangeChanged.connect(lambda *_: self._timer.start())
         self.graphics.scene().sigMouseMoved.connect(self._moved)
+        offer_menu(self, lambda: "frame", self._entries)
         self.apply_theme()
 
     # -- content ---------------------------------------------------------------------------------------
@@ -82,11 +89,13 @@ class FrameView(QWidget):
         if frame is None:
             self.item.clear()
             self._tell()
+            self.picture_changed.emit()
             return
         if before != frame.shape:
             self.show_all()
         self._render()
         self._tell()
+        self.picture_changed.emit()
 
     def set_display(self, display: Display) -> None:
         """Change scaling and colour map."""
@@ -144,7 +153,7 @@ class FrameView(QWidget):
         ratio = self.devicePixelRatioF()
         screen = (round(size.height() * ratio), round(size.width() * ratio))
         tile = visible_tile((frame.shape[0], frame.shape[1]), rows, columns, screen)
-        display, levels = self._display, self._levels
+        display, levels = self._display, self.shown_levels()
         self._jobs.compute(
             self._group,
             lambda: (tile, render_tile(frame, tile, display, levels)),
@@ -198,6 +207,44 @@ class FrameView(QWidget):
             self.hovered.emit(row, column, float(self._frame[row, column]))
         else:
             self.hovered.emit(-1, -1, float("nan"))
+
+    # -- measuring, copying, saving --------------------------------------------------------------------
+    def _entries(self) -> list[tuple[str, Any]]:
+        contrast = [("Automatic contrast", lambda: self.set_contrast(None))] if self._contrast is not None else []
+        return [
+            ("Show all", self.show_all),
+            ("Contrast, profile, region …", self.measure),
+            *contrast,
+            ("Save data …", lambda: self.save_data()),
+        ]
+
+    def measure(self) -> Measuring:
+        """Open the window that measures in this frame."""
+        self.measuring = Measuring(self, "sample value (counts)")
+        self.measuring.show()
+        return self.measuring
+
+    def measured(self) -> NDArray[Any] | None:
+        """Return the frame."""
+        return self._frame
+
+    def placed(self) -> tuple[tuple[float, float], float]:
+        """Return the coordinates of the first pixel and the length of a pixel."""
+        return (0.0, 0.0), 1.0
+
+    def shown_levels(self) -> tuple[float, float]:
+        """Return the values at the ends of the colours."""
+        return self._contrast or self._levels
+
+    def set_contrast(self, levels: tuple[float, float] | None) -> None:
+        """Show these values in this and the next frames, whatever the page says; None: what the page says."""
+        self._contrast = levels
+        self._render()
+
+    def save_data(self, path: str = "") -> None:
+        """Write the frame as ``.npy``, or as text with ``.csv``."""
+        if self._frame is not None:
+            save_values(self, self._frame, "frame", path)
 
     @property
     def display(self) -> Display:

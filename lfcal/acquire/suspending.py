@@ -51,9 +51,7 @@ class Bound:
         # written so that not-a-number fails too
         known = math.isfinite(bound.low) or math.isfinite(bound.high)
         if not (sign and colon and bound.gauge and known and bound.low < bound.high):
-            raise InputError.expected(
-                "suspender", "GAUGE=LOW:HIGH such as temperature=20:22", repr(text), "correct it"
-            )
+            raise InputError.expected("suspender", "GAUGE=LOW:HIGH such as temperature=20:22", repr(text), "correct it")
         return bound
 
     def holds(self, value: float) -> bool:

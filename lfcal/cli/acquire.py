@@ -78,7 +78,9 @@ def command(
         "--suspend",
         help="Hold while a gauge, or the last number of a file, is out of bounds: GAUGE=LOW:HIGH; may be repeated.",
     ),
-    steady: float | None = typer.Option(None, "--steady", help="With --suspend: seconds within bounds before going on."),
+    steady: float | None = typer.Option(
+        None, "--steady", help="With --suspend: seconds within bounds before going on."
+    ),
     tolerance: str | None = typer.Option(None, "--tolerance", help="Position tolerance X,Y,Z (µm)."),
     overshoot: str | None = typer.Option(
         None, "--overshoot", help="Approach from one side, X,Y,Z (µm); 0,0,0 for none."

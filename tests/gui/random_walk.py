@@ -10,7 +10,7 @@ from typing import Any
 import pyqtgraph as pg
 import pytest
 from PySide6.QtCore import QPoint, QPointF, Qt
-from PySide6.QtGui import QAction, QWheelEvent
+from PySide6.QtGui import QWheelEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import (
     QAbstractButton,
@@ -118,7 +118,6 @@ class Walk:
         patch.setattr(QFileDialog, "getExistingDirectory", lambda *_, **__: self._file())
         patch.setattr(QFileDialog, "getSaveFileName", saved)
         patch.setattr(QDialog, "exec", lambda dialog: self._dialog(dialog))
-        patch.setattr(QMenu, "exec", lambda menu, *_: self._of_menu(menu))
 
     def _file(self) -> str:
         return self.random.choice(["", *self.files])
@@ -130,13 +129,10 @@ class Walk:
         dialog.hide()
         return self.random.randrange(2)
 
-    def _of_menu(self, menu: QMenu) -> QAction | None:
+    def _of_menu(self, menu: QMenu) -> None:
         actions = [a for a in menu.actions() if a.isEnabled() and a.text() and a.menu() is None]
-        if not actions:
-            return None
-        chosen = self.random.choice(actions)
-        chosen.trigger()
-        return chosen
+        if actions:
+            self.random.choice(actions).trigger()
 
     # -- actions ---------------------------------------------------------------------------------------
     def step(self) -> None:
@@ -211,7 +207,11 @@ class Walk:
     def _key(self) -> str:
         key = self.random.choice(KEYS)
         target = self._page.focusWidget() or self._page
-        QTest.keyClick(target, key, self.random.choice((Qt.KeyboardModifier.NoModifier,) * 4 + (Qt.KeyboardModifier.ShiftModifier,)))
+        QTest.keyClick(
+            target,
+            key,
+            self.random.choice((Qt.KeyboardModifier.NoModifier,) * 4 + (Qt.KeyboardModifier.ShiftModifier,)),
+        )
         return key.name
 
     def _go(self) -> str:
@@ -251,7 +251,12 @@ class Walk:
             )
             QApplication.sendEvent(port, event)
         elif what == "menu" and view.parentWidget() is not None:
-            view.parentWidget().customContextMenuRequested.emit(place)
+            owner = view.parentWidget()
+            owner.customContextMenuRequested.emit(place)
+            for menu in owner.findChildren(QMenu):
+                if menu.isVisible():
+                    self._of_menu(menu)
+                    menu.close()
         else:
             QTest.mouseMove(port, place)
         return what
@@ -315,5 +320,5 @@ def _kinds(job: Any) -> str:
 
     last = job.details.strip().splitlines()[-1] if job.details.strip() else ""
     name = last.partition(":")[0].rpartition(".")[2]
-    known = {n for n in dir(errors)} | {"AcquisitionStopped", "DeviceError", "Aborted", "StageError", "DeviceLost"}
+    known = set(dir(errors)) | {"AcquisitionStopped", "DeviceError", "Aborted", "StageError", "DeviceLost"}
     return "LfcalError" if name in known else name

@@ -67,7 +67,9 @@ def walk(window: MainWindow, qtbot: QtBot, files: list[Path], out: Path, seed: i
             try:
                 made.step()
             finally:
-                told = [f"{kind.__name__}: {error}\n{''.join(traceback.format_tb(trace))}" for kind, error, trace in raised]
+                told = [
+                    f"{kind.__name__}: {error}\n{''.join(traceback.format_tb(trace))}" for kind, error, trace in raised
+                ]
                 if told or sys.exc_info()[0] is not None:
                     print("\n".join(made.trail[-40:]))
             assert not told, "\n".join(told)

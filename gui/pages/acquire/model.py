@@ -93,8 +93,8 @@ FIELDS = (
         "suspend",
         "Hold unless",
         "",
-        "The session holds while a gauge is out of bounds and goes on by itself: temperature=20:22; lamp=95:105, or the "
-        "path of a text file that ends with the newest number. Empty: never",
+        "The session holds while a gauge is out of bounds and goes on by itself: temperature=20:22; lamp=95:105, or "
+        "the path of a text file that ends with the newest number. Empty: never",
         kind="text",
     ),
     Field(

@@ -8,7 +8,16 @@ from dataclasses import dataclass
 from lfcal.checks import check_choice, check_number
 from lfcal.errors import InputError
 
-__all__ = ["CAMERA_FAULTS", "CONTENT_FAULTS", "FAULTS", "GAUGE_FAULTS", "STAGE_FAULTS", "Fault", "FaultBook", "parse_faults"]
+__all__ = [
+    "CAMERA_FAULTS",
+    "CONTENT_FAULTS",
+    "FAULTS",
+    "GAUGE_FAULTS",
+    "STAGE_FAULTS",
+    "Fault",
+    "FaultBook",
+    "parse_faults",
+]
 
 STAGE_FAULTS = (
     "move fails",
