@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QApplication, QDialog, QPushButton, QTextBrowser, QVBoxLayout, QWidget
 
 from gui.jobs import Jobs
@@ -18,13 +17,10 @@ SIZE = (640, 620)
 
 
 class DoctorDialog(QDialog):
-    """Shows what ``lfcal doctor`` tells; looked up in the background."""
+    """Shows what ``lfcal doctor`` tells; looked up in the background, so it lives as long as its window."""
 
     def __init__(self, jobs: Jobs, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        from lfcal.cli.doctor import examine
-
-        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self.setWindowTitle("Doctor")
         self.setStyleSheet(style_sheet())
         self.resize(*SIZE)
@@ -40,7 +36,14 @@ class DoctorDialog(QDialog):
         column = QVBoxLayout(self)
         column.addWidget(self.view, 1)
         column.addLayout(line(self.copy, close, stretch=0))
-        jobs.compute("doctor", examine, self._show, self.view.setPlainText)
+        self._jobs = jobs
+
+    def look(self) -> None:
+        """Look what is there now."""
+        from lfcal.cli.doctor import examine
+
+        self.setStyleSheet(style_sheet())
+        self._jobs.compute("doctor", examine, self._show, self.view.setPlainText)
 
     def _show(self, found: dict[str, Any]) -> None:
         self._found = found

@@ -24,6 +24,8 @@ class Tools(QObject):
         super().__init__(window)
         self._window, self._folder = window, folder
         self.dialog: QDialog | None = None
+        self._verify: VerifyDialog | None = None
+        self._doctor: DoctorDialog | None = None
 
     def _open(self, dialog: Any) -> Any:
         self.dialog = dialog
@@ -32,13 +34,19 @@ class Tools(QObject):
 
     def verify(self) -> VerifyDialog:
         """Check a session or an H file."""
-        dialog: VerifyDialog = self._open(VerifyDialog(self._window.context, self._window))
-        return dialog
+        if self._verify is None:
+            self._verify = VerifyDialog(self._window.context, self._window)
+        self._verify.offer()
+        self._open(self._verify)
+        return self._verify
 
     def doctor(self) -> DoctorDialog:
         """Tell what this machine has."""
-        dialog: DoctorDialog = self._open(DoctorDialog(self._window.jobs, self._window))
-        return dialog
+        if self._doctor is None:
+            self._doctor = DoctorDialog(self._window.jobs, self._window)
+        self._doctor.look()
+        self._open(self._doctor)
+        return self._doctor
 
     def preferences(self) -> Preferences:
         """Show what is kept between starts."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QDialog, QFileDialog, QLineEdit, QPlainTextEdit, QPushButton, QVBoxLayout, QWidget
 
 from gui.context import Context
@@ -24,6 +23,8 @@ SIZE = (640, 380)
 class VerifyDialog(QDialog):
     """Checks every frame of a session, or every plane of an H file, against its checksum, as a job.
 
+    It lives as long as its window: a job may end when it is closed.
+
     Parameters
     ----------
     context
@@ -34,11 +35,9 @@ class VerifyDialog(QDialog):
         super().__init__(parent)
         self.context = context
         self._number, self._redo = 0, ()
-        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self.setWindowTitle("Verify")
-        self.setStyleSheet(style_sheet())
         self.resize(*SIZE)
-        self.path = QLineEdit(context.state.recording or context.state.psf)
+        self.path = QLineEdit()
         self.path.setPlaceholderText("folder of a session, or an H file")
         self.path.setAccessibleName("what to verify")
         self.path.textChanged.connect(lambda _: self._enable())
@@ -63,6 +62,13 @@ class VerifyDialog(QDialog):
         column.addLayout(line(self.start, self.stop, self.again, stretch=2))
         context.jobs.changed.connect(self._job_changed)
         context.jobs.finished.connect(self._job_finished)
+        self._enable()
+
+    def offer(self) -> None:
+        """Offer what the project has, unless something is named already."""
+        self.setStyleSheet(style_sheet())
+        if not self.path.text().strip():
+            self.path.setText(self.context.state.recording or self.context.state.psf)
         self._enable()
 
     def check(self) -> None:

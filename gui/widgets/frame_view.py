@@ -15,6 +15,7 @@ from gui.jobs import Jobs
 from gui.models.display import Display, colour_table
 from gui.models.frame_view import Tile, lattice_points, render_tile, visible_tile
 from gui.theme import TYPE_COLOURS
+from gui.widgets.blank import Blank
 from gui.widgets.measuring import Measuring
 from gui.widgets.picture_menu import offer_menu, save_values
 from gui.widgets.plots import style_axes, theme_plot
@@ -71,6 +72,8 @@ class FrameView(QWidget):
         self.point = pg.ScatterPlotItem(size=12, symbol="+", pen=pg.mkPen("#ff5a5f", width=2), brush=None)
         self.plot.addItem(self.cutout)
         self.plot.addItem(self.point)
+        self.blank = Blank(self.graphics, self.plot)
+        self.blank.show_blank(True)
         self._origin = (0, 0)
         self._timer = QTimer(self)
         self._timer.setSingleShot(True)
@@ -86,6 +89,7 @@ class FrameView(QWidget):
         """Show ``frame`` ``(rows, columns)``; pan and zoom stay if its shape does."""
         before = None if self._frame is None else self._frame.shape
         self._frame, self._levels = frame, levels
+        self.blank.show_blank(frame is None)
         if frame is None:
             self.item.clear()
             self._tell()
@@ -137,6 +141,7 @@ class FrameView(QWidget):
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
         theme_plot(self.graphics, self.plot)
+        self.blank.apply_theme()
 
     # -- drawing ---------------------------------------------------------------------------------------
     def view_range(self) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -16,6 +16,7 @@ from PySide6.QtWidgets import QApplication, QGraphicsItem, QVBoxLayout, QWidget
 
 from gui.models.display import Display, colour_table, levels_of, shades, to_uint8
 from gui.theme import current_theme
+from gui.widgets.blank import Blank
 from gui.widgets.measuring import Measuring
 from gui.widgets.picture_menu import offer_menu, save_picture, save_values
 from gui.widgets.plots import style_axes, theme_plot
@@ -103,6 +104,9 @@ class ImageView(QWidget):
         self.cursor = pg.TargetItem(movable=False, size=12, pen=pg.mkPen("#ffffff", width=1.5), symbol="crosshair")
         self.cursor.hide()
         self.plot.addItem(self.cursor)
+        self.blank = Blank(self.graphics, self.plot)
+        self.blank.show_blank(True)
+        self.bar.hide()
 
     # -- content ---------------------------------------------------------------------------------------
     def set_image(
@@ -133,6 +137,8 @@ class ImageView(QWidget):
         before = None if self._image is None else self._image.shape
         self._image, self._origin, self._step, self._given = image, origin, step, levels
         self._name = name or self._name
+        self.blank.show_blank(image is None)
+        self.bar.setVisible(image is not None)
         if image is None:
             self.item.clear()
             self._tell()
@@ -218,6 +224,7 @@ class ImageView(QWidget):
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
         theme_plot(self.graphics, self.plot)
+        self.blank.apply_theme()
         theme = current_theme()
         for axis in (self.bar.axis,):
             axis.setPen(theme.line)

@@ -16,6 +16,7 @@ from PySide6.QtWidgets import QApplication, QVBoxLayout, QWidget
 
 from gui.saving import ask_target, write_file
 from gui.theme import current_theme
+from gui.widgets.blank import Blank
 from gui.widgets.picture_menu import offer_menu, save_picture
 
 __all__ = ["LINES", "DecadeAxis", "LinePlot", "style_axes", "theme_plot"]
@@ -95,6 +96,8 @@ class LinePlot(QWidget):
         style_axes(self.plot, xlabel, ylabel)
         self._labels = (xlabel, ylabel)
         self._curves: dict[str, pg.PlotDataItem] = {}
+        self.blank = Blank(self.graphics, self.plot)
+        self.blank.show_blank(True)
         offer_menu(self, lambda: "plot", self._entries)
         self.apply_theme()
 
@@ -111,6 +114,7 @@ class LinePlot(QWidget):
     ) -> None:
         """Draw or replace a curve; without ``line`` only its symbols."""
         values = np.asarray(x, float), np.asarray(y, float)
+        self.blank.show_blank(False)
         if name in self._curves:
             self._curves[name].setData(*values)
             return
@@ -138,6 +142,7 @@ class LinePlot(QWidget):
         curve = self._curves.pop(name, None)
         if curve is not None:
             self.plot.removeItem(curve)
+            self.blank.show_blank(not self._curves)
 
     def clear(self) -> None:
         """Take all curves away."""
@@ -147,6 +152,7 @@ class LinePlot(QWidget):
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
         theme_plot(self.graphics, self.plot)
+        self.blank.apply_theme()
 
     def _entries(self) -> list[tuple[str, Any]]:
         return [
@@ -161,7 +167,7 @@ class LinePlot(QWidget):
 
     def copy_data(self) -> None:
         """Put all curves on the clipboard, for a spreadsheet."""
-        QApplication.clipboard().setText("".join(self._lines("\t")))
+        QApplication.clipboard().setText("".join(self.table_lines("\t")))
 
     def save_data(self, path: str = "") -> None:
         """Write all curves as text: columns x and y of each."""
@@ -170,10 +176,10 @@ class LinePlot(QWidget):
             write_file(self, path, self._write_curves)
 
     def _write_curves(self, part: Path) -> None:
-        part.write_text("".join(self._lines(",")), encoding="utf-8")
+        part.write_text("".join(self.table_lines(",")), encoding="utf-8")
 
-    def _lines(self, between: str) -> Iterator[str]:
-        """Yield every curve as lines of x and y."""
+    def table_lines(self, between: str) -> Iterator[str]:
+        """Yield every curve as lines of x and y, with what stands ``between`` columns."""
         for name, curve in self._curves.items():
             yield f"# {name}: {self._labels[0]}, {self._labels[1]}\n"
             # not their logarithms, where an axis shows these

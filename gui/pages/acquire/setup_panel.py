@@ -72,6 +72,8 @@ class SetupPanel(QWidget):
         self.view.hovered.connect(self._hovered)
         self.histogram = LinePlot("sample value (counts)", "pixels")
         self.histogram.plot.setLogMode(False, True)
+        self.view.blank.words = "Connect devices, then switch the live view on."
+        self.histogram.blank.words = "Shows every pixel of the live view."
         self.seen = ImageView(value_label="counts above background")
         self.predicted = ImageView(value_label="share of the light")
         row = QHBoxLayout(self)
