@@ -34,6 +34,7 @@ from gui.palette import Palette, doable
 from gui.project_files import ProjectFiles
 from gui.theme import DARK, LIGHT, apply_theme, current_theme, style_sheet
 from gui.tools import Tools
+from gui.widgets.naming import name_controls
 from gui.workers import LOG
 from lfcal.errors import LfcalError
 
@@ -99,6 +100,7 @@ class MainWindow(QMainWindow):
     def _build_centre(self) -> None:
         self.rail = QListWidget()
         self.rail.setObjectName("rail")
+        self.rail.setAccessibleName("pages")
         self.rail.setFixedWidth(178)
         self.rail.setFocusPolicy(Qt.FocusPolicy.TabFocus)
         self.rail.setIconSize(QSize(22, 22))
@@ -127,6 +129,7 @@ class MainWindow(QMainWindow):
         self.log_dock.setObjectName("log")
         self.log_view = QPlainTextEdit()
         self.log_view.setReadOnly(True)
+        self.log_view.setAccessibleName("log")
         self.log_view.setMaximumBlockCount(2000)
         self.log_dock.setWidget(self.log_view)
         for dock in (self.job_dock, self.log_dock):
@@ -144,6 +147,7 @@ class MainWindow(QMainWindow):
             row = self._row(key)
             spec = self.specs[row]
             made = self._pages[key] = page_class(spec)(spec, self.context)
+            name_controls(made)
             old = self.stack.widget(row)
             self.stack.removeWidget(old)
             old.deleteLater()

@@ -75,6 +75,11 @@ class FrameView(QWidget):
         self.blank = Blank(self.graphics, self.plot)
         self.blank.show_blank(True)
         self._origin = (0, 0)
+        self._watch()
+        self.apply_theme()
+
+    def _watch(self) -> None:
+        """Draw what comes into view, and follow the pointer."""
         self._timer = QTimer(self)
         self._timer.setSingleShot(True)
         self._timer.setInterval(12)
@@ -82,7 +87,6 @@ class FrameView(QWidget):
         self.plot.vb.sigRangeChanged.connect(lambda *_: self._timer.start())
         self.graphics.scene().sigMouseMoved.connect(self._moved)
         offer_menu(self, lambda: "frame", self._entries)
-        self.apply_theme()
 
     # -- content ---------------------------------------------------------------------------------------
     def set_frame(self, frame: NDArray[Any] | None, levels: tuple[float, float]) -> None:

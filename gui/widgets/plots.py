@@ -96,6 +96,7 @@ class LinePlot(QWidget):
         style_axes(self.plot, xlabel, ylabel)
         self._labels = (xlabel, ylabel)
         self._curves: dict[str, pg.PlotDataItem] = {}
+        self._known: set[str] = set()
         self.blank = Blank(self.graphics, self.plot)
         self.blank.show_blank(True)
         offer_menu(self, lambda: "plot", self._entries)
@@ -112,9 +113,13 @@ class LinePlot(QWidget):
         dashed: bool = False,
         line: bool = True,
     ) -> None:
-        """Draw or replace a curve; without ``line`` only its symbols."""
+        """Draw or replace a curve, of what is known of it; without ``line`` only its symbols."""
         values = np.asarray(x, float), np.asarray(y, float)
-        self.blank.show_blank(False)
+        known = bool((np.isfinite(values[0]) & np.isfinite(values[1])).any())
+        if not known:  # pyqtgraph looks for the largest of none
+            values = np.zeros(0), np.zeros(0)
+        (self._known.add if known else self._known.discard)(name)
+        self.blank.show_blank(not self._known)
         if name in self._curves:
             self._curves[name].setData(*values)
             return
@@ -142,7 +147,8 @@ class LinePlot(QWidget):
         curve = self._curves.pop(name, None)
         if curve is not None:
             self.plot.removeItem(curve)
-            self.blank.show_blank(not self._curves)
+            self._known.discard(name)
+            self.blank.show_blank(not self._known)
 
     def clear(self) -> None:
         """Take all curves away."""

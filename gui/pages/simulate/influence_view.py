@@ -39,6 +39,7 @@ class InfluenceView(QWidget):
         self.bars: list[pg.ColorBarItem] = []
         for k, title in enumerate(TITLES):
             self._add_plot(k, title)
+        self.graphics.setAccessibleName("pattern with and without the effect")
         offer_menu(self.graphics, lambda: "effect")
         self.words = QLabel()
         self.words.setWordWrap(True)
