@@ -16,10 +16,10 @@ from gui.models.words import plane_words
 from gui.pages.acquire.after import Afterwards
 from gui.pages.acquire.model import AcquireSettings
 from gui.pages.acquire.model_recorder import FolderState, Recorder, RecordPicture, folder_state, record_picture
-from gui.pages.acquire.status import end_words, progress_words
 from gui.pages.acquire.model_until import check_goal, error_curve
 from gui.pages.acquire.record_panel import RecordPanel
 from gui.pages.acquire.setup_tab import SetupTab
+from gui.pages.acquire.status import end_words, progress_words
 from lfcal.errors import LfcalError, StorageError
 from lfcal.units import format_length
 
