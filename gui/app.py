@@ -60,6 +60,8 @@ def main(arguments: list[str] | None = None) -> int:
     if log.problem:
         window.log(log.problem)
     window.files.begin(options.project)
+    if options.project is None and not options.demo:
+        window.tools.begin()
     with bounded_threads():
         code = app.exec()
     window.shut_down()
@@ -78,16 +80,17 @@ def make_window(app: object, options: argparse.Namespace, *, folder: Path | None
     from PySide6.QtWidgets import QApplication
 
     from gui.models.project import Project
+    from gui.preferences import apply_threads
     from gui.theme import DARK, LIGHT, apply_theme
     from gui.window import MainWindow
 
     assert isinstance(app, QApplication)
     app.setApplicationName("lfcal")
     app.setOrganizationName("lfcal")
-    kept = folder is None
     place = folder or user_state_path("lfcal", ensure_exists=True)
-    settings = QSettings(str(place / "window.ini"), QSettings.Format.IniFormat) if kept else None
-    theme = options.theme or (settings.value("theme", "light") if settings is not None else "light")
+    settings = QSettings(str(place / "window.ini"), QSettings.Format.IniFormat)
+    apply_threads(settings)
+    theme = options.theme or settings.value("theme", "light")
     apply_theme(app, DARK if theme == "dark" else LIGHT)
     project = Project()
     if options.demo and options.project is None:

@@ -9,27 +9,33 @@ from gui.models.project import ProjectState
 from gui.pages.frames.model import FrameSettings
 from lfcal.camera import ScanPlan
 from lfcal.cli.sample import sample_session
+from lfcal.progress import Work, drain
 
-__all__ = ["demo_state"]
+__all__ = ["demo_state", "iter_demo"]
 
 
 def demo_state(folder: Path) -> ProjectState:
     """Return a project of the sample session with H assembled; ``folder`` keeps it for the next start."""
+    return drain(iter_demo(folder))
+
+
+def iter_demo(folder: Path) -> Work[ProjectState]:
+    """Return a project of the sample session; yields progress of its assembly, the first time."""
     session = sample_session()
     plan = ScanPlan.from_json((session / "plan.json").read_text(encoding="utf-8"))
     target = folder / "sample_H.h5"
     if not target.is_file():
-        _assemble(session, plan, target)
+        yield from _assemble(session, plan, target)
     corrections = FrameSettings(dark=str(session / "dark"), white=str(session / "white"))
     made = ProjectState("sample", plan.camera, plan, frames=str(session / "frames"), psf=str(target))
     return replace(made, settings=corrections.into(made))
 
 
-def _assemble(session: Path, plan: ScanPlan, target: Path) -> None:
+def _assemble(session: Path, plan: ScanPlan, target: Path) -> Work[None]:
     from lfcal.frames import CorrectionRecipe, corrected_view, open_frames
-    from lfcal.psf import assemble_plan
+    from lfcal.psf.assemble_plan import iter_assemble_plan
 
     with open_frames(session / "frames", plan_shape=plan.shape[:3]) as source:
         recipe = CorrectionRecipe(dark=session / "dark", white=session / "white")
-        report = assemble_plan(corrected_view(source, recipe, plan), plan, target)
+        report = yield from iter_assemble_plan(corrected_view(source, recipe, plan), plan, target)
     report.matrix.close()

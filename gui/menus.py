@@ -28,12 +28,14 @@ class WindowMenus:
         self._project()
         self._edit()
         self._view()
+        self._tools()
         self._help()
 
     def _project(self) -> None:
         window, files, keys = self._window, self._window.files, QKeySequence.StandardKey
         menu = window.menuBar().addMenu("&Project")
         self._action(menu, "New project", files.new, keys.New)
+        self._action(menu, "Open the sample session", lambda: window.tools.sample())
         self._action(menu, "Open project …", lambda: files.open(), keys.Open)
         self.recent = menu.addMenu("Open recent")
         self.recent.aboutToShow.connect(lambda: files.fill_recent(self.recent))
@@ -64,9 +66,18 @@ class WindowMenus:
         menu.addAction(window.job_dock.toggleViewAction())
         menu.addAction(window.log_dock.toggleViewAction())
 
+    def _tools(self) -> None:
+        tools = self._window.tools
+        menu = self._window.menuBar().addMenu("&Tools")
+        self._action(menu, "Verify …", lambda: tools.verify())
+        self._action(menu, "Doctor …", lambda: tools.doctor())
+        menu.addSeparator()
+        self._action(menu, "Preferences …", lambda: tools.preferences(), "Ctrl+,")
+
     def _help(self) -> None:
         window, title = self._window, "Keyboard shortcuts"
         menu, sheet = window.menuBar().addMenu("&Help"), cheat_sheet(window.specs)
+        self._action(menu, "Welcome …", lambda: window.tools.welcome())
         self._action(menu, title, lambda: QMessageBox.information(window, title, sheet), "F1")
         self._action(menu, "Fault atlas", lambda: window.show_manual(ATLAS))
         self._action(menu, "Open log folder", lambda: open_folder(log_folder()))

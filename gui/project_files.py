@@ -110,6 +110,10 @@ class ProjectFiles(QObject):
         self.recent.add(path)
         self.message.emit(f"opened {path}")
 
+    def start_with(self, state: ProjectState) -> None:
+        """Begin with a project that has no file; what was open is let go, which `may_leave` asks about."""
+        self._start(state, None, None)
+
     def _start(
         self, state: ProjectState, path: Path | None, lock: FileLock | None, saved: ProjectState | None = None
     ) -> None:

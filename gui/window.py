@@ -33,10 +33,15 @@ from gui.models.step import step_of
 from gui.palette import Palette, doable
 from gui.project_files import ProjectFiles
 from gui.theme import DARK, LIGHT, apply_theme, current_theme, style_sheet
+from gui.tools import Tools
+from gui.widgets.naming import name_controls
 from gui.workers import LOG
 from lfcal.errors import LfcalError
 
 __all__ = ["MainWindow"]
+
+SIZE = (1280, 800)
+INI = QSettings.Format.IniFormat
 
 _MARKS = {
     PageState.NOTHING: "○",
@@ -60,7 +65,7 @@ class MainWindow(QMainWindow):
         super().__init__()
         self.setObjectName("lfcal")
         self.setAcceptDrops(True)
-        self.settings = settings
+        self.settings = settings if settings is not None else QSettings(str(folder / "window.ini"), INI)
         self.project = project
         self.jobs = Jobs(self)
         self.context = Context(project, self.jobs, self)
@@ -72,6 +77,7 @@ class MainWindow(QMainWindow):
         self.specs = tuple(available_pages() if pages is None else pages)
         self._build_centre()
         self._build_docks()
+        self.tools = Tools(self, folder)
         self.menus = WindowMenus(self)
         self._style()
         self.context.state_changed.connect(self._state_changed)
@@ -83,7 +89,7 @@ class MainWindow(QMainWindow):
         self.files.saved.connect(self._refresh)
         self.jobs.changed.connect(self._job_changed)
         self.jobs.trouble.connect(self.log)
-        self.resize(1280, 800)
+        self.resize(*SIZE)
         self._restore()
         self.rail.setCurrentRow(0)
         self._refresh()
@@ -94,6 +100,7 @@ class MainWindow(QMainWindow):
     def _build_centre(self) -> None:
         self.rail = QListWidget()
         self.rail.setObjectName("rail")
+        self.rail.setAccessibleName("pages")
         self.rail.setFixedWidth(178)
         self.rail.setFocusPolicy(Qt.FocusPolicy.TabFocus)
         self.rail.setIconSize(QSize(22, 22))
@@ -122,6 +129,7 @@ class MainWindow(QMainWindow):
         self.log_dock.setObjectName("log")
         self.log_view = QPlainTextEdit()
         self.log_view.setReadOnly(True)
+        self.log_view.setAccessibleName("log")
         self.log_view.setMaximumBlockCount(2000)
         self.log_dock.setWidget(self.log_view)
         for dock in (self.job_dock, self.log_dock):
@@ -139,6 +147,7 @@ class MainWindow(QMainWindow):
             row = self._row(key)
             spec = self.specs[row]
             made = self._pages[key] = page_class(spec)(spec, self.context)
+            name_controls(made)
             old = self.stack.widget(row)
             self.stack.removeWidget(old)
             old.deleteLater()
@@ -235,8 +244,7 @@ class MainWindow(QMainWindow):
         assert isinstance(app, QApplication)
         apply_theme(app, DARK if name == "dark" else LIGHT)
         self._style()
-        if self.settings is not None:
-            self.settings.setValue("theme", name)
+        self.settings.setValue("theme", name)
         self.context.theme_changed.emit()
         self._refresh()
 
@@ -328,16 +336,22 @@ class MainWindow(QMainWindow):
         if self._stopped:
             return
         self._stopped = True
-        if self.settings is not None:
-            self.settings.setValue("geometry", self.saveGeometry())
-            self.settings.setValue("windowState", self.saveState())
+        self.settings.setValue("geometry", self.saveGeometry())
+        self.settings.setValue("windowState", self.saveState())
         self.jobs.close(0.0 if self._overdue else JOBS_S)
         self.context.close()
         self.files.close(answered=asked)
 
+    def reset_layout(self) -> None:
+        """Give the window the size and the docks of the first start."""
+        for dock in (self.job_dock, self.log_dock):
+            dock.setFloating(False)
+            self.addDockWidget(Qt.DockWidgetArea.BottomDockWidgetArea, dock)
+            dock.hide()
+        self.tabifyDockWidget(self.job_dock, self.log_dock)
+        self.resize(*SIZE)
+
     def _restore(self) -> None:
-        if self.settings is None:
-            return
         for key, restore in (("geometry", self.restoreGeometry), ("windowState", self.restoreState)):
             value = self.settings.value(key)
             if isinstance(value, QByteArray):

@@ -15,6 +15,9 @@ from gui.jobs import Jobs
 from gui.models.display import Display, colour_table
 from gui.models.frame_view import Tile, lattice_points, render_tile, visible_tile
 from gui.theme import TYPE_COLOURS
+from gui.widgets.blank import Blank
+from gui.widgets.measuring import Measuring
+from gui.widgets.picture_menu import offer_menu, save_values
 from gui.widgets.plots import style_axes, theme_plot
 from lfcal.camera import Camera
 
@@ -30,16 +33,20 @@ class FrameView(QWidget):
         The pixel under the pointer, told again when the frame under it changes; row -1 when it left.
     drawn()
         A new picture is on the screen.
+    picture_changed()
+        There is another frame, or none.
     """
 
     hovered = Signal(int, int, float)
     drawn = Signal()
+    picture_changed = Signal()
 
     def __init__(self, jobs: Jobs, group: str, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._jobs, self._group = jobs, group
         self._frame: NDArray[Any] | None = None
         self._display, self._levels = Display(), (0.0, 1.0)
+        self._contrast: tuple[float, float] | None = None
         self._camera: Camera | None = None
         self._tile: Tile | None = None
         self._pointer: QPointF | None = None
@@ -65,28 +72,38 @@ class FrameView(QWidget):
         self.point = pg.ScatterPlotItem(size=12, symbol="+", pen=pg.mkPen("#ff5a5f", width=2), brush=None)
         self.plot.addItem(self.cutout)
         self.plot.addItem(self.point)
+        self.blank = Blank(self.graphics, self.plot)
+        self.blank.show_blank(True)
         self._origin = (0, 0)
+        self._watch()
+        self.apply_theme()
+
+    def _watch(self) -> None:
+        """Draw what comes into view, and follow the pointer."""
         self._timer = QTimer(self)
         self._timer.setSingleShot(True)
         self._timer.setInterval(12)
         self._timer.timeout.connect(self._render)
         self.plot.vb.sigRangeChanged.connect(lambda *_: self._timer.start())
         self.graphics.scene().sigMouseMoved.connect(self._moved)
-        self.apply_theme()
+        offer_menu(self, lambda: "frame", self._entries)
 
     # -- content ---------------------------------------------------------------------------------------
     def set_frame(self, frame: NDArray[Any] | None, levels: tuple[float, float]) -> None:
         """Show ``frame`` ``(rows, columns)``; pan and zoom stay if its shape does."""
         before = None if self._frame is None else self._frame.shape
         self._frame, self._levels = frame, levels
+        self.blank.show_blank(frame is None)
         if frame is None:
             self.item.clear()
             self._tell()
+            self.picture_changed.emit()
             return
         if before != frame.shape:
             self.show_all()
         self._render()
         self._tell()
+        self.picture_changed.emit()
 
     def set_display(self, display: Display) -> None:
         """Change scaling and colour map."""
@@ -128,6 +145,7 @@ class FrameView(QWidget):
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
         theme_plot(self.graphics, self.plot)
+        self.blank.apply_theme()
 
     # -- drawing ---------------------------------------------------------------------------------------
     def view_range(self) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -144,7 +162,7 @@ class FrameView(QWidget):
         ratio = self.devicePixelRatioF()
         screen = (round(size.height() * ratio), round(size.width() * ratio))
         tile = visible_tile((frame.shape[0], frame.shape[1]), rows, columns, screen)
-        display, levels = self._display, self._levels
+        display, levels = self._display, self.shown_levels()
         self._jobs.compute(
             self._group,
             lambda: (tile, render_tile(frame, tile, display, levels)),
@@ -198,6 +216,44 @@ class FrameView(QWidget):
             self.hovered.emit(row, column, float(self._frame[row, column]))
         else:
             self.hovered.emit(-1, -1, float("nan"))
+
+    # -- measuring, copying, saving --------------------------------------------------------------------
+    def _entries(self) -> list[tuple[str, Any]]:
+        contrast = [("Automatic contrast", lambda: self.set_contrast(None))] if self._contrast is not None else []
+        return [
+            ("Show all", self.show_all),
+            ("Contrast, profile, region …", self.measure),
+            *contrast,
+            ("Save data …", lambda: self.save_data()),
+        ]
+
+    def measure(self) -> Measuring:
+        """Open the window that measures in this frame."""
+        self.measuring = Measuring(self, "sample value (counts)")
+        self.measuring.show()
+        return self.measuring
+
+    def measured(self) -> NDArray[Any] | None:
+        """Return the frame."""
+        return self._frame
+
+    def placed(self) -> tuple[tuple[float, float], float]:
+        """Return the coordinates of the first pixel and the length of a pixel."""
+        return (0.0, 0.0), 1.0
+
+    def shown_levels(self) -> tuple[float, float]:
+        """Return the values at the ends of the colours."""
+        return self._contrast or self._levels
+
+    def set_contrast(self, levels: tuple[float, float] | None) -> None:
+        """Show these values in this and the next frames, whatever the page says; None: what the page says."""
+        self._contrast = levels
+        self._render()
+
+    def save_data(self, path: str = "") -> None:
+        """Write the frame as ``.npy``, or as text with ``.csv``."""
+        if self._frame is not None:
+            save_values(self, self._frame, "frame", path)
 
     @property
     def display(self) -> Display:

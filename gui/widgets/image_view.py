@@ -5,21 +5,21 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
 from PySide6.QtCore import QEvent, QPointF, QRectF, Qt, Signal
-from PySide6.QtGui import QAction, QPen
-from PySide6.QtWidgets import QGraphicsItem, QMenu, QVBoxLayout, QWidget
+from PySide6.QtGui import QPen
+from PySide6.QtWidgets import QApplication, QGraphicsItem, QVBoxLayout, QWidget
 
 from gui.models.display import Display, colour_table, levels_of, shades, to_uint8
-from gui.saving import ask_target, write_file, write_picture
 from gui.theme import current_theme
+from gui.widgets.blank import Blank
+from gui.widgets.measuring import Measuring
+from gui.widgets.picture_menu import offer_menu, save_picture, save_values
 from gui.widgets.plots import style_axes, theme_plot
-from lfcal.npy import npy_header
 
 __all__ = ["ImageView"]
 
@@ -45,10 +45,16 @@ class ImageView(QWidget):
         The pixel under the pointer, told again when the picture under it changes; row -1 when it left.
     clicked(row, column)
         A pixel was clicked.
+    picture_changed()
+        There is another picture, or none.
+    whole_shown()
+        The user asked for the whole picture.
     """
 
     hovered = Signal(int, int, float)
     clicked = Signal(int, int)
+    picture_changed = Signal()
+    whole_shown = Signal()
 
     def __init__(
         self,
@@ -70,12 +76,13 @@ class ImageView(QWidget):
         self._bar_look: tuple[Any, ...] = ()
         self._bar_levels = (math.nan, math.nan)
         self._given: tuple[float, float] | None = None
+        self._contrast: tuple[float, float] | None = None
+        self._value_label = value_label
         self._pointer: QPointF | None = None
         self._build(f"{xlabel} ({unit})", f"{ylabel} ({unit})", value_label)
         self.graphics.scene().sigMouseMoved.connect(self._moved)
         self.graphics.scene().sigMouseClicked.connect(self._clicked)
-        self.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
-        self.customContextMenuRequested.connect(self._menu)
+        offer_menu(self, lambda: self._name, self._entries)
         self.apply_theme()
 
     def _build(self, xlabel: str, ylabel: str, value_label: str) -> None:
@@ -97,6 +104,9 @@ class ImageView(QWidget):
         self.cursor = pg.TargetItem(movable=False, size=12, pen=pg.mkPen("#ffffff", width=1.5), symbol="crosshair")
         self.cursor.hide()
         self.plot.addItem(self.cursor)
+        self.blank = Blank(self.graphics, self.plot)
+        self.blank.show_blank(True)
+        self.bar.hide()
 
     # -- content ---------------------------------------------------------------------------------------
     def set_image(
@@ -127,11 +137,14 @@ class ImageView(QWidget):
         before = None if self._image is None else self._image.shape
         self._image, self._origin, self._step, self._given = image, origin, step, levels
         self._name = name or self._name
+        self.blank.show_blank(image is None)
+        self.bar.setVisible(image is not None)
         if image is None:
             self.item.clear()
             self._tell()
+            self.picture_changed.emit()
             return
-        shown = levels or self._display.levels or levels_of(image, signed=self._signed)
+        shown = self._contrast or levels or self._display.levels or levels_of(image, signed=self._signed)
         data = to_uint8(image, self._display, shown)
         self.item.setImage(data, levels=(0, 255), lut=colour_table(self._display.colour_map), autoLevels=False)
         rows, columns = image.shape
@@ -141,6 +154,7 @@ class ImageView(QWidget):
         if not keep_view or before != image.shape:
             self.plot.setRange(rect, padding=0.01)
         self._tell()
+        self.picture_changed.emit()
 
     def _show_bar(self, levels: tuple[float, float]) -> None:
         """Change the colour bar only if need be: its axis is slow to draw."""
@@ -181,6 +195,7 @@ class ImageView(QWidget):
 
     def set_value_label(self, text: str) -> None:
         """Name the quantity of the colour bar, with its unit."""
+        self._value_label = text
         self.bar.setLabel("left", text)
 
     def set_axes(self, xlabel: str, ylabel: str) -> None:
@@ -209,6 +224,7 @@ class ImageView(QWidget):
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
         theme_plot(self.graphics, self.plot)
+        self.blank.apply_theme()
         theme = current_theme()
         for axis in (self.bar.axis,):
             axis.setPen(theme.line)
@@ -253,52 +269,60 @@ class ImageView(QWidget):
         if pixel is not None and event.button() == Qt.MouseButton.LeftButton:
             self.clicked.emit(*pixel)
 
-    # -- copy and save ---------------------------------------------------------------------------------
-    def _menu(self, position: Any) -> None:
-        menu = QMenu(self)
-        for text, action in (
+    # -- measuring, copying, saving --------------------------------------------------------------------
+    def _entries(self) -> list[tuple[str, Any]]:
+        contrast = [("Automatic contrast", lambda: self.set_contrast(None))] if self._contrast is not None else []
+        return [
             ("Show all", self.show_all),
-            ("Copy picture", self.copy_picture),
-            ("Save picture …", lambda: self.save_picture()),
+            ("Contrast, profile, region …", self.measure),
+            *contrast,
+            ("Copy values", self.copy_data),
             ("Save data …", lambda: self.save_data()),
-        ):
-            entry = QAction(text, menu)
-            entry.triggered.connect(action)
-            menu.addAction(entry)
-        menu.exec(self.mapToGlobal(position))
-        menu.deleteLater()
+        ]
+
+    def measure(self) -> Measuring:
+        """Open the window that measures in this picture."""
+        self.measuring = Measuring(self, self._value_label)
+        self.measuring.show()
+        return self.measuring
+
+    def measured(self) -> NDArray[Any] | None:
+        """Return the picture."""
+        return self._image
+
+    def placed(self) -> tuple[tuple[float, float], float]:
+        """Return the coordinates of the first pixel and the length of a pixel."""
+        return self._origin, self._step
+
+    def shown_levels(self) -> tuple[float, float]:
+        """Return the values at the ends of the colours."""
+        low, high = self._bar_levels
+        return (0.0, 1.0) if math.isnan(low) else (low, high)
+
+    def set_contrast(self, levels: tuple[float, float] | None) -> None:
+        """Show these values in this and the next pictures, whatever the page says; None: what the page says."""
+        if levels != self._contrast:
+            self._contrast = levels
+            if self._image is not None:
+                self.set_image(self._image, levels=self._given, origin=self._origin, step=self._step)
 
     def show_all(self) -> None:
         """Zoom so that the whole image is seen."""
         if self._image is not None:
             self.plot.setRange(self.item.mapRectToParent(self.item.boundingRect()), padding=0.01)
-
-    def copy_picture(self) -> None:
-        """Put the picture, axes and all, on the clipboard."""
-        from PySide6.QtWidgets import QApplication
-
-        QApplication.clipboard().setPixmap(self.grab())
+            self.whole_shown.emit()
 
     def save_picture(self, path: str = "") -> None:
-        """Write the picture, axes and all, as PNG."""
-        path = path or ask_target(self, "Save picture", f"{self._name}.png", "PNG (*.png)")
-        if path:
-            write_picture(self, path)
+        """Write the picture, axes and all, as PNG or SVG."""
+        save_picture(self, self._name, path)
+
+    def copy_data(self) -> None:
+        """Put the values on the clipboard, for a spreadsheet."""
+        if self._image is not None:
+            rows = ("\t".join(f"{value:.7g}" for value in row) for row in self._image)
+            QApplication.clipboard().setText("\n".join(rows))
 
     def save_data(self, path: str = "") -> None:
         """Write the values as ``.npy``, or as text with ``.csv``."""
-        if self._image is None:
-            return
-        image = self._image
-        path = path or ask_target(self, "Save data", f"{self._name}.npy", "numpy (*.npy);;text (*.csv)")
-        if path:
-            write_file(self, path, lambda part: _write_values(part, image, text=path.endswith(".csv")))
-
-
-def _write_values(part: Path, image: NDArray[Any], *, text: bool) -> None:
-    with part.open("wb") as file:
-        if text:
-            np.savetxt(file, image, delimiter=",", fmt="%.7g")
-        else:
-            file.write(npy_header(image.shape, image.dtype))
-            file.write(np.ascontiguousarray(image).data)
+        if self._image is not None:
+            save_values(self, self._image, self._name, path)

@@ -12,6 +12,7 @@ from PySide6.QtGui import QMouseEvent
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from gui.models.display import colour_table, levels_of
+from gui.widgets.picture_menu import offer_menu
 from gui.widgets.plots import style_axes, theme_plot
 
 __all__ = ["PeriodMap"]
@@ -53,6 +54,7 @@ class PeriodMap(QWidget):
         self.plot.addItem(self.cross)
         self._held = False
         self.graphics.viewport().installEventFilter(self)
+        offer_menu(self, lambda: "period")
         self.setToolTip("Drag to choose the source position; arrow keys step")
         self.apply_theme()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +11,13 @@ import numpy as np
 import pyqtgraph as pg
 from numpy.typing import ArrayLike
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QAction, QFont
-from PySide6.QtWidgets import QApplication, QMenu, QVBoxLayout, QWidget
+from PySide6.QtGui import QFont
+from PySide6.QtWidgets import QApplication, QVBoxLayout, QWidget
 
-from gui.saving import ask_target, write_file, write_picture
+from gui.saving import ask_target, write_file
 from gui.theme import current_theme
+from gui.widgets.blank import Blank
+from gui.widgets.picture_menu import offer_menu, save_picture
 
 __all__ = ["LINES", "DecadeAxis", "LinePlot", "style_axes", "theme_plot"]
 
@@ -93,8 +96,10 @@ class LinePlot(QWidget):
         style_axes(self.plot, xlabel, ylabel)
         self._labels = (xlabel, ylabel)
         self._curves: dict[str, pg.PlotDataItem] = {}
-        self.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
-        self.customContextMenuRequested.connect(self._menu)
+        self._known: set[str] = set()
+        self.blank = Blank(self.graphics, self.plot)
+        self.blank.show_blank(True)
+        offer_menu(self, lambda: "plot", self._entries)
         self.apply_theme()
 
     def set_curve(
@@ -108,8 +113,13 @@ class LinePlot(QWidget):
         dashed: bool = False,
         line: bool = True,
     ) -> None:
-        """Draw or replace a curve; without ``line`` only its symbols."""
+        """Draw or replace a curve, of what is known of it; without ``line`` only its symbols."""
         values = np.asarray(x, float), np.asarray(y, float)
+        known = bool((np.isfinite(values[0]) & np.isfinite(values[1])).any())
+        if not known:  # pyqtgraph looks for the largest of none
+            values = np.zeros(0), np.zeros(0)
+        (self._known.add if known else self._known.discard)(name)
+        self.blank.show_blank(not self._known)
         if name in self._curves:
             self._curves[name].setData(*values)
             return
@@ -137,6 +147,8 @@ class LinePlot(QWidget):
         curve = self._curves.pop(name, None)
         if curve is not None:
             self.plot.removeItem(curve)
+            self._known.discard(name)
+            self.blank.show_blank(not self._known)
 
     def clear(self) -> None:
         """Take all curves away."""
@@ -146,26 +158,22 @@ class LinePlot(QWidget):
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
         theme_plot(self.graphics, self.plot)
+        self.blank.apply_theme()
 
-    def _menu(self, position: Any) -> None:
-        menu = QMenu(self)
-        for text, action in (
+    def _entries(self) -> list[tuple[str, Any]]:
+        return [
             ("Show all", lambda: self.plot.autoRange()),
-            ("Copy picture", lambda: QApplication.clipboard().setPixmap(self.grab())),
-            ("Save picture …", lambda: self.save_picture()),
+            ("Copy values", self.copy_data),
             ("Save data …", lambda: self.save_data()),
-        ):
-            entry = QAction(text, menu)
-            entry.triggered.connect(action)
-            menu.addAction(entry)
-        menu.exec(self.mapToGlobal(position))
-        menu.deleteLater()
+        ]
 
     def save_picture(self, path: str = "") -> None:
-        """Write the plot as PNG."""
-        path = path or ask_target(self, "Save picture", "plot.png", "PNG (*.png)")
-        if path:
-            write_picture(self, path)
+        """Write the plot as PNG or SVG."""
+        save_picture(self, "plot", path)
+
+    def copy_data(self) -> None:
+        """Put all curves on the clipboard, for a spreadsheet."""
+        QApplication.clipboard().setText("".join(self.table_lines("\t")))
 
     def save_data(self, path: str = "") -> None:
         """Write all curves as text: columns x and y of each."""
@@ -174,9 +182,13 @@ class LinePlot(QWidget):
             write_file(self, path, self._write_curves)
 
     def _write_curves(self, part: Path) -> None:
-        with part.open("w", encoding="utf-8") as file:
-            for name, curve in self._curves.items():
-                file.write(f"# {name}: {self._labels[0]}, {self._labels[1]}\n")
-                # not their logarithms, where an axis shows these
-                for x, y in zip(*curve.getOriginalDataset(), strict=True):
-                    file.write(f"{x:.9g},{y:.9g}\n")
+        part.write_text("".join(self.table_lines(",")), encoding="utf-8")
+
+    def table_lines(self, between: str) -> Iterator[str]:
+        """Yield every curve as lines of x and y, with what stands ``between`` columns."""
+        for name, curve in self._curves.items():
+            yield f"# {name}: {self._labels[0]}, {self._labels[1]}\n"
+            # not their logarithms, where an axis shows these
+            x, y = curve.getOriginalDataset()
+            if x is not None:
+                yield from (f"{a:.9g}{between}{b:.9g}\n" for a, b in zip(x, y, strict=True))

@@ -106,8 +106,8 @@ class RowsTable(QTableWidget):
     def _menu(self, position: QPoint) -> None:
         menu = QMenu(self)
         menu.addAction("Copy rows").triggered.connect(lambda _=False: self.copy())
-        menu.exec(self.viewport().mapToGlobal(position))
-        menu.deleteLater()
+        menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        menu.popup(self.viewport().mapToGlobal(position))
 
 
 RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter

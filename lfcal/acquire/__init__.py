@@ -4,6 +4,7 @@
 - ``session``, ``session_file``, ``origin``: a session is begun, resumed, recorded again in parts
 - ``runner``, ``attempts``, ``taking``, ``motion``, ``lighting``, ``exposing``, ``combining``: the strict loop in parts
 - ``guard``, ``known``: each frame held against what it should be before it counts, and against earlier runs
+- ``suspending``: a session that holds while temperature or lamp are off, and goes on by itself
 - ``control``, ``preview``, ``live_quality``, ``errors``: requests to a running session, and what it reports
 - ``recording``: frames on the disk that survive a crash and a power cut; a session as a `FrameSource`
 - ``redo``, ``suspects``, ``finish``: positions to record again; H from a session; packing
@@ -29,11 +30,13 @@ from lfcal.acquire.schedule import Schedule, Step
 from lfcal.acquire.session import check_devices, iter_record, record
 from lfcal.acquire.session_file import SessionFile
 from lfcal.acquire.suspects import read_suspects
+from lfcal.acquire.suspending import Bound, Suspender
 from lfcal.devices.registry import open_rig
 
 __all__ = [
     "AcquisitionStopped",
     "Alarm",
+    "Bound",
     "CheckFrame",
     "Control",
     "DamagedFrame",
@@ -54,6 +57,7 @@ __all__ = [
     "SessionReport",
     "Step",
     "SuspectFrame",
+    "Suspender",
     "Suspicion",
     "check_devices",
     "coarse_order",

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from lfcal.acquire.motion import Motion
+from lfcal.acquire.suspending import Bound
 from lfcal.camera import ScanPlan
 from lfcal.camera.description import build
 from lfcal.checks import check_choice, check_number
@@ -57,6 +58,9 @@ class Options:
     on_suspect
         What becomes of a frame whose content stays suspicious after it was taken again: ``"stop"`` the session, or
         ``"flag"`` the position, to be recorded again later.
+    suspend, steady_s
+        Bounds of gauges as `Bound.parse` reads them, such as ``"temperature=20:22"``: the session holds while one is
+        outside, and goes on when all have been within for so long (s).
     """
 
     order: str = "plan"
@@ -75,6 +79,8 @@ class Options:
     keep_free_bytes: int = 1 << 30
     origin_tolerance_px: float | None = 0.5
     on_suspect: str = "stop"
+    suspend: tuple[str, ...] = ()
+    steady_s: float = 30.0
 
     def __post_init__(self) -> None:
         """Check every value."""
@@ -93,6 +99,8 @@ class Options:
             check_number(name.replace("_", " "), getattr(self, name), at_least=0, integer=True)
         for name in ("move_timeout_s", "grab_timeout_s"):
             check_number(name.replace("_", " "), getattr(self, name), above=0, at_most=86_400)
+        check_number("steady s", self.steady_s, at_least=0, at_most=86_400)
+        self.bounds  # noqa: B018 each is read
         check_number("light settle s", self.light_settle_s, at_least=0, at_most=86_400)
         for name in ("tolerance_um", "overshoot_um"):
             values = getattr(self, name)
@@ -105,6 +113,11 @@ class Options:
     def plain(self) -> bool:
         """Whether one exposure makes one frame (unless the plan averages)."""
         return len(self.bracket) == 1
+
+    @property
+    def bounds(self) -> tuple[Bound, ...]:
+        """What gauges may read; raises `InputError` where a text says no bounds."""
+        return tuple(Bound.parse(text) for text in self.suspend)
 
     def motion(self, plan: ScanPlan) -> Motion:
         """Return how the stage is driven through ``plan``."""

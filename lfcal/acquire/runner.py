@@ -34,7 +34,8 @@ from lfcal.progress import Progress, Work
 
 __all__ = ["Observer", "Outcome", "Runner"]
 
-HOLD_S = 0.2
+HOLD_S, TICK_S = 0.2, 0.01
+"""How long a session that holds waits before it looks again, and how much of it always passes really (s)."""
 
 Observer = Callable[[Step, Note, NDArray[Any]], None]
 """Called with step, note and frame after each acknowledgement, in the recording thread."""
@@ -69,8 +70,8 @@ class Runner:
         Pause, resume, stop and abort, from any thread.
     preview, observers
         Who may see the frames.
-    low_space
-        Returns why the session should hold, or an empty string.
+    trouble
+        Returns why the session should hold, or an empty string: too little disk, a lab that is not as it should be.
     elapsed_s
         Seconds recorded by earlier runs of the session.
     recorded
@@ -97,7 +98,7 @@ class Runner:
         control: Control | None = None,
         preview: Preview | None = None,
         observers: tuple[Observer, ...] = (),
-        low_space: Callable[[], str] = lambda: "",
+        trouble: Callable[[], str] = lambda: "",
         elapsed_s: float = 0.0,
         recorded: Mapping[int, Position] | None = None,
         known: Sequence[Known] = (),
@@ -105,7 +106,7 @@ class Runner:
         self._rig, self._plan, self._options, self._schedule = rig, plan, options, schedule
         self._sink, self._todo = sink, todo
         self.control = control or Control()
-        self._preview, self._observers, self._low_space = preview, observers, low_space
+        self._preview, self._observers, self._trouble = preview, observers, trouble
         motion = options.motion(plan)
         # dark frames are taken wherever the stage stands
         moved = schedule.kinds != Kind.DARK
@@ -199,11 +200,11 @@ class Runner:
 
     # -- around the steps ------------------------------------------------------------------------------
     def _hold(self, writer: Writer) -> Work[None]:
-        """Wait while paused or while the disk is too full; yields so that a caller sees why."""
+        """Wait while paused, or while there is trouble that may pass; yields so that a caller sees why."""
         self._acknowledge(writer.collect())
         began = self._rig.time.monotonic()
         while not self.control.stopping:
-            why = "paused" if self.control.pausing else self._low_space()
+            why = "paused" if self.control.pausing else self._trouble()
             if why != self.control.held:
                 self.control.held = why
                 yield self._progress(why)
@@ -211,7 +212,10 @@ class Runner:
                 break
             # while the session holds, nothing may be left in memory alone
             self._acknowledge(writer.flush())
-            self.control.wait(HOLD_S)
+            if not self.control.pausing:
+                # what troubles may pass with the rig's time, which is not always that of the wall
+                self.control.sleep(HOLD_S, self._rig.time)
+            self.control.wait(HOLD_S if self.control.pausing else TICK_S)
             yield self._progress(why)
         self.control.held = ""
         # a pause is not recording time: the drift of the lamp is judged over it

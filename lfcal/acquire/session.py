@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime
 import uuid
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -28,6 +28,7 @@ from lfcal.acquire.recording.verify import SessionReport, iter_verify
 from lfcal.acquire.runner import Observer, Outcome, Runner
 from lfcal.acquire.schedule import Schedule
 from lfcal.acquire.session_file import Devices, Run, SessionFile, frame_dtype
+from lfcal.acquire.suspending import Suspender
 from lfcal.axes import position_at
 from lfcal.camera import ScanPlan
 from lfcal.devices.protocols import Rig
@@ -91,6 +92,7 @@ def iter_record(
     options = options or (earlier.options if earlier else Options())
     if earlier:
         earlier.check_same(plan, options, devices)  # before the lock, for the clearer message
+    Suspender(rig, options.bounds, options.steady_s)  # a gauge that is not there is told before anything is made
     with _locked(folder):
         new = _new(SessionFile(uuid.uuid4().hex, plan, options, devices), only, kept_aside)
         file, first = _prepare(folder, rig, new, resume=resume, redo=redo)
@@ -268,7 +270,7 @@ def _record_one(
             store,
             todo,
             **watching._asdict(),
-            low_space=DiskGuard(folder, options.keep_free_bytes),
+            trouble=_trouble(folder, rig, options),
             elapsed_s=store.elapsed_s,
             known=known_around(folder, _open_positions(file.plan, schedule, todo)) if not todo.all() or run else (),
             recorded={crc: position_at(flat, file.plan.period) for crc, flat in store.checksums().items()},
@@ -280,6 +282,12 @@ def _record_one(
         return (yield from _run_noted(folder, file, runner))
     finally:
         store.close()
+
+
+def _trouble(folder: Path, rig: Rig, options: Options) -> Callable[[], str]:
+    """Return what says why the session should hold."""
+    full, suspended = DiskGuard(folder, options.keep_free_bytes), Suspender(rig, options.bounds, options.steady_s)
+    return lambda: full() or suspended()
 
 
 def _check_origin(

@@ -73,6 +73,14 @@ def command(
     on_suspect: str | None = typer.Option(
         None, "--on-suspect", help="Frames whose content stays suspicious: stop (default), or flag the position."
     ),
+    suspend: list[str] = typer.Option(
+        [],
+        "--suspend",
+        help="Hold while a gauge, or the last number of a file, is out of bounds: GAUGE=LOW:HIGH; may be repeated.",
+    ),
+    steady: float | None = typer.Option(
+        None, "--steady", help="With --suspend: seconds within bounds before going on."
+    ),
     tolerance: str | None = typer.Option(None, "--tolerance", help="Position tolerance X,Y,Z (µm)."),
     overshoot: str | None = typer.Option(
         None, "--overshoot", help="Approach from one side, X,Y,Z (µm); 0,0,0 for none."
@@ -121,6 +129,8 @@ def command(
         "controls": controls,
         "retries": retries,
         "on_suspect": on_suspect,
+        "suspend": tuple(suspend) or None,
+        "steady_s": steady,
         "tolerance_um": numbers(tolerance, "--tolerance"),
         "overshoot_um": numbers(overshoot, "--overshoot"),
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -62,23 +63,29 @@ def _session(path: Path, redo: Path | None, workers: int | None, json: bool) -> 
     return report.ok
 
 
-def _show_session(report: SessionReport, redo: Path | None) -> None:
+def session_lines(report: SessionReport) -> Iterator[str]:
+    """Yield what a check of a session found, in words."""
     whole, total = (sum(getattr(file, name) for file in report.files) for name in ("whole", "frames"))
-    typer.echo(f"{report.path}: {whole} of {total} frames are whole")
+    yield f"{report.path}: {whole} of {total} frames are whole"
     for file in report.files:
         if file.fault:
-            typer.echo(f"  {file.file}: {file.fault}")
+            yield f"  {file.file}: {file.fault}"
     for found in report.damaged[:LISTED]:
         where = f"{found.kind} (z, y, x) = {tuple(found.position)}"
         said = f"{found.what}; recorded again since" if found.replaced else found.what
-        typer.echo(f"  {where}, {found.file}[{found.slot}]: {said}")
+        yield f"  {where}, {found.file}[{found.slot}]: {said}"
     if len(report.damaged) > LISTED:
-        typer.echo(f"  and {len(report.damaged) - LISTED} more; --json lists all")
+        yield f"  and {len(report.damaged) - LISTED} more; --json lists all"
     if report.lacking:
-        typer.echo(f"  {report.lacking} positions that were safe once have no record any more")
+        yield f"  {report.lacking} positions that were safe once have no record any more"
     if report.never_taken:
         first = tuple(report.never_taken[0])
-        typer.echo(f"  {len(report.never_taken)} positions were never taken, first (z, y, x) = {first}")
+        yield f"  {len(report.never_taken)} positions were never taken, first (z, y, x) = {first}"
+
+
+def _show_session(report: SessionReport, redo: Path | None) -> None:
+    for line in session_lines(report):
+        typer.echo(line)
     if not report.ok:
         typer.echo("  lfcal acquire --resume takes damaged and missing frames again")
     if redo is not None:
@@ -105,18 +112,24 @@ def _matrix(path: Path, redo: Path | None, workers: int | None, json: bool) -> b
     return check.ok
 
 
-def _show_matrix(check: MatrixCheck) -> None:
+def matrix_lines(check: MatrixCheck) -> Iterator[str]:
+    """Yield what a check of an H file found, in words."""
     bad = len({(d.region, d.z) for d in check.damaged})
     how = "compared with their checksums" if check.compared else "read; a file of version 1 has no checksums"
-    typer.echo(f"{check.path}: {check.planes - bad} of {check.planes} planes are whole ({how})")
+    yield f"{check.path}: {check.planes - bad} of {check.planes} planes are whole ({how})"
     for found in check.damaged:
         name = f"{found.region}, plane {found.z}" if found.region else f"plane {found.z}"
         listed = ", ".join(str(tuple(p)) for p in found.positions[:LISTED])
         more = f" and {len(found.positions) - LISTED} more" if len(found.positions) > LISTED else ""
-        typer.echo(f"  {name}: {found.what}" + (f" at (z, y, x) = {listed}{more}" if listed else ""))
+        yield f"  {name}: {found.what}" + (f" at (z, y, x) = {listed}{more}" if listed else "")
     for line in check.deviations:
-        typer.echo(f"  not as the format says: {line}")
+        yield f"  not as the format says: {line}"
     if check.missing:
-        typer.echo(f"  {check.missing} positions were never recorded")
+        yield f"  {check.missing} positions were never recorded"
     if check.damaged:
-        typer.echo("  assemble it again, or copy it again from its source")
+        yield "  assemble it again, or copy it again from its source"
+
+
+def _show_matrix(check: MatrixCheck) -> None:
+    for line in matrix_lines(check):
+        typer.echo(line)

@@ -21,6 +21,7 @@ from lfcal.devices.grabbing import Grabber
 __all__ = [
     "CameraDevice",
     "Frame",
+    "Gauge",
     "Light",
     "Limits",
     "Point",
@@ -197,6 +198,25 @@ class Light(Protocol):
         ...
 
 
+@runtime_checkable
+class Gauge(Protocol):
+    """What tells how the lab is: a thermometer, a photodiode at the lamp."""
+
+    @property
+    def name(self) -> str:
+        """What is read, such as ``"temperature"``."""
+        ...
+
+    @property
+    def unit(self) -> str:
+        """Of the readings; empty where nobody knows."""
+        ...
+
+    def read(self) -> float:
+        """Return the reading of now."""
+        ...
+
+
 class TimeSource(Protocol):
     """Time as the rig sees it; the simulator's runs as fast as the machine."""
 
@@ -234,7 +254,7 @@ class Rig:
     """A camera, a stage, and a light where it can be switched; closes them as a context manager.
 
     ``others`` are devices that had to be opened along with these and are closed with them; ``grabber`` waits for the
-    camera's frames.
+    camera's frames. ``gauges`` tell how the lab is, where there are any.
     """
 
     camera: CameraDevice
@@ -243,6 +263,7 @@ class Rig:
     time: TimeSource = field(default_factory=SystemTime)
     others: tuple[CameraDevice | StageDevice, ...] = ()
     grabber: Grabber = field(default_factory=Grabber, compare=False)
+    gauges: tuple[Gauge, ...] = ()
 
     def close(self) -> None:
         """Release all devices, each even if another fails; a camera whose driver still hangs is left to the system.

@@ -41,6 +41,8 @@ def acquire(lfcal: Callable[..., Run], tmp_path: Path) -> Acquire:
         (("--order", "coarse"), "order", "coarse"),
         (("--bracket", "1,0.25"), "bracket", (1.0, 0.25)),
         (("--margin", 3), "margin_px", 3),
+        (("--suspend", "temperature=20:22", "--suspend", "lamp=90:"), "suspend", ("temperature=20:22", "lamp=90:")),
+        (("--suspend", "temperature=20:22", "--steady", 2), "steady_s", 2.0),
     ],
 )
 def test_the_session_keeps_how_it_is_recorded(

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import pyqtgraph as pg
@@ -36,7 +35,10 @@ class ParetoChart(LinePlot):
         self.plot.setAxisItems({side: DecadeAxis(side) for side in ("bottom", "left")})
         self.plot.getAxis("left").setWidth(LEFT)
         self.plot.showGrid(x=True, y=True, alpha=0.15)
+        self.blank.show_blank(False)
+        self.blank.show_blank(True)
         self._points: tuple[Point, ...] = ()
+        self.blank.words = "Press Measure."
         self.front = pg.PlotDataItem()
         self.limit = pg.InfiniteLine(angle=0, movable=False)
         self.scatter = pg.ScatterPlotItem(hoverable=True, tip=lambda x, y, data: self._points[data].words)
@@ -49,6 +51,7 @@ class ParetoChart(LinePlot):
     def show_points(self, points: Sequence[Point], log_percent: float) -> None:
         """Show points, and the error asked about as a line at ``log_percent``, its decimal logarithm in per cent."""
         self._points = tuple(points)
+        self.blank.show_blank(not self._points)
         self.limit.setValue(log_percent)
         front = [point for point in points if point.efficient]
         self.front.setData([p.x for p in front], [p.y for p in front])
@@ -98,9 +101,9 @@ class ParetoChart(LinePlot):
         if len(spots):
             self.chosen.emit(int(spots[0].data()))
 
-    def _write_curves(self, part: Path) -> None:
-        with part.open("w", encoding="utf-8") as file:
-            file.write("# cost, error (%), efficient, rung\n")
-            for point in self._points:
-                words = point.words.splitlines()[0]
-                file.write(f"{10**point.x:.9g},{10**point.y:.9g},{int(point.efficient)},{words}\n")
+    def table_lines(self, between: str) -> Iterator[str]:
+        """Yield every point."""
+        yield "# cost, error (%), efficient, rung\n"
+        for point in self._points:
+            cells = (f"{10**point.x:.9g}", f"{10**point.y:.9g}", f"{int(point.efficient)}", point.words.splitlines()[0])
+            yield between.join(cells) + "\n"

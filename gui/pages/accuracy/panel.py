@@ -43,6 +43,7 @@ class AccuracyPanel(QWidget):
     def _places_card(self) -> QFrame:
         frame, column = card("Where accuracy is paid")
         self.places = QListWidget()
+        self.places.setAccessibleName("where accuracy is paid")
         for place in PLACES:
             item = QListWidgetItem(place.title)
             item.setData(Qt.ItemDataRole.UserRole, place.name)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Iterator
 
 import numpy as np
 import pyqtgraph as pg
@@ -36,6 +36,8 @@ class ErrorView(LinePlot):
         super().__init__("positions recorded", "error of H (%)")
         self.plot.setAxisItems({"left": DecadeAxis("left")})
         self.plot.showGrid(x=True, y=True, alpha=0.15)
+        self.blank.show_blank(False)
+        self.blank.show_blank(True)
         self.set_labels("positions recorded", "error of H (%)")
         self.setToolTip(
             "Stated: what the unknowns' standard deviations make of H (relative L2). Kept aside: off at positions that "
@@ -68,6 +70,7 @@ class ErrorView(LinePlot):
     def show_curve(self, curve: ErrorCurve) -> None:
         """Show what is known after the fits that are done."""
         self.curve = curve
+        self.blank.show_blank(False)
         x = np.array(curve.positions, float)
         stated, aside, wanted = (_log(np.array(v, float)) for v in (curve.stated, curve.aside, [curve.wanted]))
         self.stated.setData(x, stated)
@@ -101,12 +104,13 @@ class ErrorView(LinePlot):
         if getattr(self, "curve", None) is not None:
             self.show_curve(self.curve)  # type: ignore[arg-type]
 
-    def _write_curves(self, part: Path) -> None:
+    def table_lines(self, between: str) -> Iterator[str]:
+        """Yield what is known after each fit."""
         curve = self.curve
         rows = [] if curve is None else zip(curve.positions, curve.stated, curve.aside, curve.above, strict=True)
-        lines = ["# positions recorded, error of H stated (%), error at positions kept aside (%), ± (%); 0: a limit"]
-        lines += [f"{n},{a:.6g},{b:.6g},{c:.6g}" for n, a, b, c in rows]
-        part.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        yield "# positions recorded, error of H stated (%), error at positions kept aside (%), ± (%); 0: a limit\n"
+        for n, *errors in rows:
+            yield between.join((str(n), *(f"{error:.6g}" for error in errors))) + "\n"
 
 
 def _log(values: np.ndarray) -> np.ndarray:

@@ -90,6 +90,20 @@ FIELDS = (
         "displaced, too light or dark): the session stops, or the frame is kept and its position named",
     ),
     Field(
+        "suspend",
+        "Hold unless",
+        "",
+        "The session holds while a gauge is out of bounds and goes on by itself: temperature=20:22; lamp=95:105, or "
+        "the path of a text file that ends with the newest number. Empty: never",
+        kind="text",
+    ),
+    Field(
+        "steady_s",
+        "Go on after",
+        "s",
+        "How long all gauges must be within their bounds before a session that holds goes on",
+    ),
+    Field(
         "margin_px",
         "Margin",
         "px",
@@ -135,7 +149,10 @@ class AcquireSettings(PageSettings):
         Whether a coarse grid comes first.
     extent, error, most
         ``"whole"``: every position; ``"error"``: until H is known to this relative error, or so many are recorded.
-    bracket, darks, dark_every, reference_every, controls, retries, on_suspect, margin_px, tolerance_um, overshoot_um
+    suspend
+        Bounds of gauges separated by ``;``, each as `lfcal.acquire.Bound.parse` reads it.
+    bracket, darks, dark_every, reference_every, controls, retries, on_suspect, steady_s, margin_px, tolerance_um,
+    overshoot_um
         As in `lfcal.acquire.options.Options`; an empty tolerance is the default.
     """
 
@@ -155,6 +172,8 @@ class AcquireSettings(PageSettings):
     controls: int = DEFAULTS.controls
     retries: int = DEFAULTS.retries
     on_suspect: str = DEFAULTS.on_suspect
+    suspend: str = ""
+    steady_s: float = DEFAULTS.steady_s
     margin_px: int | None = DEFAULTS.margin_px
     tolerance_um: tuple[float, ...] = ()
     overshoot_um: tuple[float, ...] = DEFAULTS.overshoot_um
@@ -179,6 +198,8 @@ class AcquireSettings(PageSettings):
             self.tolerance_um or None,
             self.overshoot_um,
             on_suspect=self.on_suspect,
+            suspend=tuple(part.strip() for part in self.suspend.split(";") if part.strip()),
+            steady_s=self.steady_s,
         )
 
     def goal(self) -> Goal | None:

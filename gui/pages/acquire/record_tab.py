@@ -10,17 +10,18 @@ from PySide6.QtCore import QObject, QTimer, Signal
 from PySide6.QtWidgets import QFileDialog
 
 from gui.context import Context
-from gui.jobs import Job, JobState
+from gui.jobs import Job
 from gui.models.project import Hold, ProjectState
 from gui.models.words import plane_words
 from gui.pages.acquire.after import Afterwards
 from gui.pages.acquire.model import AcquireSettings
 from gui.pages.acquire.model_recorder import FolderState, Recorder, RecordPicture, folder_state, record_picture
-from gui.pages.acquire.model_until import check_goal, error_curve, until_words
+from gui.pages.acquire.model_until import check_goal, error_curve
 from gui.pages.acquire.record_panel import RecordPanel
 from gui.pages.acquire.setup_tab import SetupTab
+from gui.pages.acquire.status import end_words, progress_words
 from lfcal.errors import LfcalError, StorageError
-from lfcal.units import format_length, format_seconds
+from lfcal.units import format_length
 
 __all__ = ["RecordTab"]
 
@@ -307,18 +308,7 @@ class RecordTab(QObject):
     def _job_changed(self, job: Job) -> None:
         if job.number != self._job or job.progress is None or self.recorder is None or not job.active:
             return
-        record, recorder = job.progress, self.recorder
-        if recorder.goal is not None:
-            words, detail = until_words(record, recorder.steps, recorder.quality.state().done)
-            detail = ", ".join(part for part in (detail, self._lamp) if part)
-            self.panel.show_status(words, detail, record.fraction if record.total else None)
-            return
-        rate = recorder.rate
-        left = (record.total - record.done) / rate if rate > 0 else None
-        words = f"{record.done} of {record.total} positions"
-        pace = f"{rate:.0f} per second, about {format_seconds(left)} to go" if left else ""
-        detail = ", ".join(part for part in (record.note or pace, self._lamp) if part)
-        self.panel.show_status(words, detail, record.fraction)
+        self.panel.show_status(*progress_words(self.recorder, job.progress, self._lamp))
 
     def _show_error(self) -> None:
         """Show the error of H of a recording that ends by it; of another one the depth-plane sum."""
@@ -352,14 +342,7 @@ class RecordTab(QObject):
             return
         self._poll()
         self._look_into_folder()
-        words = {JobState.FAILED: "Stopped by a fault.", JobState.CANCELLED: "Interrupted."}.get(job.state, "")
-        fraction = job.progress.fraction if job.progress is not None else 0.0
-        if job.state is JobState.DONE:
-            fraction = job.result.acknowledged / max(1, job.result.total)
-            words = f"{job.result.how.capitalize()}: {job.result.acknowledged} of {job.result.total} positions."
-            if self.recorder is not None and self.recorder.ended:
-                ended = self.recorder.ended
-                words = f"{ended[0].upper()}{ended[1:]}."
+        words, fraction = end_words(job, "" if self.recorder is None else self.recorder.ended)
         curve = self.panel.error.curve
         known = curve.words if self.recorder is not None and self.recorder.steps and curve is not None else ""
         # beside the status, which stays: the advice is written again once the folder was looked into

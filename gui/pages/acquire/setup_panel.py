@@ -12,6 +12,7 @@ from PySide6.QtWidgets import QCheckBox, QDoubleSpinBox, QHBoxLayout, QLabel, QP
 from gui.jobs import Jobs
 from gui.models.display import Display
 from gui.pages.acquire.device_panel import DevicePanel
+from gui.pages.acquire.fault_panel import FaultPanel
 from gui.pages.acquire.model_live import LivePicture
 from gui.pages.acquire.model_stills import KINDS
 from gui.pages.acquire.stage_panel import StagePanel
@@ -66,17 +67,19 @@ class SetupPanel(QWidget):
 
     def __init__(self, jobs: Jobs, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.devices, self.stage = DevicePanel(), StagePanel()
+        self.devices, self.stage, self.faults = DevicePanel(), StagePanel(), FaultPanel()
         self.view = FrameView(jobs, "acquire live frame")
         self.view.hovered.connect(self._hovered)
         self.histogram = LinePlot("sample value (counts)", "pixels")
         self.histogram.plot.setLogMode(False, True)
+        self.view.blank.words = "Connect devices, then switch the live view on."
+        self.histogram.blank.words = "Shows every pixel of the live view."
         self.seen = ImageView(value_label="counts above background")
         self.predicted = ImageView(value_label="share of the light")
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 6, 0, 0)
         row.setSpacing(8)
-        row.addWidget(column_area(300, self.devices, self.stage, *self._cards()))
+        row.addWidget(column_area(300, self.devices, self.stage, *self._cards(), self.faults))
         row.addWidget(self._view_card(), 3)
         row.addLayout(self._numbers(), 2)
         self.set_connected(False)

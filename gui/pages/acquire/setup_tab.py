@@ -58,6 +58,7 @@ class SetupTab(QObject):
         self.live_timer.setInterval(LIVE_MS)
         self.live_timer.timeout.connect(self._look)
         panel.devices.edited.connect(self._devices_edited)
+        panel.faults.edited.connect(self._faults_edited)
         panel.devices.connect_asked.connect(self.connect_devices)
         panel.devices.disconnect_asked.connect(self.disconnect_devices)
         panel.live_toggled.connect(self._live_toggled)
@@ -83,6 +84,8 @@ class SetupTab(QObject):
         self.panel.stage.set_planes(state.plan.depths_um)
         self.panel.arrows.set_arrows(stage_arrows(state.plan.stage))
         self.panel.devices.set_choice(chosen.backend, dict(chosen.device_options), chosen.stage)
+        self.panel.faults.setVisible(chosen.backend == "sim")
+        self.panel.faults.set_faults(dict(chosen.device_options).get("faults", ""))
         if self.panel.exposure.value() == self.panel.exposure.minimum():
             self.panel.set_exposure(state.plan.exposures[0])
 
@@ -95,6 +98,7 @@ class SetupTab(QObject):
         """Enable what can be used now."""
         connected = self.station is not None
         self.panel.set_connected(connected, free=self.free)
+        self.panel.faults.set_connected(connected or self.connecting)
         if connected:
             self.panel.devices.set_free(self.free)
         if self.free and connected:
@@ -105,6 +109,13 @@ class SetupTab(QObject):
         state = self.context.state
         settings = replace(AcquireSettings.of(state), backend=backend, device_options=options, stage=stage)
         self.context.project.update("choice of devices", settings=settings.into(state))
+
+    def _faults_edited(self, text: str) -> None:
+        state = self.context.state
+        chosen = AcquireSettings.of(state)
+        others = tuple(pair for pair in chosen.device_options if pair[0] != "faults")
+        options = (*others, ("faults", text)) if text else others
+        self.context.project.update("faults", settings=replace(chosen, device_options=options).into(state))
 
     def _backends_found(self, found: tuple[Any, Any, Any]) -> None:
         self.panel.devices.set_backends(*found)

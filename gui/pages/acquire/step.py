@@ -34,6 +34,8 @@ def step(project: ProjectState) -> Step:
         ("--controls", options.controls),
         ("--retries", options.retries),
         ("--on-suspect", options.on_suspect),
+        *(("--suspend", text) for text in options.suspend),
+        ("--steady", options.steady_s if options.suspend else None),
         ("--tolerance", ",".join(f"{v!r}" for v in options.tolerance_um or ())),
         ("--overshoot", ",".join(f"{v!r}" for v in options.overshoot_um)),
     )

@@ -9,6 +9,7 @@ from PySide6.QtGui import QColor, QPainter, QPainterPath, QPaintEvent, QPen
 from PySide6.QtWidgets import QWidget
 
 from gui.theme import TYPE_COLOURS, current_theme
+from gui.widgets.picture_menu import offer_menu
 from lfcal.camera import Camera, MainLens, preset
 from lfcal.units import format_length
 
@@ -25,6 +26,7 @@ class OpticsView(QWidget):
         super().__init__(parent)
         self._camera = preset("bench")
         self.setMinimumSize(420, 150)
+        offer_menu(self, lambda: "camera")
         self.setToolTip("Left: main optics and array along the axis. Right: lenslets, gap and sensor, magnified.")
 
     def set_camera(self, camera: Camera) -> None:

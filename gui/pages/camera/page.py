@@ -86,7 +86,19 @@ class Page(BasePage):
         return why or held
 
     def _set(self, camera: Camera, label: str) -> None:
+        before = self.context.state.plan
         self.context.project.update(label, **state_with(self.context.state, camera))
+        if before is not None and self.context.state.plan is None:
+            words = "The plan was of the other camera and is gone with it. Undo brings both back."
+            self.context.message.emit(words)
+            self.notice.offer(words, "Undo", lambda: self._take_back(label), stay="Leave it so")
+
+    def _take_back(self, label: str) -> None:
+        """Bring back what was there before another camera was taken, unless something else was done since."""
+        if self.context.project.undo_label == label:
+            self.context.project.undo()
+        else:
+            self.refuse("Something else was changed since: undo step by step (Ctrl+Z)")
 
     def _confirmed(self, paths: tuple[str, ...]) -> None:
         label = f"confirm {paths[0]}" if len(paths) == 1 else f"confirm {len(paths)} values"

@@ -80,6 +80,7 @@ class CheckPanel(QWidget):
 
     def _make_table(self) -> None:
         self.table = QTableWidget(0, len(COLUMNS))
+        self.table.setAccessibleName("camera and white image")
         self.table.setHorizontalHeaderLabels(list(COLUMNS))
         self.table.verticalHeader().hide()
         self.table.verticalHeader().setDefaultSectionSize(24)

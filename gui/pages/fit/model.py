@@ -157,6 +157,8 @@ class Offer:
         Why what H states of its noise cannot be used; empty where it can, or where it states none.
     plan
         The scan with H's own camera, None where it has none.
+    unfit
+        Why H and its own camera do not go together, or empty.
     """
 
     shape: tuple[int, ...]
@@ -165,6 +167,7 @@ class Offer:
     noise: tuple[float, float] | None
     problem: str = ""
     plan: ScanPlan | None = None
+    unfit: str = ""
 
     def source_words(self, name: str) -> str:
         """Return a line on the positions of H, which is called ``name``."""
@@ -201,6 +204,8 @@ class Offer:
 
         ``window`` and ``plan`` are those of the window.
         """
+        if self.unfit:
+            return f"H does not fit its own camera: {self.unfit}.", "error"
         if self.camera is None:
             if plan is None or plan.shape != self.shape:
                 return f"H has no camera of its own: make a plan of its shape {self.shape} on the Plan page.", "error"
@@ -235,8 +240,12 @@ def offer_of(matrix: PSFMatrix) -> Offer:
     if matrix.camera is None:
         return Offer(matrix.shape, int(recorded.sum()), None, noise, problem)
     depths = tuple(float(z) for z in matrix.depths)
-    plan = ScanPlan(matrix.camera, matrix.period, matrix.cutout, depths, matrix.anchor)
-    return Offer(matrix.shape, int(recorded.sum()), matrix.camera.name, noise, problem, plan)
+    plan, unfit = None, ""
+    try:
+        plan = ScanPlan(matrix.camera, matrix.period, matrix.cutout, depths, matrix.anchor)
+    except InputError as error:  # a file may hold any anchor
+        unfit = str(error)
+    return Offer(matrix.shape, int(recorded.sum()), matrix.camera.name, noise, problem, plan, unfit)
 
 
 def _noise(matrix: PSFMatrix, recorded: NDArray[np.bool_]) -> tuple[tuple[float, float] | None, str]:

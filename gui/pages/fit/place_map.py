@@ -12,6 +12,7 @@ from PySide6.QtWidgets import QVBoxLayout, QWidget
 from gui.models.display import colour_table
 from gui.pages.fit.model_run import Found, Place
 from gui.theme import current_theme
+from gui.widgets.picture_menu import offer_menu
 from gui.widgets.plots import style_axes, theme_plot
 
 __all__ = ["PlaceMap"]
@@ -55,6 +56,7 @@ class PlaceMap(QWidget):
         self.ring = pg.ScatterPlotItem(size=19, symbol="o", brush=None)
         for item in (self.ring, self.dots):
             self.plot.addItem(item)
+        offer_menu(self, lambda: "chi2")
         self.setToolTip("Click a position to see its pattern")
         self.apply_theme()
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Iterator, Sequence
 
 import pyqtgraph as pg
 from PySide6.QtWidgets import QLabel, QVBoxLayout, QWidget
@@ -35,6 +34,8 @@ class DecadePlot(LinePlot):
         self.plot.setAxisItems({"left": DecadeAxis("left")})
         self.plot.getAxis("left").setWidth(LEFT)
         self.plot.showGrid(x=True, y=True, alpha=0.15)
+        self.blank.show_blank(False)
+        self.blank.show_blank(True)
         self.line, self.dots = pg.PlotDataItem(pen=pg.mkPen(colour, width=1.8)), pg.ScatterPlotItem(size=8)
         for item in (self.line, self.dots):
             self.plot.addItem(item)
@@ -43,6 +44,7 @@ class DecadePlot(LinePlot):
     def show_values(self, values: Sequence[float], limits: Sequence[bool]) -> None:
         """Show values from round 0, the start; those that are ``limits`` are hollow, NaN are left out."""
         self._values = list(values)
+        self.blank.show_blank(not self._values)
         theme = current_theme()
         points = [(k, math.log10(max(v, FLOOR)), limits[k]) for k, v in enumerate(values) if not math.isnan(v)]
         self.line.setData([x for x, _, _ in points], [y for _, y, _ in points])
@@ -57,9 +59,10 @@ class DecadePlot(LinePlot):
             self.plot.setYRange(middle - 1.1 * half, middle + 1.1 * half, padding=0)
             self.plot.setXRange(-0.3, max(4, len(values) - 1) + 0.3, padding=0)
 
-    def _write_curves(self, part: Path) -> None:
-        lines = [f"# round, {self._y}", *(f"{k},{value:.9g}" for k, value in enumerate(self._values))]
-        part.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    def table_lines(self, between: str) -> Iterator[str]:
+        """Yield round and value."""
+        yield f"# round, {self._y}\n"
+        yield from (f"{k}{between}{value:.9g}\n" for k, value in enumerate(self._values))
 
 
 class RoundsView(QWidget):

@@ -264,6 +264,10 @@ def import_folder(path: str, settings: FrameSettings, plan: ScanPlan | None, *, 
         chosen = replace(chosen, manifest="", pattern="", columns="", first="", shift=0, channel="", orientation=CHECK)
     if (folder / "session.json").is_file():
         plan, frames = SessionFile.read(folder).plan, folder
+        # a recording has darks of its own; those of the whole sensor are there for the white image
+        if (folder / "white").is_dir():
+            dark = folder / "dark"
+            chosen = replace(chosen, white=str(folder / "white"), dark=str(dark) if dark.is_dir() else "")
     else:
         inside = (folder / "frames").is_dir()
         frames = folder / "frames" if inside else folder

@@ -141,6 +141,7 @@ class MultiplexPanel(QWidget):
     def _numbers_card(self) -> QWidget:
         frame, column = card("Numbers")
         self.table = QTableWidget(0, 2)
+        self.table.setAccessibleName("numbers of the modulator")
         self.table.horizontalHeader().hide()
         self.table.verticalHeader().hide()
         self.table.verticalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Fixed)

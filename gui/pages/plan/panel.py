@@ -13,6 +13,7 @@ from gui.pages.plan.model import FIELDS, RegionDrawing, forecast_rows, region_dr
 from gui.theme import TYPE_COLOURS
 from gui.widgets.cards import card
 from gui.widgets.form import Form
+from gui.widgets.picture_menu import offer_menu
 from gui.widgets.plots import style_axes, theme_plot
 from lfcal.camera import ScanPlan
 
@@ -72,6 +73,7 @@ class PlanPanel(QWidget):
         self.cell = pg.PlotCurveItem(pen=pg.mkPen("#c62828", width=1.5, style=Qt.PenStyle.DashLine))
         for item in (self.lenslets, self.path, self.cell, self.start):
             self.plot.addItem(item)
+        offer_menu(self.graphics, lambda: "region")
         theme_plot(self.graphics, self.plot)
 
     def show_plan(self, plan: ScanPlan) -> None:

@@ -27,6 +27,7 @@ from gui.pages.psf.depth_strip import DepthStrip
 from gui.pages.psf.model import PlaneData, PSFIntent, PSFPicture, aperture_words, pixel_words
 from gui.widgets.cards import card, choice_box
 from gui.widgets.image_view import ImageView
+from gui.widgets.linking import link_views
 from gui.widgets.period_map import PeriodMap
 from gui.widgets.plots import LinePlot
 
@@ -93,6 +94,7 @@ class PSFPanel(QWidget):
     # -- building --------------------------------------------------------------------------------------
     def _make_pictures(self) -> None:
         self.main_view, self.linked_view, self.sum_view = ImageView(), ImageView(), ImageView()
+        link_views((self.main_view, self.linked_view))
         self.main_title, self.linked_title = QLabel(), QLabel()
         self.main_view.hovered.connect(self.hovered.emit)
         self.main_view.clicked.connect(self.clicked.emit)

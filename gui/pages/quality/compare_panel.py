@@ -23,6 +23,7 @@ from gui.models.display import SCALES, Display
 from gui.pages.quality.model_compare import COLUMNS, MODES, TIPS, Both, Place
 from gui.widgets.cards import card, choice_box, line
 from gui.widgets.image_view import ImageView
+from gui.widgets.linking import link_views
 from gui.widgets.rows_table import RowsTable
 
 __all__ = ["ComparePanel"]
@@ -165,7 +166,7 @@ class ComparePanel(QWidget):
             row.addWidget(cell, 1)
             self._cells.append(cell)
             view.hovered.connect(lambda t, s, value, k=k: self._hovered(t, s))
-            view.plot.vb.sigRangeChangedManually.connect(lambda *_, k=k: self._follow_view(k))
+        link_views(self.views)
         column.addLayout(row, 1)
         return frame
 
@@ -273,13 +274,6 @@ class ComparePanel(QWidget):
         for view in self.views[:2]:
             view.set_display(Display(scale=self.scaling.currentData()))
         self._show_mode()
-
-    def _follow_view(self, k: int) -> None:
-        """Show the same part in all pictures; pyqtgraph's own links drift apart where scales are locked."""
-        seen = self.views[k].plot.vb.viewRect()
-        for other, view in enumerate(self.views):
-            if other != k:
-                view.plot.vb.setRange(seen, padding=0)
 
     def _blink(self) -> None:
         """Show the other of the two in the same place."""

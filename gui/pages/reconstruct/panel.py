@@ -69,6 +69,7 @@ class ReconstructPanel(QWidget):
             self.form.editor(key).setMinimumWidth(56)
         self.volume = VolumeView()
         self.light_field = ImageView(xlabel="column", ylabel="row")
+        self.light_field.blank.words = "Open a light field, or make one."
         self.light_field.setToolTip("The light field; the frame shows the region that is used")
         self.frame = pg.PlotCurveItem(pen=pg.mkPen("#ff5a5f", width=1.5))
         self.light_field.add_overlay(self.frame)

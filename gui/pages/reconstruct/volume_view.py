@@ -15,6 +15,7 @@ from gui.models.display import COLOUR_MAPS, colour_table, to_uint8
 from gui.pages.reconstruct.model_volume import VolumeIntent, VolumePicture, resolve
 from gui.theme import current_theme
 from gui.widgets.image_view import bar_map
+from gui.widgets.picture_menu import offer_menu
 from gui.widgets.plots import style_axes, theme_plot
 from lfcal.units import format_length
 
@@ -52,6 +53,7 @@ class VolumeView(QWidget):
         )
         self.bar.axis.enableAutoSIPrefix(False)
         self.graphics.addItem(self.bar, row=1, col=1)
+        offer_menu(self.graphics, lambda: "volume")
         layout = self.graphics.ci.layout
         for index, share in ((0, 5), (1, 2)):
             layout.setColumnStretchFactor(index, share)

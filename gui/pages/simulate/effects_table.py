@@ -88,7 +88,14 @@ class EffectsTable(QTreeWidget):
         for row in verdict.rows:
             self._rows[row.name] = row
             self._fill(self._items[row.name], row)
+        self._fit_names()
         self.viewport().update()
+
+    def _fit_names(self) -> None:
+        """Make the first column as wide as its longest name: verdicts are told below the table and by their tips."""
+        metrics, indent = self.fontMetrics(), 2 * self.indentation() + 12
+        widest = max((metrics.horizontalAdvance(item.text(EFFECT)) for item in self._items.values()), default=0)
+        self.header().resizeSection(EFFECT, max(166, widest + indent))
 
     def _build(self, verdict: Verdict) -> None:
         self.clear()

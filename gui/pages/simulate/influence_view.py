@@ -14,6 +14,7 @@ from gui.models.display import Display, colour_table, levels_of, to_uint8
 from gui.pages.simulate.model_influence import Influence
 from gui.theme import current_theme
 from gui.widgets.image_view import bar_map
+from gui.widgets.picture_menu import offer_menu
 from gui.widgets.plots import style_axes, theme_plot
 
 __all__ = ["InfluenceView"]
@@ -38,6 +39,8 @@ class InfluenceView(QWidget):
         self.bars: list[pg.ColorBarItem] = []
         for k, title in enumerate(TITLES):
             self._add_plot(k, title)
+        self.graphics.setAccessibleName("pattern with and without the effect")
+        offer_menu(self.graphics, lambda: "effect")
         self.words = QLabel()
         self.words.setWordWrap(True)
         self.words.setProperty("role", "hint")

@@ -11,7 +11,8 @@ from lfcal.checks import check_choice
 from lfcal.devices.options import limits_option, number_option
 from lfcal.devices.protocols import Rig, SystemTime, TimeSource
 from lfcal.devices.simulated.camera import Renderer, SimCamera, SimLight
-from lfcal.devices.simulated.faults import Fault
+from lfcal.devices.simulated.faults import Fault, parse_faults
+from lfcal.devices.simulated.gauges import simulated_gauges
 from lfcal.devices.simulated.optics import FramesRenderer, PatternRenderer, simulated_optics
 from lfcal.devices.simulated.stage import SimStage, StageModel, VirtualTime
 from lfcal.errors import InputError
@@ -61,7 +62,7 @@ def simulated_rig(
     else:
         renderer = FramesRenderer(plan, optics) if isinstance(optics, FrameSource) else optics
     camera = SimCamera(plan.camera, axes or plan.stage, stage, clock, light, renderer, faults=faults, seed=seed)
-    return Rig(camera, stage, light, clock)
+    return Rig(camera, stage, light, clock, gauges=simulated_gauges(faults))
 
 
 class SimBackend:
@@ -96,7 +97,7 @@ class SimBackend:
         return simulated_rig(
             plan,
             model=_stage_model(plan, options),
-            faults=_faults(options.get("faults", "")),
+            faults=parse_faults(options.get("faults", "")),
             axes=_axes(plan, options.get("axes")),
             optics=_optics(plan, level, options.get("effects", "")),
             seed=int(number_option(options, "seed", 0, low=0)),
@@ -139,17 +140,3 @@ def _axes(plan: ScanPlan, text: str | None) -> StageAxes | None:
     if len(names) != 3:
         raise InputError.expected("option axes", "right,down,away such as +x,+y,+z", repr(text), "correct it")
     return replace(plan.stage, right=names[0], down=names[1], away=names[2])
-
-
-def _faults(text: str) -> list[Fault]:
-    faults = []
-    for part in filter(None, (p.strip() for p in text.split(";"))):
-        kind, _, call = part.partition("@")
-        at, _, times = call.partition("*")
-        try:
-            faults.append(Fault(kind.strip(), int(at), int(times or 1)))
-        except ValueError as error:
-            if isinstance(error, InputError):
-                raise
-            raise InputError.expected("option faults", "kind@call[*times]", repr(part), "correct it") from None
-    return faults

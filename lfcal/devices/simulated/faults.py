@@ -6,8 +6,18 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from lfcal.checks import check_choice, check_number
+from lfcal.errors import InputError
 
-__all__ = ["CAMERA_FAULTS", "CONTENT_FAULTS", "FAULTS", "STAGE_FAULTS", "Fault", "FaultBook"]
+__all__ = [
+    "CAMERA_FAULTS",
+    "CONTENT_FAULTS",
+    "FAULTS",
+    "GAUGE_FAULTS",
+    "STAGE_FAULTS",
+    "Fault",
+    "FaultBook",
+    "parse_faults",
+]
 
 STAGE_FAULTS = (
     "move fails",
@@ -31,7 +41,9 @@ CAMERA_FAULTS = (
     "bumped",
     *CONTENT_FAULTS,
 )
-FAULTS = STAGE_FAULTS + CAMERA_FAULTS
+GAUGE_FAULTS = ("too warm", "lamp low")
+"""Readings of the simulated thermometer and photodiode that are off; frames are not."""
+FAULTS = STAGE_FAULTS + CAMERA_FAULTS + GAUGE_FAULTS
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +55,7 @@ class Fault:
     kind
         One of `FAULTS`.
     at
-        Number of the call to ``move`` (stage faults) or ``grab`` (camera faults), from 0.
+        Number of the call to ``move`` (stage faults), ``grab`` (camera faults) or ``read`` (faults of gauges), from 0.
     times
         How many calls in a row are affected; a device that vanishes does not come back, nor do lost steps.
     """
@@ -57,6 +69,25 @@ class Fault:
         check_choice("fault", self.kind, FAULTS)
         check_number("call", self.at, at_least=0, integer=True)
         check_number("times", self.times, at_least=1, integer=True)
+
+    def text(self) -> str:
+        """Return the fault as `parse_faults` reads it."""
+        return f"{self.kind}@{self.at}" + (f"*{self.times}" if self.times > 1 else "")
+
+
+def parse_faults(text: str) -> list[Fault]:
+    """Return the faults that ``kind@call[*times]``, separated by ``;``, say; raises `InputError`."""
+    faults = []
+    for part in filter(None, (p.strip() for p in text.split(";"))):
+        kind, _, call = part.partition("@")
+        at, _, times = call.partition("*")
+        try:
+            faults.append(Fault(kind.strip(), int(at), int(times or 1)))
+        except ValueError as error:
+            if isinstance(error, InputError):
+                raise
+            raise InputError.expected("option faults", "kind@call[*times]", repr(part), "correct it") from None
+    return faults
 
 
 class FaultBook:

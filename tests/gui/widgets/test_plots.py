@@ -47,3 +47,17 @@ def test_a_logarithmic_plot_saves_the_values_themselves(qtbot: QtBot, tmp_path: 
     plot.set_curve("pixels", [1.0, 2.0], [10.0, 1000.0])
     plot.save_data(str(tmp_path / "plot.csv"))
     assert np.loadtxt(tmp_path / "plot.csv", delimiter=",").tolist() == [[1, 10], [2, 1000]]
+
+
+def test_a_curve_of_which_nothing_is_known_is_no_curve(qtbot: QtBot) -> None:
+    """Metrics that are unknown in every plane have such curves, of which pyqtgraph looked for the largest value."""
+    plot = LinePlot("z", "value")
+    qtbot.addWidget(plot)
+    plot.show()
+    plot.set_curve("value", [1.0, 2.0], [np.nan, np.nan], symbol="o")
+    plot.plot.autoRange()
+    assert plot.blank.isVisible()
+    plot.set_curve("other", [1.0, 2.0], [3.0, np.nan])
+    assert not plot.blank.isVisible()
+    plot.remove_curve("other")
+    assert plot.blank.isVisible()

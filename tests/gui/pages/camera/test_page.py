@@ -45,6 +45,23 @@ def test_camera_shows_and_takes_presets(window: MainWindow, name: str) -> None:
     assert not page.panel.view.grab().isNull()
 
 
+def test_another_camera_says_that_the_plan_went_with_the_old_one(window: MainWindow) -> None:
+    """A preset dropped planes, cutout and exposures without a word."""
+    page: Any = window.page("camera")
+    window.go("camera")
+    window.project.update("plan", plan=ScanPlan.for_camera(preset("bench"), virtual_depths=(3.0,)))
+    before = window.project.state
+    page._set(preset("lfm_20x05"), "preset lfm_20x05")
+    assert window.project.state.plan is None
+    assert page.notice.isVisible() and "plan" in page.notice.label.text() and page.notice.button.text() == "Undo"
+    page.notice.button.click()
+    assert window.project.state == before
+    page._set(preset("lfm_20x05"), "preset lfm_20x05")
+    window.project.update("name", name="other")
+    page.notice.button.click()
+    assert window.project.state.name == "other" and "step by step" in page.notice.label.text()
+
+
 def test_camera_files(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:
     page: Any = window.page("camera")
     page.save_file(str(tmp_path / "c.json"))

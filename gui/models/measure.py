@@ -1,0 +1,139 @@
+"""What is measured in a picture: histogram, line profile with its width, region. Pure functions, no Qt."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Profile", "Region", "fwhm", "line_profile", "region_numbers", "value_histogram"]
+
+MOST = 1 << 20
+"""A histogram to choose contrast by looks at no more values: of larger pictures at every second, third … row."""
+
+Place = tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """Values along a line: ``distance`` (px) from its first end, ``values``, and the full width at half maximum."""
+
+    distance: NDArray[np.float64]
+    values: NDArray[np.float64]
+    fwhm: float | None
+
+    def words(self) -> str:
+        """Return length and width in a line."""
+        width = "no peak within the line" if self.fwhm is None else f"FWHM {self.fwhm:.2f} px"
+        return f"{self.distance[-1]:.1f} px long, {width}"
+
+
+def line_profile(image: NDArray[Any], first: Place, last: Place) -> Profile:
+    """Return the values from ``first`` to ``last`` (row, column), one a pixel, linear between pixels.
+
+    What lies outside ``image`` is not-a-number.
+    """
+    from scipy.ndimage import map_coordinates
+
+    length = math.dist(first, last)
+    steps = max(2, math.ceil(length) + 1)
+    places = np.linspace(first, last, steps).T
+    values = map_coordinates(image, places, np.float64, order=1, mode="constant", cval=math.nan, prefilter=False)
+    distance = np.linspace(0.0, length, steps)
+    return Profile(distance, values, fwhm(distance, values))
+
+
+def fwhm(distance: NDArray[np.float64], values: NDArray[np.float64]) -> float | None:
+    """Return the full width at half maximum of the highest peak above the lowest value.
+
+    Between samples values are taken as linear. None: a side of the peak does not fall to half within the line.
+    """
+    known = np.isfinite(values)
+    x, y = distance[known], values[known]
+    if len(y) < 3 or y.max() <= y.min():
+        return None
+    half, peak = (float(y.max()) + float(y.min())) / 2, int(np.argmax(y))
+    below = np.flatnonzero(y <= half)
+    left, right = below[below < peak], below[below > peak]
+    if not len(left) or not len(right):
+        return None
+
+    def crossing(low: int, high: int) -> float:
+        return float(x[low] + (half - y[low]) / (y[high] - y[low]) * (x[high] - x[low]))
+
+    return crossing(int(right[0]), int(right[0]) - 1) - crossing(int(left[-1]), int(left[-1]) + 1)
+
+
+@dataclass(frozen=True)
+class Region:
+    """Numbers of a rectangle.
+
+    Attributes
+    ----------
+    rows, columns
+        First and behind the last.
+    mean, deviation, low, high, total
+        Of the values.
+    centre
+        Centroid (row, column) of what is above the smallest value, None where all are the same.
+    """
+
+    rows: tuple[int, int]
+    columns: tuple[int, int]
+    mean: float
+    deviation: float
+    low: float
+    high: float
+    total: float
+    centre: Place | None
+
+    def words(self) -> str:
+        """Return all of it, a line each."""
+        height, width = self.rows[1] - self.rows[0], self.columns[1] - self.columns[0]
+        lines = [
+            f"{height} × {width} px, rows {self.rows[0]} to {self.rows[1] - 1}, "
+            f"columns {self.columns[0]} to {self.columns[1] - 1}",
+            f"mean {self.mean:.5g}, standard deviation {self.deviation:.4g}",
+            f"smallest {self.low:.5g}, largest {self.high:.5g}, sum {self.total:.6g}",
+        ]
+        if self.centre is not None:
+            lines.append(f"centroid row {self.centre[0]:.2f}, column {self.centre[1]:.2f}")
+        return "\n".join(lines)
+
+
+def region_numbers(image: NDArray[Any], rows: tuple[float, float], columns: tuple[float, float]) -> Region | None:
+    """Return the numbers of the pixels whose centres lie within ``rows`` and ``columns``; None where none does."""
+    (top, bottom), (left, right) = (
+        (max(0, math.ceil(low)), min(n, math.floor(high) + 1))
+        for (low, high), n in zip((rows, columns), image.shape, strict=True)
+    )
+    if bottom <= top or right <= left:
+        return None
+    part = np.asarray(image[top:bottom, left:right], np.float64)
+    known = part[np.isfinite(part)]
+    if not len(known):
+        return None
+    light = np.nan_to_num(part - known.min(), nan=0.0, posinf=0.0, neginf=0.0)
+    centre = None
+    if light.sum() > 0:
+        r, c = np.arange(top, bottom), np.arange(left, right)
+        centre = float(light.sum(1) @ r / light.sum()), float(light.sum(0) @ c / light.sum())
+    low, high = float(known.min()), float(known.max())
+    return Region(
+        (top, bottom), (left, right), float(known.mean()), float(known.std()), low, high, float(known.sum()), centre
+    )
+
+
+def value_histogram(image: NDArray[Any], bins: int = 200) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """Return the middles of bins and how many values lie in each, of every n-th row of a large picture."""
+    step = max(1, math.ceil(image.size / MOST))
+    values = np.asarray(image[::step], np.float64)
+    values = values[np.isfinite(values)]
+    if not len(values):
+        return np.zeros(0), np.zeros(0, np.intp)
+    low, high = float(values.min()), float(values.max())
+    counts, edges = np.histogram(values, bins, (low, high if high > low else low + 1))
+    return (edges[:-1] + edges[1:]) / 2, counts

@@ -1,0 +1,39 @@
+"""How far a recording is, and how it ended, in words."""
+
+from __future__ import annotations
+
+from gui.jobs import Job, JobState
+from gui.pages.acquire.model_recorder import Recorder
+from gui.pages.acquire.model_until import until_words
+from lfcal.progress import Progress
+from lfcal.units import format_seconds
+
+__all__ = ["end_words", "progress_words"]
+
+
+def progress_words(recorder: Recorder, record: Progress, lamp: str) -> tuple[str, str, float | None]:
+    """Return how far it is, details with ``lamp``, and the fraction that is done, None where nobody knows."""
+    if recorder.goal is not None:
+        words, detail = until_words(record, recorder.steps, recorder.quality.state().done)
+        return words, _joined(detail, lamp), record.fraction if record.total else None
+    rate = recorder.rate
+    left = (record.total - record.done) / rate if rate > 0 else None
+    pace = f"{rate:.0f} per second, about {format_seconds(left)} to go" if left else ""
+    words = f"{record.done} of {record.total} positions"
+    return words, _joined(record.note or pace, lamp), record.fraction
+
+
+def end_words(job: Job, ended: str) -> tuple[str, float]:
+    """Return how a recording ended and the fraction that is done; ``ended``: why it needed no more, if it did."""
+    if job.state is JobState.DONE:
+        found = job.result
+        words = f"{found.how.capitalize()}: {found.acknowledged} of {found.total} positions."
+        if ended:
+            words = f"{ended[0].upper()}{ended[1:]}."
+        return words, found.acknowledged / max(1, found.total)
+    words = {JobState.FAILED: "Stopped by a fault.", JobState.CANCELLED: "Interrupted."}.get(job.state, "")
+    return words, job.progress.fraction if job.progress is not None else 0.0
+
+
+def _joined(*parts: str) -> str:
+    return ", ".join(part for part in parts if part)

@@ -1,0 +1,68 @@
+"""What stands where a picture or a plot has nothing to show: a line, and no made-up numbers at its axes."""
+
+from __future__ import annotations
+
+import pyqtgraph as pg
+from PySide6.QtCore import QEvent, QObject, Qt
+from PySide6.QtWidgets import QLabel
+
+from gui.theme import current_theme
+
+__all__ = ["NOTHING", "Blank"]
+
+NOTHING = "Nothing to show yet."
+
+
+class Blank(QLabel):
+    """A line in the middle of ``graphics``; ``words`` may be changed to what is to be done next."""
+
+    def __init__(self, graphics: pg.GraphicsLayoutWidget, plot: pg.PlotItem) -> None:
+        super().__init__(graphics)
+        self._graphics, self._plot = graphics, plot
+        self._words, self._shown = NOTHING, False
+        self.setWordWrap(True)
+        self.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        self.hide()
+        graphics.installEventFilter(self)
+
+    @property
+    def words(self) -> str:
+        """What is said."""
+        return self._words
+
+    @words.setter
+    def words(self, words: str) -> None:
+        self._words = words
+        self.setText(words)
+
+    @property
+    def shown(self) -> bool:
+        """Whether there is nothing to show."""
+        return self._shown
+
+    def show_blank(self, blank: bool) -> None:
+        """Show the line and no numbers, or neither."""
+        if blank == self._shown:
+            return
+        self._shown = blank
+        for side in ("bottom", "left"):
+            axis = self._plot.getAxis(side)
+            axis.setTicks([] if blank else None)
+        self.setText(self._words)
+        self.apply_theme()
+        self.setVisible(blank)
+        self._fill()
+
+    def apply_theme(self) -> None:
+        """Take the colours of the theme in use."""
+        self.setStyleSheet(f"color: {current_theme().muted}; background: transparent;")
+
+    def _fill(self) -> None:
+        self.setGeometry(self._graphics.rect().adjusted(12, 4, -12, -4))
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Stay in the middle."""
+        if event.type() == QEvent.Type.Resize:
+            self._fill()
+        return super().eventFilter(watched, event)

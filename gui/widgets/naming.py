@@ -1,0 +1,91 @@
+"""Names for screen readers: of controls that were given none, from what stands beside them."""
+
+from __future__ import annotations
+
+import pyqtgraph as pg
+from PySide6.QtWidgets import (
+    QAbstractButton,
+    QAbstractItemView,
+    QAbstractSpinBox,
+    QComboBox,
+    QLabel,
+    QLineEdit,
+    QPlainTextEdit,
+    QSlider,
+    QWidget,
+)
+
+__all__ = ["CONTROLS", "name_controls", "unnamed"]
+
+CONTROLS = (
+    QAbstractButton,
+    QAbstractItemView,
+    QAbstractSpinBox,
+    QComboBox,
+    QLineEdit,
+    QPlainTextEdit,
+    QSlider,
+    pg.GraphicsLayoutWidget,
+)
+"""What a screen reader must be able to name."""
+
+LONGEST = 60
+
+
+def unnamed(root: QWidget) -> list[QWidget]:
+    """Return the controls in ``root`` that a screen reader has no words for."""
+    return [widget for widget in _controls(root) if not widget.accessibleName() and not _own_words(widget)]
+
+
+def name_controls(root: QWidget) -> None:
+    """Name the controls in ``root`` that have no name: by the label they belong to, else by what their tip says first.
+
+    Pictures and plots are named by their axes.
+    """
+    buddies = {label.buddy(): label.text() for label in root.findChildren(QLabel) if label.buddy() is not None}
+    for widget in unnamed(root):
+        words = buddies.get(widget, "") or _of_plot(widget) or _first(widget.toolTip()) or _first_of_parent(widget)
+        words = words or (widget.placeholderText() if isinstance(widget, QLineEdit) else "")
+        widget.setAccessibleName(words[:LONGEST])
+
+
+def _controls(root: QWidget) -> list[QWidget]:
+    found: list[QWidget] = []
+    for kind in CONTROLS:
+        found += root.findChildren(kind)
+    # parts of other controls speak through these
+    inner = (QAbstractSpinBox, QComboBox, QAbstractItemView)
+    return [widget for widget in found if not _within(widget, inner) and not widget.objectName().startswith("qt_")]
+
+
+def _within(widget: QWidget, kinds: tuple[type[QWidget], ...]) -> bool:
+    parent = widget.parentWidget()
+    while parent is not None:
+        if isinstance(parent, kinds):
+            return True
+        parent = parent.parentWidget()
+    return False
+
+
+def _own_words(widget: QWidget) -> str:
+    return widget.text() if isinstance(widget, QAbstractButton) else ""
+
+
+def _of_plot(widget: QWidget) -> str:
+    if not isinstance(widget, pg.GraphicsLayoutWidget):
+        return ""
+    plots = [item for item in widget.ci.items if isinstance(item, pg.PlotItem)]
+    axes = [plots[0].getAxis(side).labelText for side in ("left", "bottom")] if plots else []
+    return " over ".join(words for words in axes if words)
+
+
+def _first(tip: str) -> str:
+    """Return the first clause of a tip."""
+    for end in (". ", "; ", ": ", "\n"):
+        tip = tip.partition(end)[0]
+    return tip.strip(" .")
+
+
+def _first_of_parent(widget: QWidget) -> str:
+    parent = widget.parentWidget()
+    return "" if parent is None else _first(parent.toolTip())

@@ -1,0 +1,89 @@
+"""What a right click on a picture or a plot offers: copy and save, as pixels, as drawing, as values."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PySide6.QtCore import QPoint, QRect, QSize, Qt
+from PySide6.QtGui import QAction, QPainter
+from PySide6.QtWidgets import QApplication, QMenu, QWidget
+
+from gui.saving import ask_target, write_file, write_picture
+from lfcal.npy import npy_header
+
+__all__ = ["PICTURES", "copy_picture", "offer_menu", "save_picture", "save_values", "write_svg"]
+
+PICTURES = "PNG (*.png);;SVG, lines stay lines (*.svg)"
+
+Entry = tuple[str, Callable[[], Any]]
+
+
+def offer_menu(widget: QWidget, name: Callable[[], str], entries: Callable[[], Sequence[Entry]] = lambda: ()) -> None:
+    """Give ``widget`` a menu: ``entries`` of its own, then copying and saving its picture under ``name()``."""
+
+    def show(position: QPoint) -> None:
+        menu = QMenu(widget)
+        menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        own = (
+            ("Copy picture", lambda: copy_picture(widget)),
+            ("Save picture …", lambda: save_picture(widget, name())),
+        )
+        for text, action in (*entries(), *own):
+            entry = QAction(text, menu)
+            entry.triggered.connect(lambda _=False, action=action: action())
+            menu.addAction(entry)
+        menu.popup(widget.mapToGlobal(position))
+
+    widget.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
+    widget.customContextMenuRequested.connect(show)
+
+
+def copy_picture(widget: QWidget) -> None:
+    """Put what a widget shows on the clipboard."""
+    QApplication.clipboard().setPixmap(widget.grab())
+
+
+def save_picture(widget: QWidget, name: str, path: str = "") -> None:
+    """Write what a widget shows, as PNG or, where the name ends so, as SVG; asks for the file unless it is given."""
+    path = path or ask_target(widget, "Save picture", f"{name}.png", PICTURES)
+    if path.lower().endswith(".svg"):
+        write_svg(widget, path)
+    elif path:
+        write_picture(widget, path)
+
+
+def save_values(widget: QWidget, values: NDArray[Any], name: str, path: str = "") -> None:
+    """Write a picture's values as ``.npy``, or as text with ``.csv``; asks for the file unless it is given."""
+    path = path or ask_target(widget, "Save data", f"{name}.npy", "numpy (*.npy);;text (*.csv)")
+    if path:
+        write_file(widget, path, lambda part: _write_values(part, values, text=path.endswith(".csv")))
+
+
+def _write_values(part: Path, image: NDArray[Any], *, text: bool) -> None:
+    with part.open("wb") as file:
+        if text:
+            np.savetxt(file, image, delimiter=",", fmt="%.7g")
+        else:
+            file.write(npy_header(image.shape, image.dtype))
+            file.write(np.ascontiguousarray(image).data)
+
+
+def write_svg(widget: QWidget, path: str) -> bool:
+    """Write what a widget shows as a drawing; say why if that fails."""
+    from PySide6.QtSvg import QSvgGenerator
+
+    def write(part: Path) -> None:
+        drawing = QSvgGenerator()
+        drawing.setFileName(str(part))
+        drawing.setSize(QSize(widget.width(), widget.height()))
+        drawing.setViewBox(QRect(0, 0, widget.width(), widget.height()))
+        drawing.setTitle(Path(path).stem)
+        painter = QPainter(drawing)
+        widget.render(painter, QPoint(0, 0))
+        painter.end()
+
+    return write_file(widget, path, write)

@@ -1,0 +1,130 @@
+"""Suspenders: a session that holds while the lab is not as it should be, and goes on by itself.
+
+A gauge (temperature, the lamp's power) has bounds. Outside them the session holds after the position under way; back
+within them for a while it goes on. The idea is that of suspenders in beamline control (Allan et al., "Bluesky's Ahead",
+Synchrotron Radiation News 32, 2019).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from lfcal.devices.errors import DeviceError, driver_errors
+from lfcal.devices.gauges import FileGauge
+from lfcal.devices.protocols import Gauge, Rig
+from lfcal.errors import InputError
+
+__all__ = ["Bound", "Suspender", "gauge_of"]
+
+EVERY_S = 1.0
+"""Seconds of the rig's time between two readings."""
+
+
+@dataclass(frozen=True, slots=True)
+class Bound:
+    """What a gauge may read while frames are taken.
+
+    Attributes
+    ----------
+    gauge
+        Name of one of the rig's gauges, or path of a text file that ends with the newest number.
+    low, high
+        Smallest and largest reading, in the gauge's unit; infinite: no bound.
+    """
+
+    gauge: str
+    low: float = -math.inf
+    high: float = math.inf
+
+    @classmethod
+    def parse(cls, text: str) -> Bound:
+        """Return the bound that ``GAUGE=LOW:HIGH`` says; either number may be left out, not both."""
+        name, sign, span = text.rpartition("=")
+        low, colon, high = span.partition(":")
+        try:
+            bound = cls(name.strip(), float(low or "-inf"), float(high or "inf"))
+        except ValueError:
+            bound = cls("")
+        # written so that not-a-number fails too
+        known = math.isfinite(bound.low) or math.isfinite(bound.high)
+        if not (sign and colon and bound.gauge and known and bound.low < bound.high):
+            raise InputError.expected("suspender", "GAUGE=LOW:HIGH such as temperature=20:22", repr(text), "correct it")
+        return bound
+
+    def holds(self, value: float) -> bool:
+        """Return whether a reading is within; not-a-number is not."""
+        return self.low <= value <= self.high
+
+    def words(self, value: float, unit: str) -> str:
+        """Return in a line why ``value`` stops a session."""
+        after = f" {unit}" if unit else ""
+        return f"{self.gauge} {value:.4g}{after}, outside {self.low:g} to {self.high:g}{after}"
+
+
+def gauge_of(rig: Rig, name: str) -> Gauge:
+    """Return the gauge called ``name``, or the one of a file; raises `InputError` where there is neither."""
+    for gauge in rig.gauges:
+        if gauge.name == name:
+            return gauge
+    if Path(name).is_file():
+        return FileGauge(Path(name))
+    own = ", ".join(gauge.name for gauge in rig.gauges) or "no gauge"
+    raise InputError.expected(
+        "suspender", f"a gauge of the devices ({own}) or a file that ends with the newest number", name, "correct it"
+    )
+
+
+class Suspender:
+    """Say why a session is to hold, by gauges read every second.
+
+    Parameters
+    ----------
+    rig
+        Whose gauges and time.
+    bounds
+        What the gauges may read; none: nothing is read.
+    steady_s
+        How long all gauges must be within their bounds before a session that holds goes on (s of the rig's time).
+
+    Raises
+    ------
+    InputError
+        At once, where a gauge is not there.
+    """
+
+    def __init__(self, rig: Rig, bounds: Sequence[Bound], steady_s: float) -> None:
+        self._gauges = [(bound, gauge_of(rig, bound.gauge)) for bound in bounds]
+        self._time, self._steady = rig.time, steady_s
+        self._next = -math.inf
+        self._good_since: float | None = -math.inf
+        self._why = ""
+
+    def __call__(self) -> str:
+        """Return why the session should hold, or an empty string."""
+        now = self._time.monotonic()
+        if not self._gauges or now < self._next:
+            return self._why
+        self._next = now + EVERY_S
+        troubles = [words for bound, gauge in self._gauges if (words := _trouble(bound, gauge))]
+        if troubles:
+            self._good_since = None
+            self._why = "suspended: " + "; ".join(troubles)
+        elif self._good_since is None:
+            self._good_since = now
+        if self._good_since is not None:
+            left = self._steady - (now - self._good_since)
+            self._why = f"suspended: within bounds again, goes on in {left:.0f} s" if left > 0 else ""
+        return self._why
+
+
+def _trouble(bound: Bound, gauge: Gauge) -> str:
+    """Return why a reading stops a session; one that cannot be had does, too."""
+    try:
+        with driver_errors(gauge.name):
+            value = gauge.read()
+    except DeviceError as error:
+        return str(error)
+    return "" if bound.holds(value) else bound.words(value, gauge.unit)

@@ -1,0 +1,91 @@
+from __future__ import annotations
+
+import shutil
+import sys
+import traceback
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pytestqt.qtbot import QtBot
+
+from gui.models.project import ProjectState
+from gui.window import MainWindow
+from lfcal.camera import preset
+from lfcal.psf import PSFMatrix
+from lfcal.psf.store import save
+from tests.cli.conftest import SHAPE, small_plan, true_frame
+from tests.gui.random_walk import Walk
+from tests.gui.waiting import GUARD_MS
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> list[Path]:
+    """Write files that are good, damaged and missing."""
+    import cv2
+
+    plan = small_plan()
+    session = tmp_path / "recorded"
+    for name in ("frames", "dark"):
+        (session / name).mkdir(parents=True)
+    rows = ["file,z,y,x"]
+    for z, y, x in np.ndindex(SHAPE):
+        name = f"z{z}_y{y}_x{x}.png"
+        cv2.imwrite(str(session / "frames" / name), true_frame(z, y, x) + np.uint16(100))
+        rows.append(f"{name},{z},{y},{x}")
+    (session / "frames" / "manifest.csv").write_text("\n".join(rows) + "\n")
+    cv2.imwrite(str(session / "dark" / "0.png"), np.full((40, 48), 100, np.uint16))
+    (session / "plan.json").write_text(plan.to_json())
+    good = tmp_path / "H.h5"
+    rng = np.random.default_rng(3)
+    save(PSFMatrix(rng.random((2, 3, 4, 9, 11), np.float32), depths=plan.depths_um, camera=plan.camera), good)
+    damaged = tmp_path / "damaged.h5"
+    damaged.write_bytes(good.read_bytes()[:3000])
+    camera = tmp_path / "camera.json"
+    camera.write_text(preset("bench").to_json())
+    project = tmp_path / "project.lfcal"
+    project.write_text(ProjectState("walk", plan.camera, plan, psf=str(good)).to_json())
+    broken = tmp_path / "broken.lfcal"
+    broken.write_text("{}")
+    partly = tmp_path / "partly"
+    shutil.copytree(session, partly)
+    (partly / "frames" / "z0_y0_x0.png").write_bytes(b"no picture")
+    np.save(tmp_path / "array.npy", np.zeros((3, 4)))
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    return [
+        session, session / "frames", session / "plan.json", good, damaged, camera, project, broken, partly, empty,
+        tmp_path / "array.npy", tmp_path / "missing.h5", tmp_path / "missing",
+    ]  # fmt: skip
+
+
+def walk(window: MainWindow, qtbot: QtBot, files: list[Path], out: Path, seed: int, steps: int) -> None:
+    out.mkdir(exist_ok=True)
+    with pytest.MonkeyPatch.context() as patch, qtbot.captureExceptions() as raised:
+        made = Walk(window, seed, files, out, patch)
+        for _ in range(steps):
+            try:
+                made.step()
+            finally:
+                told = [
+                    f"{kind.__name__}: {error}\n{''.join(traceback.format_tb(trace))}" for kind, error, trace in raised
+                ]
+                if told or sys.exc_info()[0] is not None:
+                    print("\n".join(made.trail[-40:]))
+            assert not told, "\n".join(told)
+        for job in window.jobs.jobs():
+            window.jobs.cancel(job.number)
+        qtbot.waitUntil(lambda: not window.jobs.busy, timeout=GUARD_MS)
+
+
+def test_a_random_walk_meets_no_wrong_state(
+    window: MainWindow, qtbot: QtBot, files: list[Path], tmp_path: Path
+) -> None:
+    walk(window, qtbot, files, tmp_path / "out", seed=1, steps=600)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(20))
+def test_a_long_random_walk(window: MainWindow, qtbot: QtBot, files: list[Path], tmp_path: Path, seed: int) -> None:
+    """20,000 actions in twenty windows."""
+    walk(window, qtbot, files, tmp_path / "out", seed=100 + seed, steps=1000)

@@ -1,0 +1,60 @@
+"""Nothing is shown as nothing: no made-up numbers at axes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from pytestqt.qtbot import QtBot
+
+from gui.jobs import Jobs
+from gui.pages.accuracy.chart import ParetoChart
+from gui.pages.acquire.error_view import ErrorView
+from gui.pages.fit.rounds_view import DecadePlot
+from gui.widgets.blank import NOTHING
+from gui.widgets.frame_view import FrameView
+from gui.widgets.image_view import ImageView
+from gui.widgets.plots import LinePlot
+
+
+def numbers(view: Any) -> list[str]:
+    """Return the numbers at the axes."""
+    found = []
+    for side in ("bottom", "left"):
+        axis = view.plot.getAxis(side)
+        low, high = axis.range
+        if axis._tickLevels is not None:  # what is to stand there whatever the range
+            found += [text for level in axis._tickLevels for _, text in level]
+            continue
+        for spacing, values in axis.tickValues(low, high, 300):
+            found += axis.tickStrings(values, 1.0, spacing)
+    return found
+
+
+@pytest.mark.parametrize("made", [ImageView, lambda: LinePlot("x", "y"), ErrorView, ParetoChart])
+def test_an_empty_view_says_so(made: Any, qtbot: QtBot) -> None:
+    view = made()
+    qtbot.addWidget(view)
+    view.show()
+    assert view.blank.isVisible() and numbers(view) == []
+
+
+def test_numbers_come_with_the_data_and_go_with_them(qtbot: QtBot) -> None:
+    image, plot, rounds = ImageView(), LinePlot("x", "y"), DecadePlot("χ²", "#000000")
+    frame = FrameView(Jobs(), "test")
+    for view in (image, plot, rounds, frame):
+        qtbot.addWidget(view)
+        view.show()
+        assert view.blank.text() == NOTHING and numbers(view) == []
+    image.set_image(np.eye(5))
+    plot.set_curve("line", [1, 2, 3], [4, 5, 6])
+    rounds.show_values([1.0, 0.1], [False, False])
+    for view in (image, plot, rounds):
+        assert not view.blank.isVisible() and numbers(view)
+    assert image.bar.isVisible()
+    image.set_image(None)
+    plot.clear()
+    assert image.blank.isVisible() and plot.blank.isVisible() and not image.bar.isVisible()
+    assert numbers(image) == [] == numbers(plot)
+    frame._jobs.close()
