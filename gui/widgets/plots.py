@@ -26,12 +26,14 @@ LINES = ("#2a8fc4", "#d9772b", "#2aa37b", "#c76aa0", "#8b97a8", "#c9a227")
 
 
 def style_axes(plot: pg.PlotItem, xlabel: str, ylabel: str) -> None:
-    """Label both axes of ``plot``; SI prefixes are never made up."""
+    """Label both axes of ``plot``; SI prefixes are never made up, and the room for numbers only grows."""
     for side, text in (("bottom", xlabel), ("left", ylabel)):
         axis = plot.getAxis(side)
         # switched off alone, the prefix for the range on screen would stay: ticks 1000 times too large or small
         axis.setSIPrefixEnableRanges(())
         axis.enableAutoSIPrefix(False)
+        # an axis that took room and gave it back, as its numbers and so the picture beside it changed, had no end
+        axis.setStyle(autoReduceTextSpace=False)
         axis.setLabel(text)
 
 

@@ -62,6 +62,7 @@ def files(tmp_path: Path) -> list[Path]:
 def walk(window: MainWindow, qtbot: QtBot, files: list[Path], out: Path, seed: int, steps: int) -> None:
     out.mkdir(exist_ok=True)
     with pytest.MonkeyPatch.context() as patch, qtbot.captureExceptions() as raised:
+        patch.chdir(out)  # names that are typed are of files there
         made = Walk(window, seed, files, out, patch)
         for _ in range(steps):
             try:

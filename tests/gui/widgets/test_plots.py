@@ -61,3 +61,20 @@ def test_a_curve_of_which_nothing_is_known_is_no_curve(qtbot: QtBot) -> None:
     assert not plot.blank.isVisible()
     plot.remove_curve("other")
     assert plot.blank.isVisible()
+
+
+def test_numbers_keep_the_room_they_had(qtbot: QtBot) -> None:
+    """An axis that gives room back changes the picture beside it, and so its numbers, without end."""
+    plot = LinePlot("z", "value")
+    qtbot.addWidget(plot)
+    plot.resize(500, 400)
+    plot.show()
+    qtbot.waitExposed(plot, timeout=GUARD_MS)
+    plot.set_curve("value", [0.0, 1.0], [0.0, 1e6])
+    wide = []
+    for top in (123_456_789.0, 1.0):
+        plot.plot.setYRange(0, top)
+        plot.grab()
+        QApplication.processEvents()
+        wide.append(plot.plot.getAxis("left").width())
+    assert wide[1] == wide[0] > 60
