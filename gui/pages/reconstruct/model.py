@@ -74,6 +74,13 @@ FIELDS = (
         "Entries of H below this share of their plane's peak count as zero: faster, less exact",
         scale=0.01,
     ),
+    Field(
+        "within",
+        "Within",
+        "% of light",
+        "Share of the light that projections may miss: 0.5 % of a simulated or fitted H is several times quicker",
+        scale=0.01,
+    ),
     Field("double", "Double precision", kind="bool", tip="float64 instead of float32: twice the memory"),
     Field("region", "Region", "px", "row, column, rows, columns of the light field; empty: all of it", kind="floats"),
     Field(
@@ -95,8 +102,8 @@ class ReconstructSettings(PageSettings):
     ----------
     solver, iterations, background, read_noise, saturation, strength, subsets
         As in `lfcal.reconstruct.solvers.choice.SolverChoice`.
-    method, threshold, double
-        As in `lfcal.reconstruct.Projector`.
+    method, threshold, within, double
+        As in `lfcal.reconstruct.Projector`, ``within`` its ``tolerance``.
     region
         First row and column, rows and columns of the light field; empty: all.
     anchor
@@ -114,6 +121,7 @@ class ReconstructSettings(PageSettings):
     subsets: int | None = None
     method: str = "auto"
     threshold: float = 0.0
+    within: float = 0.0
     double: bool = False
     region: tuple[float, ...] = ()
     anchor: tuple[float, ...] = ()
@@ -124,6 +132,8 @@ class ReconstructSettings(PageSettings):
             raise InputError.expected("iterations", "1 to 100000", self.iterations, "correct it")
         if not 0 <= self.threshold < 1:
             raise InputError.expected("crop H below", "0 to 100 % of the peak", self.threshold, "correct it")
+        if not 0 <= self.within < 1:
+            raise InputError.expected("within", "0 to 100 % of the light", self.within, "correct it")
         if self.subsets is not None and self.subsets < 1:
             raise InputError.expected("subsets", "at least 1", self.subsets, "correct it")
         for name in ("background", "read_noise"):
@@ -169,24 +179,30 @@ class ReconstructSettings(PageSettings):
 
 # -- projector ---------------------------------------------------------------------------------------------
 def projector_for(H: PSFMatrix, shape: tuple[int, int], settings: ReconstructSettings) -> Any:
-    """Return the projector of the used region of a light field of ``shape``."""
+    """Return the projector of the used region of a light field of ``shape``, with the memory that solvers leave."""
+    from lfcal.reconstruct.memory import room_for_projections
     from lfcal.reconstruct.projectors.projector import Projector
 
     rows, columns = settings.window(shape)
     row, column = settings.anchor or H.anchor
+    used = rows.stop - rows.start, columns.stop - columns.start
     return Projector(
         H,
-        (rows.stop - rows.start, columns.stop - columns.start),
+        used,
         (row - rows.start, column - columns.start),
         settings.method,
         dtype="float64" if settings.double else "float32",
         threshold=settings.threshold,
+        tolerance=settings.within,
+        memory_limit=room_for_projections((len(H), *used), settings.choice(), 8 if settings.double else 4),
     )
 
 
-def forecast_words(P: Any, iterations: int) -> str:
+def forecast_words(P: Any, choice: SolverChoice) -> str:
     """Return what the reconstruction will cost, as rich text."""
-    found = P.forecast()
+    from lfcal.reconstruct.memory import run_memory
+
+    found, iterations, memory = P.forecast(), choice.iterations, run_memory(P, choice)
     cost = found.chosen
     nz, ny, nx = P.volume_shape
     total = cost.prepare_s + iterations * cost.pair_s
@@ -196,7 +212,8 @@ def forecast_words(P: Any, iterations: int) -> str:
         ("Set-up", format_seconds(cost.prepare_s)),
         ("Forward, adjoint", f"{format_seconds(cost.forward_s)}, {format_seconds(cost.adjoint_s)}"),
         (f"{iterations} iterations", f"about {format_seconds(total)}"),
-        ("Memory", f"{format_bytes(cost.memory_bytes)} of {format_bytes(found.memory_limit)}"),
+        ("Memory", format_bytes(memory.total)),
+        ("for H, the solver", f"{format_bytes(memory.matrix)}, {format_bytes(memory.solver)}"),
     ]
     others = [f"{o.method} {format_seconds(o.pair_s)}" for o in found.options if o.method != cost.method]
     if others:

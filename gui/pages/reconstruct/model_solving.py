@@ -119,7 +119,8 @@ class Solving:
 
         self._matrix = open_psf(self.psf)
         projector = projector_for(self._matrix, (self.image.shape[0], self.image.shape[1]), self.settings)
-        yield from projector.iter_prepare()
+        if not self.settings.choice().solver.in_parts:
+            yield from projector.iter_prepare()
         if projector.camera is not None:
             self.depths = projector.depths
             self.voxel_um = voxel_um(self._matrix)

@@ -243,7 +243,7 @@ class Page(BasePage):
         self.panel.forecast.setText("forecasting …")
         self.context.jobs.compute(
             "reconstruct forecast",
-            lambda: view.forecast_words(view.projector_for(matrix, shape, settings), settings.iterations),
+            lambda: view.forecast_words(view.projector_for(matrix, shape, settings), settings.choice()),
             self.panel.forecast.setText,
             self.panel.forecast.setText,
         )

@@ -24,6 +24,7 @@ def step(project: ProjectState) -> Step:
         ("--iterations", choice.iterations),
         ("--method", chosen.method),
         ("--threshold", chosen.threshold or None),
+        ("--within", chosen.within or None),
         ("--anchor", ",".join(f"{v!r}" for v in chosen.anchor)),
         ("--background", choice.background or None),
         ("--read-noise", choice.read_noise or None),
@@ -46,6 +47,7 @@ with open_psf({psf!r}) as H:
     projector = Projector(
         H, image.shape, {anchor!r}, {chosen.method!r},
         dtype={"float64" if chosen.double else "float32"!r}, threshold={chosen.threshold!r},
+        tolerance={chosen.within!r},
     )
     tifffile.imwrite("volume.tif", np.asarray(reconstruct(projector, image, choice).volume, np.float32))
 """

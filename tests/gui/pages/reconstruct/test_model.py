@@ -23,7 +23,9 @@ from lfcal.errors import InputError
 from lfcal.progress import drain
 from lfcal.psf import PSFMatrix
 from lfcal.psf.store import save
+from lfcal.reconstruct.memory import run_memory
 from lfcal.reconstruct.solvers.choice import SolverChoice
+from lfcal.units import format_bytes
 
 PERIOD, CUTOUT = (3, 4), (7, 9)
 
@@ -50,7 +52,9 @@ def opened(path: str) -> PSFMatrix:
 
 
 def test_settings_go_through_json_and_survive_damage() -> None:
-    settings = ReconstructSettings("rl-tv", 7, 1.0, 2.0, 4000.0, 0.01, None, "fft", 0.02, True, (0, 1, 20, 30), (1, 2))
+    settings = ReconstructSettings(
+        "rl-tv", 7, 1.0, 2.0, 4000.0, 0.01, None, "fft", 0.02, 0.01, True, (0, 1, 20, 30), (1, 2)
+    )
     again = ProjectState.from_json(ProjectState(settings=settings.into(ProjectState())).to_json())
     assert ReconstructSettings.of(again) == settings
     for damaged in (None, 3, {"solver": "magic"}, {"iterations": 0}, {"region": [1]}, {"background": "x"}):
@@ -64,6 +68,8 @@ def test_settings_go_through_json_and_survive_damage() -> None:
         ("iterations", 0),
         ("threshold", 1.0),
         ("threshold", -0.1),
+        ("within", 1.0),
+        ("within", -0.1),
         ("subsets", 0),
         ("background", -1.0),
         ("read_noise", float("nan")),
@@ -97,8 +103,17 @@ def test_a_region_moves_the_anchor_with_it(psf: str) -> None:
         assert np.abs(wrong.forward(volume[:, 5:19, 6:21]) - image[5:19, 6:21]).max() > 0.01
         with pytest.raises(InputError, match="region"):
             projector_for(H, (20, 20), ReconstructSettings(region=(5, 6, 16, 15)))
-        words = forecast_words(whole, 5)
+        words = forecast_words(whole, SolverChoice(iterations=5))
         assert "28 × 24 × 2 voxels" in words and "5 iterations" in words
+
+
+def test_what_projections_may_miss_and_the_memory_of_the_run(psf: str) -> None:
+    with opened(psf) as H:
+        P = projector_for(H, (24, 28), ReconstructSettings(within=0.01, method="direct"))
+        assert P.tolerance == 0.01 and projector_for(H, (24, 28), ReconstructSettings()).tolerance == 0
+        lean, accelerated = (run_memory(P, SolverChoice(name)) for name in ("rl", "rl-biggs"))
+        assert accelerated.solver > 1.8 * lean.solver
+        assert format_bytes(accelerated.solver) in forecast_words(P, SolverChoice("rl-biggs"))
 
 
 @pytest.mark.parametrize("name", ["points", "vesicle", "plume"])
