@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib
 import math
+import pkgutil
 import time
 import tracemalloc
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
 
 from lfcal.camera import Camera, LensletLattice, LensType, MainLens, Microscope, ScanPlan, Sensor
 from lfcal.errors import InputError, LfcalError
-from lfcal.simulate import simulate_psf
+from lfcal.simulate import engines, simulate_psf
 from lfcal.simulate.accuracy.forecast import predict_seconds
 from lfcal.simulate.accuracy.memory import predict_bytes
 from lfcal.simulate.effects import CATALOGUE, Effect
@@ -119,11 +122,19 @@ def random_trial(seed: int) -> Trial:
         return Trial(seed, replace(plan, period=(2, 2)), effects, float(rng.choice([0.1, 0.2])))
 
 
+@cache
+def _load_engines() -> None:
+    """Load every engine: what code takes is no memory of a simulation."""
+    for module in pkgutil.iter_modules(engines.__path__):
+        importlib.import_module(f"{engines.__name__}.{module.name}")
+
+
 def verdict(trial: Trial, *, timed: bool = False) -> tuple[str, str, float, float]:
     """Return what is wrong (empty: nothing), what it refused, CPU-seconds forecast and taken (0 unless ``timed``)."""
     camera, plan = trial.plan.camera, trial.plan
     arguments: dict[str, Any] = {"effects": trial.effects, "tolerance": trial.tolerance}
     wrong, forecast, taken = [], 0.0, 0.0
+    _load_engines()
     if not timed:
         tracemalloc.start()
     try:
