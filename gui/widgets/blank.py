@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pyqtgraph as pg
-from PySide6.QtCore import QEvent, QObject, Qt
+from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QLabel
 
 from gui.theme import current_theme
@@ -14,7 +14,7 @@ NOTHING = "Nothing to show yet."
 
 
 class Blank(QLabel):
-    """A line in the middle of ``graphics``; ``words`` may be changed to what is to be done next."""
+    """A line in the middle of a plot on ``graphics``; ``words`` may be changed to what is to be done next."""
 
     def __init__(self, graphics: pg.GraphicsLayoutWidget, plot: pg.PlotItem) -> None:
         super().__init__(graphics)
@@ -24,7 +24,7 @@ class Blank(QLabel):
         self.setAlignment(Qt.AlignmentFlag.AlignCenter)
         self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         self.hide()
-        graphics.installEventFilter(self)
+        plot.vb.sigResized.connect(self._fill)
 
     @property
     def words(self) -> str:
@@ -59,10 +59,5 @@ class Blank(QLabel):
         self.setStyleSheet(f"color: {current_theme().muted}; background: transparent;")
 
     def _fill(self) -> None:
-        self.setGeometry(self._graphics.rect().adjusted(12, 4, -12, -4))
-
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Stay in the middle."""
-        if event.type() == QEvent.Type.Resize:
-            self._fill()
-        return super().eventFilter(watched, event)
+        inside = self._graphics.mapFromScene(self._plot.vb.sceneBoundingRect()).boundingRect()
+        self.setGeometry(inside.adjusted(4, 4, -4, -4))

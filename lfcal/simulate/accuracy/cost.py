@@ -1,8 +1,9 @@
 """What a simulation costs, predicted from the description and one short timing of this machine.
 
 The constants were fitted to the engines of this package on a machine that does 2e10 complex multiply-adds per
-second and thread in a small product, and scale with that rate. They hold within a factor of about 2;
-`lfcal.simulate.predict_seconds` runs the engine for a moment instead and holds within 1.5.
+second and thread in a small product, and scale with that rate. They hold within a factor of about 2 for planes of
+seconds, and are up to ten times too much for planes of tenths of a second, whose tables cost less than is reckoned;
+`lfcal.simulate.predict_seconds` runs the engine for a moment instead and holds within 2.
 """
 
 from __future__ import annotations
