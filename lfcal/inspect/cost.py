@@ -279,10 +279,10 @@ def _anchor(
     """Return the anchor of a block of positions by which the first pixels concerned lie in the middle of its periods.
 
     At the border of the image a pixel sees few positions: where all of these have it dead, it is noise that light is
-    divided by, and any cost comes of it.
+    divided by, and any cost comes of it. Lines reach the border wherever they lie.
     """
     pixels = next((one.pixels for one in findings if len(one.pixels)), None)
-    if pixels is None:
+    if pixels is None or (np.ptp(pixels, axis=0) >= np.array(evidence.plan.cutout)).any():
         return 0.0, 0.0
     # the pattern of position y shows pixel y + t, and pixel p of the image sees it by t = p - v + c at v = y + anchor
     middle = (np.array(evidence.plan.cutout) - 1) // 2

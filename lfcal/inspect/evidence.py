@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from lfcal.camera import ScanPlan
 from lfcal.fit.expected import Behind
-from lfcal.inspect.modelled import Starts, correlation
+from lfcal.inspect.modelled import Starts, correlation, modelled, parts
 from lfcal.inspect.scatter import misfit, noise_of, start_of, variance_of
 from lfcal.psf import PSFMatrix
 
@@ -199,6 +199,21 @@ class Evidence:
         model, columns, starts = self.model, self.columns, self.starts
         found = fitted(self.matrix, self.camera, self.index, data, valid, model, columns, starts, self.rounding)
         return replace(found, asked=self.asked, seconds=self.seconds)
+
+    def followed(self, values: F8 | None = None) -> Evidence:
+        """Return the evidence with models computed where patterns look to be, by ``values`` instead of their own.
+
+        Itself where that is near enough to where they were computed.
+        """
+        planes = self.index[:, 0]
+        moved = self.starts.nearer(self.values if values is None else values, planes)
+        again = moved.apart_from(self.starts, planes)
+        if not again.any():
+            return self
+        starts, model, columns = self.starts.only(moved, again), self.model.copy(), self.columns.copy()
+        for part in parts(self.index, np.flatnonzero(again)):
+            model[part], columns[part] = modelled(self.camera, self.index[part], starts.of(part))
+        return replace(self, model=model, columns=columns, starts=starts).with_data(self.data, self.valid)
 
     def corners(self) -> NDArray[np.intp]:
         """Return the sensor's pixel (row, column) of each cutout's first sample ``(n, 2)``, from H's first cutout."""

@@ -43,6 +43,9 @@ POOR, CLEARLY = 0.9, 0.05
 DEPTHS = (0.75, 0.8, 0.85, 0.9, 0.94, 0.97, 1.03, 1.06, 1.1, 1.15, 1.2, 1.3, 1.4)
 """Virtual depths that are tried, over the stated one."""
 
+NEAR_ARRAY = 0.1
+"""Virtual depth below which changes of it are told as they are, not as shares."""
+
 MOST_OF = 0.3
 """Share of a plane's patterns that must show a displacement for the others to follow."""
 
@@ -150,7 +153,7 @@ def plane_of(known: Behind, z: int, share: float) -> PlaneModel:
     camera, planned = known.plan.camera, float(known.plan.depths_um[z])
     v = camera.virtual_depth(planned)
     errors = list(known.setup.depth_errors_um)
-    errors[z] += camera.depth_of(v + share * (v if abs(v) > 0.1 else 1.0)) - planned
+    errors[z] += camera.depth_of(v + share * (v if abs(v) > NEAR_ARRAY else 1.0)) - planned
     setup: Setup = replace(known.setup, depth_errors_um=tuple(errors))
     return PlaneModel(setup, known.plan, z, Fineness.coarse)
 
@@ -183,14 +186,23 @@ def depths_seen(known: Behind, index: NDArray[np.intp], data: F4) -> F8:
         if best > POOR:
             continue
         best += CLEARLY
-        for ratio in DEPTHS:
+        for share in (*(ratio - 1.0 for ratio in DEPTHS), *_of_other_planes(known, z)):
             try:
-                alike = _best_alike(data[some], plane_of(known, z, ratio - 1.0).patterns(places, still))
+                alike = _best_alike(data[some], plane_of(known, z, share).patterns(places, still))
             except (InputError, EnergyError):
                 continue
             if alike > best:
-                best, found[z] = alike, ratio - 1.0
+                best, found[z] = alike, share
     return found
+
+
+def _of_other_planes(known: Behind, z: int) -> list[float]:
+    """Return by what share the depths of the next planes, and of the one counted from the other end, lie elsewhere."""
+    depths = known.plan.depths_um
+    own = known.plan.camera.virtual_depth(float(depths[z]))
+    others = sorted({z - 2, z - 1, z + 1, z + 2, len(depths) - 1 - z} & set(range(len(depths))) - {z})
+    there = (known.plan.camera.virtual_depth(float(depths[k])) for k in others)
+    return [(v - own) / (own if abs(own) > NEAR_ARRAY else 1.0) for v in there]
 
 
 def _best_alike(data: F4, models: F4) -> float:

@@ -11,14 +11,16 @@ from lfcal.progress import Clock, Work
 
 __all__ = ["iter_search"]
 
-STRONG, MOST = 0.04, 0.5
-"""Misfit from which on strong faults are looked for before others, and the share of it that one must then explain."""
+STRONG, MOST, SURELY = 0.04, 0.5, 6.0
+"""Misfit from which on strong faults are looked for before others, the share of it that one must then explain, and the
+standard deviations that it must lie above none."""
 
 
 def iter_search(evidence: Evidence) -> Work[tuple[tuple[Finding, ...], Evidence]]:
     """Look for every fault; return what was found, and the evidence without it."""
     found: list[Finding] = []
     explained: set[str] = set()
+    whole: set[str] = set()
     looks = _looks()
     clock = Clock("looking for faults", len(looks))
     for k, (fault, strong) in enumerate(looks):
@@ -27,11 +29,16 @@ def iter_search(evidence: Evidence) -> Work[tuple[tuple[Finding, ...], Evidence]
             continue
         for one in tuple(fault.found(evidence)):
             without = _without(evidence, one)
-            if strong and without.misfit > (1 - MOST) * evidence.misfit:
+            if strong and (one.sigmas < SURELY or without.misfit > (1 - MOST) * evidence.misfit):
                 continue
-            evidence = without
+            # a strong fault may have looked like other places, which models have followed
+            evidence = without.followed() if strong else without
             explained.update(fault.explains)
-            found.append(one)
+            # what a strong fault left of itself is no second one
+            if fault.name not in whole:
+                found.append(one)
+        if strong and any(one.fault is fault for one in found):
+            whole.add(fault.name)
     yield clock.at(len(looks))
     return tuple(found), evidence
 

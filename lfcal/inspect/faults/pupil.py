@@ -60,6 +60,7 @@ class Pupil(Fault):
 
     name = "pupil"
     title = "pupil darker in a part"
+    strong_rank = 8
     rank = 45
     advice = (
         "Look at the depth-plane sums: free the iris's blades, take away what is in the way, or centre the lens; "
@@ -70,7 +71,8 @@ class Pupil(Fault):
 
     def found(self, evidence: Evidence) -> Iterable[Finding]:
         """Yield how uneven the light is over the cutouts."""
-        now, lit = evidence, np.ones((evidence.plan.shape[0], *evidence.plan.cutout))
+        here = now = evidence
+        lit = np.ones((evidence.plan.shape[0], *evidence.plan.cutout))
         told, before = 0.0, _excess(evidence)
         for turn, blocks in enumerate(BLOCKS):
             gains, sigmas = _parts(now, blocks)
@@ -81,9 +83,10 @@ class Pupil(Fault):
             # less what chance adds: small parts are told by a few samples
             sure = np.clip(1 - np.square(sigmas) / np.maximum(np.square(gains), 1e-12), 0, 1)
             lit = np.clip(lit * np.clip(1 + sure * gains, 0.2, 5.0), DARKEST, 2.0)
-            own = lit[evidence.index[:, 0]].astype(np.float32)
-            shaded = replace(evidence, model=evidence.model * own, columns=evidence.columns * own[:, None])
-            now = shaded.with_data(evidence.data, evidence.valid)
+            now = _seen(here, lit)
+            nearer = here.followed(now.values) if turn == 1 else here
+            if nearer is not here:  # light that is missing to one side looked displaced
+                here, now = nearer, _seen(nearer, lit)
         weight = np.stack([evidence.light[evidence.index[:, 0] == z].sum(0) for z in range(len(lit))]).clip(0)
         scatter = float(np.sqrt((weight * np.square(lit - 1)).sum() / max(float(weight.sum()), 1e-300)))
         if scatter < UNEVEN or _excess(now) > (1 - EXPLAINS) * before:
@@ -92,6 +95,8 @@ class Pupil(Fault):
         image = np.where(weight[z] > LIT * weight[z].max(), lit[z], 1.0)
         y, x = np.indices(image.shape)
         lost = weight[z] * np.clip(1 - image, 0, None)
+        if not lost.any():
+            return
         light = weight[z] * (image > 0)
         # from the middle of the light to that of what is missing
         down, across = ((lost * k).sum() / lost.sum() - (light * k).sum() / light.sum() for k in (y, x))
@@ -103,9 +108,16 @@ class Pupil(Fault):
             told,
             scatter / 2,
             picture=Picture(100 * lit[z], "%", f"light over that of the camera, plane {z}", ("row", "column")),
-            repair=adding(evidence.index, now.left - replace(evidence, values=now.values).left),
+            repair=adding(evidence.index, now.left - replace(here, values=now.values).left),
             put_in=_shaded(lit),
         )
+
+
+def _seen(evidence: Evidence, lit: F8) -> Evidence:
+    """Return the evidence of models that are so bright ``(nz, nt, ns)``."""
+    own = lit[evidence.index[:, 0]].astype(np.float32)
+    shaded = replace(evidence, model=evidence.model * own, columns=evidence.columns * own[:, None])
+    return shaded.with_data(evidence.data, evidence.valid)
 
 
 def _shaded(lit: F8) -> PutIn:

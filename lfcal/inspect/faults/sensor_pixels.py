@@ -237,6 +237,7 @@ class NotLinear(Fault):
 
     name = "not_linear"
     # before lines and pixels: of bent values the model is off everywhere, and any line of them may stand out
+    strong_rank = 8
     rank = 9
     title = "values not proportional to the light"
     advice = "Switch the camera's gamma and contrast off, or linearise the frames, and import them anew."
