@@ -15,7 +15,7 @@ from lfcal.fit.spread import spread_out
 from lfcal.progress import Clock, Work
 from lfcal.threads import for_each_chunk, one_blas_thread, worker_count
 
-__all__ = ["Kind", "Leftover", "iter_leftover", "spot_velocity"]
+__all__ = ["Kind", "Leftover", "iter_leftover", "left_out", "spot_velocity"]
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
@@ -24,10 +24,13 @@ Flags = NDArray[np.bool_]
 GAIN = 2.0
 """Standard deviations by which left-out patterns must be nearer for positions between recorded ones to follow."""
 
+FOLDS = 5
+"""Sets that recorded positions are left out in."""
+
 FEW = 8
 """Recorded positions of a plane below which none is left out to choose by."""
 
-LENGTHS = ((1.0, 0.5), (1.5, 0.5), (2.0, 0.6), (2.5, 0.7), (3.5, 0.8))
+LENGTHS = ((1.0, 0.5), (1.5, 0.5), (2.0, 0.6), (2.5, 0.7), (3.5, 0.8), (5.0, 1.0))
 """Correlation lengths that are tried: source positions, pixels."""
 
 USUAL = LENGTHS[1]
@@ -158,9 +161,8 @@ def chosen_kind(part: PlaneData, velocity: float, seed: int = 0) -> Kind:
     places = np.argwhere(part.recorded)
     if len(places) < FEW:
         return usual
-    aside = np.zeros(part.recorded.shape, np.bool_)
-    some = places[spread_out(np.c_[np.zeros(len(places), np.intp), places], max(2, len(places) // 5), part.period)]
-    aside[some[:, 0], some[:, 1]] = True
+    sets = left_out(part)
+    aside = sets[0]
     candidates = [usual]
     if stray:
         candidates += [replace(usual, stray=Moving(rate, *STRAY)) for rate in (0.0, velocity)]
@@ -174,8 +176,21 @@ def chosen_kind(part: PlaneData, velocity: float, seed: int = 0) -> Kind:
     # what hardly reaches to neighbours shows in what is not told of them
     shares = NEAR_SHARES if best.spots is not None else NEAR_SHARES[:1]
     kinds = [replace(best, near=share, supported=helped) for share in shares]
-    found = [replace(one, spread=_spread(part, aside, one, seed)) for one in kinds]
+    found = [replace(one, spread=_spread(part, sets, one, seed)) for one in kinds]
     return min(found, key=lambda one: abs(math.log(one.spread)))
+
+
+def left_out(part: PlaneData) -> list[Flags]:
+    """Return sets ``(ny, nx)`` of recorded positions, each of them spread over the plane; none is in two."""
+    found: list[Flags] = []
+    places = np.argwhere(part.recorded)
+    count = max(2, len(places) // FOLDS)
+    while len(places) >= count and len(found) < FOLDS:
+        some = spread_out(np.c_[np.zeros(len(places), np.intp), places], count, part.period)
+        found.append(np.zeros(part.recorded.shape, np.bool_))
+        found[-1][tuple(places[some].T)] = True
+        places = np.delete(places, some, axis=0)
+    return found
 
 
 def _middle(data: PlaneData) -> tuple[slice, slice]:
@@ -201,20 +216,25 @@ def _best(data: PlaneData, aside: Flags, kinds: Sequence[Kind]) -> tuple[Kind, F
     return kinds[-k], gains
 
 
-def _spread(data: PlaneData, aside: Flags, kind: Kind, seed: int) -> float:
-    """Return what the patterns ``aside`` scatter about their prediction beyond noise, over what is stated (squares)."""
-    kept, field = data.without(aside), _field(data, kind)
-    value = field.estimate(kept.residual, kept.precision)[aside]
-    stated = sampled_variance(field, kept.precision, 4, np.random.default_rng(seed))[aside]
-    precision = data.precision[aside]
-    noise = 1.0 / np.maximum(precision, 1e-30)
+def _spread(data: PlaneData, sets: Sequence[Flags], kind: Kind, seed: int) -> float:
+    """Return what left-out patterns scatter about their prediction beyond noise, over what is stated (squares).
+
+    Each set is predicted by all others. Where noise is most of what is seen, one set tells it to two fifths.
+    """
+    field, found, known = _field(data, kind), 0.0, 0.0
     # dark pixels are many, and nobody asks for them
-    lit = data.model[aside] > LIT * data.model.max()
-    weight = np.where(lit & (precision > 0), np.square(stated / (noise + stated)), 0.0)
-    square = np.square(data.residual[aside] - value) - noise
-    found = float((weight * square / np.maximum(stated, 1e-30)).sum(dtype=np.float64))
-    known = 0.5 * float(weight.sum(dtype=np.float64))
-    return min(9.0, max(0.25, (0.5 * found + 1.0) / (known + 1.0)))
+    light = LIT * data.model.max()
+    for aside in sets:
+        kept = data.without(aside)
+        value = field.estimate(kept.residual, kept.precision)[aside]
+        stated = sampled_variance(field, kept.precision, 4, np.random.default_rng(seed))[aside]
+        precision = data.precision[aside]
+        noise = 1.0 / np.maximum(precision, 1e-30)
+        weight = np.where((data.model[aside] > light) & (precision > 0), np.square(stated / (noise + stated)), 0.0)
+        square = np.square(data.residual[aside] - value) - noise
+        found += float((weight * square / np.maximum(stated, 1e-30)).sum(dtype=np.float64))
+        known += float(weight.sum(dtype=np.float64))
+    return min(9.0, max(0.25, (0.5 * found / len(sets) + 1.0) / (0.5 * known / len(sets) + 1.0)))
 
 
 def _shares(part: PlaneData, kind: Kind, seed: int) -> F4:

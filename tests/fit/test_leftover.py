@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lfcal.fit.leftover import iter_leftover, spot_velocity
+from lfcal.fit.leftover import iter_leftover, left_out, spot_velocity
 from lfcal.fit.leftover_field import Field, Moving, sampled_variance
 from lfcal.fit.leftover_size import PlaneData, amplitudes, sized
 from lfcal.progress import drain
@@ -136,6 +136,18 @@ def test_what_neighbours_do_not_share_tells_nothing_of_them() -> None:
     left = drain(iter_leftover(data, "plane", workers=1))
     assert not left.kind.empty and not left.kind.supported
     assert off(model + left.value, truth, recorded) < min(off(model, truth, recorded), off(patterns, truth, recorded))
+
+
+def test_positions_are_left_out_by_turns_all_over_the_plane() -> None:
+    recorded = np.random.default_rng(3).random((9, 11)) < 0.8
+    empty = np.zeros((9, 11, 3, 3), np.float32)
+    data = PlaneData(empty, empty, empty, recorded, around=True)
+    sets = left_out(data)
+    assert len(sets) == 5 and all(one.sum() == recorded.sum() // 5 for one in sets)
+    assert np.sum(sets, axis=0).max() == 1 and not np.any(sets, axis=0)[~recorded].any()
+    for one in sets:
+        quarters = one[:5, :6], one[:5, 6:], one[5:, :6], one[5:, 6:]
+        assert all(quarter.any() for quarter in quarters)
 
 
 def test_large_cutouts_are_solved_in_tiles() -> None:
