@@ -29,9 +29,9 @@ from gui.manual import Manual
 from gui.menus import WindowMenus, page_key
 from gui.models.page import PAGES, PageSpec, PageState, available_pages, page_states
 from gui.models.project import Project, ProjectState
-from gui.models.step import step_of
 from gui.palette import Palette, doable
 from gui.project_files import ProjectFiles
+from gui.scripts import Scripts
 from gui.theme import DARK, LIGHT, apply_theme, current_theme, style_sheet
 from gui.tools import Tools
 from gui.widgets.naming import name_controls
@@ -77,7 +77,7 @@ class MainWindow(QMainWindow):
         self.specs = tuple(available_pages() if pages is None else pages)
         self._build_centre()
         self._build_docks()
-        self.tools = Tools(self, folder)
+        self.tools, self.scripts = Tools(self, folder), Scripts(self)
         self.menus = WindowMenus(self)
         self._style()
         self.context.state_changed.connect(self._state_changed)
@@ -258,17 +258,6 @@ class MainWindow(QMainWindow):
         """Put a picture of the page on the clipboard."""
         QApplication.clipboard().setPixmap(self.stack.currentWidget().grab())
         self.log("picture of the page copied")
-
-    def copy_step(self, *, python: bool = False) -> None:
-        """Put what the page does on the clipboard, as a command or as Python; say what it lacks."""
-        spec = self.specs[self.rail.currentRow()]
-        try:
-            step = step_of(spec, self.project.state)
-            QApplication.clipboard().setText(step.script() if python else step.shell())
-        except LfcalError as error:
-            self.log(f"{spec.title}: nothing copied; {error}")
-            return
-        self.log(f"{spec.title} copied as {'Python' if python else 'a command'}")
 
     def show_palette(self) -> None:
         """Offer everything that can be done here by its name."""

@@ -18,6 +18,7 @@ from gui.pages.camera.model_check import Checked, iter_check
 from gui.pages.camera.model_marks import confirmed, state_with
 from gui.pages.camera.panel import CameraPanel, PresetBox
 from gui.pages.camera.panel_sensor import SensorDialog
+from gui.pages.camera.step import step
 from gui.saving import ask_target, write_file
 from lfcal.camera import CAMERA_FORMATS, Camera, Imported, doubts, import_camera, preset
 from lfcal.frames.formats.opening import image_suffixes
@@ -146,6 +147,8 @@ class Page(BasePage):
         path = path or ask_target(self, "Save camera", name, "Camera (*.json)")
         text = self.context.state.camera.to_json()
         if path and write_file(self, path, lambda part: part.write_text(text, encoding="utf-8")):
+            title = f"Save camera {Path(path).name}"
+            self.context.history.add(self.context.taken("camera", title, step=lambda: step(self.context.state, path)))
             self.context.message.emit(f"camera saved as {path}")
 
     def accept_drop(self, paths: list[str]) -> bool:

@@ -91,6 +91,7 @@ class Page(BasePage):
             return
         path, text = path or ask_target(self, "Save plan", "plan.json", "Plans (*.json)"), plan.to_json()
         if path and write_file(self, path, lambda part: part.write_text(text, encoding="utf-8")):
+            self.context.history.add(self.context.taken("plan", f"Save plan {Path(path).name}", path))
             self.context.message.emit(f"plan saved as {path}")
 
     def accept_drop(self, paths: list[str]) -> bool:

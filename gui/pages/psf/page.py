@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +29,7 @@ from gui.pages.psf.model import (
     unit_of,
 )
 from gui.pages.psf.panel import PSFPanel
+from gui.pages.psf.step import step
 from gui.saving import ask_target
 from lfcal.psf import PSFMatrix
 from lfcal.psf.opening import opening_notes
@@ -210,12 +212,13 @@ class Page(BasePage):
 
         H = self.matrix
         assert H is not None
-        options = intent.options.given()
+        options, state = intent.options.given(), self.context.state
         self.context.jobs.start(
             f"Export {Path(path).name}",
             "psf",
             lambda: iter_export(intent.matrix(H), path, **options),
             lambda out: self.context.message.emit(f"exported {out}"),
+            taken=self.context.taken("psf", f"Export {Path(path).name}", path, partial(step, state, path, intent)),
         )
 
     def accept_drop(self, paths: list[str]) -> bool:

@@ -282,8 +282,10 @@ class Page(BasePage):
     def _run(self) -> None:
         solving, count = self.solving, self.settings.iterations
         assert solving is not None
+        title = f"Reconstruct by {solving.settings.solver}"
+        taken = self.context.taken("reconstruct", title, draft=True)
         self._job = self.context.jobs.start(
-            f"Reconstruct by {solving.settings.solver}", "reconstruct", lambda: solving.work(count), abandon=True
+            title, "reconstruct", lambda: solving.work(count), abandon=True, taken=taken
         )
         self.panel.show_status("setting up …", None)
         self._show_controls()

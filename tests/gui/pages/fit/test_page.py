@@ -92,7 +92,9 @@ def fewer(found: Found, count: int) -> Found:
     return replace(
         found,
         places=kept,
-        **{key: {p: getattr(found, key)[p] for p in kept} for key in ("patterns", "valid", "model", "residual", "chi2")},
+        **{
+            key: {p: getattr(found, key)[p] for p in kept} for key in ("patterns", "valid", "model", "residual", "chi2")
+        },
     )
 
 
