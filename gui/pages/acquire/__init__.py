@@ -1,7 +1,7 @@
 """Acquire: set the devices up, record a session, see at once whether it is good.
 
 - ``page``: two tabs over one set of devices
-- ``setup_tab``, ``record_tab``: what each tab does; ``after``: what is made of a session
+- ``setup_tab``, ``record_tab``: what each tab does; ``moves``: of the stage; ``after``: what is made of a session
 - ``panel``, ``setup_panel``, ``record_panel``, ``error_view``, ``device_panel``, ``stage_panel``: their widgets
 - ``model``: settings; ``model_live``: the live view; ``model_findings``: what a few moves tell;
   ``model_stills``: white and dark frames;
@@ -39,4 +39,11 @@ PAGE = PageSpec(
     state=state,
     needs="lfcal.acquire",
     icon=icon,
+    keys=(
+        ("Ctrl+G", "type a position for the stage"),
+        ("Ctrl+← → ↑ ↓", "move the stage by a step in x, y"),
+        ("Ctrl+Shift+↑ ↓", "move the stage by a step in z"),
+        ("Esc", "stop the stage"),
+        ("F5", "live view on, off"),
+    ),
 )
