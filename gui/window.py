@@ -279,7 +279,11 @@ class MainWindow(QMainWindow):
             self.files.open(Path(paths[0]))
             return
         shown = self.stack.currentWidget()
-        others = [spec.key for spec in self.specs if self._pages.get(spec.key) is not shown]
+        others = [
+            spec.key
+            for spec in self.specs
+            if self._pages.get(spec.key) is not shown and (spec.takes is None or all(map(spec.takes, paths)))
+        ]
         if isinstance(shown, BasePage) and shown.accept_drop(paths):
             return
         for key in others:

@@ -14,28 +14,16 @@ from gui.window import MainWindow
 from lfcal.camera import preset
 from lfcal.psf import PSFMatrix
 from lfcal.psf.store import save
-from tests.cli.conftest import SHAPE, small_plan, true_frame
+from tests.cli.conftest import small_plan
 from tests.gui.random_walk import Walk
+from tests.gui.recorded import write_recorded
 from tests.gui.waiting import GUARD_MS
 
 
 @pytest.fixture
 def files(tmp_path: Path) -> list[Path]:
     """Write files that are good, damaged and missing."""
-    import cv2
-
-    plan = small_plan()
-    session = tmp_path / "recorded"
-    for name in ("frames", "dark"):
-        (session / name).mkdir(parents=True)
-    rows = ["file,z,y,x"]
-    for z, y, x in np.ndindex(SHAPE):
-        name = f"z{z}_y{y}_x{x}.png"
-        cv2.imwrite(str(session / "frames" / name), true_frame(z, y, x) + np.uint16(100))
-        rows.append(f"{name},{z},{y},{x}")
-    (session / "frames" / "manifest.csv").write_text("\n".join(rows) + "\n")
-    cv2.imwrite(str(session / "dark" / "0.png"), np.full((40, 48), 100, np.uint16))
-    (session / "plan.json").write_text(plan.to_json())
+    plan, session = small_plan(), write_recorded(tmp_path / "recorded")
     good = tmp_path / "H.h5"
     rng = np.random.default_rng(3)
     save(PSFMatrix(rng.random((2, 3, 4, 9, 11), np.float32), depths=plan.depths_um, camera=plan.camera), good)

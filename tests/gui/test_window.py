@@ -31,27 +31,14 @@ from gui.pages.frames.model import FrameSettings
 from gui.theme import DARK, LIGHT, current_theme
 from gui.window import MainWindow
 from lfcal.camera import preset
-from tests.cli.conftest import SHAPE, small_plan, true_frame
+from tests.cli.conftest import true_frame
+from tests.gui.recorded import write_recorded
 from tests.gui.waiting import GUARD_MS, idle
 
 
 @pytest.fixture
 def recorded(tmp_path: Path) -> Path:
-    """Record a session folder with frames, dark and plan."""
-    import cv2
-
-    folder = tmp_path / "recorded"
-    for name in ("frames", "dark"):
-        (folder / name).mkdir(parents=True)
-    rows = ["file,z,y,x"]
-    for z, y, x in np.ndindex(SHAPE):
-        name = f"z{z}_y{y}_x{x}.png"
-        cv2.imwrite(str(folder / "frames" / name), true_frame(z, y, x) + np.uint16(100))
-        rows.append(f"{name},{z},{y},{x}")
-    (folder / "frames" / "manifest.csv").write_text("\n".join(rows) + "\n")
-    cv2.imwrite(str(folder / "dark" / "0.png"), np.full((40, 48), 100, np.uint16))
-    (folder / "plan.json").write_text(small_plan().to_json())
-    return folder
+    return write_recorded(tmp_path / "recorded")
 
 
 def test_a_whole_sitting(window: MainWindow, qtbot: QtBot, recorded: Path, tmp_path: Path) -> None:
@@ -190,6 +177,18 @@ def test_dropped_files_find_their_page(window: MainWindow, tmp_path: Path, qtbot
     assert window.project.state.psf.endswith("H.npy")
     window.take_files([str(tmp_path / "unknown.xyz")])
     assert "no page takes" in window.log_view.toPlainText()
+
+
+def test_a_file_that_no_page_takes_makes_no_page(window: MainWindow, tmp_path: Path) -> None:
+    """Every page was made to be asked, which took seconds."""
+    (tmp_path / "notes.docx").write_bytes(b"x")
+    for paths in (["notes.docx"], ["a.docx", "b.docx"], ["gone"]):
+        window.take_files([str(tmp_path / path) for path in paths])
+        assert "no page takes" in window.log_view.toPlainText().splitlines()[-1]
+    assert set(window._pages) == {window.specs[0].key}
+    np.save(tmp_path / "H.npy", np.ones((1, 2, 2, 3, 3), np.float32))
+    window.take_files([str(tmp_path / "H.npy")])
+    assert set(window._pages) == {window.specs[0].key, "psf"}
 
 
 def test_a_failing_job_speaks_in_words(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:

@@ -11,6 +11,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from gui.models.page import PageSpec, PageState, Sketch, file_state
 from gui.models.project import ProjectState
 
@@ -30,6 +32,11 @@ def icon(sketch: Sketch) -> None:
     sketch.circle(11, 11, 3, filled=True)
 
 
+def takes(path: str) -> bool:
+    """Return whether a folder is that of a session."""
+    return (Path(path) / "session.json").is_file()
+
+
 PAGE = PageSpec(
     "acquire",
     "Acquire",
@@ -39,6 +46,7 @@ PAGE = PageSpec(
     state=state,
     needs="lfcal.acquire",
     icon=icon,
+    takes=takes,
     keys=(
         ("Ctrl+G", "type a position for the stage"),
         ("Ctrl+← → ↑ ↓", "move the stage by a step in x, y"),

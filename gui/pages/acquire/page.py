@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from gui.base_page import BasePage
 from gui.context import Context
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
+from gui.pages.acquire import takes
 from gui.pages.acquire.model import AcquireSettings
 from gui.pages.acquire.panel import AcquirePanel
 from gui.pages.acquire.record_tab import RecordTab
@@ -77,7 +76,7 @@ class Page(BasePage):
 
     def accept_drop(self, paths: list[str]) -> bool:
         """Take a dropped session folder."""
-        if len(paths) == 1 and (Path(paths[0]) / "session.json").is_file():
+        if len(paths) == 1 and takes(paths[0]):
             self.record.set_folder(paths[0])
             self.panel.setCurrentWidget(self.panel.record)
             return True

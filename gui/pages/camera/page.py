@@ -13,6 +13,7 @@ from gui.context import Context
 from gui.jobs import Job
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
+from gui.pages.camera import takes
 from gui.pages.camera.model import apply_change
 from gui.pages.camera.model_check import Checked, iter_check
 from gui.pages.camera.model_marks import confirmed, state_with
@@ -28,8 +29,6 @@ __all__ = ["Page"]
 SUFFIXES = sorted({suffix for form in CAMERA_FORMATS for suffix in form.suffixes})
 FILES = f"Cameras ({' '.join('*' + suffix for suffix in SUFFIXES)});;All files (*)"
 IMAGES = f"Images ({' '.join('*' + suffix for suffix in sorted(image_suffixes()))});;All files (*)"
-OURS = {".xml", ".yaml", ".yml", ".cfg"}
-"""Endings that no other page takes."""
 
 
 class Page(BasePage):
@@ -153,8 +152,9 @@ class Page(BasePage):
 
     def accept_drop(self, paths: list[str]) -> bool:
         """Take a dropped description; JSON and text files only where this page is looked at."""
-        suffix = Path(paths[0]).suffix.lower() if len(paths) == 1 else ""
-        if suffix in OURS or (suffix in SUFFIXES and self.isVisible()):
+        if len(paths) != 1:
+            return False
+        if takes(paths[0]) or (Path(paths[0]).suffix.lower() in SUFFIXES and self.isVisible()):
             self.import_file(paths[0])
             return True
         return False

@@ -15,6 +15,7 @@ from gui.base_page import BasePage
 from gui.context import Context
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
+from gui.pages.psf import takes
 from gui.pages.psf.export_dialog import ExportDialog
 from gui.pages.psf.export_model import ExportIntent, ExportSettings
 from gui.pages.psf.model import (
@@ -40,7 +41,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Page"]
 
-SUFFIXES = (".h5", ".mat", ".npy", ".lfc")
 FILES = "PSF matrices (*.h5 *.mat *.npy *.lfc)"
 
 
@@ -223,7 +223,7 @@ class Page(BasePage):
 
     def accept_drop(self, paths: list[str]) -> bool:
         """Take a dropped H file."""
-        if len(paths) == 1 and Path(paths[0]).suffix.lower() in SUFFIXES:
+        if len(paths) == 1 and takes(paths[0]):
             self.open_file(paths[0])
             return True
         return False
