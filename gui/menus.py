@@ -65,7 +65,9 @@ class WindowMenus:
         menu.addSeparator()
         self._action(menu, "Command palette …", window.show_palette, "Ctrl+Shift+P")
         self._action(menu, "Light or dark", window.toggle_theme, "Ctrl+T")
-        menu.addAction(window.job_dock.toggleViewAction())
+        jobs = window.job_dock.toggleViewAction()
+        jobs.triggered.connect(window.keep_dock)
+        menu.addAction(jobs)
         menu.addAction(window.log_dock.toggleViewAction())
 
     def _tools(self) -> None:

@@ -31,6 +31,8 @@ from gui.pages.frames.model import FrameSettings
 from gui.theme import DARK, LIGHT, current_theme
 from gui.window import MainWindow
 from lfcal.camera import preset
+from lfcal.errors import InputError
+from lfcal.progress import Progress, Work
 from tests.cli.conftest import true_frame
 from tests.gui.recorded import write_recorded
 from tests.gui.waiting import GUARD_MS, idle
@@ -312,3 +314,28 @@ def test_events_do_not_leak_references_to_none(qapp: QApplication, qtbot: QtBot)
     for _ in range(2000):
         QApplication.sendEvent(widget, QCloseEvent())
     assert sys.getrefcount(None) > before - 500
+
+
+def test_the_jobs_give_their_room_back_when_they_ended_well(window: MainWindow, qtbot: QtBot) -> None:
+    """A job that was done kept the dock open for good."""
+
+    def work(error: str = "") -> Work[int]:
+        yield Progress(0, 1, "at it")
+        if error:
+            raise InputError(error)
+        return 1
+
+    dock = window.job_dock
+    window.jobs.start("well", "plan", work)
+    assert dock.isVisible()
+    qtbot.waitUntil(lambda: window.dock_timer.isActive(), timeout=GUARD_MS)
+    window.dock_timer.timeout.emit()
+    assert dock.isHidden()
+    window.jobs.start("badly", "plan", lambda: work("no"))
+    idle(window.jobs, qtbot)
+    assert dock.isVisible() and not window.dock_timer.isActive(), "an error stays to be read"
+    dock.hide()
+    dock.toggleViewAction().trigger()
+    window.jobs.start("again", "plan", work)
+    idle(window.jobs, qtbot)
+    assert dock.isVisible() and not window.dock_timer.isActive(), "the user opened it"
