@@ -1,14 +1,20 @@
 from __future__ import annotations
 
+import ctypes
+import gc
 import shutil
 import sys
+import threading
 import traceback
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PySide6.QtCore import QEvent
+from PySide6.QtWidgets import QApplication, QMessageBox
 from pytestqt.qtbot import QtBot
 
+from gui.app import make_window, parse
 from gui.models.project import ProjectState
 from gui.window import MainWindow
 from lfcal.camera import preset
@@ -78,3 +84,35 @@ def test_a_random_walk_meets_no_wrong_state(
 def test_a_long_random_walk(window: MainWindow, qtbot: QtBot, files: list[Path], tmp_path: Path, seed: int) -> None:
     """20,000 actions in twenty windows."""
     walk(window, qtbot, files, tmp_path / "out", seed=100 + seed, steps=1000)
+
+
+def resident() -> int:
+    """Return the bytes of this process that are in memory, what is free given back first."""
+    gc.collect()
+    ctypes.CDLL("libc.so.6").malloc_trim(0)
+    words = Path("/proc/self/status").read_text().split()
+    return 1024 * int(words[words.index("VmRSS:") + 1])
+
+
+@pytest.mark.long
+@pytest.mark.skipif(sys.platform != "linux", reason="memory is read as Linux tells it")
+def test_memory_comes_back_and_windows_close(
+    qapp: QApplication, qtbot: QtBot, files: list[Path], place: Path, tmp_path: Path
+) -> None:
+    """A window that was walked in leaves within 20 % what the first one left, and closes when it is asked to."""
+    left = []
+    for round_ in range(3):
+        window = make_window(qapp, parse([]), folder=place)
+        window.show()
+        qtbot.waitExposed(window, timeout=GUARD_MS)
+        walk(window, qtbot, files, tmp_path / "out", seed=200 + round_, steps=400)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(QMessageBox, "question", lambda *_: QMessageBox.StandardButton.Discard)
+            assert window.close() and window.isHidden()
+        assert not [thread for thread in threading.enumerate() if "lfcal-job" in thread.name]
+        window.deleteLater()
+        del window
+        QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
+        left.append(resident())
+    print("left in memory (MB):", [round(bytes_ / 1e6) for bytes_ in left])
+    assert left[-1] <= 1.2 * left[0]
