@@ -25,14 +25,18 @@ def main(arguments: list[str] | None = None) -> int:
     os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
     from PySide6.QtWidgets import QApplication
 
-    from gui.app import make_window, parse
+    from gui.app import begin, make_window, parse
 
     options.out.mkdir(parents=True, exist_ok=True)
     app = QApplication.instance() or QApplication(["lfcal"])
     sizes = [tuple(int(n) for n in size.split("x")) for size in options.size] if options.size else list(SIZES)
-    window = make_window(app, parse(["--demo"]), folder=options.out / ".state")
+    demo = parse(["--demo"])
+    window = make_window(app, demo, folder=options.out / ".state")
     window.show()
+    begin(window, demo)
     try:
+        while window.jobs.busy:
+            wait(app, 0.1)
         for spec in window.specs:
             if options.page and spec.key not in options.page:
                 continue

@@ -47,7 +47,7 @@ class MeasuredPart(QWidget):
         self._origin = (0.0, 0.0)
 
     def take(self, image: NDArray[Any] | None, levels: Levels = (0.0, 1.0), origin: Levels = (0.0, 0.0)) -> Levels:
-        """Remember what is shown, its first pixel at ``origin``; return the levels: those the user set, or ``levels``."""
+        """Remember a picture whose first pixel is at ``origin``; return its levels: the user's, or ``levels``."""
         self._image, self._origin = image, origin
         self._levels = self.contrast or levels
         self.picture_changed.emit()
