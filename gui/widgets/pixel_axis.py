@@ -28,7 +28,8 @@ class PixelAxis(pg.AxisItem):
         found: list[tuple[float, list[float]]] = super().tickValues(minVal, maxVal, size)
         if self.span is None:
             return found
-        low, high = max(minVal, self.span[0]), min(maxVal, self.span[1])
+        first, last = sorted((minVal, maxVal))  # rows count downwards
+        low, high = max(first, self.span[0]), min(last, self.span[1])
         kept = [(step, [v for v in values if low <= v <= high]) for step, values in found if step >= 1]
         if any(values for _, values in kept):
             return kept

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
 from gui.widgets.image_view import ImageView
@@ -23,8 +24,23 @@ def test_whole_numbers_of_what_is_there(qtbot: QtBot) -> None:
     view.set_image(np.ones((4, 7)), origin=(-2.0, 0.0))
     period.set_values(np.ones((3, 5)))
     assert ticks(view.plot.getAxis("left"), -2.6, 1.6) == [-2, -1, 0, 1]
+    assert ticks(view.plot.getAxis("left"), 1.6, -2.6) == [-2, -1, 0, 1], "rows count downwards"
     assert ticks(period.plot.getAxis("bottom"), -1.4, 6.2) == [0, 1, 2, 3, 4]
     assert ticks(period.plot.getAxis("left"), 0.8, 1.3) == [1], "however near it is seen"
+
+
+def test_both_axes_of_a_picture_have_numbers(qtbot: QtBot) -> None:
+    """Drawn as they are, not asked for."""
+    view = ImageView()
+    qtbot.addWidget(view)
+    view.resize(400, 300)
+    view.show()
+    view.set_image(np.ones((40, 70)))
+    QApplication.processEvents()
+    for side, last in (("left", 39), ("bottom", 69)):
+        axis = view.plot.getAxis(side)
+        found = sorted(value for _, values in axis.tickValues(*axis.range, 300.0) for value in values)
+        assert len(found) > 2 and found[0] >= 0 and found[-1] <= last
 
 
 @pytest.mark.parametrize(("origin", "step"), [((0.5, 0.5), 1.0), ((0.0, 0.0), 0.25)])
