@@ -80,8 +80,7 @@ class VolumeView(QWidget):
 
     # -- building --------------------------------------------------------------------------------------
     def _plot(self, row: int, column: int, xlabel: str, ylabel: str) -> pg.PlotItem:
-        plot = self.graphics.addPlot(row=row, col=column)
-        plot.setMenuEnabled(False)
+        plot = self.graphics.addPlot(row=row, col=column, enableMenu=False)
         plot.hideButtons()
         if row == 0:
             plot.invertY(True)

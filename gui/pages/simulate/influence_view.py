@@ -55,10 +55,9 @@ class InfluenceView(QWidget):
         self.apply_theme()
 
     def _add_plot(self, number: int, title: str) -> None:
-        plot: pg.PlotItem = self.graphics.addPlot(row=0, col=number)
+        plot: pg.PlotItem = self.graphics.addPlot(row=0, col=number, enableMenu=False)
         plot.setAspectLocked(True)
         plot.invertY(True)
-        plot.setMenuEnabled(False)
         plot.hideButtons()
         plot.setTitle(title, size="9pt")
         item = pg.ImageItem(axisOrder="row-major")
