@@ -7,6 +7,8 @@ import math
 import pyqtgraph as pg
 
 __all__ = ["PixelAxis", "count_pixels", "pixel_axes"]
+ROOM = 14.0
+"""Screen pixels from one number to the next."""
 
 
 class PixelAxis(pg.AxisItem):
@@ -30,7 +32,10 @@ class PixelAxis(pg.AxisItem):
             return found
         first, last = sorted((minVal, maxVal))  # rows count downwards
         low, high = max(first, self.span[0]), min(last, self.span[1])
-        kept = [(step, [v for v in values if low <= v <= high]) for step, values in found if step >= 1]
+        apart = size / max(last - first, 1e-9)
+        # pyqtgraph reckons with numbers along the whole axis, not with many in a small part of it
+        wide = [pair for pair in found if pair[0] >= 1 and pair[0] * apart >= ROOM]
+        kept = [(step, [v for v in values if low <= v <= high]) for step, values in wide]
         if any(values for _, values in kept):
             return kept
         # seen so near that pyqtgraph shows parts of a pixel only

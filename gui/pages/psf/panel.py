@@ -41,8 +41,7 @@ SCALES = (("linear", "linear"), ("log", "log, 4 decades"), ("gamma", "gamma 0.5"
 HOVER = "Hover a pixel to see the voxel pattern it belongs to; click to hold it."
 Levels = tuple[float, float] | None
 PROFILES = "Profiles at the pixel: " + ", ".join(
-    f"<span style='color:{tone}'>━</span> along the {what}"
-    for tone, what in zip(LINES, ("row", "column"), strict=False)
+    f"<span style='color:{tone}'>━</span> {what}" for tone, what in zip(LINES, ("row", "column"), strict=False)
 )
 """Title of a card with the plot: a legend would lie over its curves."""
 

@@ -29,6 +29,14 @@ def test_whole_numbers_of_what_is_there(qtbot: QtBot) -> None:
     assert ticks(period.plot.getAxis("left"), 0.8, 1.3) == [1], "however near it is seen"
 
 
+def test_numbers_keep_apart_where_the_picture_is_small_on_its_axis(qtbot: QtBot) -> None:
+    period = PeriodMap()
+    qtbot.addWidget(period)
+    period.set_values(np.ones((19, 33)))
+    found = ticks(period.plot.getAxis("left"), -15.0, 35.0, 100.0)
+    assert len(found) >= 2 and min(np.diff(found)) * 100 / 50 >= 14
+
+
 def test_both_axes_of_a_picture_have_numbers(qtbot: QtBot) -> None:
     """Drawn as they are, not asked for."""
     view = ImageView()
