@@ -48,7 +48,6 @@ def holds(plane: tuple[int, int, int, int], frame: tuple[int, int]) -> dict[str,
     from PySide6.QtWidgets import QApplication
 
     from gui.app import make_window, parse
-    from gui.widgets.frame_view import FrameView
     from lfcal.psf import PSFMatrix
 
     found_app = QApplication.instance()
@@ -77,19 +76,26 @@ def holds(plane: tuple[int, int, int, int], frame: tuple[int, int]) -> dict[str,
         for _ in range(2):
             held.do("another theme", window.toggle_theme)
         held.do("undo", window.project.undo)
-        view = FrameView(window.jobs, "bench")
-        view.resize(1200, 800)
-        view.show()
-        for k in range(3):
-            pixels = rng.integers(0, 4096, frame, np.uint16)
-            held.do("another frame", lambda pixels=pixels: view.set_frame(pixels, (0, 4095)))
-            held.do("zoom into a frame", lambda k=k: view.show_region(100 * k, 100 * k, 300, 400))
-            held.do("whole frame", view.show_all)
-        view.close()
+        _frames(held, window.jobs, frame)
         held.do("closing", window.shut_down)
         window.close()
     held.found.pop("start")
     return held.found
+
+
+def _frames(held: Held, jobs: Any, shape: tuple[int, int]) -> None:
+    from gui.widgets.frame_view import FrameView
+
+    rng = np.random.default_rng(1)
+    view = FrameView(jobs, "bench")
+    view.resize(1200, 800)
+    view.show()
+    for k in range(3):
+        pixels = rng.integers(0, 4096, shape, np.uint16)
+        held.do("another frame", lambda pixels=pixels: view.set_frame(pixels, (0, 4095)))
+        held.do("zoom into a frame", lambda k=k: view.show_region(100 * k, 100 * k, 300, 400))
+        held.do("whole frame", view.show_all)
+    view.close()
 
 
 VISITS = """

@@ -7,6 +7,7 @@ import os
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 SIZES = ((1280, 800), (1920, 1080))
 SETTLE_S = 0.5
@@ -48,15 +49,18 @@ def main(arguments: list[str] | None = None) -> int:
             wait(app, options.settle)
             for theme in options.theme or ("light", "dark"):
                 window.set_theme(theme)
-                for width, height in sizes:
-                    window.resize(width, height)
-                    wait(app, 0.6)
-                    path = options.out / f"{spec.key}_{theme}_{width}x{height}.png"
-                    window.grab().save(str(path), "PNG")
-                    print(path, f"{window.width()}x{window.height()}")
+                for size in sizes:
+                    _write(app, window, size, options.out / f"{spec.key}_{theme}_{size[0]}x{size[1]}.png")
     finally:
         window.shut_down()
     return 0
+
+
+def _write(app: object, window: Any, size: tuple[int, ...], path: Path) -> None:
+    window.resize(*size)
+    wait(app, 0.6)
+    window.grab().save(str(path), "PNG")
+    print(path, f"{window.width()}x{window.height()}")
 
 
 def wait(app: object, seconds: float) -> None:

@@ -22,6 +22,7 @@ from lfcal.units import format_length
 
 __all__ = ["VolumeView"]
 
+VALUE = "brightness (counts)"
 CROSS = "#ff5a5f"
 
 
@@ -49,9 +50,7 @@ class VolumeView(QWidget):
         self.yz.setYLink(self.xy)
         self.xz.setXLink(self.xy)
         self.xy.setAspectLocked(True)
-        self.bar = pg.ColorBarItem(
-            values=(0, 1), width=12, interactive=False, label="brightness (counts)", orientation="h"
-        )
+        self.bar = pg.ColorBarItem(values=(0, 1), width=12, interactive=False, label=VALUE, orientation="h")
         self.bar.axis.enableAutoSIPrefix(False)
         self.graphics.addItem(self.bar, row=1, col=1)
         offer_menu(
@@ -66,7 +65,7 @@ class VolumeView(QWidget):
         for name, plot in (("xy", self.xy), ("xz", self.xz), ("yz", self.yz)):
             self._add_image(name, plot)
         self.parts = {
-            name: MeasuredPart(self, plot, f"volume_{name}", "brightness (counts)", lambda _: self._show())
+            name: MeasuredPart(self, plot, f"volume_{name}", VALUE, lambda _: self._show())
             for name, plot in (("xy", self.xy), ("xz", self.xz), ("yz", self.yz))
         }
         self.graphics.scene().sigMouseClicked.connect(self._clicked)
