@@ -59,9 +59,7 @@ def main(arguments: list[str] | None = None) -> int:
     window.show()
     if log.problem:
         window.log(log.problem)
-    window.files.begin(options.project)
-    if options.project is None and not options.demo:
-        window.tools.begin()
+    begin(window, options)
     with bounded_threads():
         code = app.exec()
     window.shut_down()
@@ -73,7 +71,7 @@ def main(arguments: list[str] | None = None) -> int:
 def make_window(app: object, options: argparse.Namespace, *, folder: Path | None = None) -> MainWindow:
     """Return the window; ``folder`` keeps recent projects and copies of unsaved work.
 
-    The project asked for is opened by ``window.files.begin``, in the background.
+    What was asked for is opened by `begin`.
     """
     from platformdirs import user_state_path
     from PySide6.QtCore import QSettings
@@ -92,12 +90,14 @@ def make_window(app: object, options: argparse.Namespace, *, folder: Path | None
     apply_threads(settings)
     theme = options.theme or settings.value("theme", "light")
     apply_theme(app, DARK if theme == "dark" else LIGHT)
-    project = Project()
-    if options.demo and options.project is None:
-        from gui.demo import demo_state
+    return MainWindow(Project(), place, settings)
 
-        project.start(demo_state(place / "demo"))
-    return MainWindow(project, place, settings)
+
+def begin(window: MainWindow, options: argparse.Namespace) -> None:
+    """Open what was asked for in the background of a window that is there; else welcome who wants it."""
+    window.files.begin(options.project)
+    if options.project is None:
+        (window.tools.sample if options.demo else window.tools.begin)()
 
 
 def safe_now(window: MainWindow) -> Sequence[str]:

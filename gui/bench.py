@@ -1,4 +1,4 @@
-"""Speed of the window: ``python -m gui.bench``; scrubbing HT, live frames, start-up."""
+"""Speed of the window: ``python -m gui.bench``; scrubbing HT, live frames, start-up, holds, first looks at pages."""
 
 from __future__ import annotations
 
@@ -9,11 +9,15 @@ import statistics
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
+from gui.bench_holds import first_visits, holds
+
+MEASURED = ("first_visits", "start_up", "scrubbing", "live_frames", "holds")
 R29_PLANE = (55, 95, 181, 181)
 R29_FRAME = (4384, 6576)
 
@@ -28,8 +32,9 @@ OUR_WINDOW = """
 import time; t = time.perf_counter()
 from pathlib import Path
 from PySide6.QtWidgets import QApplication
-from gui.app import make_window, parse
-app = QApplication([]); w = make_window(app, parse([]), folder=Path({folder!r})); w.show(); app.processEvents()
+from gui.app import begin, make_window, parse
+o = parse({words!r}); app = QApplication([]); w = make_window(app, o, folder=Path({folder!r})); w.show(); begin(w, o)
+app.processEvents()
 print(time.perf_counter() - t); w.shut_down()
 """
 
@@ -39,38 +44,74 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m gui.bench", description=__doc__)
     parser.add_argument("--json", action="store_true", help="print JSON")
     parser.add_argument("--small", action="store_true", help="a plane and a frame of a tenth of the size")
+    parser.add_argument("--only", action="append", choices=MEASURED, help="only this; may be given again")
     options = parser.parse_args(arguments)
     os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
     scale = 0.1 if options.small else 1.0
-    found = {"start_up": start_up(), "scrubbing": scrubbing(scale), "live_frames": live_frames(scale)}
+    side = scale**0.5
+    plane = (*R29_PLANE[:2], int(R29_PLANE[2] * side) | 1, int(R29_PLANE[3] * side) | 1)
+    frame = (int(R29_FRAME[0] * side), int(R29_FRAME[1] * side))
+    measures: dict[str, Callable[[], dict[str, Any]]] = {
+        "first_visits": first_visits,
+        "start_up": start_up,
+        "scrubbing": lambda: scrubbing(scale),
+        "live_frames": lambda: live_frames(scale),
+        "holds": lambda: holds(plane, frame),
+    }
+    found = {name: measure() for name, measure in measures.items() if not options.only or name in options.only}
     if options.json:
         print(json.dumps(found, indent=2))
         return 0
-    start, scrub, live = found["start_up"], found["scrubbing"], found["live_frames"]
-    print(
-        f"start-up: {start['ratio']:.2f} x an empty PySide6 + pyqtgraph window "
-        f"({start['window_s']:.2f} s against {start['empty_s']:.2f} s, medians of {start['runs']})"
+    for name, measured in found.items():
+        print(WORDS[name](measured))
+    return 0
+
+
+def _start_words(start: dict[str, Any]) -> str:
+    return (
+        f"start-up: {start['window_s']:.2f} s, with --demo {start['demo_s']:.2f} s, "
+        f"an empty PySide6 + pyqtgraph window {start['empty_s']:.2f} s (medians of {start['runs']})"
     )
-    print(
+
+
+def _scrub_words(scrub: dict[str, Any]) -> str:
+    return (
         f"scrubbing HT over a {scrub['plane']} plane: {scrub['per_second']:.0f} pictures a second, "
         f"longest {scrub['longest_ms']:.0f} ms"
     )
-    print(
+
+
+def _live_words(live: dict[str, Any]) -> str:
+    return (
         f"live frames of {live['frame']}: {live['per_second']:.1f} a second, window's thread busy "
         f"{live['busy_ms']:.1f} ms a frame (median)"
     )
-    return 0
+
+
+def _listed(title: str, found: dict[str, float]) -> str:
+    rows = sorted(found.items(), key=lambda pair: -pair[1])
+    return "\n".join((f"{title} (ms of the window's thread):", *(f"  {ms:6.0f}  {name}" for name, ms in rows)))
+
+
+WORDS: dict[str, Callable[[dict[str, Any]], str]] = {
+    "first_visits": lambda found: _listed("first look at each page", found),
+    "start_up": _start_words,
+    "scrubbing": _scrub_words,
+    "live_frames": _live_words,
+    "holds": lambda found: _listed("longest hold of each action", found),
+}
 
 
 def start_up(runs: int = 5) -> dict[str, Any]:
     """Return the time from the first import to a usable window, ours and an empty one, side by side."""
     with TemporaryDirectory() as folder:
-        ours, empty = [], []
+        ours, demo, empty = [], [], []
         for _ in range(runs + 1):
             empty.append(_timed(EMPTY_WINDOW))
-            ours.append(_timed(OUR_WINDOW.format(folder=folder)))
-    a, b = statistics.median(ours[1:]), statistics.median(empty[1:])
-    return {"window_s": a, "empty_s": b, "ratio": a / b, "runs": runs}
+            ours.append(_timed(OUR_WINDOW.format(folder=folder, words=[])))
+            demo.append(_timed(OUR_WINDOW.format(folder=folder, words=["--demo"])))
+    a, b, c = (statistics.median(times[1:]) for times in (ours, empty, demo))
+    return {"window_s": a, "empty_s": b, "demo_s": c, "ratio": a / b, "runs": runs}
 
 
 def _timed(code: str) -> float:

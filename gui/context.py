@@ -7,10 +7,14 @@ from typing import Any
 
 from PySide6.QtCore import QObject, Signal
 
-from gui.jobs import Job, Jobs
+from gui.jobs import Job, Jobs, JobState
 from gui.matrices import Matrices
 from gui.models.fitted import FittedCamera
+from gui.models.history import History, Taken
+from gui.models.page import PAGES
 from gui.models.project import Project, ProjectState
+from gui.models.step import Step, step_of
+from lfcal.errors import LfcalError
 from lfcal.progress import Work
 from lfcal.psf import PSFMatrix
 
@@ -53,6 +57,8 @@ class Context(QObject):
         self.matrices.failed.connect(self.message.emit)
         self._closers: list[Callable[[], None]] = []
         self._fitted: FittedCamera | None = None
+        self.history = History()
+        jobs.finished.connect(self._remember)
         project.listen(self.state_changed.emit)
 
     @property
@@ -87,10 +93,12 @@ class Context(QObject):
         work: Callable[[], Work[Any]],
         on_done: Callable[[Any], None] | None = None,
         on_failed: Callable[[Job], None] | None = None,
+        *,
+        taken: Taken | None = None,
     ) -> int:
         """Run a job that writes the H file ``path``; closed meanwhile, it is read anew when the job has ended."""
         self.forget(path)
-        number = self.jobs.start(title, page, work, on_done, on_failed)
+        number = self.jobs.start(title, page, work, on_done, on_failed, taken=taken)
 
         def ended(job: Job) -> None:
             if job.number == number:
@@ -100,6 +108,32 @@ class Context(QObject):
 
         self.jobs.finished.connect(ended)
         return number
+
+    def taken(
+        self, page: str, title: str, out: str = "", step: Callable[[], Step] | None = None, *, draft: bool = False
+    ) -> Taken:
+        """Return what enters the history when something that begins now has ended well.
+
+        Parameters
+        ----------
+        page, title
+            Key of the page, and what it does.
+        out
+            The file or folder that it writes.
+        step
+            Makes the command; by default that of the page, for the project as it is now.
+        draft
+            Whether nothing of it is kept yet.
+        """
+        try:
+            made = step() if step is not None else step_of(PAGES.get(page), self.state, out)
+        except LfcalError as error:
+            return Taken(page, title, None, out, str(error), draft)
+        return Taken(page, title, made, out, draft=draft)
+
+    def _remember(self, job: Job) -> None:
+        if job.taken is not None and job.state is JobState.DONE:
+            self.history.add(job.taken)
 
     def on_close(self, closer: Callable[[], None]) -> None:
         """Call ``closer`` when the window closes and no thread is at work any more: devices and files are let go."""

@@ -9,18 +9,13 @@ from gui.models.project import ProjectState
 from gui.pages.frames.model import FrameSettings
 from lfcal.camera import ScanPlan
 from lfcal.cli.sample import sample_session
-from lfcal.progress import Work, drain
+from lfcal.progress import Work
 
-__all__ = ["demo_state", "iter_demo"]
-
-
-def demo_state(folder: Path) -> ProjectState:
-    """Return a project of the sample session with H assembled; ``folder`` keeps it for the next start."""
-    return drain(iter_demo(folder))
+__all__ = ["iter_demo"]
 
 
 def iter_demo(folder: Path) -> Work[ProjectState]:
-    """Return a project of the sample session; yields progress of its assembly, the first time."""
+    """Return a project of the sample session with H assembled, which ``folder`` keeps for the next start."""
     session = sample_session()
     plan = ScanPlan.from_json((session / "plan.json").read_text(encoding="utf-8"))
     target = folder / "sample_H.h5"

@@ -20,6 +20,7 @@ from PySide6.QtCore import QObject, QTimer, Signal
 
 from gui.garbage import Collector
 from gui.loads import Loads
+from gui.models.history import Taken
 from gui.workers import Workers, keep, wait_for, words_of
 from lfcal.errors import Cancelled
 from lfcal.progress import Progress, Work
@@ -57,6 +58,8 @@ class Job:
         Whether it was asked to stop; it may take a while to clean up.
     error, details
         One line in words, and the trace to copy, when failed.
+    taken
+        What it does as a step of the sitting's history, None if it is none.
     """
 
     number: int
@@ -68,6 +71,7 @@ class Job:
     stopping: bool = False
     error: str = ""
     details: str = ""
+    taken: Taken | None = field(default=None, repr=False)
     started: float = field(default_factory=time.monotonic)
 
     @property
@@ -120,14 +124,16 @@ class Jobs(QObject):
         *,
         abandon: bool = False,
         leave: bool = False,
+        taken: Taken | None = None,
     ) -> int:
         """Run ``work()`` in a thread of its own; return the job's number.
 
         ``abandon``: until its first record it only opens files, so that stopping it then need not wait for it.
         ``leave``: it writes nothing at all and may compute for long between two records; stopping never waits for it.
+        ``taken``: what enters the history if it ends well.
         """
         number = next(self._numbers)
-        job = Job(number, title, page)
+        job = Job(number, title, page, taken=taken)
         self._jobs[number] = job
         self._stops[number] = threading.Event()
         self._callbacks[number] = (on_done, on_failed)

@@ -52,8 +52,10 @@ class WindowMenus:
         self.redo = self._action(menu, "Redo", window.project.redo, QKeySequence.StandardKey.Redo)
         menu.addSeparator()
         self._action(menu, "Copy picture of the page", window.copy_page, "Ctrl+Shift+C")
-        self._action(menu, "Copy page as command", lambda: window.copy_step(), "Ctrl+Shift+K")
-        self._action(menu, "Copy page as Python", lambda: window.copy_step(python=True), "Ctrl+Shift+Y")
+        self._action(menu, "Copy page as command", lambda: window.scripts.copy_step(), "Ctrl+Shift+K")
+        self._action(menu, "Copy page as Python", lambda: window.scripts.copy_step(python=True), "Ctrl+Shift+Y")
+        self._action(menu, "Copy history as a script", lambda: window.scripts.copy_history(), "Ctrl+Shift+H")
+        self._action(menu, "Save history as a script …", lambda: window.scripts.save_history())
 
     def _view(self) -> None:
         window = self._window
@@ -63,7 +65,9 @@ class WindowMenus:
         menu.addSeparator()
         self._action(menu, "Command palette …", window.show_palette, "Ctrl+Shift+P")
         self._action(menu, "Light or dark", window.toggle_theme, "Ctrl+T")
-        menu.addAction(window.job_dock.toggleViewAction())
+        jobs = window.job_dock.toggleViewAction()
+        jobs.triggered.connect(window.keep_dock)
+        menu.addAction(jobs)
         menu.addAction(window.log_dock.toggleViewAction())
 
     def _tools(self) -> None:

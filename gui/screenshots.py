@@ -7,6 +7,7 @@ import os
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 SIZES = ((1280, 800), (1920, 1080))
 SETTLE_S = 0.5
@@ -25,14 +26,18 @@ def main(arguments: list[str] | None = None) -> int:
     os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
     from PySide6.QtWidgets import QApplication
 
-    from gui.app import make_window, parse
+    from gui.app import begin, make_window, parse
 
     options.out.mkdir(parents=True, exist_ok=True)
     app = QApplication.instance() or QApplication(["lfcal"])
     sizes = [tuple(int(n) for n in size.split("x")) for size in options.size] if options.size else list(SIZES)
-    window = make_window(app, parse(["--demo"]), folder=options.out / ".state")
+    demo = parse(["--demo"])
+    window = make_window(app, demo, folder=options.out / ".state")
     window.show()
+    begin(window, demo)
     try:
+        while window.jobs.busy:
+            wait(app, 0.1)
         for spec in window.specs:
             if options.page and spec.key not in options.page:
                 continue
@@ -44,15 +49,18 @@ def main(arguments: list[str] | None = None) -> int:
             wait(app, options.settle)
             for theme in options.theme or ("light", "dark"):
                 window.set_theme(theme)
-                for width, height in sizes:
-                    window.resize(width, height)
-                    wait(app, 0.6)
-                    path = options.out / f"{spec.key}_{theme}_{width}x{height}.png"
-                    window.grab().save(str(path), "PNG")
-                    print(path, f"{window.width()}x{window.height()}")
+                for size in sizes:
+                    _write(app, window, size, options.out / f"{spec.key}_{theme}_{size[0]}x{size[1]}.png")
     finally:
         window.shut_down()
     return 0
+
+
+def _write(app: object, window: Any, size: tuple[int, ...], path: Path) -> None:
+    window.resize(*size)
+    wait(app, 0.6)
+    window.grab().save(str(path), "PNG")
+    print(path, f"{window.width()}x{window.height()}")
 
 
 def wait(app: object, seconds: float) -> None:

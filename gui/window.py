@@ -29,9 +29,9 @@ from gui.manual import Manual
 from gui.menus import WindowMenus, page_key
 from gui.models.page import PAGES, PageSpec, PageState, available_pages, page_states
 from gui.models.project import Project, ProjectState
-from gui.models.step import step_of
 from gui.palette import Palette, doable
 from gui.project_files import ProjectFiles
+from gui.scripts import Scripts
 from gui.theme import DARK, LIGHT, apply_theme, current_theme, style_sheet
 from gui.tools import Tools
 from gui.widgets.naming import name_controls
@@ -41,6 +41,9 @@ from lfcal.errors import LfcalError
 __all__ = ["MainWindow"]
 
 SIZE = (1280, 800)
+DOCK_MS = 6000
+"""How long jobs that have ended well are still shown (ms)."""
+
 INI = QSettings.Format.IniFormat
 
 _MARKS = {
@@ -72,12 +75,12 @@ class MainWindow(QMainWindow):
         self.files = ProjectFiles(project, self.jobs, folder, self)
         self._attention: set[str] = set()
         self._manual: Manual | None = None
-        self._stopped = self._leaving = self._overdue = False
+        self._stopped = self._leaving = self._overdue = self._dock_opened = False
         self._pages: dict[str, BasePage] = {}
         self.specs = tuple(available_pages() if pages is None else pages)
         self._build_centre()
         self._build_docks()
-        self.tools = Tools(self, folder)
+        self.tools, self.scripts = Tools(self, folder), Scripts(self)
         self.menus = WindowMenus(self)
         self._style()
         self.context.state_changed.connect(self._state_changed)
@@ -139,6 +142,10 @@ class MainWindow(QMainWindow):
         self.resizeDocks([self.job_dock], [110], Qt.Orientation.Vertical)
         self.job_dock.hide()
         self.log_dock.hide()
+        self.dock_timer = QTimer(self)  # runs while the dock was opened for jobs that have all ended well
+        self.dock_timer.setSingleShot(True)
+        self.dock_timer.setInterval(DOCK_MS)
+        self.dock_timer.timeout.connect(self.job_dock.hide)
 
     # -- pages -----------------------------------------------------------------------------------------
     def page(self, key: str) -> BasePage:
@@ -200,9 +207,25 @@ class MainWindow(QMainWindow):
             self.log(f"{job.title}: {job.error}")
         if not job.active or job.progress is None:
             self._refresh()
-        if self.job_dock.isHidden():
+        if job.active and self.job_dock.isHidden():
+            self._dock_opened = True
             self.job_dock.show()
             self.job_dock.raise_()
+        self._leave_dock(job)
+
+    def keep_dock(self) -> None:
+        """Leave the jobs as they are: the user opened or closed them."""
+        self._dock_opened = False
+        self.dock_timer.stop()
+
+    def _leave_dock(self, job: Job) -> None:
+        """Give the room of the jobs back when they have ended well, unless the user wanted to see them."""
+        if job.active or job.state is JobState.FAILED:
+            self.dock_timer.stop()
+        if job.state is JobState.FAILED:
+            self._dock_opened = False  # its error stays to be read
+        elif self._dock_opened and not self.jobs.running_pages():
+            self.dock_timer.start()
 
     def _refresh(self) -> None:
         """Show what follows from the state: rail, title, undo."""
@@ -259,17 +282,6 @@ class MainWindow(QMainWindow):
         QApplication.clipboard().setPixmap(self.stack.currentWidget().grab())
         self.log("picture of the page copied")
 
-    def copy_step(self, *, python: bool = False) -> None:
-        """Put what the page does on the clipboard, as a command or as Python; say what it lacks."""
-        spec = self.specs[self.rail.currentRow()]
-        try:
-            step = step_of(spec, self.project.state)
-            QApplication.clipboard().setText(step.script() if python else step.shell())
-        except LfcalError as error:
-            self.log(f"{spec.title}: nothing copied; {error}")
-            return
-        self.log(f"{spec.title} copied as {'Python' if python else 'a command'}")
-
     def show_palette(self) -> None:
         """Offer everything that can be done here by its name."""
         Palette(self, doable(self.menuBar(), self.stack.currentWidget())).open()
@@ -290,7 +302,11 @@ class MainWindow(QMainWindow):
             self.files.open(Path(paths[0]))
             return
         shown = self.stack.currentWidget()
-        others = [spec.key for spec in self.specs if self._pages.get(spec.key) is not shown]
+        others = [
+            spec.key
+            for spec in self.specs
+            if self._pages.get(spec.key) is not shown and (spec.takes is None or all(map(spec.takes, paths)))
+        ]
         if isinstance(shown, BasePage) and shown.accept_drop(paths):
             return
         for key in others:

@@ -12,6 +12,7 @@ from typing import Any
 
 from gui.models.words import said_in_window
 from lfcal.errors import LfcalError
+from lfcal.files import storage_words
 
 __all__ = ["LOG", "Workers", "keep", "start_thread", "wait_for", "words_of"]
 
@@ -29,6 +30,8 @@ def words_of(error: BaseException) -> str:
         text = "memory: it does not suffice; close other programs, or choose something smaller"
     elif isinstance(error, LfcalError):
         text = said_in_window(text)
+    elif isinstance(error, OSError) and error.filename is not None:
+        text = storage_words(error, error.filename)
     else:
         text = f"{type(error).__name__}: {text}" if text else type(error).__name__
     return text if len(text) <= MAX_WORDS else f"{text[: MAX_WORDS - 2]} …"

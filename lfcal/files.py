@@ -25,6 +25,7 @@ __all__ = [
     "replace_whole",
     "require_space",
     "storage_errors",
+    "storage_words",
     "sweep_scratch",
     "system_error",
 ]
@@ -58,15 +59,20 @@ def storage_errors(path: Path) -> Iterator[None]:
     except StorageError:
         raise
     except (OSError, RuntimeError) as error:
-        number = system_error(error)
-        if number is None and not isinstance(error, OSError):
+        if system_error(error) is None and not isinstance(error, OSError):
             raise
-        known = None if number is None else os.strerror(number)
-        reason = known or getattr(error, "strerror", None) or " ".join(str(error).split())
-        if number is None and re.search(r"\d+ requested and \d+ written", reason):
-            # numpy's words; the system's number is lost
-            number, reason = errno.ENOSPC, "the disk took only a part of it"
-        raise StorageError(f"{path}: {reason}; {_REMEDIES.get(number or 0, 'check the disk and the path')}") from error
+        raise StorageError(storage_words(error, path)) from error
+
+
+def storage_words(error: OSError | RuntimeError, path: object) -> str:
+    """Return in one line what the operating system says about ``path``, and what to do."""
+    number = system_error(error)
+    known = None if number is None else os.strerror(number)
+    reason = known or getattr(error, "strerror", None) or " ".join(str(error).split())
+    if number is None and re.search(r"\d+ requested and \d+ written", reason):
+        # numpy's words; the system's number is lost
+        number, reason = errno.ENOSPC, "the disk took only a part of it"
+    return f"{path}: {reason}; {_REMEDIES.get(number or 0, 'check the disk and the path')}"
 
 
 def system_error(error: OSError | RuntimeError) -> int | None:

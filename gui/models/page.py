@@ -20,6 +20,7 @@ __all__ = [
     "available_pages",
     "dot",
     "file_state",
+    "nothing",
     "page_registry",
     "page_states",
 ]
@@ -81,6 +82,9 @@ class PageSpec:
         Draws the icon.
     keys
         Pairs of key and meaning, for the sheet of keyboard shortcuts.
+    takes
+        Whether the page may take a file or folder that was dropped elsewhere; it is made to ask it only then. None: it
+        is always asked.
     """
 
     key: str
@@ -92,6 +96,7 @@ class PageSpec:
     needs: str = ""
     icon: Callable[[Sketch], None] = dot
     keys: tuple[tuple[str, str], ...] = ()
+    takes: Callable[[str], bool] | None = None
 
     @property
     def name(self) -> str:
@@ -127,6 +132,11 @@ def _exists(module: str) -> bool:
         return importlib.util.find_spec(module) is not None
     except ModuleNotFoundError:
         return False
+
+
+def nothing(path: str) -> bool:
+    """Return that a page takes no file that is dropped elsewhere."""
+    return False
 
 
 def page_states(

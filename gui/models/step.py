@@ -46,12 +46,18 @@ class Step:
 
     def script(self) -> str:
         """Return a Python script."""
+        return "from pathlib import Path\n\n" + self.body()
+
+    def body(self) -> str:
+        """Return what follows the import of ``Path`` in a Python script."""
         texts = [f"Path({name!r}).write_text({text!r}, encoding='utf-8')\n" for name, text in self.files]
-        return "from pathlib import Path\n\n" + "".join(texts) + self.python.strip("\n") + "\n"
+        return "".join(texts) + self.python.strip("\n") + "\n"
 
 
-def step_of(spec: PageSpec, project: ProjectState) -> Step:
+def step_of(spec: PageSpec, project: ProjectState, out: str = "") -> Step:
     """Return what a page does with the project as it is: the function ``step`` of its module ``step``.
+
+    ``out`` is the file or folder that it writes; empty: one with a name such as ``H.h5``.
 
     Raises
     ------
@@ -61,7 +67,7 @@ def step_of(spec: PageSpec, project: ProjectState) -> Step:
     module = f"{spec.package}.step"
     if importlib.util.find_spec(module) is None:
         raise InputError(f"{spec.title}: this page has no command; its author may add one (step.py in its folder)")
-    found: Step = importlib.import_module(module).step(project)
+    found: Step = importlib.import_module(module).step(project, out)
     return found
 
 

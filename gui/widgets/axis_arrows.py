@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QWidget
 
 __all__ = ["AxisArrows"]
 
-WIDTH, HEIGHT, MARGIN = 164, 132, 14
+WIDTH, HEIGHT, MARGIN = 184, 132, 14
 MIDDLE, LENGTH = QPointF(82, 82), 24.0
 """Where the stage's arrows start from, and how long they are."""
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QComboBox, QFrame, QHBoxLayout, QLabel, QScrollArea, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QComboBox, QFrame, QHBoxLayout, QLabel, QScrollArea, QStackedWidget, QVBoxLayout, QWidget
 
-__all__ = ["card", "choice_box", "clear", "column_area", "heading", "line"]
+__all__ = ["card", "choice_box", "clear", "column_area", "heading", "line", "told_or_shown"]
 
 
 def heading(text: str) -> QLabel:
@@ -56,6 +56,18 @@ def choice_box(choices: Sequence[tuple[str, str]], tip: str = "") -> QComboBox:
         box.addItem(text, value)
     box.setToolTip(tip)
     return box
+
+
+def told_or_shown(words: str, content: QWidget) -> tuple[QLabel, QStackedWidget]:
+    """Return a label with ``words``, and the stack that shows it until there is something in ``content``."""
+    message = QLabel(words)
+    message.setAlignment(Qt.AlignmentFlag.AlignCenter)
+    message.setWordWrap(True)
+    message.setProperty("role", "hint")
+    stack = QStackedWidget()
+    stack.addWidget(message)
+    stack.addWidget(content)
+    return message, stack
 
 
 def line(*parts: QWidget | str, stretch: int = -1) -> QHBoxLayout:

@@ -19,6 +19,7 @@ from gui.theme import current_theme
 from gui.widgets.blank import Blank
 from gui.widgets.measuring import Measuring
 from gui.widgets.picture_menu import offer_menu, save_picture, save_values
+from gui.widgets.pixel_axis import count_pixels, pixel_axes
 from gui.widgets.plots import style_axes, theme_plot
 
 __all__ = ["ImageView"]
@@ -91,10 +92,9 @@ class ImageView(QWidget):
         self.graphics = pg.GraphicsLayoutWidget()
         self.graphics.setMinimumSize(120, 110)
         layout.addWidget(self.graphics)
-        self.plot: pg.PlotItem = self.graphics.addPlot(row=0, col=0)
+        self.plot: pg.PlotItem = self.graphics.addPlot(row=0, col=0, axisItems=pixel_axes(), enableMenu=False)
         self.plot.setAspectLocked(True)
         self.plot.invertY(True)
-        self.plot.setMenuEnabled(False)
         self.plot.hideButtons()
         style_axes(self.plot, xlabel, ylabel)
         self.item = pg.ImageItem(axisOrder="row-major")
@@ -150,6 +150,7 @@ class ImageView(QWidget):
         rows, columns = image.shape
         rect = QRectF(origin[1] - step / 2, origin[0] - step / 2, columns * step, rows * step)
         self.item.setRect(rect)
+        count_pixels(self.plot, image.shape, origin, step)
         self._show_bar(shown)
         if not keep_view or before != image.shape:
             self.plot.setRange(rect, padding=0.01)

@@ -13,6 +13,7 @@ from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from gui.models.display import colour_table, levels_of
 from gui.widgets.picture_menu import offer_menu
+from gui.widgets.pixel_axis import count_pixels, pixel_axes
 from gui.widgets.plots import style_axes, theme_plot
 
 __all__ = ["PeriodMap"]
@@ -39,10 +40,9 @@ class PeriodMap(QWidget):
         self.graphics = pg.GraphicsLayoutWidget()
         self.graphics.setMinimumSize(120, 110)
         layout.addWidget(self.graphics)
-        self.plot: pg.PlotItem = self.graphics.addPlot()
+        self.plot: pg.PlotItem = self.graphics.addPlot(axisItems=pixel_axes(), enableMenu=False)
         self.plot.setAspectLocked(True)
         self.plot.invertY(True)
-        self.plot.setMenuEnabled(False)
         self.plot.hideButtons()
         self.plot.setMouseEnabled(False, False)
         style_axes(self.plot, "position x (px)", "position y (px)")
@@ -66,6 +66,7 @@ class PeriodMap(QWidget):
         ny, nx = self._shape
         rect = QRectF(-0.5, -0.5, nx, ny)
         self.item.setRect(rect)
+        count_pixels(self.plot, self._shape)
         self.plot.setRange(rect, padding=0.02)
         y, x = np.nonzero(recorded == 0) if recorded is not None else (np.zeros(0), np.zeros(0))
         self.missing.setData(x, y)

@@ -22,8 +22,16 @@ PICTURES = "PNG (*.png);;SVG, lines stay lines (*.svg)"
 Entry = tuple[str, Callable[[], Any]]
 
 
-def offer_menu(widget: QWidget, name: Callable[[], str], entries: Callable[[], Sequence[Entry]] = lambda: ()) -> None:
-    """Give ``widget`` a menu: ``entries`` of its own, then copying and saving its picture under ``name()``."""
+def offer_menu(
+    widget: QWidget,
+    name: Callable[[], str],
+    entries: Callable[[], Sequence[Entry]] = lambda: (),
+    at: Callable[[QPoint], Sequence[Entry]] = lambda _: (),
+) -> None:
+    """Give ``widget`` a menu: ``entries`` of its own, then copying and saving its picture under ``name()``.
+
+    ``at`` returns those of what lies at a point of it.
+    """
 
     def show(position: QPoint) -> None:
         menu = QMenu(widget)
@@ -32,7 +40,7 @@ def offer_menu(widget: QWidget, name: Callable[[], str], entries: Callable[[], S
             ("Copy picture", lambda: copy_picture(widget)),
             ("Save picture …", lambda: save_picture(widget, name())),
         )
-        for text, action in (*entries(), *own):
+        for text, action in (*at(position), *entries(), *own):
             entry = QAction(text, menu)
             entry.triggered.connect(lambda _=False, action=action: action())
             menu.addAction(entry)

@@ -89,8 +89,7 @@ class LinePlot(QWidget):
         self.graphics = pg.GraphicsLayoutWidget()
         self.graphics.setMinimumSize(120, 110)
         layout.addWidget(self.graphics)
-        self.plot: pg.PlotItem = self.graphics.addPlot()
-        self.plot.setMenuEnabled(False)
+        self.plot: pg.PlotItem = self.graphics.addPlot(enableMenu=False)
         self.plot.hideButtons()
         self.plot.showGrid(x=True, y=True, alpha=0.15)
         if legend:

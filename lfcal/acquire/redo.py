@@ -43,8 +43,8 @@ class RedoList:
         given = tuple(reasons) + ("",) * (len(positions) - len(reasons))
         return cls(tuple(Position(*p) for p in positions), given, tuple(Position(*p) for p in kept_aside))
 
-    def write(self, path: Path) -> None:
-        """Write the list as JSON, whole or not at all."""
+    def to_json(self) -> str:
+        """Return the list as JSON text."""
         data = {
             "format": FORMAT,
             "version": VERSION,
@@ -53,8 +53,12 @@ class RedoList:
         }
         if self.kept_aside:
             data["kept_aside"] = [list(p) for p in self.kept_aside]
+        return json.dumps(data)
+
+    def write(self, path: Path) -> None:
+        """Write the list as JSON, whole or not at all."""
         with replace_whole(path) as part:
-            part.write_text(json.dumps(data), encoding="utf-8")
+            part.write_text(self.to_json(), encoding="utf-8")
 
     @classmethod
     def read(cls, path: Path) -> RedoList:

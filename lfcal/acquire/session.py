@@ -92,7 +92,7 @@ def iter_record(
     options = options or (earlier.options if earlier else Options())
     if earlier:
         earlier.check_same(plan, options, devices)  # before the lock, for the clearer message
-    Suspender(rig, options.bounds, options.steady_s)  # a gauge that is not there is told before anything is made
+    trouble = _trouble(folder, rig, options)  # a gauge that is not there is told before anything is made
     with _locked(folder):
         new = _new(SessionFile(uuid.uuid4().hex, plan, options, devices), only, kept_aside)
         file, first = _prepare(folder, rig, new, resume=resume, redo=redo)
@@ -102,7 +102,7 @@ def iter_record(
             file = yield from _repaired(folder, file, rig, options, found)
         outcome = Outcome("complete", 0, 0, 0.0)
         for run in range(first, len(file.recordings)):
-            watching = _Watching(control, preview, observers)
+            watching = _Watching(control, preview, observers, trouble)
             file, outcome = yield from _record_one(folder, file, run, rig, options, watching, found)
             if outcome.how != "complete":
                 break
@@ -221,11 +221,12 @@ def _create(folder: Path, file: SessionFile, run: int, rig: Rig, options: Option
 
 
 class _Watching(NamedTuple):
-    """Who steers a run and who sees its frames."""
+    """Who steers a run, who sees its frames, and what says why it should hold."""
 
     control: Control
     preview: Preview | None
     observers: tuple[Observer, ...]
+    trouble: Callable[[], str]
 
 
 @contextmanager
@@ -270,7 +271,6 @@ def _record_one(
             store,
             todo,
             **watching._asdict(),
-            trouble=_trouble(folder, rig, options),
             elapsed_s=store.elapsed_s,
             known=known_around(folder, _open_positions(file.plan, schedule, todo)) if not todo.all() or run else (),
             recorded={crc: position_at(flat, file.plan.period) for crc, flat in store.checksums().items()},

@@ -9,6 +9,7 @@ import pytest
 from pytestqt.qtbot import QtBot
 
 from gui.jobs import JOBS_S, LOADS_S, Job, Jobs, JobState
+from gui.workers import words_of
 from lfcal.errors import InputError
 from lfcal.progress import Progress
 from tests.gui.waiting import GUARD_MS
@@ -199,3 +200,11 @@ def test_a_job_asked_to_stop_says_so_at_once(jobs: Jobs, qtbot: QtBot) -> None:
     go_on.set()
     qtbot.waitUntil(lambda: not jobs.busy, timeout=GUARD_MS)
     assert row.status.text() == "stopped" and row.button.text() == "Dismiss" and row.button.isEnabled()
+
+
+def test_what_the_system_says_of_a_file_is_a_line_that_says_what_to_do() -> None:
+    """The window showed "NotADirectoryError: [Errno 20] …" with no remedy."""
+    told = words_of(NotADirectoryError(20, "Not a directory", "/data/H.h5/dark"))
+    assert told == "/data/H.h5/dark: Not a directory; a part of the path is a file; check the path"
+    assert "choose a folder you may write to" in words_of(PermissionError(13, "Permission denied", "/root/x"))
+    assert words_of(OSError("no number")) == "OSError: no number"

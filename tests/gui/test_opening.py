@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from PySide6.QtWidgets import QFileDialog, QMessageBox
+from PySide6.QtWidgets import QApplication, QFileDialog, QMessageBox
 from pytestqt.qtbot import QtBot
 
 import lfcal.psf
+from gui.app import begin, make_window, parse
 from gui.pages.psf.export_model import ExportIntent
 from gui.window import MainWindow
 from lfcal.psf import PSFMatrix, save
@@ -246,3 +247,18 @@ def test_what_cannot_be_written_is_one_line(
     for write in (page.panel.main_view.save_data, page.panel.main_view.save_picture, page.panel.profile.save_data):
         write(str(nowhere / "x.csv"))
     assert len(told) == 3 and all("\n" not in words and str(nowhere) in words for words in told)
+
+
+def test_the_sample_is_assembled_beside_the_window(qapp: QApplication, qtbot: QtBot, place: Path) -> None:
+    """``--demo`` showed no window until H was assembled."""
+    options = parse(["--demo"])
+    window = make_window(qapp, options, folder=place)
+    window.show()
+    assert window.isVisible() and not (place / "demo").exists() and window.project.state.name != "sample"
+    begin(window, options)
+    assert [job.page for job in window.jobs.jobs() if job.active] == ["sample"]
+    idle(window.jobs, qtbot)
+    assert window.project.state.name == "sample" and Path(window.project.state.psf).is_file()
+    window.shut_down()
+    window.close()
+    window.deleteLater()

@@ -1,41 +1,35 @@
 from __future__ import annotations
 
+import ctypes
+import gc
 import shutil
 import sys
+import threading
 import traceback
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PySide6.QtCore import QEvent
+from PySide6.QtWidgets import QApplication, QMessageBox
 from pytestqt.qtbot import QtBot
 
+from gui.app import make_window, parse
 from gui.models.project import ProjectState
 from gui.window import MainWindow
 from lfcal.camera import preset
 from lfcal.psf import PSFMatrix
 from lfcal.psf.store import save
-from tests.cli.conftest import SHAPE, small_plan, true_frame
+from tests.cli.conftest import small_plan
 from tests.gui.random_walk import Walk
+from tests.gui.recorded import write_recorded
 from tests.gui.waiting import GUARD_MS
 
 
 @pytest.fixture
 def files(tmp_path: Path) -> list[Path]:
     """Write files that are good, damaged and missing."""
-    import cv2
-
-    plan = small_plan()
-    session = tmp_path / "recorded"
-    for name in ("frames", "dark"):
-        (session / name).mkdir(parents=True)
-    rows = ["file,z,y,x"]
-    for z, y, x in np.ndindex(SHAPE):
-        name = f"z{z}_y{y}_x{x}.png"
-        cv2.imwrite(str(session / "frames" / name), true_frame(z, y, x) + np.uint16(100))
-        rows.append(f"{name},{z},{y},{x}")
-    (session / "frames" / "manifest.csv").write_text("\n".join(rows) + "\n")
-    cv2.imwrite(str(session / "dark" / "0.png"), np.full((40, 48), 100, np.uint16))
-    (session / "plan.json").write_text(plan.to_json())
+    plan, session = small_plan(), write_recorded(tmp_path / "recorded")
     good = tmp_path / "H.h5"
     rng = np.random.default_rng(3)
     save(PSFMatrix(rng.random((2, 3, 4, 9, 11), np.float32), depths=plan.depths_um, camera=plan.camera), good)
@@ -90,3 +84,35 @@ def test_a_random_walk_meets_no_wrong_state(
 def test_a_long_random_walk(window: MainWindow, qtbot: QtBot, files: list[Path], tmp_path: Path, seed: int) -> None:
     """20,000 actions in twenty windows."""
     walk(window, qtbot, files, tmp_path / "out", seed=100 + seed, steps=1000)
+
+
+def resident() -> int:
+    """Return the bytes of this process that are in memory, what is free given back first."""
+    gc.collect()
+    ctypes.CDLL("libc.so.6").malloc_trim(0)
+    words = Path("/proc/self/status").read_text().split()
+    return 1024 * int(words[words.index("VmRSS:") + 1])
+
+
+@pytest.mark.long
+@pytest.mark.skipif(sys.platform != "linux", reason="memory is read as Linux tells it")
+def test_memory_comes_back_and_windows_close(
+    qapp: QApplication, qtbot: QtBot, files: list[Path], place: Path, tmp_path: Path
+) -> None:
+    """A window that was walked in leaves within 20 % what the first one left, and closes when it is asked to."""
+    left = []
+    for round_ in range(3):
+        window = make_window(qapp, parse([]), folder=place)
+        window.show()
+        qtbot.waitExposed(window, timeout=GUARD_MS)
+        walk(window, qtbot, files, tmp_path / "out", seed=200 + round_, steps=400)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(QMessageBox, "question", lambda *_: QMessageBox.StandardButton.Discard)
+            assert window.close() and window.isHidden()
+        assert not [thread for thread in threading.enumerate() if "lfcal-job" in thread.name]
+        window.deleteLater()
+        del window
+        QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
+        left.append(resident())
+    print("left in memory (MB):", [round(bytes_ / 1e6) for bytes_ in left])
+    assert left[-1] <= 1.2 * left[0]

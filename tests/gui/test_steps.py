@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+import subprocess
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,14 +17,19 @@ from pytestqt.qtbot import QtBot
 from typer.main import get_command
 from typer.testing import CliRunner
 
+from gui.models.history import History, Taken
 from gui.models.page import PAGES
 from gui.models.project import ProjectState
 from gui.models.step import Step, step_of
 from gui.pages.acquire.model import AcquireSettings
+from gui.pages.acquire.step import assembled
+from gui.pages.acquire.step import step as recording_step
 from gui.pages.fit.model import FitSettings
 from gui.pages.frames.model import FrameSettings
 from gui.pages.multiplex.model import MultiplexSettings
+from gui.pages.psf.export_model import ExportIntent
 from gui.pages.quality.model import QualitySettings
+from gui.pages.quality.step import compared
 from gui.pages.reconstruct.model import ReconstructSettings
 from gui.pages.simulate.model import SimulateSettings
 from gui.palette import Palette
@@ -31,8 +37,10 @@ from gui.window import MainWindow
 from lfcal.camera import ScanPlan
 from lfcal.cli.app import build_app
 from lfcal.errors import InputError
+from lfcal.frames.corrections.recipe import CorrectionRecipe
 from lfcal.psf import PSFMatrix, export, open_psf
 from tests.acquire.rigs import small_plan
+from tests.gui.waiting import idle
 
 PLAN = small_plan((3, 4), 2, settle_s=0.0)
 SPECS = {spec.key: spec for spec in PAGES}
@@ -172,12 +180,12 @@ def test_a_reconstruction_runs(project: ProjectState) -> None:
 def test_the_window_copies_what_a_page_does(window: MainWindow) -> None:
     clipboard = QApplication.clipboard()
     window.go("camera")
-    window.copy_step()
+    window.scripts.copy_step()
     assert clipboard.text().endswith("lfcal camera show lfcal-camera.json\n")
-    window.copy_step(python=True)
+    window.scripts.copy_step(python=True)
     assert "Camera.from_json" in clipboard.text()
     window.go("quality")
-    window.copy_step()
+    window.scripts.copy_step()
     assert "H: expected one, got none" in window.log_view.toPlainText() and "Camera" in clipboard.text()
 
 
@@ -203,3 +211,81 @@ def test_the_palette_finds_menus_and_buttons_and_does_them(window: MainWindow, q
     qtbot.keyClick(palette.line, Qt.Key.Key_Return)
     assert palette.isVisible() and palette.list.count() == 0
     palette.reject()
+
+
+# -- history -----------------------------------------------------------------------------------------------
+def test_history_is_a_script_that_runs(
+    window: MainWindow, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Simulate, export and save through the window; the same files come from the script of it."""
+    monkeypatch.chdir(tmp_path)
+    window.scripts.save_history(str(tmp_path / "early.sh"))
+    assert not (tmp_path / "early.sh").exists() and "nothing saved" in window.log_view.toPlainText()
+    plan = replace(PLAN, period=(3, 4), resample=False)
+    settings = {"simulate": SimulateSettings(tolerance=0.2, overrides=(("coma", "off"),)).to_dict()}
+    window.project.start(ProjectState(camera=plan.camera, plan=plan, settings=settings))
+    pages: dict[str, Any] = {key: window.page(key) for key in ("simulate", "psf", "plan", "quality")}
+    pages["plan"].save_file(str(tmp_path / "my plan.json"))
+    pages["simulate"].simulate("sim.h5")
+    idle(window.jobs, qtbot)
+    pages["psf"].export("H.npy")
+    pages["psf"]._start_export("T.mat", ExportIntent(include_transpose=False, compress=False))
+    idle(window.jobs, qtbot)
+    window.project.update("other", plan=None)  # the history is of what was done then
+    assert [one.title for one in window.context.history.taken] == [
+        "Save plan my plan.json", "Simulate sim.h5", "Export H.npy", "Export T.mat",
+    ]  # fmt: skip
+    window.go("simulate")
+    window.scripts.copy_history()
+    shell = QApplication.clipboard().text()
+    assert "lfcal export sim.h5 --out=T.mat --no-ht --uncompressed" in shell
+    assert "set -e" in shell and "--out=sim.h5" in shell
+    window.scripts.save_history(str(tmp_path / "again.py"))
+    made = [tmp_path / name for name in ("sim.h5", "H.npy", "T.mat", "my plan.json")]
+    before = np.load("H.npy")
+    window.shut_down()
+    for path in made:
+        path.unlink()
+    for step in (one.step for one in window.context.history.taken):
+        assert step is not None
+        run(step)
+    assert all(path.is_file() for path in made)
+    np.testing.assert_array_equal(np.load("H.npy"), before)
+    for path in made:
+        path.unlink()
+    exec(compile((tmp_path / "again.py").read_text(), "again", "exec"), {})
+    assert all(path.is_file() for path in made)
+    np.testing.assert_array_equal(np.load("H.npy"), before)
+
+
+def test_the_script_of_a_history_is_read_by_a_shell(project: ProjectState) -> None:
+    history = History()
+    history.add(Taken("camera", "Save\ncamera", step_of(SPECS["camera"], project)))
+    history.add(Taken("fit", "Fit H.h5", step_of(SPECS["fit"], project), draft=True))
+    history.add(Taken("fit", "Fit H.h5", step_of(SPECS["fit"], project, "my fit"), "my fit"))
+    history.add(Taken("simulate", "Frames", None, why="it has none"))
+    assert history.latest("fit") == "my fit" and len(history.taken) == 3
+    found = subprocess.run(["sh", "-n"], input=history.shell(), capture_output=True, text=True)
+    assert found.returncode == 0, found.stderr
+    assert "# Save camera\n" in history.shell() and "# Frames (no command: it has none)\n" in history.shell()
+    compile(history.python(), "history", "exec")
+
+
+def test_a_copied_command_has_the_names_that_were_written(window: MainWindow, project: ProjectState) -> None:
+    window.project.start(replace(project, psf="", light_field=""))
+    window.context.history.add(window.context.taken("frames", "Assemble mine.h5", "/data/mine.h5"))
+    window.go("frames")
+    window.scripts.copy_step()
+    assert "--out=/data/mine.h5" in QApplication.clipboard().text()
+
+
+def test_recordings_that_go_on_and_comparisons_are_commands(project: ProjectState) -> None:
+    again = recording_step(project, "s", redo=[(0, 1, 2)])
+    read = parsed(again.arguments)
+    assert (read["redo"], str(read["out"])) == (Path("lfcal-redo.json"), "s") and len(again.files) == 2
+    assert parsed(recording_step(project, "s", resume=True).arguments)["resume"]
+    white = assembled("s", "H.h5", None, CorrectionRecipe(white=Path("s/white"), dark=Path("s/dark")))
+    assert parsed(white.arguments)["white"] == Path("s/white")
+    assert parsed(compared("a.h5", "b.h5", "report", by_number=True).arguments)["by_number"]
+    for step in (again, white, compared("a.h5", "b.h5", "r")):
+        compile(step.script(), "step", "exec")

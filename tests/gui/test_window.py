@@ -31,27 +31,16 @@ from gui.pages.frames.model import FrameSettings
 from gui.theme import DARK, LIGHT, current_theme
 from gui.window import MainWindow
 from lfcal.camera import preset
-from tests.cli.conftest import SHAPE, small_plan, true_frame
+from lfcal.errors import InputError
+from lfcal.progress import Progress, Work
+from tests.cli.conftest import true_frame
+from tests.gui.recorded import write_recorded
 from tests.gui.waiting import GUARD_MS, idle
 
 
 @pytest.fixture
 def recorded(tmp_path: Path) -> Path:
-    """Record a session folder with frames, dark and plan."""
-    import cv2
-
-    folder = tmp_path / "recorded"
-    for name in ("frames", "dark"):
-        (folder / name).mkdir(parents=True)
-    rows = ["file,z,y,x"]
-    for z, y, x in np.ndindex(SHAPE):
-        name = f"z{z}_y{y}_x{x}.png"
-        cv2.imwrite(str(folder / "frames" / name), true_frame(z, y, x) + np.uint16(100))
-        rows.append(f"{name},{z},{y},{x}")
-    (folder / "frames" / "manifest.csv").write_text("\n".join(rows) + "\n")
-    cv2.imwrite(str(folder / "dark" / "0.png"), np.full((40, 48), 100, np.uint16))
-    (folder / "plan.json").write_text(small_plan().to_json())
-    return folder
+    return write_recorded(tmp_path / "recorded")
 
 
 def test_a_whole_sitting(window: MainWindow, qtbot: QtBot, recorded: Path, tmp_path: Path) -> None:
@@ -192,6 +181,18 @@ def test_dropped_files_find_their_page(window: MainWindow, tmp_path: Path, qtbot
     assert "no page takes" in window.log_view.toPlainText()
 
 
+def test_a_file_that_no_page_takes_makes_no_page(window: MainWindow, tmp_path: Path) -> None:
+    """Every page was made to be asked, which took seconds."""
+    (tmp_path / "notes.docx").write_bytes(b"x")
+    for paths in (["notes.docx"], ["a.docx", "b.docx"], ["gone"]):
+        window.take_files([str(tmp_path / path) for path in paths])
+        assert "no page takes" in window.log_view.toPlainText().splitlines()[-1]
+    assert set(window._pages) == {window.specs[0].key}
+    np.save(tmp_path / "H.npy", np.ones((1, 2, 2, 3, 3), np.float32))
+    window.take_files([str(tmp_path / "H.npy")])
+    assert set(window._pages) == {window.specs[0].key, "psf"}
+
+
 def test_a_failing_job_speaks_in_words(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:
     np.save(tmp_path / "H.npy", np.ones((1, 2, 2, 3, 3), np.float32))
     window.project.update("open", psf=str(tmp_path / "H.npy"))
@@ -313,3 +314,28 @@ def test_events_do_not_leak_references_to_none(qapp: QApplication, qtbot: QtBot)
     for _ in range(2000):
         QApplication.sendEvent(widget, QCloseEvent())
     assert sys.getrefcount(None) > before - 500
+
+
+def test_the_jobs_give_their_room_back_when_they_ended_well(window: MainWindow, qtbot: QtBot) -> None:
+    """A job that was done kept the dock open for good."""
+
+    def work(error: str = "") -> Work[int]:
+        yield Progress(0, 1, "at it")
+        if error:
+            raise InputError(error)
+        return 1
+
+    dock = window.job_dock
+    window.jobs.start("well", "plan", work)
+    assert dock.isVisible()
+    qtbot.waitUntil(lambda: window.dock_timer.isActive(), timeout=GUARD_MS)
+    window.dock_timer.timeout.emit()
+    assert dock.isHidden()
+    window.jobs.start("badly", "plan", lambda: work("no"))
+    idle(window.jobs, qtbot)
+    assert dock.isVisible() and not window.dock_timer.isActive(), "an error stays to be read"
+    dock.hide()
+    dock.toggleViewAction().trigger()
+    window.jobs.start("again", "plan", work)
+    idle(window.jobs, qtbot)
+    assert dock.isVisible() and not window.dock_timer.isActive(), "the user opened it"

@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from gui.models.page import PageSpec, PageState, Sketch, file_state
+from gui.models.page import PageSpec, PageState, Sketch, file_state, nothing
 from gui.models.project import ProjectState
 
 __all__ = ["PAGE"]
@@ -35,5 +35,6 @@ PAGE = PageSpec(
     state=state,
     needs="lfcal.accuracy",
     icon=icon,
+    takes=nothing,
     keys=(("F5", "measure"), ("Esc", "stop measuring")),
 )

@@ -6,7 +6,7 @@ import math
 from collections.abc import Collection, Mapping
 
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
-from PySide6.QtWidgets import QComboBox, QFrame, QHBoxLayout, QLabel, QListWidget, QListWidgetItem, QWidget
+from PySide6.QtWidgets import QComboBox, QFrame, QHBoxLayout, QLabel, QListWidget, QListWidgetItem, QSizePolicy, QWidget
 
 from gui.pages.accuracy.chart import ParetoChart
 from gui.pages.accuracy.model import FIELDS, AccuracySettings, axis_labels, points_of, words_of
@@ -49,8 +49,9 @@ class AccuracyPanel(QWidget):
             item.setData(Qt.ItemDataRole.UserRole, place.name)
             item.setToolTip(f"Error: {place.error}.\nCost: {place.cost}.")
             self.places.addItem(item)
-        height = self.places.sizeHintForRow(0) * self.places.count() + 2 * self.places.frameWidth() + 4
-        self.places.setFixedHeight(height)
+        # as high as its rows are when they are styled
+        self.places.setSizeAdjustPolicy(QListWidget.SizeAdjustPolicy.AdjustToContents)
+        self.places.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
         self.places.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.places.currentItemChanged.connect(self._place_changed)
         column.addWidget(self.places)

@@ -9,7 +9,7 @@ from gui.pages.accuracy.model import AccuracySettings
 __all__ = ["step"]
 
 
-def step(project: ProjectState) -> Step:
+def step(project: ProjectState, out: str = "") -> Step:
     """Return how the place that is looked at is measured."""
     chosen = AccuracySettings.of(project)
     by_plan = chosen.subject == "plan"

@@ -1,7 +1,7 @@
 """Acquire: set the devices up, record a session, see at once whether it is good.
 
 - ``page``: two tabs over one set of devices
-- ``setup_tab``, ``record_tab``: what each tab does; ``after``: what is made of a session
+- ``setup_tab``, ``record_tab``: what each tab does; ``moves``: of the stage; ``after``: what is made of a session
 - ``panel``, ``setup_panel``, ``record_panel``, ``error_view``, ``device_panel``, ``stage_panel``: their widgets
 - ``model``: settings; ``model_live``: the live view; ``model_findings``: what a few moves tell;
   ``model_stills``: white and dark frames;
@@ -10,6 +10,8 @@
 """
 
 from __future__ import annotations
+
+from pathlib import Path
 
 from gui.models.page import PageSpec, PageState, Sketch, file_state
 from gui.models.project import ProjectState
@@ -30,6 +32,11 @@ def icon(sketch: Sketch) -> None:
     sketch.circle(11, 11, 3, filled=True)
 
 
+def takes(path: str) -> bool:
+    """Return whether a folder is that of a session."""
+    return (Path(path) / "session.json").is_file()
+
+
 PAGE = PageSpec(
     "acquire",
     "Acquire",
@@ -39,4 +46,12 @@ PAGE = PageSpec(
     state=state,
     needs="lfcal.acquire",
     icon=icon,
+    takes=takes,
+    keys=(
+        ("Ctrl+G", "type a position for the stage"),
+        ("Ctrl+← → ↑ ↓", "move the stage by a step in x, y"),
+        ("Ctrl+Shift+↑ ↓", "move the stage by a step in z"),
+        ("Esc", "stop the stage"),
+        ("F5", "live view on, off"),
+    ),
 )

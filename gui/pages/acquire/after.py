@@ -9,6 +9,7 @@ from PySide6.QtWidgets import QWidget
 
 from gui.context import Context
 from gui.pages.acquire.model_stills import recipe_of
+from gui.pages.acquire.step import assembled
 from gui.saving import ask_target, may_replace
 
 __all__ = ["Afterwards"]
@@ -44,12 +45,16 @@ class Afterwards:
         from lfcal.acquire.finish import iter_assemble_session
 
         folder = Path(self.context.state.recording)
+        recipe = recipe_of(folder)
         self.context.start_writing(
             f"Assemble {out.name}",
             "acquire",
             str(out),
-            lambda: iter_assemble_session(folder, out, planes=planes, recipe=recipe_of(folder)),
+            lambda: iter_assemble_session(folder, out, planes=planes, recipe=recipe),
             lambda report: self._assembled(report, page, found),
+            taken=self.context.taken(
+                "acquire", f"Assemble {out.name}", step=lambda: assembled(str(folder), str(out), planes, recipe)
+            ),
         )
 
     def _assembled(self, report: Any, page: str, found: Any) -> None:

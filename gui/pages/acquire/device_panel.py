@@ -46,7 +46,7 @@ class DevicePanel(QWidget):
         self.button.clicked.connect(self._pressed)
         self.button.setEnabled(False)
         frame, column = card("Devices")
-        column.addLayout(line("Camera", self.backend, stretch=1))
+        column.addWidget(self.backend)  # its names are long
         column.addLayout(line(self.stage_label, self.stage, stretch=1))
         column.addWidget(self.reason)
         column.addWidget(self.options_box)
@@ -60,6 +60,7 @@ class DevicePanel(QWidget):
     def _make_choices(self) -> None:
         policy = QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon
         self.backend = QComboBox()
+        self.backend.setAccessibleName("camera")
         self.backend.setToolTip("Driver of the camera; one that is not available says why")
         self.backend.setMinimumContentsLength(10)
         self.backend.setSizeAdjustPolicy(policy)

@@ -14,6 +14,7 @@ __all__ = ["FaultPanel"]
 
 MOST = 1_000_000
 HINT = "Try what a fault does before it happens: they strike the next time the simulator is connected."
+NOW = "The simulator is connected: a fault strikes so many calls from now, also while it records."
 
 
 class FaultPanel(QWidget):
@@ -23,13 +24,17 @@ class FaultPanel(QWidget):
     -------
     edited(text)
         The faults changed; ``text`` is the simulator's option ``faults``.
+    injected(fault)
+        A fault is to strike the simulator that is connected, counted from now.
     """
 
     edited = Signal(str)
+    injected = Signal(object)
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._faults: list[Fault] = []
+        self._connected = False
         self.kind = choice_box(KINDS, "What goes wrong")
         self.kind.setAccessibleName("kind of fault")
         self.kind.currentIndexChanged.connect(lambda _: self._count())
@@ -75,21 +80,32 @@ class FaultPanel(QWidget):
             self._faults = faults
             self._show()
 
-    def set_connected(self, connected: bool) -> None:
-        """Faults are of devices that are not connected yet."""
-        self.hint.setText("The simulator is connected: disconnect to change its faults." if connected else HINT)
-        for widget in (self.kind, self.at, self.times, self.add, self.list):
-            widget.setEnabled(not connected)
+    def set_connected(self, connected: bool, *, busy: bool = False) -> None:
+        """Faults of the list are of devices that are not connected yet; of those that are, one strikes from now on."""
+        if connected != self._connected:
+            self._connected = connected
+            self.hint.setText(NOW if connected else HINT)
+            self.add.setText("Strike" if connected else "Add")
+            self.add.setToolTip("Let this fault happen now" if connected else "Add this fault to the list")
+            self._count()
+        for widget in (self.kind, self.at, self.times, self.add):
+            widget.setEnabled(not busy)
+        self.list.setEnabled(not (connected or busy))
         self._enable()
 
     # -- inside ----------------------------------------------------------------------------------------
     def _count(self) -> None:
         counted = COUNTED[self.kind.currentData()]
-        self.counted.setText(f". {counted}")
-        self.at.setToolTip(f"The {counted} at which it begins, counted from 0")
+        self.counted.setText(f". {counted} from now" if self._connected else f". {counted}")
+        since = "now on" if self._connected else "connecting on"
+        self.at.setToolTip(f"The {counted} at which it begins, counted from 0, from {since}")
 
     def _add(self) -> None:
         fault = Fault(self.kind.currentData(), self.at.value(), self.times.value())
+        if self._connected:
+            self.hint.setText(f"{NOW}\nLast: {fault_words(fault, now=True)}")
+            self.injected.emit(fault)
+            return
         self._changed([*self._faults, fault])
 
     def _remove(self) -> None:

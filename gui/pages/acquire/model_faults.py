@@ -43,8 +43,9 @@ KINDS = tuple((kind, _SAID.get(kind, kind)) for kind in FAULTS)
 """Pairs of kind and words, for a list."""
 
 
-def fault_words(fault: Fault) -> str:
-    """Return a fault in a line."""
+def fault_words(fault: Fault, *, now: bool = False) -> str:
+    """Return a fault in a line; ``now``: its calls are counted from now."""
     counted = COUNTED[fault.kind]
     last = f" to {fault.at + fault.times - 1}" if fault.times > 1 else ""
-    return f"{counted} {fault.at}{last}: {_SAID.get(fault.kind, fault.kind)}"
+    after = " from now" if now else ""
+    return f"{counted} {fault.at}{last}{after}: {_SAID.get(fault.kind, fault.kind)}"

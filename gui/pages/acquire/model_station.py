@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+import re
 import threading
 import time
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -18,10 +19,11 @@ from lfcal.acquire.setup.live import LiveState, iter_live
 from lfcal.camera import ScanPlan
 from lfcal.devices.errors import LimitError, StageError
 from lfcal.devices.protocols import Limits, Point, Rig
+from lfcal.devices.simulated.faults import Fault
 from lfcal.errors import InputError
 from lfcal.progress import Work
 
-__all__ = ["Look", "Station", "in_limits", "open_station", "with_defaults"]
+__all__ = ["Look", "Station", "in_limits", "open_station", "read_target", "with_defaults"]
 
 R = TypeVar("R")
 MOVE_TIMEOUT_S = 60.0
@@ -115,12 +117,24 @@ class Station:
             clock.sleep(SETTLE_S)
             return stage.position()
 
+    def move_axes(self, target: Sequence[float | None]) -> Point:
+        """Move to ``target`` (µm), an axis of None staying where it is, and return the read-back."""
+        here = self.position()
+        x, y, z = (now if wanted is None else wanted for now, wanted in zip(here, target, strict=True))
+        return self.move((x, y, z))
+
     def jog(self, axis: int, by_um: float) -> Point:
         """Move one axis (0, 1, 2: x, y, z) by a step (µm) and return the read-back."""
         with self._lock:
             here = list(self.rig.stage.position())
         here[axis] += by_um
         return self.move((here[0], here[1], here[2]))
+
+    def inject(self, fault: Fault) -> None:
+        """Let a fault strike the simulator so many calls from now; also while a session uses it."""
+        from lfcal.devices.simulated.backend import inject
+
+        inject(self.rig, fault)
 
     def use(self, work: Work[R]) -> Work[R]:
         """Run ``work`` on the rig, alone; the live view begins anew afterwards."""
@@ -166,6 +180,29 @@ def open_station(plan: ScanPlan, backend: str, options: Mapping[str, str], stage
         rig.close()
         raise
     return Station(rig, backend, plan.camera.sensor.shape)
+
+
+def read_target(words: str, limits: Limits) -> tuple[float | None, ...]:
+    """Return the position (µm) that ``x, y, z`` says; an axis left empty, as in ``, , 1200``, stays where it is.
+
+    Raises
+    ------
+    InputError
+        If it is no position, or lies beyond the limits.
+    """
+    parts = [part.strip() for part in re.split("[,;]", words)] if re.search("[,;]", words) else words.split()
+    try:
+        target = tuple(float(part) if part else None for part in parts)
+    except ValueError:
+        target = ()
+    if len(target) != 3 or all(value is None for value in target):
+        raise InputError.expected(
+            "position of the stage", "x, y, z in µm such as 100, -20, 1500 (empty: stays)", repr(words), "correct it"
+        )
+    middles = [(low + high) / 2 for low, high in limits]
+    x, y, z = (middle if value is None else value for value, middle in zip(target, middles, strict=True))
+    in_limits((x, y, z), limits)
+    return target
 
 
 def in_limits(target: Point, limits: Limits) -> None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from gui.pages.acquire.model_station import Station
 from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
-from lfcal.files import replace_whole
+from lfcal.files import check_writable, replace_whole
 from lfcal.frames.corrections.recipe import CorrectionRecipe
 from lfcal.progress import Clock, Work
 
@@ -77,7 +77,12 @@ def iter_stills(station: Station, plan: ScanPlan, exposure_s: float, folder: Pat
     ------
     InputError
         If white frames are dim, saturated or not lit everywhere, or dark frames are not dark.
+    StorageError
+        Before any is taken, if they cannot be written there.
     """
+    files = still_files(folder, kind)
+    for path in files:
+        check_writable(path)
     clock, frames = Clock(f"{kind} frames", COUNT), []
     light = station.rig.light if kind == "dark" else None
     take = _taker(station, plan, exposure_s, kind)
@@ -91,8 +96,6 @@ def iter_stills(station: Station, plan: ScanPlan, exposure_s: float, folder: Pat
         if light is not None:
             light.switch(True)
     level = _checked(np.mean(frames, axis=0, dtype=np.float64), plan, kind)
-    files = still_files(folder, kind)
-    files[0].parent.mkdir(parents=True, exist_ok=True)
     for path, frame in zip(files, frames, strict=True):
         with replace_whole(path) as part:
             tifffile.imwrite(part, frame)

@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from gui.base_page import BasePage
 from gui.context import Context
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
+from gui.pages.acquire import takes
 from gui.pages.acquire.model import AcquireSettings
 from gui.pages.acquire.panel import AcquirePanel
 from gui.pages.acquire.record_tab import RecordTab
 from gui.pages.acquire.setup_tab import SetupTab
 
 __all__ = ["Page"]
+
+JOGS = (
+    ("Ctrl+Left", 0, -1),
+    ("Ctrl+Right", 0, 1),
+    ("Ctrl+Down", 1, -1),
+    ("Ctrl+Up", 1, 1),
+    ("Ctrl+Shift+Down", 2, -1),
+    ("Ctrl+Shift+Up", 2, 1),
+)
+"""Keys, the axis that they move by a step, and its sense."""
 
 FOLLOWED = ("plan", "camera", "recording", "redo")
 
@@ -28,6 +37,7 @@ class Page(BasePage):
         self.record = RecordTab(context, self.setup, self.panel.record, self)
         self.record.ended.connect(lambda: self._show(context.state, folder=False))
         self.set_panel(self.panel)
+        self._add_shortcuts()
         self.theme_changed.connect(self.panel.apply_theme)
         self._show(context.state, folder=True)
 
@@ -48,13 +58,25 @@ class Page(BasePage):
         self.show_body()
         self.setup.show_state(state)
 
+    def _add_shortcuts(self) -> None:
+        stage = self.panel.setup.stage
+        for keys, axis, sign in JOGS:
+            self.shortcut(keys, lambda axis=axis, sign=sign: stage.press(axis, sign))
+        self.shortcut("Ctrl+G", self._type_target)
+        self.shortcut("Esc", stage.stop.click)
+        self.shortcut("F5", self.panel.setup.live.click)
+
+    def _type_target(self) -> None:
+        self.panel.setCurrentWidget(self.panel.setup)
+        self.panel.setup.stage.type_target()
+
     def entered(self) -> None:
         """Look for devices the first time."""
         self.setup.entered()
 
     def accept_drop(self, paths: list[str]) -> bool:
         """Take a dropped session folder."""
-        if len(paths) == 1 and (Path(paths[0]) / "session.json").is_file():
+        if len(paths) == 1 and takes(paths[0]):
             self.record.set_folder(paths[0])
             self.panel.setCurrentWidget(self.panel.record)
             return True

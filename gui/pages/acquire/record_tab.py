@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from gui.pages.acquire.model_until import check_goal, error_curve
 from gui.pages.acquire.record_panel import RecordPanel
 from gui.pages.acquire.setup_tab import SetupTab
 from gui.pages.acquire.status import end_words, progress_words
+from gui.pages.acquire.step import step
 from lfcal.errors import LfcalError, StorageError
 from lfcal.units import format_length
 
@@ -232,10 +234,16 @@ class RecordTab(QObject):
             self._refuse(str(error))
             return
         self.recorder = recorder
+        recorded = partial(step, state, str(folder), resume=resume, redo=again)
         self.context.attention.emit("acquire", False)
         self._set_job(
             self.context.jobs.start(
-                f"Record {folder.name}", "acquire", lambda: recorder.work(station), self._recorded, self._failed
+                f"Record {folder.name}",
+                "acquire",
+                lambda: recorder.work(station),
+                self._recorded,
+                self._failed,
+                taken=self.context.taken("acquire", f"Record {folder.name}", str(folder), recorded),
             )
         )
         self.poll_timer.start()

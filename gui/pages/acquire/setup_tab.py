@@ -14,12 +14,15 @@ from gui.context import Context
 from gui.jobs import Job, JobState
 from gui.models.project import ProjectState
 from gui.pages.acquire import model_findings as findings
-from gui.pages.acquire.model import AcquireSettings, target_of
+from gui.pages.acquire.model import AcquireSettings
+from gui.pages.acquire.model_faults import fault_words
 from gui.pages.acquire.model_live import LivePicture, live_picture, stage_arrows
 from gui.pages.acquire.model_station import Station, open_station, with_defaults
 from gui.pages.acquire.model_stills import ASKED, KINDS, iter_stills, still_files
+from gui.pages.acquire.moves import StageMoves
 from gui.pages.acquire.setup_panel import FINDINGS, SetupPanel
 from gui.saving import may_replace
+from lfcal.devices.simulated.faults import Fault
 from lfcal.errors import LfcalError
 from lfcal.psf import PSFMatrix
 
@@ -50,8 +53,7 @@ class SetupTab(QObject):
         """Whether a session is being recorded."""
         self.connecting = False
         self._job = 0
-        self._moves: list[Callable[[], Any]] = []
-        self._moving = self._looked_for = False
+        self._looked_for = False
         self._then: Callable[[], None] | None = None
         self.live_timer = QTimer(self)
         self.live_timer.setSingleShot(True)
@@ -59,14 +61,15 @@ class SetupTab(QObject):
         self.live_timer.timeout.connect(self._look)
         panel.devices.edited.connect(self._devices_edited)
         panel.faults.edited.connect(self._faults_edited)
+        panel.faults.injected.connect(self._inject)
         panel.devices.connect_asked.connect(self.connect_devices)
         panel.devices.disconnect_asked.connect(self.disconnect_devices)
         panel.live_toggled.connect(self._live_toggled)
         panel.find_asked.connect(self.find)
         panel.use_asked.connect(self.use)
-        panel.stage.jogged.connect(self.jog)
-        panel.stage.plane_asked.connect(self.go_plane)
-        panel.stage.stop_asked.connect(self._stop_move)
+        self.moves = StageMoves(context, panel.stage, lambda: self.station, self)
+        self.moves.refused.connect(self._refused)
+        self.moves.plane_reached.connect(self._plane_reached)
         context.jobs.finished.connect(self._job_finished)
         context.on_close(self._close_station)
 
@@ -98,7 +101,7 @@ class SetupTab(QObject):
         """Enable what can be used now."""
         connected = self.station is not None
         self.panel.set_connected(connected, free=self.free)
-        self.panel.faults.set_connected(connected or self.connecting)
+        self.panel.faults.set_connected(connected, busy=self.connecting)
         if connected:
             self.panel.devices.set_free(self.free)
         if self.free and connected:
@@ -116,6 +119,12 @@ class SetupTab(QObject):
         others = tuple(pair for pair in chosen.device_options if pair[0] != "faults")
         options = (*others, ("faults", text)) if text else others
         self.context.project.update("faults", settings=replace(chosen, device_options=options).into(state))
+
+    def _inject(self, fault: Fault) -> None:
+        """Let a fault strike the simulator that is connected, also while it records."""
+        if self.station is not None:
+            self.station.inject(fault)
+            self.context.message.emit(f"fault of the simulator: {fault_words(fault, now=True)}")
 
     def _backends_found(self, found: tuple[Any, Any, Any]) -> None:
         self.panel.devices.set_backends(*found)
@@ -197,52 +206,19 @@ class SetupTab(QObject):
         if self.panel.live.isChecked() and self.free:
             self.live_timer.start()
 
+    def _refused(self, words: str) -> None:
+        self.panel.readout.setText(words)
+        self.context.message.emit(words)
+
+    def _plane_reached(self, z: int) -> None:
+        if self.context.state.plan is not None:
+            self.panel.set_exposure(self.context.state.plan.exposures[z])
+
     def _live_failed(self, words: str) -> None:
         if self.station is None:  # the devices were released while a frame was under way
             return
         self.panel.live.setChecked(False)
-        self.panel.readout.setText(words)
-        self.context.message.emit(words)
-
-    # -- stage -----------------------------------------------------------------------------------------
-    def jog(self, axis: int, by_um: float) -> None:
-        """Move one axis by a step; steps asked for in a hurry are all made, one after the other."""
-        station = self.station
-        if station is not None:
-            self._queue_move(lambda: station.jog(axis, by_um))
-
-    def go_plane(self, z: int) -> None:
-        """Go to the middle of the cell in plane ``z``."""
-        station, plan = self.station, self.context.state.plan
-        if station is not None and plan is not None:
-            target = target_of(plan, z)
-            self._queue_move(lambda: station.move(target))
-            self.panel.set_exposure(plan.exposures[z])
-
-    def _queue_move(self, move: Callable[[], Any]) -> None:
-        self._moves.append(move)
-        if not self._moving:
-            self._next_move()
-
-    def _next_move(self) -> None:
-        self._moving = bool(self._moves)
-        if self._moves:
-            self.context.jobs.compute("acquire move", self._moves.pop(0), self._moved, self._move_failed)
-
-    def _moved(self, stage_um: tuple[float, float, float]) -> None:
-        self.panel.stage.set_position(stage_um)
-        self._next_move()
-
-    def _move_failed(self, words: str) -> None:
-        self._moves.clear()
-        self._moving = False
-        self.panel.readout.setText(words)
-        self.context.message.emit(words)
-
-    def _stop_move(self) -> None:
-        self._moves.clear()
-        if self.station is not None:
-            self.station.moving.stop()
+        self._refused(words)
 
     # -- finding ---------------------------------------------------------------------------------------
     def find(self, key: str) -> None:

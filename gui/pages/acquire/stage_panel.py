@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import Signal
+from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import (
     QComboBox,
     QDoubleSpinBox,
     QGridLayout,
     QHBoxLayout,
     QLabel,
+    QLineEdit,
     QPushButton,
     QVBoxLayout,
     QWidget,
@@ -29,6 +30,8 @@ class StagePanel(QWidget):
     -------
     jogged(axis, um)
         Move axis 0, 1, 2 (x, y, z) by so many µm.
+    target_asked(words)
+        Go to the position that was typed.
     plane_asked(z)
         Go to the middle of the cell in depth plane z.
     stop_asked()
@@ -36,6 +39,7 @@ class StagePanel(QWidget):
     """
 
     jogged = Signal(int, float)
+    target_asked = Signal(str)
     plane_asked = Signal(int)
     stop_asked = Signal()
 
@@ -46,7 +50,13 @@ class StagePanel(QWidget):
         frame, column = card("Stage")
         column.addLayout(self._jog_grid())
         column.addLayout(self._step_line())
+        column.addLayout(self._target_line())
         column.addLayout(self._plane_line())
+        self.refusal = QLabel("")
+        self.refusal.setProperty("role", "error")
+        self.refusal.setWordWrap(True)
+        self.refusal.hide()
+        column.addWidget(self.refusal)
         self.limits = QLabel("")
         self.limits.setProperty("role", "hint")
         self.limits.setWordWrap(True)
@@ -92,6 +102,24 @@ class StagePanel(QWidget):
         self.stop.clicked.connect(lambda: self.stop_asked.emit())
         return line("Step", self.step, self.stop, stretch=1)
 
+    def _target_line(self) -> QHBoxLayout:
+        self.target = QLineEdit()
+        self.target.setPlaceholderText("x, y, z")
+        self.target.setAccessibleName("position to go to (µm)")
+        self.target.setToolTip(
+            "Position in µm, such as 100, -20, 1500; an axis left empty stays, as in , , 1500 (Ctrl+G, then Enter)"
+        )
+        self.target.setMinimumWidth(60)
+        self.target.returnPressed.connect(self._go_to)
+        self.move = QPushButton("Move")
+        self.move.setToolTip("Go to this position; the limits are checked before anything moves")
+        self.move.clicked.connect(self._go_to)
+        return line("To (µm)", self.target, self.move, stretch=1)
+
+    def _go_to(self) -> None:
+        if self.move.isEnabled():
+            self.target_asked.emit(self.target.text())
+
     def _plane_line(self) -> QHBoxLayout:
         self.plane = QComboBox()
         self.plane.setToolTip("A depth plane of the plan; the middle of the representative cell")
@@ -123,7 +151,21 @@ class StagePanel(QWidget):
         for label, value in zip(self.values, stage_um, strict=True):
             label.setText(f"{value:,.2f} µm".replace(",", "\N{THIN SPACE}"))
 
+    def say(self, words: str) -> None:
+        """Say why the stage does not go where it was to; empty: it does."""
+        self.refusal.setText(words)
+        self.refusal.setVisible(bool(words))
+
+    def press(self, axis: int, sign: int) -> None:
+        """Move an axis by one step, as its button does."""
+        self.buttons[2 * axis + (sign > 0)].click()
+
+    def type_target(self) -> None:
+        """Take the keyboard for a position to go to."""
+        self.target.setFocus(Qt.FocusReason.ShortcutFocusReason)
+        self.target.selectAll()
+
     def set_free(self, free: bool) -> None:
         """Allow moving, or not."""
-        for button in (*self.buttons, self.go):
+        for button in (*self.buttons, self.go, self.move):
             button.setEnabled(free)

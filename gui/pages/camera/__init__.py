@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from gui.models.page import PageSpec, PageState, Sketch
 from gui.models.project import ProjectState
 
@@ -20,6 +22,11 @@ def icon(sketch: Sketch) -> None:
     sketch.line((7, 6), (8.5, 3.5), (13.5, 3.5), (15, 6))
 
 
+def takes(path: str) -> bool:
+    """Return whether a file is a description that no other page takes."""
+    return Path(path).suffix.lower() in (".xml", ".yaml", ".yml", ".cfg")
+
+
 PAGE = PageSpec(
     "camera",
     "Camera",
@@ -29,4 +36,5 @@ PAGE = PageSpec(
     state=state,
     needs="lfcal.camera",
     icon=icon,
+    takes=takes,
 )

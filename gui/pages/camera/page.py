@@ -13,11 +13,13 @@ from gui.context import Context
 from gui.jobs import Job
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
+from gui.pages.camera import takes
 from gui.pages.camera.model import apply_change
 from gui.pages.camera.model_check import Checked, iter_check
 from gui.pages.camera.model_marks import confirmed, state_with
 from gui.pages.camera.panel import CameraPanel, PresetBox
 from gui.pages.camera.panel_sensor import SensorDialog
+from gui.pages.camera.step import step
 from gui.saving import ask_target, write_file
 from lfcal.camera import CAMERA_FORMATS, Camera, Imported, doubts, import_camera, preset
 from lfcal.frames.formats.opening import image_suffixes
@@ -27,8 +29,6 @@ __all__ = ["Page"]
 SUFFIXES = sorted({suffix for form in CAMERA_FORMATS for suffix in form.suffixes})
 FILES = f"Cameras ({' '.join('*' + suffix for suffix in SUFFIXES)});;All files (*)"
 IMAGES = f"Images ({' '.join('*' + suffix for suffix in sorted(image_suffixes()))});;All files (*)"
-OURS = {".xml", ".yaml", ".yml", ".cfg"}
-"""Endings that no other page takes."""
 
 
 class Page(BasePage):
@@ -146,12 +146,15 @@ class Page(BasePage):
         path = path or ask_target(self, "Save camera", name, "Camera (*.json)")
         text = self.context.state.camera.to_json()
         if path and write_file(self, path, lambda part: part.write_text(text, encoding="utf-8")):
+            title = f"Save camera {Path(path).name}"
+            self.context.history.add(self.context.taken("camera", title, step=lambda: step(self.context.state, path)))
             self.context.message.emit(f"camera saved as {path}")
 
     def accept_drop(self, paths: list[str]) -> bool:
         """Take a dropped description; JSON and text files only where this page is looked at."""
-        suffix = Path(paths[0]).suffix.lower() if len(paths) == 1 else ""
-        if suffix in OURS or (suffix in SUFFIXES and self.isVisible()):
+        if len(paths) != 1:
+            return False
+        if takes(paths[0]) or (Path(paths[0]).suffix.lower() in SUFFIXES and self.isVisible()):
             self.import_file(paths[0])
             return True
         return False

@@ -8,12 +8,13 @@ from gui.models.step import CAMERA_FILE, Step
 __all__ = ["step"]
 
 
-def step(project: ProjectState) -> Step:
-    """Return how the camera is shown."""
+def step(project: ProjectState, out: str = "") -> Step:
+    """Return how the camera is shown, or written to ``out`` first."""
+    name = out or CAMERA_FILE
     python = f"""
 from lfcal.camera import Camera
 
-camera = Camera.from_json(Path({CAMERA_FILE!r}).read_text(encoding="utf-8"))
+camera = Camera.from_json(Path({name!r}).read_text(encoding="utf-8"))
 print(camera.name, camera.pitch_px, camera.marks.paths("assumed"))
 """
-    return Step(("camera", "show", CAMERA_FILE), python, ((CAMERA_FILE, project.camera.to_json()),))
+    return Step(("camera", "show", name), python, ((name, project.camera.to_json()),))

@@ -9,7 +9,7 @@
 
 from __future__ import annotations
 
-from gui.models.page import PageSpec, PageState, Sketch, file_state
+from gui.models.page import PageSpec, PageState, Sketch, file_state, nothing
 from gui.models.project import ProjectState
 
 __all__ = ["PAGE"]
@@ -37,6 +37,7 @@ PAGE = PageSpec(
     state=state,
     needs="lfcal.fit",
     icon=icon,
+    takes=nothing,
     keys=(
         ("F5", "fit"),
         ("Esc", "stop the fit"),

@@ -234,8 +234,9 @@ class Page(BasePage):
         self.notice.clear()
         self.hold_keyboard()
         self._kept = kept = Kept()
+        taken = self.context.taken("fit", title, draft=True)
         self._said, self._used = ("", False), None
-        self._job = self.context.jobs.start(title, "fit", lambda: work(kept), abandon=True, leave=True)
+        self._job = self.context.jobs.start(title, "fit", lambda: work(kept), abandon=True, leave=True, taken=taken)
         self._show_buttons()
         self.panel.show_running("Fitting: reading H …", None, ())
 

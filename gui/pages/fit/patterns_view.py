@@ -108,7 +108,9 @@ class PatternsView(QWidget):
         self.planes.setAccessibleName("depth plane")
         self.patterns.setAccessibleName("pattern of the plane")
         self.planes.valueChanged.connect(self._plane_moved)
-        self.patterns.valueChanged.connect(lambda k: self.place_asked.emit(self.map.places[k]))
+        self.patterns.valueChanged.connect(self._pattern_moved)
+        for slider in (self.planes, self.patterns):
+            _offer(slider, 0)
         for label, slider in ((self.plane_label, self.planes), (self.pattern_label, self.patterns)):
             row = QHBoxLayout()
             row.addWidget(label)
@@ -138,12 +140,9 @@ class PatternsView(QWidget):
     def show_found(self, found: Found) -> None:
         """Show the patterns of a fit, from the first."""
         self._found = found
+        self._place = None  # the map is of the fit before, also where the plane is the same
         for view in self.views[:2]:
             view.set_value_label(found.unit)
-        blocker = QSignalBlocker(self.planes)
-        self.planes.setRange(0, len(self._planes()) - 1)
-        blocker.unblock()
-        self.planes.setEnabled(len(self._planes()) > 1)
         self.sums.setText(chi2_words(found))
         self.show_place(found.places[0])
 
@@ -154,6 +153,8 @@ class PatternsView(QWidget):
             view.set_image(None)
             view.set_cursor(None)
         self.map.clear()
+        for slider in (self.planes, self.patterns):
+            _offer(slider, 0)
         for label in (self.words, self.sums, self.plane_label, self.pattern_label):
             label.setText("")
 
@@ -173,14 +174,8 @@ class PatternsView(QWidget):
             self.map.show_plane(found, place[0])
         planes = self._planes()
         self.map.show_place(place)
-        for slider, value, last in (
-            (self.planes, planes.index(place[0]), len(planes) - 1),
-            (self.patterns, self.map.places.index(place), len(self.map.places) - 1),
-        ):
-            blocker = QSignalBlocker(slider)
-            slider.setRange(0, last)
-            slider.setValue(value)
-            blocker.unblock()
+        _offer(self.planes, len(planes), planes.index(place[0]))
+        _offer(self.patterns, len(self.map.places), self.map.places.index(place))
         self.plane_label.setText(f"Plane {place[0]}")
         self.pattern_label.setText(f"Pattern {self.patterns.value() + 1} of {len(self.map.places)}")
         self.words.setText(place_words(found, place))
@@ -220,6 +215,11 @@ class PatternsView(QWidget):
         """Change between ``scale`` and linear."""
         chosen = "linear" if self.scale_box.currentData() == scale else scale
         self.scale_box.setCurrentIndex(self.scale_box.findData(chosen))
+
+    def _pattern_moved(self, number: int) -> None:
+        """Ask for another pattern of the plane."""
+        if number < len(self.map.places):
+            self.place_asked.emit(self.map.places[number])
 
     def _plane_moved(self, number: int) -> None:
         """Ask for the pattern of another plane that is nearest to the one shown."""
@@ -261,6 +261,15 @@ class PatternsView(QWidget):
             widget.apply_theme()
         if self._found is not None and self._place is not None:
             self.map.show_plane(self._found, self._place[0])
+
+
+def _offer(slider: QSlider, count: int, value: int = 0) -> None:
+    """Let a slider choose one of ``count`` things, ``value`` now, without reporting it."""
+    blocker = QSignalBlocker(slider)
+    slider.setRange(0, max(0, count - 1))
+    slider.setValue(value)
+    blocker.unblock()
+    slider.setEnabled(count > 1)
 
 
 def _wrapped(role: str) -> QLabel:

@@ -13,6 +13,7 @@ from gui.models.display import colour_table
 from gui.pages.fit.model_run import Found, Place
 from gui.theme import current_theme
 from gui.widgets.picture_menu import offer_menu
+from gui.widgets.pixel_axis import count_pixels, pixel_axes
 from gui.widgets.plots import style_axes, theme_plot
 
 __all__ = ["PlaceMap"]
@@ -40,10 +41,9 @@ class PlaceMap(QWidget):
         self.graphics = pg.GraphicsLayoutWidget()
         self.graphics.setMinimumSize(120, 110)
         column.addWidget(self.graphics)
-        self.plot: pg.PlotItem = self.graphics.addPlot(row=0, col=0)
+        self.plot: pg.PlotItem = self.graphics.addPlot(row=0, col=0, axisItems=pixel_axes(), enableMenu=False)
         self.plot.setAspectLocked(True)
         self.plot.invertY(True)
-        self.plot.setMenuEnabled(False)
         self.plot.hideButtons()
         self.plot.setMouseEnabled(False, False)
         style_axes(self.plot, "source x (px)", "source y (px)")
@@ -79,6 +79,7 @@ class PlaceMap(QWidget):
             spot = {"pos": (place[2], place[1]), "data": place, "size": 10, "symbol": SYMBOLS[fate]}
             spots.append({**spot, "brush": pg.mkBrush(colour), "pen": pg.mkPen(theme.muted, width=0.6)})
         self.dots.setData(spots)
+        count_pixels(self.plot, (ny, nx))
         self.plot.setRange(QRectF(-1.5, -1.5, nx + 2, ny + 2), padding=0)
 
     def show_place(self, place: Place | None) -> None:

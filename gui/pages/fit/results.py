@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from PySide6.QtWidgets import QFileDialog
 
 from gui.jobs import Job
 from gui.pages.fit.model_run import Found
+from gui.pages.fit.step import step
 from gui.saving import ask_target, may_replace
 from lfcal.fit.files import iter_write_model
 from lfcal.fit.report import iter_fit_report
@@ -74,7 +76,8 @@ class Results:
             return
         if asked and not may_replace(self._page, fit_outputs(Path(folder))):
             return
-        known = {"source": found.question.name}
+        known, now = {"source": found.question.name}, self.context.state
+        state = replace(now, settings=found.question.settings.into(now))
         self.context.start_writing(
             f"Save fit in {Path(folder).name}",
             "fit",
@@ -82,6 +85,7 @@ class Results:
             lambda: iter_write_fit(found.fit, found.measured, Path(folder), known),
             lambda written: self._saved(found, written.files),
             lambda job: self._page.refuse(job.error),
+            taken=self.context.taken("fit", f"Fit {found.question.name}", folder, lambda: step(state, folder)),
         )
 
     def _saved(self, found: Found, files: list[Path]) -> None:

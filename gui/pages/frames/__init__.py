@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from gui.models.page import PageSpec, PageState, Sketch, file_state
 from gui.models.project import ProjectState
 
@@ -19,6 +21,13 @@ def icon(sketch: Sketch) -> None:
     sketch.line((6, 4), (18, 4), (18, 16))
 
 
+def takes(path: str) -> bool:
+    """Return whether it is a folder, or may be a list of frames."""
+    from lfcal.frames.lists.table import TABLE_SUFFIXES
+
+    return Path(path).is_dir() or Path(path).suffix.lower() in TABLE_SUFFIXES
+
+
 PAGE = PageSpec(
     "frames",
     "Frames",
@@ -28,6 +37,7 @@ PAGE = PageSpec(
     state=state,
     needs="lfcal.frames",
     icon=icon,
+    takes=takes,
     keys=(
         ("←  →  ↑  ↓", "step through source positions"),
         ("Page up, Page down", "step through depth planes"),

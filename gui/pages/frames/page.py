@@ -318,7 +318,13 @@ class Page(BasePage):
             return
         opened, title = self.opened, f"Assemble {Path(path).name}"
         self.context.start_writing(
-            title, "frames", path, lambda: iter_assembly(opened, path), self._assembled, self._not_assembled
+            title,
+            "frames",
+            path,
+            lambda: iter_assembly(opened, path),
+            self._assembled,
+            self._not_assembled,
+            taken=self.context.taken("frames", title, path),
         )
 
     def _refused(self) -> bool:

@@ -9,10 +9,11 @@ from gui.pages.frames.model import FrameSettings
 __all__ = ["step"]
 
 
-def step(project: ProjectState) -> Step:
+def step(project: ProjectState, out: str = "") -> Step:
     """Return how H is made of the frames."""
     frames = needed_file(project.frames, "frames", "Frames")
     plan, chosen = needed_plan(project), FrameSettings.of(project)
+    out = out or "H.h5"
     dark = chosen.dark if chosen.use_dark else "none"
     white = chosen.white if chosen.use_white else ""
     background = "border" if chosen.use_background else "none"
@@ -30,13 +31,13 @@ def step(project: ProjectState) -> Step:
         ("--channel", chosen.channel),
         ("--interpolation", chosen.interpolation),
         ("--orientation", chosen.orientation),
-        ("--out", "H.h5"),
+        ("--out", out),
     )
-    script = _script(frames, chosen, dark, white, background)
+    script = _script(frames, chosen, dark, white, background, out)
     return Step(("assemble", frames, *options_of(pairs)), script, ((PLAN_FILE, plan.to_json()),))
 
 
-def _script(frames: str, chosen: FrameSettings, dark: str, white: str, background: str) -> str:
+def _script(frames: str, chosen: FrameSettings, dark: str, white: str, background: str, out: str) -> str:
     first = int(chosen.first) if chosen.first else None
     return f"""
 from lfcal.camera import ScanPlan
@@ -59,5 +60,5 @@ with open_frames(
     turn, lie = drain(iter_upright(view, plan, {chosen.orientation!r}))
     upright = oriented(view, turn, plan.camera.sensor.shape)
     settings = AssemblySettings(interpolation={chosen.interpolation!r})
-    print(assemble_plan(upright, plan, "H.h5", settings, provenance=lie).matrix)
+    print(assemble_plan(upright, plan, {out!r}, settings, provenance=lie).matrix)
 """

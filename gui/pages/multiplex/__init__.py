@@ -6,6 +6,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from gui.models.page import PageSpec, PageState, Sketch
 from gui.models.project import ProjectState
 
@@ -24,6 +26,13 @@ def icon(sketch: Sketch) -> None:
     sketch.box(12, 12, 6, 6, filled=True)
 
 
+def takes(path: str) -> bool:
+    """Return whether a file may be a picture."""
+    from lfcal.frames.formats.opening import image_suffixes
+
+    return Path(path).is_file() and Path(path).suffix.lower() in image_suffixes()
+
+
 PAGE = PageSpec(
     "multiplex",
     "Multiplexing",
@@ -33,4 +42,5 @@ PAGE = PageSpec(
     state=state,
     needs="lfcal.multiplex",
     icon=icon,
+    takes=takes,
 )

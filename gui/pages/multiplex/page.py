@@ -13,6 +13,7 @@ from gui.jobs import Job, JobState
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
 from gui.pages.multiplex import model as view
+from gui.pages.multiplex import takes
 from gui.pages.multiplex.model import Comparison, ModulatorPicture, MultiplexSettings
 from gui.pages.multiplex.model_scene import Reconstructions, iter_reconstruct, opened
 from gui.pages.multiplex.panel import MultiplexPanel
@@ -134,7 +135,7 @@ class Page(BasePage):
 
     def accept_drop(self, paths: list[str]) -> bool:
         """Take a dropped image."""
-        if len(paths) == 1 and Path(paths[0]).is_file() and Path(paths[0]).suffix.lower() in image_suffixes():
+        if len(paths) == 1 and takes(paths[0]):
             self.open_image(paths[0])
             return True
         return False

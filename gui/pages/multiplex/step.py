@@ -10,7 +10,7 @@ from lfcal.errors import InputError
 __all__ = ["step"]
 
 
-def step(project: ProjectState) -> Step:
+def step(project: ProjectState, out: str = "") -> Step:
     """Return how the modulator is compared with its reference."""
     chosen = MultiplexSettings.of(project)
     if chosen.family == "both":

@@ -18,6 +18,11 @@ def icon(sketch: Sketch) -> None:
     sketch.line((3, 4), (19, 4), (19, 9), (3, 9), (3, 14), (19, 14), (19, 19), (3, 19))
 
 
+def takes(path: str) -> bool:
+    """Return whether a file may be a plan."""
+    return path.endswith(".json")
+
+
 PAGE = PageSpec(
     "plan",
     "Plan",
@@ -27,4 +32,5 @@ PAGE = PageSpec(
     state=state,
     needs="lfcal.camera",
     icon=icon,
+    takes=takes,
 )

@@ -12,6 +12,7 @@ from gui.base_page import BasePage
 from gui.context import Context
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
+from gui.pages.plan import takes
 from gui.pages.plan.model import apply_change, default_plan
 from gui.pages.plan.panel import PlanPanel
 from gui.saving import ask_target, write_file
@@ -91,11 +92,12 @@ class Page(BasePage):
             return
         path, text = path or ask_target(self, "Save plan", "plan.json", "Plans (*.json)"), plan.to_json()
         if path and write_file(self, path, lambda part: part.write_text(text, encoding="utf-8")):
+            self.context.history.add(self.context.taken("plan", f"Save plan {Path(path).name}", path))
             self.context.message.emit(f"plan saved as {path}")
 
     def accept_drop(self, paths: list[str]) -> bool:
         """Take a dropped plan."""
-        if len(paths) == 1 and paths[0].endswith(".json"):
+        if len(paths) == 1 and takes(paths[0]):
             self.open_file(paths[0])
             return True
         return False

@@ -61,10 +61,9 @@ class PlanPanel(QWidget):
 
     def _build_region(self) -> None:
         self.graphics = pg.GraphicsLayoutWidget()
-        self.plot: pg.PlotItem = self.graphics.addPlot()
+        self.plot: pg.PlotItem = self.graphics.addPlot(enableMenu=False)
         self.plot.setAspectLocked(True)
         self.plot.invertY(True)
-        self.plot.setMenuEnabled(False)
         self.plot.hideButtons()
         style_axes(self.plot, "sensor column (px)", "sensor row (px)")
         self.lenslets = pg.ScatterPlotItem(pxMode=False)

@@ -8,7 +8,7 @@ from gui.models.step import CAMERA_FILE, PLAN_FILE, Step, needed_plan, options_o
 __all__ = ["step"]
 
 
-def step(project: ProjectState) -> Step:
+def step(project: ProjectState, out: str = "") -> Step:
     """Return how the plan is made; the command knows one exposure for all planes, Python takes the plan as it is."""
     plan = needed_plan(project)
     pairs = (
@@ -21,12 +21,13 @@ def step(project: ProjectState) -> Step:
         ("--exposure", repr(plan.exposures[0])),
         ("--settle", repr(plan.settle_s)),
         ("--average", plan.frames_averaged),
-        ("--out", "plan.json"),
+        ("--out", out or "plan.json"),
     )
     python = f"""
 from lfcal.camera import Forecast, ScanPlan
 
 plan = ScanPlan.from_json(Path({PLAN_FILE!r}).read_text(encoding="utf-8"))
+Path({out or "plan.json"!r}).write_text(plan.to_json(), encoding="utf-8")
 print(Forecast.of(plan))
 """
     files = ((CAMERA_FILE, project.camera.to_json()), (PLAN_FILE, plan.to_json()))

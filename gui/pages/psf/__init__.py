@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from gui.models.page import PageSpec, PageState, Sketch, file_state
 from gui.models.project import ProjectState
 
@@ -20,6 +22,11 @@ def icon(sketch: Sketch) -> None:
             sketch.circle(x, y, 1.9)
 
 
+def takes(path: str) -> bool:
+    """Return whether a file may be an H."""
+    return Path(path).suffix.lower() in (".h5", ".mat", ".npy", ".lfc")
+
+
 PAGE = PageSpec(
     "psf",
     "PSF",
@@ -29,6 +36,7 @@ PAGE = PageSpec(
     state=state,
     needs="lfcal.psf",
     icon=icon,
+    takes=takes,
     keys=(
         ("←  →  ↑  ↓", "step through source positions"),
         ("Page up, Page down", "step through depth planes"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ from gui.base_page import BasePage
 from gui.context import Context
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
+from gui.pages.psf import takes
 from gui.pages.psf.export_dialog import ExportDialog
 from gui.pages.psf.export_model import ExportIntent, ExportSettings
 from gui.pages.psf.model import (
@@ -28,6 +30,7 @@ from gui.pages.psf.model import (
     unit_of,
 )
 from gui.pages.psf.panel import PSFPanel
+from gui.pages.psf.step import step
 from gui.saving import ask_target
 from lfcal.psf import PSFMatrix
 from lfcal.psf.opening import opening_notes
@@ -38,7 +41,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Page"]
 
-SUFFIXES = (".h5", ".mat", ".npy", ".lfc")
 FILES = "PSF matrices (*.h5 *.mat *.npy *.lfc)"
 
 
@@ -210,17 +212,18 @@ class Page(BasePage):
 
         H = self.matrix
         assert H is not None
-        options = intent.options.given()
+        options, state = intent.options.given(), self.context.state
         self.context.jobs.start(
             f"Export {Path(path).name}",
             "psf",
             lambda: iter_export(intent.matrix(H), path, **options),
             lambda out: self.context.message.emit(f"exported {out}"),
+            taken=self.context.taken("psf", f"Export {Path(path).name}", path, partial(step, state, path, intent)),
         )
 
     def accept_drop(self, paths: list[str]) -> bool:
         """Take a dropped H file."""
-        if len(paths) == 1 and Path(paths[0]).suffix.lower() in SUFFIXES:
+        if len(paths) == 1 and takes(paths[0]):
             self.open_file(paths[0])
             return True
         return False

@@ -29,7 +29,7 @@ from gui.widgets.cards import card, choice_box
 from gui.widgets.image_view import ImageView
 from gui.widgets.linking import link_views
 from gui.widgets.period_map import PeriodMap
-from gui.widgets.plots import LinePlot
+from gui.widgets.plots import LINES, LinePlot
 
 if TYPE_CHECKING:
     from lfcal.psf.aperture import Aperture
@@ -40,6 +40,10 @@ SHOWN = (("measured", "measured"), ("reference", "reference"), ("difference", "d
 SCALES = (("linear", "linear"), ("log", "log, 4 decades"), ("gamma", "gamma 0.5"))
 HOVER = "Hover a pixel to see the voxel pattern it belongs to; click to hold it."
 Levels = tuple[float, float] | None
+PROFILES = "Profiles at the pixel: " + ", ".join(
+    f"<span style='color:{tone}'>━</span> {what}" for tone, what in zip(LINES, ("row", "column"), strict=False)
+)
+"""Title of a card with the plot: a legend would lie over its curves."""
 
 
 class PSFPanel(QWidget):
@@ -81,7 +85,7 @@ class PSFPanel(QWidget):
         grid.setSpacing(8)
         grid.addWidget(_titled(self.main_title, self.main_view), 0, 0)
         grid.addWidget(_titled(self.linked_title, self.linked_view), 0, 1)
-        profiles = _titled(QLabel("Line profiles through the pixel under the pointer"), self.profile)
+        profiles = _titled(QLabel(PROFILES), self.profile)
         for k, widget in enumerate((profiles, self._aperture_card())):
             # what they would like to have takes nothing from H and HT
             widget.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Ignored)
@@ -102,7 +106,7 @@ class PSFPanel(QWidget):
         self.map.chosen.connect(lambda y, x: self.asked.emit({"y": y, "x": x}))
         self.strip = DepthStrip(64)
         self.strip.chosen.connect(lambda z: self.asked.emit({"z": z}))
-        self.profile = LinePlot("pixel from the cutout's centre (px)", "intensity (counts)", legend=True)
+        self.profile = LinePlot("pixel from the cutout's centre (px)", "intensity (counts)")
         self.outline = pg.PlotCurveItem(pen=pg.mkPen("#ff5a5f", width=2))
         self.sum_view.add_overlay(self.outline)
         self.expected = pg.PlotCurveItem(pen=pg.mkPen("#56b4e9", width=1, style=Qt.PenStyle.DashLine))

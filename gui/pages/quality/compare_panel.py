@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from PySide6.QtCore import QSignalBlocker, Qt, QTimer, Signal
+from PySide6.QtCore import QSignalBlocker, QTimer, Signal
 from PySide6.QtGui import QHideEvent
 from PySide6.QtWidgets import (
     QFrame,
@@ -14,14 +14,13 @@ from PySide6.QtWidgets import (
     QHBoxLayout,
     QLabel,
     QPushButton,
-    QStackedWidget,
     QVBoxLayout,
     QWidget,
 )
 
 from gui.models.display import SCALES, Display
 from gui.pages.quality.model_compare import COLUMNS, MODES, TIPS, Both, Place
-from gui.widgets.cards import card, choice_box, line
+from gui.widgets.cards import card, choice_box, line, told_or_shown
 from gui.widgets.image_view import ImageView
 from gui.widgets.linking import link_views
 from gui.widgets.rows_table import RowsTable
@@ -70,13 +69,7 @@ class ComparePanel(QWidget):
         column.setContentsMargins(0, 8, 0, 0)
         column.setSpacing(8)
         column.addLayout(self._head())
-        self.message = QLabel(NONE)
-        self.message.setAlignment(Qt.AlignmentFlag.AlignCenter)
-        self.message.setWordWrap(True)
-        self.message.setProperty("role", "hint")
-        self.stack = QStackedWidget()
-        self.stack.addWidget(self.message)
-        self.stack.addWidget(self._content())
+        self.message, self.stack = told_or_shown(NONE, self._content())
         column.addWidget(self.stack, 1)
 
     # -- building --------------------------------------------------------------------------------------

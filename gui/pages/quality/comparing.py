@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,7 @@ from PySide6.QtWidgets import QFileDialog
 
 from gui.context import Context
 from gui.jobs import Job
+from gui.models.history import Taken
 from gui.models.stamp import stamp_of
 from gui.pages.quality.compare_panel import NONE, ComparePanel
 from gui.pages.quality.model import QualitySettings, capital
@@ -29,6 +31,7 @@ from gui.pages.quality.model_compare import (
     told_of,
     worst_of,
 )
+from gui.pages.quality.step import compared
 from gui.saving import may_replace
 from lfcal.errors import LfcalError
 
@@ -150,6 +153,7 @@ class Comparing:
             lambda: iter_compare(asked, kept),
             abandon=True,
             leave=True,
+            taken=self._taken(asked),
         )
         self._show_buttons()
 
@@ -189,7 +193,13 @@ class Comparing:
             lambda: iter_compared(asked, found, chosen),
             lambda page: self._context.message.emit(f"report written: {page}"),
             abandon=True,
+            taken=self._taken(asked, chosen),
         )
+
+    def _taken(self, asked: Asked, folder: str = "") -> Taken:
+        """Return a comparison, with its report in ``folder`` if there is one, for the history."""
+        made = partial(compared, asked.first[0], asked.second[0], folder, by_number=asked.by_number)
+        return self._context.taken("quality", f"Compare {' and '.join(asked.names)}", step=made)
 
     # -- showing ---------------------------------------------------------------------------------------
     def _show(self) -> None:

@@ -276,6 +276,7 @@ class Page(BasePage):
             lambda page: self.context.message.emit(f"report written: {page}"),
             lambda job: self.notice.refuse(job.error),
             abandon=True,
+            taken=self.context.taken("quality", "Report", folder),
         )
 
     def _apply_theme(self) -> None:

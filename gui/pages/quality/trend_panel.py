@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QSplitter, QStackedWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QSplitter, QVBoxLayout, QWidget
 
 from gui.pages.quality.model_trend import TREND_COLUMNS, Curve
 from gui.theme import current_theme
-from gui.widgets.cards import card
+from gui.widgets.cards import card, told_or_shown
 from gui.widgets.plots import LINES, LinePlot
 from gui.widgets.rows_table import RowsTable
 
@@ -43,13 +43,7 @@ class TrendPanel(QWidget):
         column.setContentsMargins(0, 8, 0, 0)
         column.setSpacing(8)
         column.addLayout(self._head())
-        self.message = QLabel(NONE)
-        self.message.setAlignment(Qt.AlignmentFlag.AlignCenter)
-        self.message.setWordWrap(True)
-        self.message.setProperty("role", "hint")
-        self.stack = QStackedWidget()
-        self.stack.addWidget(self.message)
-        self.stack.addWidget(self._content())
+        self.message, self.stack = told_or_shown(NONE, self._content())
         column.addWidget(self.stack, 1)
 
     def _head(self) -> QHBoxLayout:

@@ -6,6 +6,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from gui.models.page import PageSpec, PageState, Sketch, file_state
 from gui.models.project import ProjectState
 
@@ -25,6 +27,13 @@ def icon(sketch: Sketch) -> None:
     sketch.line((11, 11), (3, 6.5))
 
 
+def takes(path: str) -> bool:
+    """Return whether a file may be a picture."""
+    from lfcal.frames.formats.opening import image_suffixes
+
+    return Path(path).is_file() and Path(path).suffix.lower() in image_suffixes()
+
+
 PAGE = PageSpec(
     "reconstruct",
     "Reconstruct",
@@ -34,4 +43,5 @@ PAGE = PageSpec(
     state=state,
     needs="lfcal.reconstruct",
     icon=icon,
+    takes=takes,
 )

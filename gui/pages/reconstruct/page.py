@@ -15,6 +15,7 @@ from gui.jobs import Job, JobState
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
 from gui.pages.reconstruct import model as view
+from gui.pages.reconstruct import takes
 from gui.pages.reconstruct.model import ReconstructSettings, Synthetic
 from gui.pages.reconstruct.model_solving import Solving
 from gui.pages.reconstruct.panel import ReconstructPanel
@@ -161,9 +162,7 @@ class Page(BasePage):
 
     def accept_drop(self, paths: list[str]) -> bool:
         """Take a dropped image."""
-        from lfcal.frames.formats.opening import image_suffixes
-
-        if len(paths) == 1 and Path(paths[0]).is_file() and Path(paths[0]).suffix.lower() in image_suffixes():
+        if len(paths) == 1 and takes(paths[0]):
             self.open_light_field(paths[0])
             return True
         return False
@@ -282,8 +281,10 @@ class Page(BasePage):
     def _run(self) -> None:
         solving, count = self.solving, self.settings.iterations
         assert solving is not None
+        title = f"Reconstruct by {solving.settings.solver}"
+        taken = self.context.taken("reconstruct", title, draft=True)
         self._job = self.context.jobs.start(
-            f"Reconstruct by {solving.settings.solver}", "reconstruct", lambda: solving.work(count), abandon=True
+            title, "reconstruct", lambda: solving.work(count), abandon=True, taken=taken
         )
         self.panel.show_status("setting up …", None)
         self._show_controls()

@@ -12,13 +12,13 @@ from lfcal.errors import InputError
 __all__ = ["step"]
 
 
-def step(project: ProjectState) -> Step:
+def step(project: ProjectState, out: str = "") -> Step:
     """Return how the light field becomes a volume."""
     psf = needed_file(project.psf, "H", "PSF")
     frame, chosen = needed_file(project.light_field, "light field", "Reconstruct"), ReconstructSettings.of(project)
     if chosen.region:
         raise InputError.expected("region", "the whole light field", chosen.region, "a command takes all of it")
-    choice = chosen.choice()
+    choice, out = chosen.choice(), out or "volume.tif"
     pairs = (
         ("--solver", choice.name),
         ("--iterations", choice.iterations),
@@ -32,7 +32,7 @@ def step(project: ProjectState) -> Step:
         ("--strength", choice.strength),
         ("--subsets", choice.subsets),
         ("--double", chosen.double),
-        ("--out", "volume.tif"),
+        ("--out", out),
     )
     anchor = tuple(chosen.anchor) or None
     python = f"""
@@ -49,6 +49,6 @@ with open_psf({psf!r}) as H:
         dtype={"float64" if chosen.double else "float32"!r}, threshold={chosen.threshold!r},
         tolerance={chosen.within!r},
     )
-    tifffile.imwrite("volume.tif", np.asarray(reconstruct(projector, image, choice).volume, np.float32))
+    tifffile.imwrite({out!r}, np.asarray(reconstruct(projector, image, choice).volume, np.float32))
 """
     return Step(("reconstruct", psf, frame, *options_of(pairs)), python)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from PySide6.QtCore import QObject, Signal
 
 from gui.base_page import BasePage
+from gui.models.history import Taken
 from gui.pages.reconstruct.model_solving import Solving
+from gui.pages.reconstruct.step import step
 from gui.saving import ask_target
 
 __all__ = ["VolumeFile"]
@@ -45,9 +48,19 @@ class VolumeFile(QObject):
             save_volume(path, volume, depths_um=depths, voxel_um=voxel, details=details)
             return path
 
-        self._context.jobs.compute("reconstruct save", write, self._saved, self._page.refuse)
+        taken = self._taken(solving, path)
+        self._context.jobs.compute("reconstruct save", write, lambda path: self._saved(path, taken), self._page.refuse)
 
-    def _saved(self, path: str) -> None:
+    def _taken(self, solving: Solving, path: str) -> Taken:
+        """Return the reconstruction, with all its iterations, for the history."""
+        count = 0 if solving.state is None else solving.state.iteration
+        state = replace(self._context.state, psf=solving.psf)
+        state = replace(state, settings=replace(solving.settings, iterations=count).into(state))
+        title = f"Reconstruct {Path(path).name} by {solving.settings.solver}"
+        return self._context.taken("reconstruct", title, path, lambda: step(state, path))
+
+    def _saved(self, path: str, taken: Taken) -> None:
+        self._context.history.add(taken)
         self._context.message.emit(f"volume saved as {path}")
         self._context.project.update("reconstruction", volume=path)
 

@@ -15,12 +15,14 @@ from gui.models.display import COLOUR_MAPS, colour_table, to_uint8
 from gui.pages.reconstruct.model_volume import VolumeIntent, VolumePicture, resolve
 from gui.theme import current_theme
 from gui.widgets.image_view import bar_map
+from gui.widgets.measured_part import MeasuredPart, entries_at
 from gui.widgets.picture_menu import offer_menu
 from gui.widgets.plots import style_axes, theme_plot
 from lfcal.units import format_length
 
 __all__ = ["VolumeView"]
 
+VALUE = "brightness (counts)"
 CROSS = "#ff5a5f"
 
 
@@ -48,12 +50,12 @@ class VolumeView(QWidget):
         self.yz.setYLink(self.xy)
         self.xz.setXLink(self.xy)
         self.xy.setAspectLocked(True)
-        self.bar = pg.ColorBarItem(
-            values=(0, 1), width=12, interactive=False, label="brightness (counts)", orientation="h"
-        )
+        self.bar = pg.ColorBarItem(values=(0, 1), width=12, interactive=False, label=VALUE, orientation="h")
         self.bar.axis.enableAutoSIPrefix(False)
         self.graphics.addItem(self.bar, row=1, col=1)
-        offer_menu(self.graphics, lambda: "volume")
+        offer_menu(
+            self.graphics, lambda: "volume", at=lambda p: entries_at(self.graphics, tuple(self.parts.values()), p)
+        )
         layout = self.graphics.ci.layout
         for index, share in ((0, 5), (1, 2)):
             layout.setColumnStretchFactor(index, share)
@@ -62,6 +64,10 @@ class VolumeView(QWidget):
         self.lines: dict[tuple[str, str], pg.InfiniteLine] = {}
         for name, plot in (("xy", self.xy), ("xz", self.xz), ("yz", self.yz)):
             self._add_image(name, plot)
+        self.parts = {
+            name: MeasuredPart(self, plot, f"volume_{name}", VALUE, lambda _: self._show())
+            for name, plot in (("xy", self.xy), ("xz", self.xz), ("yz", self.yz))
+        }
         self.graphics.scene().sigMouseClicked.connect(self._clicked)
         outer = QVBoxLayout(self)
         outer.setContentsMargins(0, 0, 0, 0)
@@ -73,8 +79,7 @@ class VolumeView(QWidget):
 
     # -- building --------------------------------------------------------------------------------------
     def _plot(self, row: int, column: int, xlabel: str, ylabel: str) -> pg.PlotItem:
-        plot = self.graphics.addPlot(row=row, col=column)
-        plot.setMenuEnabled(False)
+        plot = self.graphics.addPlot(row=row, col=column, enableMenu=False)
         plot.hideButtons()
         if row == 0:
             plot.invertY(True)
@@ -143,6 +148,8 @@ class VolumeView(QWidget):
         if volume is None:
             for item in self.items.values():
                 item.clear()
+            for part in self.parts.values():
+                part.take(None)
             self.readout.setText("–")
             return
         low, high = float(np.nanmin(volume)), float(np.nanmax(volume))
@@ -207,14 +214,15 @@ class VolumeView(QWidget):
             ("xz", picture.xz, picture.side_levels),
             ("yz", picture.yz, picture.side_levels),
         ):
-            shown = to_uint8(np.ascontiguousarray(image), intent.display, levels)
+            shown = to_uint8(np.ascontiguousarray(image), intent.display, self.parts[name].take(image, levels))
             self.items[name].setImage(shown, levels=(0, 255), lut=table, autoLevels=False)
             self.items[name].setRect(QRectF(-0.5, -0.5, image.shape[1], image.shape[0]))
         for (_, axis), line in self.lines.items():
             line.setValue(getattr(intent, axis))
             line.setVisible(not intent.projection or axis == "z")
-        self.bar.setColorMap(bar_map(intent.display.colour_map, intent.display.scale, picture.levels))
-        self.bar.setLevels(values=picture.levels)
+        levels = self.parts["xy"].shown_levels()
+        self.bar.setColorMap(bar_map(intent.display.colour_map, intent.display.scale, levels))
+        self.bar.setLevels(values=levels)
         self.slider.blockSignals(True)
         self.slider.setValue(intent.z)
         self.slider.blockSignals(False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from gui.models.page import PageSpec, PageState, Sketch
+from gui.models.page import PageSpec, PageState, Sketch, nothing
 from gui.models.project import ProjectState
 
 __all__ = ["PAGE"]
@@ -29,4 +29,5 @@ PAGE = PageSpec(
     state=state,
     needs="lfcal.simulate",
     icon=icon,
+    takes=nothing,
 )

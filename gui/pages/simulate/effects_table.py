@@ -74,7 +74,7 @@ class EffectsTable(QTreeWidget):
         for k in range(len(COLUMNS)):
             mode = QHeaderView.ResizeMode.Stretch if k == VERDICT else QHeaderView.ResizeMode.Interactive
             header.setSectionResizeMode(k, mode)
-        for column, width in ((EFFECT, 166), (SETTING, 64), (SHARES, 134), (SECONDS, 60)):
+        for column, width in ((EFFECT, 166), (SETTING, 64), (SHARES, 118), (SECONDS, 60)):
             header.resizeSection(column, width)
         self.currentItemChanged.connect(lambda item, _: self._selected(item))
         self.itemActivated.connect(lambda *_: self.edit_asked.emit())

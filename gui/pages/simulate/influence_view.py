@@ -14,6 +14,7 @@ from gui.models.display import Display, colour_table, levels_of, to_uint8
 from gui.pages.simulate.model_influence import Influence
 from gui.theme import current_theme
 from gui.widgets.image_view import bar_map
+from gui.widgets.measured_part import MeasuredPart, entries_at
 from gui.widgets.picture_menu import offer_menu
 from gui.widgets.plots import style_axes, theme_plot
 
@@ -40,7 +41,11 @@ class InfluenceView(QWidget):
         for k, title in enumerate(TITLES):
             self._add_plot(k, title)
         self.graphics.setAccessibleName("pattern with and without the effect")
-        offer_menu(self.graphics, lambda: "effect")
+        offer_menu(self.graphics, lambda: "effect", at=lambda point: entries_at(self.graphics, self.parts, point))
+        self.parts = [
+            MeasuredPart(self, plot, f"effect_{title}", title, self._contrast_changed)
+            for plot, title in zip(self.plots, TITLES, strict=True)
+        ]
         self.words = QLabel()
         self.words.setWordWrap(True)
         self.words.setProperty("role", "hint")
@@ -50,10 +55,9 @@ class InfluenceView(QWidget):
         self.apply_theme()
 
     def _add_plot(self, number: int, title: str) -> None:
-        plot: pg.PlotItem = self.graphics.addPlot(row=0, col=number)
+        plot: pg.PlotItem = self.graphics.addPlot(row=0, col=number, enableMenu=False)
         plot.setAspectLocked(True)
         plot.invertY(True)
-        plot.setMenuEnabled(False)
         plot.hideButtons()
         plot.setTitle(title, size="9pt")
         item = pg.ImageItem(axisOrder="row-major")
@@ -83,6 +87,8 @@ class InfluenceView(QWidget):
         if influence is None:
             for item in self.items:
                 item.clear()
+            for part in self.parts:
+                part.take(None)
             return
         pictures = (influence.without, influence.with_it, influence.difference)
         if before is None:  # colour tables take a while to load: not before a picture is there
@@ -91,12 +97,20 @@ class InfluenceView(QWidget):
         common = levels_of(np.stack(pictures[:2]))
         levels = (common, common, levels_of(pictures[2], signed=True))
         for k, (picture, ends) in enumerate(zip(pictures, levels, strict=True)):
-            self._show(k, picture, ends, influence)
-        for bar, ends, name in zip(self.bars, levels[1:], (influence.value, "difference"), strict=True):
-            bar.setLevels(values=ends)
+            self.parts[k].value = "difference" if k == 2 else influence.value
+            self._show(k, picture, self.parts[k].take(picture, ends, influence.origin), influence)
+        for bar, part, name in zip(self.bars, self.parts[1:], (influence.value, "difference"), strict=True):
+            bar.setLevels(values=part.shown_levels())
             bar.axis.setLabel(name)
         if before != influence.without.shape:
             self.plots[0].autoRange(padding=0.01)
+
+    def _contrast_changed(self, part: MeasuredPart) -> None:
+        """Draw anew; the first two pictures are compared, so they have one contrast."""
+        if part is not self.parts[2]:
+            for one in self.parts[:2]:
+                one.contrast = part.contrast
+        self.show_influence(self.influence, self.words.text())
 
     def _show(self, k: int, picture: NDArray[Any], levels: tuple[float, float], influence: Influence) -> None:
         display = Display(colour_map=MAPS[k])

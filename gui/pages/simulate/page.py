@@ -269,12 +269,13 @@ class Page(BasePage):
         if not path:
             return
         title = f"Simulate {Path(path).name}"
+        taken = self.context.taken("simulate", title, path)
         if not settings.passes:
             work = partial(iter_simulation, plan, settings, path, verdict)
-            self.context.start_writing(title, "simulate", path, work, self._simulated)
+            self.context.start_writing(title, "simulate", path, work, self._simulated, taken=taken)
             return
         passes = Passes(plan, settings, path, verdict)
-        number = self.context.start_writing(title, "simulate", path, passes.work, self._simulated)
+        number = self.context.start_writing(title, "simulate", path, passes.work, self._simulated, taken=taken)
 
         def ended(job: Job) -> None:
             if job.number == number:

@@ -76,7 +76,7 @@ class SimulatePanel(QWidget):
         both.setStyleSheet("QSplitter::handle { background: transparent; }")
         both.addWidget(self._effects_card())
         both.addWidget(right)
-        both.setSizes([585, 490])
+        both.setSizes([640, 435])
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.addWidget(both)

@@ -12,9 +12,10 @@ __all__ = ["step"]
 EFFECTS_FILE = "lfcal-effects.json"
 
 
-def step(project: ProjectState) -> Step:
+def step(project: ProjectState, out: str = "") -> Step:
     """Return how H is simulated."""
     plan, chosen = needed_plan(project), SimulateSettings.of(project)
+    out = out or "simulated.h5"
     given = bool(chosen.effects() or chosen.choices())
     files = ((PLAN_FILE, plan.to_json()), *(((EFFECTS_FILE, settings_text(chosen)),) if given else ()))
     pairs = (
@@ -22,7 +23,7 @@ def step(project: ProjectState) -> Step:
         ("--level", chosen.level),
         ("--effects", EFFECTS_FILE if given else ""),
         ("--progressive", chosen.passes),
-        ("--out", "simulated.h5"),
+        ("--out", out),
     )
     known = f"parse_entries({EFFECTS_FILE!r})" if given else "{}, ()"
     python = f"""
@@ -34,7 +35,7 @@ plan = ScanPlan.from_json(Path({PLAN_FILE!r}).read_text(encoding="utf-8"))
 settings, given = {known}
 effects = plan_effects(plan.camera, plan, {chosen.tolerance!r}, settings, effects=given)
 H = simulate_psf(
-    plan.camera, plan, effects, {chosen.level!r}, tolerance={chosen.tolerance!r}, out="simulated.h5"
+    plan.camera, plan, effects, {chosen.level!r}, tolerance={chosen.tolerance!r}, out={out!r}
 )
 print(H.shape)
 """

@@ -81,7 +81,7 @@ class DiskGuard:
             self._next = now + self._every
             try:
                 free = shutil.disk_usage(self._folder).free
-            except FileNotFoundError:
+            except (FileNotFoundError, NotADirectoryError):
                 raise StorageError(
                     f"{self._folder}: the session folder is gone; restore it, or start a new session"
                 ) from None

@@ -12,13 +12,13 @@ from lfcal.devices.options import limits_option, number_option
 from lfcal.devices.protocols import Rig, SystemTime, TimeSource
 from lfcal.devices.simulated.camera import Renderer, SimCamera, SimLight
 from lfcal.devices.simulated.faults import Fault, parse_faults
-from lfcal.devices.simulated.gauges import simulated_gauges
+from lfcal.devices.simulated.gauges import SimGauge, simulated_gauges
 from lfcal.devices.simulated.optics import FramesRenderer, PatternRenderer, simulated_optics
 from lfcal.devices.simulated.stage import SimStage, StageModel, VirtualTime
 from lfcal.errors import InputError
 from lfcal.frames.source import FrameSource
 
-__all__ = ["SimBackend", "simulated_rig"]
+__all__ = ["SimBackend", "inject", "simulated_rig"]
 
 OPTICS = ("pattern", "auto", "geometric", "wave", "grid", "microscope")
 CLOCKS = ("virtual", "real")
@@ -63,6 +63,21 @@ def simulated_rig(
         renderer = FramesRenderer(plan, optics) if isinstance(optics, FrameSource) else optics
     camera = SimCamera(plan.camera, axes or plan.stage, stage, clock, light, renderer, faults=faults, seed=seed)
     return Rig(camera, stage, light, clock, gauges=simulated_gauges(faults))
+
+
+def inject(rig: Rig, fault: Fault) -> None:
+    """Let a fault strike a simulated rig at work, ``fault.at`` calls from the next one.
+
+    Raises
+    ------
+    InputError
+        If the device that it is a fault of is not simulated.
+    """
+    for device in (rig.camera, rig.stage, *rig.gauges):
+        if isinstance(device, SimCamera | SimStage | SimGauge) and fault.kind in device.faults.kinds:
+            device.faults.inject(fault)
+            return
+    raise InputError.expected("device of the fault", "a simulated one", rig.camera.name, "connect the simulator")
 
 
 class SimBackend:

@@ -97,7 +97,7 @@ class SimCamera:
         self._sensor = description.sensor
         self._axes, self._stage, self._time, self._light, self._renderer = axes, stage, time, light, renderer
         self._matrix, self._origin = axes.matrix().tolist(), axes.origin_um
-        self._faults = FaultBook(faults, CAMERA_FAULTS)
+        self.faults = FaultBook(faults, CAMERA_FAULTS)
         self._seed = seed
         self._number = 0
         self._asked = self._exposure = 0.01
@@ -131,7 +131,7 @@ class SimCamera:
         """Take the exposure in steps of 1 µs, from 10 µs to 60 s."""
         self._check_there()
         self._asked = min(max(round(seconds * 1e6), 10), 60_000_000) / 1e6
-        self._exposure = self._taken(self._faults.coming())
+        self._exposure = self._taken(self.faults.coming())
         return Setting(seconds, self._exposure)
 
     def set_roi(self, roi: Roi) -> Setting[Roi]:
@@ -153,7 +153,7 @@ class SimCamera:
 
     def grab(self, timeout_s: float) -> Frame:
         """Expose and return the frame; a struck fault replaces it."""
-        struck = self._faults.next_call()
+        struck = self.faults.next_call()
         self._lost = self._lost or "vanishes" in struck
         self._check_there()
         if "clock jumps" in struck and isinstance(self._time, VirtualTime):

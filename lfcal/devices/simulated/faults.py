@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from lfcal.checks import check_choice, check_number
 from lfcal.errors import InputError
@@ -94,6 +94,7 @@ class FaultBook:
     """Count the calls of one device and decide which faults occur."""
 
     def __init__(self, faults: Iterable[Fault], kinds: tuple[str, ...]) -> None:
+        self.kinds = kinds
         self._faults = [fault for fault in faults if fault.kind in kinds]
         self.calls = 0
 
@@ -102,6 +103,11 @@ class FaultBook:
         struck = self.coming()
         self.calls += 1
         return struck
+
+    def inject(self, fault: Fault) -> None:
+        """Let a further fault strike; it begins ``fault.at`` calls from the next one."""
+        # one assignment: another thread may be counting
+        self._faults = [*self._faults, replace(fault, at=self.calls + fault.at)]
 
     def coming(self) -> frozenset[str]:
         """Return the kinds of fault that will strike the next call."""

@@ -16,11 +16,11 @@ class SimGauge:
         self.name, self.unit = name, unit
         self._usual, self._off = values
         self._fault = fault
-        self._book = FaultBook(faults, (fault,))
+        self.faults = FaultBook(faults, (fault,))
 
     def read(self) -> float:
         """Return the reading."""
-        return self._off if self._fault in self._book.next_call() else self._usual
+        return self._off if self._fault in self.faults.next_call() else self._usual
 
 
 def simulated_gauges(faults: Iterable[Fault] = ()) -> tuple[SimGauge, SimGauge]:

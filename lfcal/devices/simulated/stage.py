@@ -102,7 +102,7 @@ class SimStage:
     ) -> None:
         self.model = model or StageModel()
         self._time = time
-        self._faults = FaultBook(faults, STAGE_FAULTS)
+        self.faults = FaultBook(faults, STAGE_FAULTS)
         self._start: Point = (0.0, 0.0, 0.0)
         self._target: Point = self._start
         self._began = self._ends = time.monotonic()
@@ -122,7 +122,7 @@ class SimStage:
 
     def move(self, target: Point) -> None:
         """Begin to move; a target beyond the limits is refused as a controller does."""
-        struck = self._faults.next_call()
+        struck = self.faults.next_call()
         self._check_there("stage vanishes" in struck)
         if any(not lo <= t <= hi for t, (lo, hi) in zip(target, self.limits, strict=True)):
             raise StageError.expected("stage", f"a target within {self.limits} µm", target, "correct the plan")

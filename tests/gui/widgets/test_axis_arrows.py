@@ -46,3 +46,17 @@ def test_it_keeps_to_the_corner_and_leaves_the_mouse_alone(qtbot: QtBot) -> None
     qtbot.waitUntil(lambda: arrows.geometry().right() > 600)
     assert arrows.geometry().right() < 640
     assert arrows.testAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+
+
+@pytest.mark.parametrize("name", ["+x", "-y"])
+@pytest.mark.parametrize(("down", "right"), [(0.0, 1.0), (0.0, -1.0), (1.0, 0.0), (-1.0, 0.0)])
+def test_words_keep_off_the_edge(qtbot: QtBot, name: str, down: float, right: float) -> None:
+    """The words at the right touched their box."""
+    parent = QWidget()
+    qtbot.addWidget(parent)
+    parent.resize(400, 300)
+    parent.show()
+    arrows = AxisArrows(parent)
+    arrows.set_arrows(((name, down, right),))
+    seen = drawn(arrows)
+    assert not seen[:2].any() and not seen[-2:].any() and not seen[:, -4:].any() and not seen[:, :2].any()

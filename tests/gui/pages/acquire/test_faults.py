@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,10 @@ from gui.models.project import ProjectState
 from gui.pages.acquire.model import AcquireSettings
 from gui.pages.acquire.model_faults import COUNTED, KINDS, fault_words
 from gui.pages.acquire.page import Page
+from lfcal.devices.errors import StageError
+from lfcal.devices.simulated.backend import inject, simulated_rig
 from lfcal.devices.simulated.faults import FAULTS, Fault
+from lfcal.errors import InputError
 from tests.acquire.rigs import small_plan
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import GUARD_MS, idle
@@ -57,7 +61,40 @@ def test_faults_are_added_and_removed_on_screen(page: Page, context: Context, qt
     context.project.undo()
     page.setup.connect_devices()
     qtbot.waitUntil(lambda: page.setup.station is not None, timeout=GUARD_MS)
-    assert not faults.add.isEnabled() and "disconnect" in faults.hint.text()
+    assert faults.add.isEnabled() and faults.add.text() == "Strike" and not faults.list.isEnabled()
+
+
+def test_a_fault_strikes_the_simulator_that_is_connected(page: Page, context: Context, qtbot: QtBot) -> None:
+    """Faults could be set before it was connected only."""
+    faults = page.panel.setup.faults
+    page.setup.connect_devices()
+    qtbot.waitUntil(lambda: page.setup.station is not None, timeout=GUARD_MS)
+    page.panel.setup.live.setChecked(False)
+    idle(context.jobs, qtbot)
+    station = page.setup.station
+    assert station is not None
+    station.rig.stage.move((1.0, 0.0, 0.0))
+    faults.kind.setCurrentIndex(faults.kind.findData("move fails"))
+    faults.at.setValue(1)
+    faults.add.click()
+    assert "move 1 from now" in faults.hint.text() and not AcquireSettings.of(context.state).to_dict().get("faults")
+    station.move((2.0, 0.0, 0.0))
+    with pytest.raises(StageError, match="refused the move"):
+        station.move((3.0, 0.0, 0.0))
+    station.move((4.0, 0.0, 0.0))
+    faults.kind.setCurrentIndex(faults.kind.findData("too warm"))
+    faults.at.setValue(0)
+    faults.add.click()
+    assert [gauge.read() for gauge in station.rig.gauges] == [27.0, 100.0]
+    assert station.rig.gauges[0].read() == 21.0
+    page.setup.disconnect_devices()
+    assert faults.add.text() == "Add" and faults.hint.text().startswith("Try what a fault does")
+
+
+def test_only_simulated_devices_have_faults() -> None:
+    rig = simulated_rig(PLAN)
+    with pytest.raises(InputError, match="connect the simulator"):
+        inject(replace(rig, gauges=()), Fault("too warm", 0))
 
 
 def test_a_recording_holds_in_the_window_and_goes_on_by_itself(

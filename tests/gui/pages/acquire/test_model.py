@@ -12,7 +12,7 @@ from gui.models.project import ProjectState
 from gui.pages.acquire import model_findings, model_live
 from gui.pages.acquire.model import FIELDS, UNTIL, AcquireSettings, target_of
 from gui.pages.acquire.model_recorder import Recorder, folder_state, record_picture
-from gui.pages.acquire.model_station import Station, cut, open_station
+from gui.pages.acquire.model_station import Station, cut, open_station, read_target
 from lfcal.acquire.control import Control
 from lfcal.acquire.options import Options
 from lfcal.acquire.setup import OpticalAxis, fit_stage
@@ -171,6 +171,26 @@ def test_moves_stay_within_the_limits(station: Station) -> None:
     assert station.position() == before
     after = station.jog(1, 25.0)
     assert after[1] - before[1] == pytest.approx(25, abs=0.1)
+
+
+def test_a_position_is_read_and_refused_in_a_line() -> None:
+    limits = ((-100.0, 100.0), (-50.0, 50.0), (0.0, 2000.0))
+    assert read_target("10, -20,1500", limits) == (10.0, -20.0, 1500.0)
+    assert read_target(" 1 2 3 ", limits) == (1.0, 2.0, 3.0)
+    assert read_target(", ,1500", limits) == (None, None, 1500.0)
+    for words, told in (
+        ("", "empty: stays"), ("1, 2", "'1, 2'"), ("a, b, c", "x, y, z in µm"), (",,", "empty: stays"),
+        ("nan, 0, 0", "stage axis x: expected a number"), ("0, 51, 0", "axis y: expected -50 to 50 µm, got 51 µm"),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match=told) as caught:
+            read_target(words, limits)
+        assert "\n" not in str(caught.value)
+
+
+def test_axes_without_a_number_stay(station: Station) -> None:
+    station.move((40.0, -30.0, 0.0))
+    x, y, z = station.move_axes((None, 20.0, None))
+    assert (x, y, z) == pytest.approx((40.0, 20.0, 0.0), abs=0.1)
 
 
 def test_stations_open_and_refuse() -> None:

@@ -118,6 +118,38 @@ def test_live_view_moves_and_numbers(page: Page, qtbot: QtBot, context: Context)
     assert page.setup.station is None and not panel.live.isEnabled()
 
 
+def test_the_stage_goes_to_a_typed_position(page: Page, qtbot: QtBot, context: Context) -> None:
+    """There were steps and planes only."""
+    stage = page.panel.setup.stage
+    assert not stage.move.isEnabled()
+    connect(page, qtbot)
+    page.panel.setup.live.setChecked(False)
+    station = page.setup.station
+    assert station is not None
+    page.panel.setCurrentWidget(page.panel.record)
+    qtbot.keyClick(page, Qt.Key.Key_G, Qt.KeyboardModifier.ControlModifier)
+    assert stage.target.hasFocus()
+    qtbot.keyClicks(stage.target, "120, -80,")
+    qtbot.keyClick(stage.target, Qt.Key.Key_Return)
+    qtbot.waitUntil(lambda: np.allclose(station.position(), (120, -80, 0), atol=0.5), timeout=GUARD_MS)
+    stage.target.setText("1e9, 0, 0")
+    stage.move.click()
+    assert stage.refusal.isVisible() and "nothing was moved" in stage.refusal.text()
+    assert "stage axis x: expected" in page.panel.setup.readout.text()
+    stage.target.setText("10, 20, 30")
+    stage.move.click()
+    assert not stage.refusal.isVisible()
+    qtbot.waitUntil(lambda: np.allclose(station.position(), (10, 20, 30), atol=0.5), timeout=GUARD_MS)
+    page.setFocus()
+    stage.step.setValue(50.0)
+    for key, modifier in (
+        (Qt.Key.Key_Right, Qt.KeyboardModifier.ControlModifier),
+        (Qt.Key.Key_Down, Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.ShiftModifier),
+    ):
+        qtbot.keyClick(page, key, modifier)
+    qtbot.waitUntil(lambda: np.allclose(station.position(), (60, 20, -20), atol=0.5), timeout=GUARD_MS)
+
+
 def test_a_wrong_sign_is_caught_in_red_and_corrected(page: Page, qtbot: QtBot, context: Context) -> None:
     page.setup._devices_edited("sim", (("optics", "pattern"), ("axes", "-x,+y,+z")), "")
     connect(page, qtbot)

@@ -22,7 +22,7 @@ from lfcal.acquire.finish import iter_assemble_session
 from lfcal.acquire.session import iter_record
 from lfcal.camera import ScanPlan
 from lfcal.cli.sample import sample_session
-from lfcal.errors import InputError
+from lfcal.errors import InputError, StorageError
 from lfcal.progress import drain
 from tests.acquire.rigs import small_plan
 from tests.gui.conftest import OpenPage
@@ -61,6 +61,14 @@ def test_light_is_on_again_when_dark_frames_are_stopped(station: Station, tmp_pa
     frame = station.look(0.02, PLAN).frame
     assert frame is not None and frame.data.max() > 1000
     assert not (tmp_path / "dark").exists()
+
+
+def test_a_session_folder_that_is_a_file_is_told_before_a_frame_is_taken(station: Station, tmp_path: Path) -> None:
+    """It ended in the traceback of a job, after all frames had been taken."""
+    (folder := tmp_path / "session.h5").write_bytes(b"a file")
+    with pytest.raises(StorageError, match=r"session\.h5 is a file; check the path"):
+        next(iter_stills(station, PLAN, 0.02, folder, "dark"))
+    assert folder.read_bytes() == b"a file" and not recipe_of(folder).white
 
 
 def test_a_point_is_no_white_image_and_light_is_no_dark_one(station: Station, tmp_path: Path) -> None:

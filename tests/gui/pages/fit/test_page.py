@@ -23,7 +23,7 @@ from gui.models.page import PageState
 from gui.models.project import ProjectState
 from gui.pages.fit import PAGE
 from gui.pages.fit.model import FitSettings, group_rows
-from gui.pages.fit.model_run import Kept
+from gui.pages.fit.model_run import Found, Kept
 from gui.pages.fit.page import Page
 from gui.theme import DARK, LIGHT, apply_theme
 from gui.window import MainWindow
@@ -84,6 +84,45 @@ def test_pictures_of_a_position(fitted: Page) -> None:
     assert view.place == found.places[4] and view.patterns.value() == 4
     fitted.receive((0, 99, 99))
     assert view.place == found.places[4]
+
+
+def fewer(found: Found, count: int) -> Found:
+    """Return what a fit of the last patterns alone would show."""
+    kept = found.places[-count:]
+    return replace(
+        found,
+        places=kept,
+        **{
+            key: {p: getattr(found, key)[p] for p in kept} for key in ("patterns", "valid", "model", "residual", "chi2")
+        },
+    )
+
+
+def test_patterns_of_a_fit_with_fewer_of_them(fitted: Page) -> None:
+    """The map kept the places of the fit before, and the slider the length of its list."""
+    view, found = fitted.panel.patterns, fitted.found
+    assert found is not None
+    view.show_place(found.places[-1])
+    fitted.panel.show_found(less := fewer(found, 3), ())
+    assert view.place == less.places[0] and view.map.places == less.places and view.patterns.maximum() == 2
+    assert len(view.map.dots.points()) == 3
+    view.apply_theme()
+    view.patterns.setValue(2)
+    assert view.place == less.places[2]
+
+
+def test_nothing_is_stepped_through_without_a_fit(fitted: Page) -> None:
+    """A slider that still had the length of a list that is gone ended in a traceback."""
+    view = fitted.panel.patterns
+    asked: list[object] = []
+    view.place_asked.connect(asked.append)
+    view.clear()
+    for slider in (view.patterns, view.planes):
+        assert not slider.isEnabled() and slider.maximum() == 0
+    view.step(2)
+    view.step_plane(1)
+    view.show_worst()
+    assert not asked
 
 
 def test_pictures_are_zoomed_together(fitted: Page) -> None:

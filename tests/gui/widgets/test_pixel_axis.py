@@ -1,0 +1,59 @@
+"""Axes of pictures count pixels: there is no half one, and none beyond the last."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from PySide6.QtWidgets import QApplication
+from pytestqt.qtbot import QtBot
+
+from gui.widgets.image_view import ImageView
+from gui.widgets.period_map import PeriodMap
+from gui.widgets.pixel_axis import PixelAxis
+
+
+def ticks(axis: PixelAxis, low: float, high: float, size: float = 300.0) -> list[float]:
+    return sorted(value for _, values in axis.tickValues(low, high, size) for value in values)
+
+
+def test_whole_numbers_of_what_is_there(qtbot: QtBot) -> None:
+    """A matrix of 4 rows had ticks at 0.5, and the map of a period at -1 and beyond its end."""
+    view, period = ImageView(), PeriodMap()
+    for widget in (view, period):
+        qtbot.addWidget(widget)
+    view.set_image(np.ones((4, 7)), origin=(-2.0, 0.0))
+    period.set_values(np.ones((3, 5)))
+    assert ticks(view.plot.getAxis("left"), -2.6, 1.6) == [-2, -1, 0, 1]
+    assert ticks(view.plot.getAxis("left"), 1.6, -2.6) == [-2, -1, 0, 1], "rows count downwards"
+    assert ticks(period.plot.getAxis("bottom"), -1.4, 6.2) == [0, 1, 2, 3, 4]
+    assert ticks(period.plot.getAxis("left"), 0.8, 1.3) == [1], "however near it is seen"
+
+
+def test_numbers_keep_apart_where_the_picture_is_small_on_its_axis(qtbot: QtBot) -> None:
+    period = PeriodMap()
+    qtbot.addWidget(period)
+    period.set_values(np.ones((19, 33)))
+    found = ticks(period.plot.getAxis("left"), -15.0, 35.0, 100.0)
+    assert len(found) >= 2 and min(np.diff(found)) * 100 / 50 >= 14
+
+
+def test_both_axes_of_a_picture_have_numbers(qtbot: QtBot) -> None:
+    """Drawn as they are, not asked for."""
+    view = ImageView()
+    qtbot.addWidget(view)
+    view.resize(400, 300)
+    view.show()
+    view.set_image(np.ones((40, 70)))
+    QApplication.processEvents()
+    for side, last in (("left", 39), ("bottom", 69)):
+        axis = view.plot.getAxis(side)
+        found = sorted(value for _, values in axis.tickValues(*axis.range, 300.0) for value in values)
+        assert len(found) > 2 and found[0] >= 0 and found[-1] <= last
+
+
+@pytest.mark.parametrize(("origin", "step"), [((0.5, 0.5), 1.0), ((0.0, 0.0), 0.25)])
+def test_pictures_of_other_units_have_the_usual_axes(qtbot: QtBot, origin: tuple[float, float], step: float) -> None:
+    view = ImageView(unit="µm")
+    qtbot.addWidget(view)
+    view.set_image(np.ones((4, 4)), origin=origin, step=step)
+    assert any(value % 1 for value in ticks(view.plot.getAxis("left"), 0.0, 1.0))
