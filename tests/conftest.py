@@ -37,14 +37,14 @@ OTHER_KERNELS = ("lattice", "multiplex", "reconstruct", "psf")
 """Folders whose tests need other kernels than those of simulations, which `accuracy` begins with."""
 
 
-def second_half_first(items: list[pytest.Item]) -> None:
+def begin_with_different_kernels(items: list[pytest.Item]) -> None:
     """Let the second of two workers, which begins in the middle, compile other kernels than the first.
 
     Where both begin with simulations they compile the same kernels at the same time.
     """
 
     def place(item: pytest.Item) -> int:
-        folder = item.nodeid.split("/")[1]
+        folder = item.nodeid.removeprefix("tests/").partition("/")[0]
         # what comes before them by name fills the first half
         return 1 if folder in OTHER_KERNELS else 0 if folder < min(OTHER_KERNELS) and folder != "inspect" else 2
 
@@ -52,7 +52,7 @@ def second_half_first(items: list[pytest.Item]) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    second_half_first(items)
+    begin_with_different_kernels(items)
     if config.getoption("--long"):
         return
     skip = pytest.mark.skip(reason="takes minutes; run with --long")
