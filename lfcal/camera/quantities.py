@@ -118,7 +118,8 @@ def has_value(camera: Camera, path: str) -> bool:
         return False
     part, _, name = path.rpartition(".")
     held = getattr(camera, part) if part else camera
-    if name not in _names(type(held)):
+    kind: Any = type(held)
+    if name not in _names(kind):
         return False
     # rows at their ideal distance, and what nobody measured, are no values that anybody gave
     given = path not in UNLESS or getattr(held, name) != UNLESS[path]
