@@ -33,7 +33,7 @@ from lfcal.camera.main_lens import MainLens, Microscope
 from lfcal.camera.marks import MARKS, Marks
 from lfcal.camera.plan import ScanPlan
 from lfcal.camera.presets import PRESETS, preset
-from lfcal.camera.quantities import QUANTITIES, Quantity, quantities_of, value_at
+from lfcal.camera.quantities import QUANTITIES, Quantity, has_value, quantities_of, value_at
 from lfcal.camera.sensor import Sensor
 from lfcal.camera.stage import StageAxes
 
@@ -61,6 +61,7 @@ __all__ = [
     "Wanted",
     "derived_of",
     "doubts",
+    "has_value",
     "import_camera",
     "preset",
     "quantities_of",

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from functools import cache
 from typing import Any
 
 from lfcal.camera.description import Camera
 
-__all__ = ["QUANTITIES", "Quantity", "quantities_of", "value_at"]
+__all__ = ["QUANTITIES", "Quantity", "has_value", "quantities_of", "value_at"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +95,7 @@ QUANTITIES = (
 )
 """Every value a person can state, in the order in which it is shown."""
 
+_PATHS = frozenset(quantity.path for quantity in QUANTITIES)
 
 UNLESS: dict[str, object] = {
     "lattice.row_pitch_um": None,
@@ -105,19 +107,28 @@ UNLESS: dict[str, object] = {
 """Values that are there only where they differ from these."""
 
 
+@cache
+def _names(kind: Any) -> frozenset[str]:
+    return frozenset(field.name for field in fields(kind))
+
+
+def has_value(camera: Camera, path: str) -> bool:
+    """Return whether ``path`` is that of a value, and one which describes ``camera``."""
+    if path not in _PATHS:
+        return False
+    part, _, name = path.rpartition(".")
+    held = getattr(camera, part) if part else camera
+    kind: Any = type(held)
+    if name not in _names(kind):
+        return False
+    # rows at their ideal distance, and what nobody measured, are no values that anybody gave
+    given = path not in UNLESS or getattr(held, name) != UNLESS[path]
+    return given and not (path == "lattice.type_step" and len(camera.lattice.types) == 1)
+
+
 def quantities_of(camera: Camera) -> tuple[Quantity, ...]:
     """Return the values that describe ``camera``: those of a lens or of a microscope, not both."""
-
-    def there(path: str) -> bool:
-        part, _, name = path.rpartition(".")
-        held = getattr(camera, part) if part else camera
-        if not any(field.name == name for field in fields(held)):
-            return False
-        # rows at their ideal distance, and what nobody measured, are no values that anybody gave
-        given = path not in UNLESS or getattr(held, name) != UNLESS[path]
-        return given and not (path == "lattice.type_step" and len(camera.lattice.types) == 1)
-
-    return tuple(quantity for quantity in QUANTITIES if there(quantity.path))
+    return tuple(quantity for quantity in QUANTITIES if has_value(camera, quantity.path))
 
 
 def value_at(camera: Camera, path: str) -> Any:

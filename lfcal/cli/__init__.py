@@ -45,9 +45,9 @@ def _run() -> None:
     usage_error = cast(type[Exception], typer.BadParameter.__mro__[2])
     try:
         with bounded_threads():
-            from lfcal.cli.app import build_app
+            from lfcal.cli.app import command_line
 
-            code = build_app()(standalone_mode=False, prog_name="lfcal")
+            code = command_line()(standalone_mode=False, prog_name="lfcal")
         sys.exit(code if isinstance(code, int) else 0)
     except usage_error as error:
         _stop(2, _usage(error))

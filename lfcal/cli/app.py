@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
+from functools import cache
 from types import ModuleType
+from typing import Any
 
 import typer
 
 from lfcal import __version__
 
-__all__ = ["build_app", "command_modules"]
+__all__ = ["build_app", "command_line", "command_modules"]
 
 ORDER = (
     "demo",
@@ -77,3 +79,9 @@ def build_app() -> typer.Typer:
     for module in command_modules("lfcal.cli", ORDER):
         module.register(app)
     return app
+
+
+@cache
+def command_line() -> Any:
+    """Return the parser of the whole command line, made once: reading the signature of every command takes a while."""
+    return typer.main.get_command(build_app())

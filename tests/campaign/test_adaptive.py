@@ -101,6 +101,11 @@ def test_a_session_ends_when_h_is_as_good_as_wanted(whole: Whole) -> None:
     assert aside == set(session.kept_aside) and fit.left_out_error.patterns == len(aside)
 
 
+def test_progress_says_the_error(whole: Whole) -> None:
+    assert len(whole.notes) == len(whole.seen) > 1 and whole.notes[0].startswith("6 positions: error of H")
+    assert whole.notes == [str(step) for step in whole.seen]
+
+
 def test_after_a_crash_it_goes_on_from_what_is_recorded(tmp_path: Path) -> None:
     with pytest.raises(AcquisitionStopped):
         adapted(tmp_path, faults="times out@12*99")
@@ -195,8 +200,3 @@ def test_frames_of_unknown_noise_are_not_fitted(tmp_path: Path) -> None:
     record(tmp_path / "s", PLAN, rig_for(PLAN), replace(OPTIONS, bracket=(1.0, 0.5)), only=only)
     with pytest.raises(InputError, match="noise of the frames: expected a variance, got none"):
         drain(iter_session_patterns(tmp_path / "s"))
-
-
-def test_progress_says_the_error(whole: Whole) -> None:
-    assert len(whole.notes) == len(whole.seen) > 1 and whole.notes[0].startswith("6 positions: error of H")
-    assert whole.notes == [str(step) for step in whole.seen]

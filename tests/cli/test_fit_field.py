@@ -98,7 +98,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any
     volume, frame = known_object()
     np.save(folder / "points.npy", volume)
     cv2.imwrite(str(folder / "points.tif"), frame)
-    said, _ = typed(folder, "fit", "centre.h5", "edge.h5", *WORDS, "--workers", 1, "--json")
+    said, _ = typed(folder, "fit", "centre.h5", "edge.h5", *WORDS, "--workers", 1, "--json", pictures=False)
     return folder, json.loads(said)
 
 

@@ -13,6 +13,7 @@ from lfcal.psf import PSFMatrix, save
 from tests.cli.conftest import Run
 from tests.fit.common import few_patterns
 from tests.inspect.common import added, clean, matrix, sensor
+from tests.psf.plain_report import undrawn
 
 Lfcal = Callable[..., Run]
 
@@ -23,7 +24,10 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_a_hot_column_is_named_and_not_a_step_of_the_stage(lfcal: Lfcal, place: Path) -> None:
+def test_a_hot_column_is_named_and_not_a_step_of_the_stage(
+    lfcal: Lfcal, place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    undrawn(monkeypatch)
     image = sensor(0.0)
     image[:, 25] = 60.0
     save(matrix(added(clean(), image)), place / "H.h5")

@@ -14,6 +14,7 @@ from lfcal.plain import plain
 from lfcal.psf import PSFMatrix, save
 from lfcal.psf.quality import inspect
 from tests.cli.conftest import Run
+from tests.psf.plain_report import undrawn
 from tests.psf.test_report import matrix
 
 Lfcal = Callable[..., Run]
@@ -90,7 +91,8 @@ def test_h_files_are_measured(lfcal: Lfcal, tmp_path: Path) -> None:
     assert "planes_lit" in told["worse"] and "file's own time" in told["notes"][0]
 
 
-def test_a_report_says_when_it_was_made(lfcal: Lfcal, tmp_path: Path) -> None:
+def test_a_report_says_when_it_was_made(lfcal: Lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    undrawn(monkeypatch)
     save(matrix(), tmp_path / "H.h5")
     for name in ("a", "b"):
         assert lfcal("inspect", tmp_path / "H.h5", "--seconds", 0, "--report", tmp_path / name).code == 0

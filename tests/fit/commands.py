@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from lfcal.cli import main
@@ -26,7 +28,19 @@ def undrawn(patch: pytest.MonkeyPatch) -> None:
     patch.setattr("lfcal.fit.writing.iter_fit_report", page)
 
 
-def typed(folder: Path, *words: object, drawn: bool = True) -> tuple[str, str]:
+def unpictured(patch: pytest.MonkeyPatch) -> None:
+    """Let reports of fits be whole pages whose pictures are a pixel each."""
+    ok, pixel = cv2.imencode(".png", np.zeros((1, 1), np.uint8))
+    assert ok
+
+    def draw(_: object, path: Path) -> None:
+        path.write_bytes(pixel.tobytes())
+
+    for name in ("draw_patterns", "draw_leftover", "draw_parameters"):
+        patch.setattr(f"lfcal.fit.report.{name}", draw)
+
+
+def typed(folder: Path, *words: object, drawn: bool = True, pictures: bool = True) -> tuple[str, str]:
     """Run ``lfcal`` with words in a folder, in which all went well; return what it said on both streams."""
     out, err = io.StringIO(), io.StringIO()
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
@@ -34,6 +48,8 @@ def typed(folder: Path, *words: object, drawn: bool = True) -> tuple[str, str]:
         patch.setattr("sys.argv", ["lfcal", *map(str, words)])
         if not drawn:
             undrawn(patch)
+        if not pictures:
+            unpictured(patch)
         with pytest.raises(SystemExit) as end:
             main()
     assert not end.value.code, err.getvalue()

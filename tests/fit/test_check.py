@@ -24,6 +24,7 @@ from tests.simulate.brute_force import brute_force
 NOISE = (64.0, 1.0)
 PEAK = 16e3
 AT = (4, 5)
+FINE = Fineness.finest
 
 
 def plan_of() -> ScanPlan:
@@ -51,19 +52,22 @@ def changed(**lattice: object) -> Setup:
     return replace(setup, camera=replace(setup.camera, lattice=replace(setup.camera.lattice, **lattice)))
 
 
+@cache
+def pattern(setup: Setup, offset: tuple[float, float] = (0.0, 0.0), at: tuple[int, int] = AT) -> np.ndarray:
+    """Return the light of a source beside a position, as the engine gives it."""
+    return predict(setup, plan_of(), np.array([[0, *at]]), np.array([offset]), FINE)[0]
+
+
 def new_frame(setup: Setup, offset: tuple[float, float] = (0.0, 0.0), seed: int = 0, gain: float = 0.8) -> np.ndarray:
     """Return a frame of the whole sensor with a source beside position `AT`, a background of 30, and noise."""
     plan = plan_of()
-    unit = values()[0, 4, 4].sum() / predict(setup_of(plan), plan, np.array([[0, 4, 4]]), np.zeros((1, 2)), FINE).sum()
-    light = gain * unit * predict(setup, plan, np.array([[0, *AT]]), np.array([offset]), Fineness.finest)[0]
+    unit = values()[0, 4, 4].sum() / pattern(setup_of(plan), at=(4, 4)).sum()
+    light = gain * unit * pattern(setup, offset)
     whole = np.zeros(plan.camera.sensor.shape)
     row, column = (round(a) + p - 14 for a, p in zip(plan.anchor, AT, strict=True))
     whole[row : row + 29, column : column + 29] = np.maximum(light, 0)
     rng = np.random.default_rng(seed)
     return rng.poisson(whole) + 30.0 + np.sqrt(NOISE[0]) * rng.standard_normal(whole.shape)
-
-
-FINE = Fineness.finest
 
 
 @pytest.mark.parametrize("camera", [True, False])

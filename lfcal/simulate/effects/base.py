@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.camera import Camera, MainLens, quantities_of, value_at
+from lfcal.camera import Camera, MainLens, has_value, value_at
 from lfcal.checks import check_number
 from lfcal.simulate.effects.outlook import Outlook
 from lfcal.simulate.scene import Scene
@@ -224,7 +224,7 @@ class Effect(ABC):
     @classmethod
     def is_described(cls, field: str, camera: Camera) -> bool:
         """Return whether the description of ``camera`` has a value for ``field``: a microscope has no iris blades."""
-        return cls.described.get(field) in {quantity.path for quantity in quantities_of(camera)}
+        return has_value(camera, cls.described.get(field, ""))
 
     @abstractmethod
     def estimate(self, outlook: Outlook) -> Estimate:

@@ -1,0 +1,14 @@
+"""Quality reports without what takes longest: their pictures and the paper, where neither is the matter."""
+
+from __future__ import annotations
+
+import pytest
+
+from lfcal.psf.report import write
+from lfcal.psf.report.pictures import Picture
+
+
+def undrawn(patch: pytest.MonkeyPatch) -> None:
+    """Let a report have one empty picture, and no paper; page and lists are as ever."""
+    patch.setattr(write, "pictures", lambda *_: [lambda: Picture("slices", "none.png", "", b"")])
+    patch.setattr(write, "pdf", lambda *_: b"")
