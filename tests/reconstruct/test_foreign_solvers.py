@@ -77,7 +77,7 @@ def test_the_documented_solver_stops_resumes_and_masks(foreign):
 
 def test_options_it_does_not_honour_are_refused(foreign):
     foreign(PAGE[0])
-    with pytest.raises(InputError, match=r"read noise: expected none for solver landweber.*or choose sieve or rl"):
+    with pytest.raises(InputError, match=r"read noise: expected none for solver landweber.*or choose rl"):
         SolverChoice("landweber", read_noise=2.0)
     P = Projector(lenslet_psf(2, 5, 15), (30, 31))
     with pytest.raises(InputError, match=r"initial: expected none for solver landweber"):

@@ -98,7 +98,7 @@ SOLVER = Solver(
     "Richardson-Lucy within a sieve (Snyder & Miller 1985): few lenslets in the native plane, no rings",
     iterate,
     EM | {"subsets"},
-    rank=5,
+    rank=85,
     volumes=(4, 4),
     parts=lambda subsets: _blocks(subsets) ** 2,
 )
