@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -51,13 +51,15 @@ def command(
         None,
         "--out",
         "-o",
-        help="Volume to write: .tif, .h5 or .npy; of a frame file with several pages all volumes in one file (TZYX). "
-        "A folder with --batch.",
+        help="Volume to write: .tif, .ome.tif, .h5 or .npy; of a frame file with several pages all volumes in one file "
+        "(TZYX). A folder with --batch.",
     ),
     batch: Path | None = typer.Option(None, "--batch", help="Folder of frames, or a stack: a time series."),
-    suffix: str = typer.Option(".tif", "--format", help="With --batch: .tif, .h5 or .npy."),
-    solver: str = typer.Option("rl", "--solver", help="Solver; --solver list shows all."),
-    iterations: int = typer.Option(20, "--iterations", "-n", help="Iterations."),
+    suffix: str = typer.Option(".tif", "--format", help="With --batch: .tif, .ome.tif, .h5 or .npy."),
+    solver: str = typer.Option("sieve", "--solver", help="Solver; --solver list shows all."),
+    iterations: str = typer.Option(
+        "20", "--iterations", "-n", help="Iterations; auto: until pixels left out of the fit are foretold no better."
+    ),
     method: str = typer.Option("auto", "--method", help="Projection: auto, polyphase, direct, sparse, reduced or fft."),
     threshold: float = typer.Option(0.0, "--threshold", help="Take entries of H below this share of the peak as 0."),
     within: float = typer.Option(
@@ -80,8 +82,13 @@ def command(
         None, "--saturation", help="Leave out pixels at or above this value (counts)."
     ),
     strength: float | None = typer.Option(None, "--strength", help="Weight of the penalty (rl-tv, rl-tikhonov, cg)."),
-    subsets: int | None = typer.Option(None, "--subsets", help="Subsets of osem; view blocks per axis of phase-space."),
+    subsets: int | None = typer.Option(
+        None, "--subsets", help="Subsets of osem; view blocks per axis of phase-space and sieve."
+    ),
     tolerance: float = typer.Option(0.0, "--tolerance", min=0, help="Stop when the relative change falls below."),
+    margin: str = typer.Option(
+        "auto", "--margin", help="Pixels that the volume goes on beyond the frame, for light from beside it; 0: none."
+    ),
     warm: bool = typer.Option(False, "--warm", help="With --batch: start each frame from the last volume."),
     voxel: str = typer.Option(
         "",
@@ -106,7 +113,8 @@ def command(
     Example: `lfcal reconstruct H.h5 frame.tif -o volume.tif --solver rl-tv --iterations 30`
     """
     from lfcal.cli.outputs import check_outputs
-    from lfcal.cli.reconstruct_grid import anchor_of, check_grid, check_lattice, grid_of, view_of
+    from lfcal.cli.reconstruct_forecast import show_forecast, total_seconds
+    from lfcal.cli.reconstruct_grid import anchor_of, check_grid, check_lattice, grid_of, margin_of, view_of, wide
     from lfcal.cli.reconstruct_units import Settings
     from lfcal.psf import open_psf
     from lfcal.psf.voxels import voxel_um
@@ -118,7 +126,8 @@ def command(
         _list_solvers()
         return
     check_lattice(lattice, resample=resample)
-    choice = SolverChoice(solver, iterations, background, read_noise, saturation, strength, subsets, tolerance)
+    count, auto = _iterations(iterations)
+    choice = SolverChoice(solver, count, background, read_noise, saturation, strength, subsets, tolerance, auto)
     source = _source(frame, batch, wanted=out is not None or forecast)
     task = _Task(frames_of(source), choice, warm, json)
     targets = {} if forecast or out is None else _targets(task, out, suffix if batch else None)
@@ -128,12 +137,15 @@ def command(
         check_grid(H, task.shape, resample=resample)
         at = anchor_of(anchor, view, H)
         shape = task.shape if view is None else view.shape
+        choice = replace(choice, margin=margin_of(margin, H, shape))
+        task = replace(task, choice=choice)
+        wider, moved = wide(shape, at, H, choice.margin)
         most = None if memory is None else int(memory * 1e9)
-        room = partial(room_for_projections, (len(H), *shape), choice, 8 if double else 4, memory=most, warm=warm)
+        room = partial(room_for_projections, (len(H), *wider), choice, 8 if double else 4, memory=most, warm=warm)
         P = Projector(
             H,
-            shape,
-            at,
+            wider,
+            moved,
             method,
             dtype="float64" if double else "float32",
             threshold=threshold,
@@ -142,22 +154,38 @@ def command(
             workers=workers,
         )
         if forecast or out is None:
-            _show_forecast(P, task, json)
+            show_forecast(P, choice, len(task.frames), warm=warm, json=json)
             return
         shared = Settings(psf, dark, white, lattice, resample, anchor, method, double, threshold, within)
-        seconds = P.forecast().chosen.prepare_s + len(task.frames) * choice.iterations * P.forecast().chosen.pair_s
+        seconds = total_seconds(P, choice, len(task.frames))
         run = run_choice(
             out, executor, scheduler, workers, resume=resume, force=force, seconds=seconds, units="frame by frame"
         )
-        grid = grid_of(voxel, H, P.image_shape, at)
-        volume = P.volume_shape if grid is None else (len(H), *grid.shape)
+        grid = grid_of(voxel, H, shape, at)
+        volume = (len(H), *(shape if grid is None else grid.shape))
         sides = voxel_um(H) if grid is None else (grid.voxel_um, grid.voxel_um)
-        with _saving(P, sides, targets, {"psf": psf.name, **task.details(P)}, grid) as save:
+        with _saving(P, sides, targets, {"psf": psf.name, **task.details(P)}, volume, grid) as save:
             if run is None:
                 results = _solve(task, P, cleaner(dark, white, view), view, save)
             else:
                 results = _solve_in_units(task, P, shared, out, run, save, room)
     _show_results(P, volume, results, targets, json)
+
+
+def _iterations(text: str) -> tuple[int, bool]:
+    """Return the most iterations that ``--iterations`` allows, and whether a run stops by itself."""
+    from lfcal.errors import InputError
+    from lfcal.reconstruct.solvers.stopping import MOST_ITERATIONS
+
+    if text == "auto":
+        return MOST_ITERATIONS, True
+    try:
+        count = int(text)
+    except ValueError:
+        raise InputError.expected("--iterations", "a number, or auto", repr(text), "correct it") from None
+    if count < 1:
+        raise InputError.expected("--iterations", "at least 1, or auto", count, "correct it")
+    return count, False
 
 
 @dataclass(frozen=True)
@@ -189,7 +217,8 @@ class _Task:
 
     def details(self, P: Projector) -> dict[str, Any]:
         """Return what is written into the volume about how it was made."""
-        return {"solver": asdict(self.choice), "method": P.method, "within": P.tolerance, "anchor": P.grid.anchor}
+        anchor = tuple(at - self.choice.margin for at in P.grid.anchor)
+        return {"solver": asdict(self.choice), "method": P.method, "within": P.tolerance, "anchor": anchor}
 
 
 def _solve(task: _Task, P: Projector, clean: Cleaner, view: Resampling | None, save: Save) -> tuple[FrameResult, ...]:
@@ -202,7 +231,8 @@ def _solve(task: _Task, P: Projector, clean: Cleaner, view: Resampling | None, s
     frames = [(frame.name, partial(_cleaned, frame, clean)) for frame in task.frames]
 
     def take(name: str, result: Reconstruction) -> None:
-        save(name, result.volume, {"notes": result.notes, "residual": result.history[-1].residual})
+        known = {"notes": result.notes, "residual": result.history[-1].residual, "stopped": result.stopped}
+        save(name, result.volume, known)
 
     work = iter_series(P, frames, len(frames), task.choice, take, weights=weights, warm=task.warm)
     # The forecast goes to standard error, before the wait that it is about.
@@ -263,15 +293,14 @@ def _saving(
     voxel: tuple[float, float] | None,
     targets: dict[str, Path],
     details: dict[str, Any],
+    shape: tuple[int, ...],
     grid: MetricGrid | None = None,
 ) -> Iterator[Save]:
     """Give what saves the volume of a frame: into its own file, or into one file that holds them all."""
     from lfcal.reconstruct.volumes import VolumeFacts, save_volume, write_volumes
 
     depths = P.depths if P.camera is not None else None
-    shape = P.volume_shape
     if grid is not None:
-        shape = (shape[0], *grid.shape)
         details = {**details, "voxel_um": grid.voxel_um, "origin_um": grid.origin_um}
 
     def placed(volume: NDArray[Any]) -> NDArray[Any]:
@@ -322,34 +351,6 @@ def _cleaned(frame: FrameFile, clean: Cleaner) -> NDArray[Any]:
     return clean(frame.read())
 
 
-def _show_forecast(P: Projector, task: _Task, json: bool) -> None:
-    from lfcal.cli.console import print_json, print_table
-    from lfcal.reconstruct.memory import run_memory
-    from lfcal.units import format_bytes, format_seconds
-
-    found, frames, iterations = P.forecast(), len(task.frames), task.choice.iterations
-    memory = run_memory(P, task.choice, warm=task.warm)
-    total = found.chosen.prepare_s + frames * iterations * found.chosen.pair_s
-    if json:
-        known = {"memory": memory, "memory_bytes": memory.total, "seconds": total}
-        print_json({"forecast": found.chosen, "options": found.options, **known})
-        return
-    rows = [
-        [
-            c.method + (" *" if c is found.chosen else ""),
-            format_seconds(c.prepare_s),
-            format_seconds(c.forward_s),
-            format_seconds(c.adjoint_s),
-            format_bytes(c.memory_bytes),
-            "yes" if c.resident else "no",
-        ]
-        for c in found.options
-    ]
-    print_table(["method", "set-up", "forward", "adjoint", "memory", "kept"], rows, title=f"{P.volume_shape} volume")
-    typer.echo(f"{frames} frames, {iterations} iterations: about {format_seconds(total)}")
-    typer.echo(f"memory {memory}")
-
-
 def _show(result: Any, target: Path, shape: tuple[int, ...]) -> None:
     from lfcal.cli.console import report
     from lfcal.units import format_seconds
@@ -358,3 +359,5 @@ def _show(result: Any, target: Path, shape: tuple[int, ...]) -> None:
         report(f"note: {result.name}: {note}")
     took = format_seconds(result.seconds)
     typer.echo(f"{target}: volume {shape}, {result.iterations} iterations in {took}, residual {result.residual:.4f}")
+    if result.stopped:
+        typer.echo(f"stopped: {result.stopped}")

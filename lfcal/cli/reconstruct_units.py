@@ -103,17 +103,19 @@ def do_frame(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None
     began = time.perf_counter()
     image = read_image(Path(arguments["file"]), arguments["page"])
     settings = Settings.of(arguments["settings"])
-    tool = _tool_for(settings, image.shape, arguments["projection"], arguments["memory"], workers)
-    initial = load_volume(arguments["initial"]) if arguments["initial"] else None
     choice = SolverChoice(**arguments["choice"])
+    how = (arguments["projection"], arguments["memory"], workers, choice.margin)
+    tool = _tool_for(settings, image.shape, how)
+    initial = load_volume(arguments["initial"]) if arguments["initial"] else None
     if not choice.solver.in_parts:
         yield from tool.projector.iter_prepare()
     weights = None if tool.view is None else tool.view.inside(image.shape)
     result = yield from iter_reconstruct(tool.projector, tool.clean(image), choice, weights=weights, initial=initial)
     last = result.history[-1]
     details = {
-        "iterations": last.iteration,
+        "iterations": result.state.iteration,
         "residual": last.residual,
+        "stopped": result.stopped,
         "seconds": time.perf_counter() - began,
         "notes": result.notes,
     }
@@ -138,31 +140,34 @@ class _Held:
     lock = threading.Lock()
 
 
-def _tool_for(settings: Settings, shape: tuple[int, ...], method: str, memory: int, workers: int) -> _Tool:
+def _tool_for(settings: Settings, shape: tuple[int, ...], how: tuple[str, int, int, int]) -> _Tool:
+    """Return what frames of ``shape`` need; ``how``: method of projection, memory, threads and margin."""
     stamps = tuple(os.stat(path).st_mtime_ns for path in settings.inputs)
-    key = (json.dumps(settings.plain(), sort_keys=True), stamps, shape, method, memory, workers)
+    key = (json.dumps(settings.plain(), sort_keys=True), stamps, shape, how)
     with _Held.lock:
         if _Held.tool is None or _Held.tool.key != key:
             if _Held.tool is not None:
                 _Held.tool.matrix.close()
                 _Held.tool = None
-            _Held.tool = _made(settings, shape, (method, memory, workers), key)
+            _Held.tool = _made(settings, shape, how, key)
         return _Held.tool
 
 
-def _made(settings: Settings, shape: tuple[int, ...], how: tuple[str, int, int], key: tuple[Any, ...]) -> _Tool:
+def _made(settings: Settings, shape: tuple[int, ...], how: tuple[str, int, int, int], key: tuple[Any, ...]) -> _Tool:
     from lfcal.cli.reconstruct_frames import cleaner
-    from lfcal.cli.reconstruct_grid import anchor_of, view_of
+    from lfcal.cli.reconstruct_grid import anchor_of, view_of, wide
     from lfcal.psf import open_psf
     from lfcal.reconstruct.projectors.projector import Projector
 
     matrix = open_psf(settings.psf)
     try:
         view = view_of(matrix, settings.white, settings.lattice) if settings.resample else None
+        frame = (shape[0], shape[1]) if view is None else view.shape
+        wider, anchor = wide(frame, anchor_of(settings.anchor, view, matrix), matrix, how[3])
         projector = Projector(
             matrix,
-            (shape[0], shape[1]) if view is None else view.shape,
-            anchor_of(settings.anchor, view, matrix),
+            wider,
+            anchor,
             how[0],
             dtype="float64" if settings.double else "float32",
             threshold=settings.threshold,
@@ -192,7 +197,7 @@ def iter_collect(
     for k, (part, name) in enumerate(zip(parts, names, strict=True)):
         with H5File(part) as file:
             known = json.loads(file.attributes().text("details", "{}"))
-        notes = tuple(known["notes"])
-        save(name, load_volume(part), {"notes": notes, "residual": known["residual"]})
-        results.append(FrameResult(name, known["iterations"], known["residual"], known["seconds"], notes))
+        notes, stopped = tuple(known["notes"]), known["stopped"]
+        save(name, load_volume(part), {"notes": notes, "residual": known["residual"], "stopped": stopped})
+        results.append(FrameResult(name, known["iterations"], known["residual"], known["seconds"], notes, stopped))
         yield clock.at(k + 1)

@@ -126,6 +126,7 @@ def _solver_bytes(shape: tuple[int, int, int], choice: SolverChoice, itemsize: i
 
 def _held(choice: SolverChoice, warm: bool) -> tuple[int, int]:
     """Return how many arrays of the size of the volume are held during a projection, and most between them."""
-    more = choice.solver.parts(choice.subsets) - 1 + int(warm)
+    # a run that stops by itself keeps its best volume and that of the iteration before
+    more = choice.solver.parts(choice.subsets) - 1 + int(warm) + 2 * int(choice.auto)
     held, most = choice.solver.volumes
     return held + more, most + more

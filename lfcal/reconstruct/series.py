@@ -34,6 +34,8 @@ class FrameResult:
         Reading and writing included.
     notes
         What was done to the frame.
+    stopped
+        Why the solver ended where it did; empty where all iterations were done.
     """
 
     name: str
@@ -41,6 +43,7 @@ class FrameResult:
     residual: float
     seconds: float
     notes: tuple[str, ...]
+    stopped: str = ""
 
 
 def check_warm(choice: SolverChoice) -> None:
@@ -108,5 +111,7 @@ def iter_series(
         # Only the volume: the solver's memory belongs to the frame before.
         previous = result.volume if warm else None
         last = result.history[-1]
-        results.append(FrameResult(name, last.iteration, last.residual, time.perf_counter() - start, result.notes))
+        seconds = time.perf_counter() - start
+        done = result.state.iteration
+        results.append(FrameResult(name, done, last.residual, seconds, result.notes, result.stopped))
     return tuple(results)

@@ -49,7 +49,8 @@ def save_volume(
     Parameters
     ----------
     path
-        ``.tif`` (a stack ImageJ opens, z spacing and voxel size in µm), ``.h5`` (dataset ``volume``, axes z, y, x,
+        ``.tif`` (a stack ImageJ opens, z spacing and voxel size in µm), ``.ome.tif`` (OME-TIFF, with the depth of each
+        plane), ``.h5`` (dataset ``volume``, axes z, y, x,
         with ``depths``), or ``.npy``.
     volume
         ``(nz, Y, X)``.
@@ -117,7 +118,8 @@ def write_volumes(
     """
     target = check_suffix(path)
     require_space(target.parent, 4 * math.prod(shape) + (1 << 16), what="the volume")
-    make = {".npy": _npy, ".h5": _h5, ".hdf5": _h5}.get(target.suffix.lower(), _tiff)
+    usual = _ome_tiff if is_ome(target) else _tiff
+    make = {".npy": _npy, ".h5": _h5, ".hdf5": _h5}.get(target.suffix.lower(), usual)
     with make(target, shape, facts) as add:
         yield add
 
@@ -158,6 +160,48 @@ def _tiff(target: Path, shape: tuple[int, ...], facts: VolumeFacts) -> Iterator[
             bigtiff=big,
             metadata=metadata,
             resolution=resolution,
+            photometric="minisblack",
+            returnoffset=True,
+        )
+        assert place is not None  # as the samples lie in one piece
+        file.seek(place[0])
+        yield lambda volume: _append(file, volume)
+
+
+def is_ome(path: Path) -> bool:
+    """Return whether a file of this name is OME-TIFF."""
+    return path.name.lower().endswith((".ome.tif", ".ome.tiff"))
+
+
+@contextmanager
+def _ome_tiff(
+    target: Path, shape: tuple[int, ...], facts: VolumeFacts
+) -> Iterator[Callable[[NDArray[np.float32]], None]]:
+    """Write what OME readers open: sizes in µm, and the depth of every plane, uneven ones too (`PositionZ`)."""
+    import tifffile
+
+    metadata: dict[str, Any] = {"axes": "TZYX"[-len(shape) :], "MapAnnotation": {"lfcal": json.dumps(facts.details)}}
+    if facts.voxel_um is not None:
+        for axis, side in zip("YX", facts.voxel_um, strict=True):
+            metadata |= {f"PhysicalSize{axis}": side, f"PhysicalSize{axis}Unit": "µm"}
+    if facts.depths_um is not None:
+        depths = [float(z) for z in facts.depths_um]
+        frames = math.prod(shape) // math.prod(shape[-3:])
+        metadata["Plane"] = {"PositionZ": depths * frames, "PositionZUnit": ["µm"] * (len(depths) * frames)}
+        steps = np.diff(depths)
+        if len(steps):
+            # one size for all: the mean where planes are uneven, whose own places stand beside it
+            metadata |= {"PhysicalSizeZ": float(np.abs(steps).mean()), "PhysicalSizeZUnit": "µm"}
+    big = 4 * math.prod(shape) > 3 << 30
+    with replace_whole(target) as part, part.open("r+b") as file:
+        place = tifffile.imwrite(
+            file,
+            shape=shape,
+            dtype="<f4",
+            byteorder="<",
+            ome=True,
+            bigtiff=big,
+            metadata=metadata,
             photometric="minisblack",
             returnoffset=True,
         )

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import cv2
+import h5py
 import numpy as np
 import pytest
 
@@ -38,8 +40,10 @@ def by_the_library(folder: Path, projector: dict[str, Any], choice: dict[str, An
 
     frame = cv2.imread(str(folder / "frame.png"), cv2.IMREAD_UNCHANGED).astype(np.float32)
     with open_psf(folder / "H.h5") as H:
-        P = Projector(H, SHAPE, **projector)
-        return np.asarray(reconstruct(P, frame, SolverChoice(**{"iterations": 3, **choice})).volume, np.float32)
+        P = Projector(H, **{"image_shape": SHAPE, **projector})
+        return np.asarray(
+            reconstruct(P, frame, SolverChoice(**{"name": "rl", "iterations": 3, **choice})).volume, np.float32
+        )
 
 
 CASES: dict[str, tuple[tuple[object, ...], dict[str, Any], dict[str, Any]]] = {
@@ -53,6 +57,8 @@ CASES: dict[str, tuple[tuple[object, ...], dict[str, Any], dict[str, Any]]] = {
     "threshold": (("--threshold", 0.2), {"threshold": 0.2}, {}),
     "within": (("--within", 0.3, "--method", "reduced"), {"tolerance": 0.3, "method": "reduced"}, {}),
     "anchor": (("--anchor", "2,3"), {"anchor": (2, 3)}, {}),
+    "margin": (("--margin", 4), {"image_shape": (38, 39), "anchor": (4, 4)}, {"margin": 4}),
+    "auto": (("--solver", "sieve", "--iterations", "auto"), {}, {"name": "sieve", "iterations": 100, "auto": True}),
 }
 
 
@@ -61,6 +67,8 @@ CASES: dict[str, tuple[tuple[object, ...], dict[str, Any], dict[str, Any]]] = {
 def test_the_volume_is_that_of_the_library(lfcal: Callable[..., Run], folder: Path, tmp_path: Path, case: str) -> None:
     options, projector, choice = CASES[case]
     first = () if "iterations" in choice else ("--iterations", 3)
+    first += () if "name" in choice else ("--solver", "rl")
+    first += () if "margin" in choice else ("--margin", 0)
     done = lfcal("reconstruct", folder / "H.h5", folder / "frame.png", "--out", tmp_path / "v.npy", *first, *options)
     assert done.code == 0, done.err
     volume, plain = np.load(tmp_path / "v.npy"), by_the_library(folder, {}, {})
@@ -73,7 +81,7 @@ def test_method_workers_and_precision(lfcal: Callable[..., Run], folder: Path, t
     volumes = {}
     for name, options in {"single": (), "double": ("--double",), "slow": ("--method", "fft", "--workers", 1)}.items():
         files = (folder / "H.h5", folder / "frame.png", "--out", tmp_path / f"{name}.npy")
-        done = lfcal("reconstruct", *files, "--iterations", 3, "--json", *options)
+        done = lfcal("reconstruct", *files, "--solver", "rl", "--margin", 0, "--iterations", 3, "--json", *options)
         assert done.code == 0, done.err
         assert (done.json["method"] == "fft") == (name == "slow")  # type: ignore[index, call-overload]
         volumes[name] = np.load(tmp_path / f"{name}.npy")
@@ -82,13 +90,29 @@ def test_method_workers_and_precision(lfcal: Callable[..., Run], folder: Path, t
     assert errors["double"] < 1e-7 < errors["single"] < 1e-4 and errors["slow"] < 1e-4
 
 
+def test_left_alone_it_stops_by_itself_and_says_why(lfcal: Callable[..., Run], folder: Path, tmp_path: Path) -> None:
+    words = ("reconstruct", folder / "H.h5", folder / "frame.png", "--iterations", "auto")
+    done = lfcal(*words, "--out", tmp_path / "v.h5")
+    assert done.code == 0 and "left-out pixels" in done.out
+    with h5py.File(tmp_path / "v.h5") as file:
+        known = json.loads(str(file.attrs["details"]))
+        assert file["volume"].shape == (2, *SHAPE)
+    assert "left-out pixels" in known["stopped"] and known["solver"]["name"] == "sieve" and known["solver"]["auto"]
+    assert known["solver"]["margin"] == 3 and known["anchor"] == [0, 0]
+    done = lfcal(*words, "--forecast")
+    assert "stops by itself" in done.out and "margin of 3 pixels" in done.out
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--subsets", 2), "osem"),
+        (("--solver", "rl", "--subsets", 2), "osem"),
         (("--threshold", 2), "threshold"),
         (("--method", "magic"), "polyphase"),
         (("--iterations", 0), "iterations"),
+        (("--iterations", "many"), "a number, or auto"),
+        (("--margin", -1), "--margin"),
+        (("--margin", "wide"), "a number of pixels, or auto"),
         (("--tolerance", -1), "tolerance"),
         (("--workers", 0), "--workers"),
     ],

@@ -64,6 +64,10 @@ def test_one_frame_to_a_stack(files, run, tmp_path):
         folder / "dark.png",
         "--white",
         folder / "white.png",
+        "--solver",
+        "rl",
+        "--margin",
+        0,
         "-n",
         5,
     )
@@ -131,7 +135,7 @@ def test_forecast_and_list_of_solvers_write_nothing(files, run):
         (["frames/t0.tif", "-o", "v.tif", "--anchor", "left"], "--anchor"),
         (["frames/t0.tif", "-o", "v.tif", "--resample"], "--resample"),
         (["frames/t0.tif", "-o", "v.tif", "--memory", "0.000001"], "memory of the reconstruction"),
-        (["frames/t0.tif", "-o", "v.tif", "--memory", "0.00008"], "memory limit"),
+        (["frames/t0.tif", "-o", "v.tif", "--solver", "rl", "--margin", 0, "--memory", "0.00008"], "memory limit"),
     ],
 )
 def test_bad_input_is_one_line_and_code_2(files, run, monkeypatch, arguments, message):
@@ -148,7 +152,7 @@ def test_all_planes_with_voxels_of_one_size(run, tmp_path):
     H = lenslet_psf(2, 5, 15).astype(np.float32)
     save(PSFMatrix(H, camera=camera, depths=plan.depths_um, anchor=(1.0, 2.0)), tmp_path / "H.h5")
     tifffile.imwrite(tmp_path / "f.tif", np.random.default_rng(0).poisson(50, (30, 31)).astype(np.uint16))
-    common = (tmp_path / "H.h5", tmp_path / "f.tif", "-n", 2)
+    common = (tmp_path / "H.h5", tmp_path / "f.tif", "-n", 2, "--solver", "rl")
     assert run(*common, "-o", tmp_path / "plain.h5")[0] == 0
     code, out, _ = run(*common, "-o", tmp_path / "metric.h5", "--voxel", "auto")
     assert code == 0

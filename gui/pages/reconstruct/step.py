@@ -25,6 +25,7 @@ def step(project: ProjectState, out: str = "") -> Step:
         ("--method", chosen.method),
         ("--threshold", chosen.threshold or None),
         ("--within", chosen.within or None),
+        ("--margin", str(choice.margin)),
         ("--anchor", ",".join(f"{v!r}" for v in chosen.anchor)),
         ("--background", choice.background or None),
         ("--read-noise", choice.read_noise or None),

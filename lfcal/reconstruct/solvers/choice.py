@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Generator
+from dataclasses import dataclass, replace
+from functools import partial
 
+import numpy as np
 from numpy.typing import ArrayLike
 
+from lfcal.errors import InputError
 from lfcal.progress import drain
+from lfcal.reconstruct.margin import cropped, widened, widened_start
 from lfcal.reconstruct.projectors.projector import Projector
-from lfcal.reconstruct.solvers.records import Reconstruction, SolverState, SolverWork
+from lfcal.reconstruct.solvers.measurement import Measurement, foretold
+from lfcal.reconstruct.solvers.records import Reconstruction, SolverProgress, SolverState, SolverWork
 from lfcal.reconstruct.solvers.solver import Solver, SolverRun
+from lfcal.reconstruct.solvers.stopping import iter_until_best, left_out_pixels
 from lfcal.registry import Registry
 
 __all__ = ["SOLVERS", "SolverChoice", "find_solvers", "iter_reconstruct", "reconstruct"]
@@ -52,7 +59,7 @@ class SolverChoice:
     name
         One of `SOLVERS`.
     iterations
-        How many.
+        How many; with ``auto`` at most.
     background
         Expected value of a pixel without any source (counts).
     read_noise
@@ -65,6 +72,11 @@ class SolverChoice:
         Number of subsets for ``osem``, blocks of views along each axis for ``phase-space``; None: 4 and 3.
     tolerance
         Stop when the relative change falls below.
+    auto
+        Stop when pixels that are left out of the fit, one of 25, are foretold worse, and return the volume that
+        foretold them best.
+    margin
+        Pixels that the volume goes on beyond each edge of the frame; the projector is that of the wider frame.
 
     Raises
     ------
@@ -72,7 +84,7 @@ class SolverChoice:
         If the solver is unknown, or would ignore a setting that is given.
     """
 
-    name: str = "rl"
+    name: str = "sieve"
     iterations: int = 20
     background: float = 0.0
     read_noise: float = 0.0
@@ -80,11 +92,17 @@ class SolverChoice:
     strength: float | None = None
     subsets: int | None = None
     tolerance: float = 0.0
+    auto: bool = False
+    margin: int = 0
 
     def __post_init__(self) -> None:
         """Check name and settings; the solvers check the values."""
         for option in CHOSEN:
             check_option(self.solver, option, getattr(self, option))
+        if self.auto:
+            check_option(self.solver, "weights", "left-out pixels")
+        if self.margin < 0:
+            raise InputError.expected("margin (pixels)", "not negative", self.margin, "correct it")
 
     @property
     def solver(self) -> Solver:
@@ -113,7 +131,7 @@ def iter_reconstruct(
     run = SolverRun(
         c.iterations,
         weights=weights,
-        initial=initial,
+        initial=initial if initial is None or c.margin == 0 else widened_start(initial, c.margin, P.volume_shape),
         resume=resume,
         background=c.background,
         read_noise=c.read_noise,
@@ -122,7 +140,45 @@ def iter_reconstruct(
         subsets=c.subsets,
         tolerance=c.tolerance,
     )
-    return c.solver.iterate(P, image, run)
+    if c.margin:
+        trust = np.ones(np.shape(image), P.dtype) if weights is None else weights
+        run = replace(run, weights=widened(np.broadcast_to(trust, np.shape(image)), c.margin))
+        image = widened(image, c.margin)
+    work = _iter_auto(P, image, run, c.solver) if c.auto else c.solver.iterate(P, image, run)
+    return _iter_cropped(work, c.margin) if c.margin else work
+
+
+def _iter_auto(P: Projector, image: ArrayLike, run: SolverRun, solver: Solver) -> SolverWork:
+    """Return a run that stops by pixels it leaves out."""
+    own = partial(
+        Measurement.of,
+        image,
+        dtype=P.dtype,
+        weights=run.weights,
+        saturation=run.saturation,
+        background=run.background,
+        read_noise=run.read_noise,
+        left_out=left_out_pixels(P.image_shape),
+    )
+    if "left_out" in solver.honours:
+        found = replace(run, left_out=left_out_pixels(P.image_shape))
+        return iter_until_best(solver.iterate(P, image, found), own().notes, settles=solver.settles)
+    # a solver that knows nothing of them does not see them, and is judged by its projected volumes
+    data = own(signed=True)
+    held = np.zeros(P.image_shape) if data.held is None else data.held
+
+    def score(state: SolverState) -> tuple[float, float]:
+        return foretold(np.square(P.forward(state.volume) + data.background - data.image, dtype=np.float64) / 2, held)
+
+    return iter_until_best(
+        solver.iterate(P, image, replace(run, weights=data.ones())), data.notes, score, settles=solver.settles
+    )
+
+
+def _iter_cropped(work: SolverWork, margin: int) -> Generator[SolverProgress, None, Reconstruction]:
+    """Run ``work`` and return its volume without margin; states keep it, to go on from."""
+    result = yield from work
+    return replace(result, volume=cropped(result.volume, margin))
 
 
 def reconstruct(
@@ -139,11 +195,11 @@ def reconstruct(
     Parameters
     ----------
     P
-        Projector pair.
+        Projector pair; with a margin that of the frame and its margin.
     image
         ``(Y, X)`` in counts.
     choice
-        Solver and settings; None: Richardson-Lucy.
+        Solver and settings; None: those of `SolverChoice`.
     weights
         Weight of each pixel ``(Y, X)``, not negative.
     initial

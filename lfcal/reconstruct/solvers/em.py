@@ -120,7 +120,7 @@ def iter_em(
         raise InputError.expected("start", f"shape {P.volume_shape}", state.volume.shape, "use the same projector")
     history: list[SolverProgress] = []
     total = state.iteration + iterations
-    before = -np.inf
+    before, stopped = -np.inf, ""
     for _ in range(iterations):
         began = time.perf_counter()
         start, step = extrapolate(state, options.acceleration)
@@ -133,13 +133,20 @@ def iter_em(
         seconds = state.seconds + time.perf_counter() - began
         state = SolverState(volume, state.iteration + 1, seconds, arrays, numbers)
         record = progress_of(
-            state, total, options.rule, residual=fit.residual, likelihood=fit.likelihood, change=change
+            state,
+            total,
+            options.rule,
+            residual=fit.residual,
+            likelihood=fit.likelihood,
+            change=change,
+            left_out=(fit.left_out, fit.left_out_error),
         )
         history.append(without_state(record))  # the history would else hold a volume per iteration
         yield record
         if change < options.tolerance:
+            stopped = f"changed by less than {options.tolerance:g} in iteration {state.iteration}"
             break
-    return Reconstruction(state.volume, tuple(history), state, data.notes)
+    return Reconstruction(state.volume, tuple(history), state, data.notes, stopped)
 
 
 def iter_run(P: Projector, image: ArrayLike, run: SolverRun, options: EmOptions) -> SolverWork:
@@ -151,6 +158,7 @@ def iter_run(P: Projector, image: ArrayLike, run: SolverRun, options: EmOptions)
         saturation=run.saturation,
         background=run.background,
         read_noise=run.read_noise,
+        left_out=run.left_out,
     )
     options = replace(options, tolerance=run.tolerance)
     return iter_em(P, data, run.iterations, options, initial=run.initial, resume=run.resume)
@@ -208,13 +216,15 @@ def _iterate(
     volume: NDArray[Any], parts: tuple[_Part, ...], data: Measurement, options: EmOptions
 ) -> tuple[NDArray[Any], GoodnessOfFit]:
     """Return the volume after one pass over all subsets, and the fit met on the way."""
-    square, likelihood, norm = 0.0, 0.0, float(np.linalg.norm(data.weighted(data.image)))
+    square, likelihood, foretold, error, norm = 0.0, 0.0, 0.0, 0.0, float(np.linalg.norm(data.weighted(data.image)))
     for part in parts:
         P = part.projector
         model = P.forward(volume) + data.background
         floor = max(P.rounding * float(model.max(initial=0)), float(np.finfo(model.dtype).tiny))
         fit = data.fit(model, part.mask, floor)
         likelihood += fit.likelihood
+        foretold += fit.left_out
+        error += fit.left_out_error**2
         # Subsets are disjoint: their squares add up to that of the whole image, each at its own estimate.
         own = data.image if part.mask is None else data.image * part.mask
         square += (fit.residual * float(np.linalg.norm(data.weighted(own)))) ** 2
@@ -222,7 +232,7 @@ def _iterate(
     if options.smoothing is not None:
         volume = options.smoothing.apply(volume)
     residual = fit.residual if len(parts) == 1 else (square**0.5 / norm if norm > 0 else 0.0)
-    return volume, GoodnessOfFit(residual, likelihood)
+    return volume, GoodnessOfFit(residual, likelihood, foretold, error**0.5)
 
 
 def _update(

@@ -32,4 +32,5 @@ SOLVER = Solver(
     EM,
     rank=80,
     volumes=(3, 4),
+    settles=True,
 )

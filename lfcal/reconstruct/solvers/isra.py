@@ -88,5 +88,10 @@ def iterate(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:
 
 
 SOLVER = Solver(
-    "isra", "least squares without negative values (ISRA)", iterate, COMMON | {"initial"}, rank=90, volumes=(4, 4)
+    "isra",
+    "least squares without negative values (ISRA)",
+    iterate,
+    COMMON | {"initial", "left_out"},
+    rank=90,
+    volumes=(4, 4),
 )

@@ -47,7 +47,7 @@ def iter_conjugate_gradient(
     weak = damping * _largest(P, data) if damping > 0 else 0.0
     state = resume if resume is not None else _start(P, data)
     history: list[SolverProgress] = []
-    total = state.iteration + iterations
+    total, stopped = state.iteration + iterations, ""
     norm = float(np.linalg.norm(data.weighted(data.image - data.background)))
     for _ in range(iterations):
         began = time.perf_counter()
@@ -63,8 +63,9 @@ def iter_conjugate_gradient(
         history.append(without_state(record))
         yield record
         if change <= tolerance:
+            stopped = f"changed by no more than {tolerance:g} in iteration {state.iteration}"
             break
-    return Reconstruction(state.volume, tuple(history), state, data.notes)
+    return Reconstruction(state.volume, tuple(history), state, data.notes, stopped)
 
 
 def conjugate_gradient(

@@ -10,7 +10,11 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from lfcal.errors import InputError
 
-__all__ = ["GoodnessOfFit", "Measurement", "no_light"]
+__all__ = ["GoodnessOfFit", "Measurement", "foretold", "no_light"]
+
+
+HALF_MEDIAN = 0.22747
+"""Median of half of chi squared of one degree of freedom."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,6 +23,8 @@ class GoodnessOfFit:
 
     residual: float
     likelihood: float
+    left_out: float = float("nan")
+    left_out_error: float = float("nan")
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,12 +41,15 @@ class Measurement:
         Expected image without any source, a number or ``(Y, X)``.
     notes
         What was changed.
+    held
+        Weight of the pixels that are left out to judge the fit by, ``(Y, X)``, 0 elsewhere; None: there are none.
     """
 
     image: NDArray[Any]
     weights: NDArray[Any] | None
     background: Any
     notes: tuple[str, ...] = ()
+    held: NDArray[Any] | None = None
 
     @classmethod
     def of(
@@ -53,6 +62,7 @@ class Measurement:
         background: ArrayLike = 0.0,
         read_noise: float = 0.0,
         signed: bool = False,
+        left_out: ArrayLike | None = None,
     ) -> Measurement:
         """Return the measurement of ``image``.
 
@@ -73,6 +83,8 @@ class Measurement:
             approximation of Snyder et al. 1995.
         signed
             Keep negative values (least squares); else they count as zero, and a note says how many.
+        left_out
+            Mask ``(Y, X)`` of pixels that get weight 0 and tell how well what was fitted to the others foretells them.
 
         Raises
         ------
@@ -104,7 +116,12 @@ class Measurement:
         if below and not signed:
             notes.append(f"{below} negative pixels were taken as 0; a background or read noise would keep them")
             np.maximum(data, 0, out=data)
-        return cls(data, trust, floor, tuple(notes))
+        held = None
+        if left_out is not None:
+            mask = _fitting("pixels left out", left_out, data.shape, dtype)
+            held = mask if trust is None else mask * trust
+            trust = (1 - mask) if trust is None else (1 - mask) * trust
+        return cls(data, trust, floor, tuple(notes), held)
 
     def weighted(self, image: NDArray[Any]) -> NDArray[Any]:
         """Return ``image`` times the weights."""
@@ -119,8 +136,8 @@ class Measurement:
 
         The likelihood is ``-sum w (f log(f/m) - f + m)``, computed in float64, with m no less than ``floor``.
         """
-        trust = np.asarray(1.0 if self.weights is None else self.weights, np.float64)
-        trust = np.broadcast_to(trust if mask is None else trust * mask, model.shape)
+        share = np.asarray(1.0 if mask is None else mask, np.float64)
+        trust = np.broadcast_to(share if self.weights is None else share * self.weights, model.shape)
         data, m = self.image.astype(np.float64), model.astype(np.float64)
         norm = float(np.sqrt((trust * data**2).sum()))
         miss = float(np.sqrt((trust * (data - m) ** 2).sum()))
@@ -129,7 +146,23 @@ class Measurement:
         lit = data > 0
         terms = m - data
         terms[lit] += data[lit] * (np.log(data[lit]) - np.log(m[lit]))
-        return GoodnessOfFit(miss / norm if norm > 0 else float(miss > 0), -float((trust * terms).sum()))
+        residual, likelihood = miss / norm if norm > 0 else float(miss > 0), -float((trust * terms).sum())
+        if self.held is None:
+            return GoodnessOfFit(residual, likelihood)
+        return GoodnessOfFit(residual, likelihood, *foretold(terms, share * self.held))
+
+
+def foretold(terms: NDArray[np.float64], held: NDArray[Any]) -> tuple[float, float]:
+    """Return how well left-out pixels are foretold, and the standard deviation that noise alone gives to that.
+
+    ``terms`` are half the deviance of each pixel ``(Y, X)``, ``held`` the weights of those that are left out. Where the
+    model is right terms are spread as half of chi squared, whatever the gain: its median tells the scale, and what the
+    model lacks in few pixels does not count as noise.
+    """
+    chosen = held > 0
+    weights, values = held[chosen].astype(np.float64), terms[chosen]
+    scale = float(np.median(values)) / HALF_MEDIAN if values.size else 0.0
+    return -float((weights * values).sum()), scale * float(np.sqrt((weights**2).sum() / 2))
 
 
 def no_light() -> InputError:

@@ -11,12 +11,12 @@ from lfcal.reconstruct.solvers.records import SolverWork
 from lfcal.reconstruct.solvers.solver import EM, Solver, SolverRun
 from lfcal.reconstruct.solvers.subsets import Masks, angular_subsets, by_energy
 
-__all__ = ["SOLVER", "lenslet_phase"]
+__all__ = ["SOLVER", "lenslet_phase", "views_of"]
 
 
 def iterate(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:
     """Run Richardson-Lucy over blocks of views, 3 x 3 by default."""
-    return iter_run(P, image, run, EmOptions(subsets=_views(P, image, _blocks(run.subsets))))
+    return iter_run(P, image, run, EmOptions(subsets=views_of(P, image, _blocks(run.subsets))))
 
 
 def _blocks(subsets: int | None) -> int:
@@ -27,7 +27,8 @@ def _parts(subsets: int | None) -> int:
     return _blocks(subsets) ** 2
 
 
-def _views(P: Projector, image: ArrayLike, blocks: int) -> Masks:
+def views_of(P: Projector, image: ArrayLike, blocks: int) -> Masks:
+    """Return masks ``(ny, nx)`` of ``blocks`` x ``blocks`` views, brightest in ``image`` first."""
     views = min(blocks, P.period[0]), min(blocks, P.period[1])
     masks = angular_subsets(P.period, views, lenslet_phase(P))
     # Pixels without a value have weight 0 later on; here they must not decide which view is brightest.

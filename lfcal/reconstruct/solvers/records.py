@@ -61,6 +61,11 @@ class SolverProgress(Progress):
         Poisson log-likelihood of that estimate less its largest possible value (0: a perfect fit).
     change
         Norm of the change of the volume over the norm of the volume.
+    left_out
+        Poisson log-likelihood of the pixels left out to judge the fit by, less its largest possible value; NaN where
+        none are.
+    left_out_error
+        Standard deviation that the noise of these pixels gives to it.
     state
         The state after the iteration; None in the history a solver returns.
     """
@@ -69,6 +74,8 @@ class SolverProgress(Progress):
     residual: float = float("nan")
     likelihood: float = float("nan")
     change: float = float("nan")
+    left_out: float = float("nan")
+    left_out_error: float = float("nan")
     state: SolverState | None = field(default=None, repr=False, compare=False)
 
 
@@ -86,12 +93,15 @@ class Reconstruction:
         To go on from (`resume`).
     notes
         What was done to the input that one should know: masked, negative or unseen values.
+    stopped
+        Why it ended where it did; empty where all iterations asked for were done.
     """
 
     volume: NDArray[Any]
     history: tuple[SolverProgress, ...]
     state: SolverState
     notes: tuple[str, ...] = ()
+    stopped: str = ""
 
 
 SolverWork = Generator[SolverProgress, None, Reconstruction]
@@ -99,7 +109,14 @@ SolverWork = Generator[SolverProgress, None, Reconstruction]
 
 
 def progress_of(
-    state: SolverState, total: int, method: str, *, residual: float, likelihood: float, change: float
+    state: SolverState,
+    total: int,
+    method: str,
+    *,
+    residual: float,
+    likelihood: float,
+    change: float,
+    left_out: tuple[float, float] = (float("nan"), float("nan")),
 ) -> SolverProgress:
     """Return the record of the iteration that ended in ``state``; ``total`` iterations are planned."""
     return SolverProgress(
@@ -112,6 +129,8 @@ def progress_of(
         residual=residual,
         likelihood=likelihood,
         change=change,
+        left_out=left_out[0],
+        left_out_error=left_out[1],
         state=state,
     )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -13,7 +14,7 @@ from scipy.ndimage import convolve1d
 from lfcal.errors import InputError
 from lfcal.threads import for_each_chunk
 
-__all__ = ["DepthSmoothing", "lanczos_kernel", "smoothing_widths"]
+__all__ = ["DepthSmoothing", "Sieve", "lanczos_kernel", "smoothing_widths"]
 
 
 def smoothing_widths(camera: Any, depths: ArrayLike) -> NDArray[np.float64]:
@@ -94,6 +95,51 @@ class DepthSmoothing:
         # the kernel's negative lobes may leave values below zero, which multiplicative solvers cannot take
         np.maximum(out, 0, out=out)
         return out
+
+
+@dataclass(frozen=True)
+class Sieve:
+    """A Gaussian per plane, through which a volume is seen: nothing finer is in it (Snyder & Miller 1985).
+
+    Attributes
+    ----------
+    sigmas
+        Standard deviation for each plane (voxels); below a third of a voxel the plane is left alone.
+    """
+
+    sigmas: tuple[float, ...]
+
+    @classmethod
+    def for_camera(cls, camera: Any, depths: ArrayLike) -> Sieve:
+        """Return the sieve for planes at ``depths`` (µm) of ``camera``.
+
+        Up to virtual depth 1 a lenslet sees points nearer together than its pitch all alike: there the Gaussian has a
+        standard deviation of a quarter of the pitch. Its width falls to nothing at 2, where every point lies under
+        several lenslets.
+        """
+        wide = camera.pitch_px / 4
+        depth = [abs(camera.virtual_depth(float(z))) for z in np.atleast_1d(np.asarray(depths, float))]
+        return cls(tuple(float(wide * min(1.0, max(0.0, 2.0 - v))) for v in depth))
+
+    def apply(self, volume: NDArray[Any]) -> NDArray[Any]:
+        """Return ``volume`` ``(nz, Y, X)`` seen through the sieve; its own transpose, with zeros beyond the border."""
+        out = np.empty_like(volume)
+
+        def work(start: int, stop: int) -> None:
+            for z in range(start, stop):
+                out[z] = _blurred(volume[z], self.sigmas[z])
+
+        for_each_chunk(work, len(volume))
+        return out
+
+
+def _blurred(plane: NDArray[Any], sigma: float) -> NDArray[Any]:
+    if sigma < 1 / 3:
+        return plane
+    x = np.arange(-math.ceil(4 * sigma), math.ceil(4 * sigma) + 1)
+    kernel = np.exp(-(x**2) / (2 * sigma**2))
+    kernel /= kernel.sum()
+    return convolve1d(convolve1d(plane, kernel, axis=0, mode="constant"), kernel, axis=1, mode="constant")
 
 
 def _smooth(plane: NDArray[Any], kernel: NDArray[np.float64]) -> NDArray[Any]:

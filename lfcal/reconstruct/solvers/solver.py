@@ -24,13 +24,14 @@ OPTIONS: dict[str, Any] = {
     "weights": None,
     "initial": None,
     "resume": None,
+    "left_out": None,
 }
 """Options a solver may honour, with the value each has where it is not given."""
 
 COMMON = frozenset({"background", "saturation", "tolerance", "weights", "resume"})
 """Options that every solver of lfcal honours."""
 
-EM = COMMON | {"read_noise", "initial"}
+EM = COMMON | {"read_noise", "initial", "left_out"}
 """Options of every variant of Richardson-Lucy."""
 
 
@@ -50,6 +51,8 @@ class SolverRun:
         Start ``(nz, Y, X)``.
     resume
         State to go on from.
+    left_out
+        Mask ``(Y, X)`` of pixels that are not fitted; `SolverProgress.left_out` tells how well they are foretold.
     """
 
     iterations: int = 20
@@ -62,6 +65,7 @@ class SolverRun:
     weights: ArrayLike | None = None
     initial: ArrayLike | None = None
     resume: SolverState | None = None
+    left_out: ArrayLike | None = None
 
 
 def _one(subsets: int | None) -> int:
@@ -91,6 +95,9 @@ class Solver:
     parts
         How many parts an image is taken in at given ``subsets`` (None: its default); each but one holds one more
         array.
+    settles
+        Whether it keeps noise out however long it runs, by a penalty for one; a run that stops by itself then ends at
+        its best estimate and not before.
     """
 
     name: str
@@ -100,11 +107,12 @@ class Solver:
     rank: int = 100
     volumes: tuple[int, int] = (6, 6)
     parts: Callable[[int | None], int] = _one
+    settles: bool = False
 
     @property
     def in_parts(self) -> bool:
-        """Whether it takes an image in parts: H is prepared for each of them, and not for whole images."""
-        return "subsets" in self.honours
+        """Whether it takes an image in parts by default: H is prepared for each of them, and not for whole images."""
+        return self.parts(None) > 1
 
     def __post_init__(self) -> None:
         """Check the options' names."""

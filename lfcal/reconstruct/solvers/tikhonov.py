@@ -26,4 +26,5 @@ SOLVER = Solver(
     EM | {"strength"},
     rank=30,
     volumes=(3, 4),
+    settles=True,
 )

@@ -26,4 +26,5 @@ SOLVER = Solver(
     EM | {"strength"},
     rank=20,
     volumes=(3, 4),
+    settles=True,
 )

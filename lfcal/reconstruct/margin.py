@@ -1,0 +1,49 @@
+"""A margin around the frame: light from beside it falls into the frame, and is sought where it comes from.
+
+A volume that ends where the frame does must explain all light with what lies under the frame, and its edges become
+too bright. With a margin the volume goes on beyond, as far as patterns reach or as one can afford; no pixel is
+recorded there (weight 0), and what is found there is cut off.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.errors import InputError
+
+__all__ = ["cropped", "usual_margin", "widened", "widened_start"]
+
+
+def usual_margin(period: tuple[int, int], cutout: tuple[int, int], shape: tuple[int, int]) -> int:
+    """Return the margin (pixels) for H of this period and cutout ``(nt, ns)`` and frames ``shape``.
+
+    Two periods catch most of the light that falls in: edges are 1.0 times as bright as the rest where without margin
+    they are 1.6 times. No more than patterns reach, and no more than an eighth of the frame, which takes half as much
+    time again.
+    """
+    return max(0, min(2 * max(period), (max(cutout) - 1) // 2, max(shape) // 8))
+
+
+def widened(array: ArrayLike, margin: int, fill: float = 0.0) -> NDArray[Any]:
+    """Return an image or weights ``(Y, X)`` with ``margin`` pixels of ``fill`` around."""
+    return np.pad(np.asarray(array), margin, constant_values=fill)
+
+
+def widened_start(volume: ArrayLike, margin: int, wanted: tuple[int, int, int]) -> NDArray[Any]:
+    """Return a start ``(nz, Y, X)`` for volumes of shape ``wanted``: one without margin is continued by its border."""
+    start = np.asarray(volume)
+    if start.shape == wanted:
+        return start
+    narrow = (wanted[0], wanted[1] - 2 * margin, wanted[2] - 2 * margin)
+    if start.shape != narrow:
+        raise InputError.expected("initial volume", f"shape {wanted} or {narrow}", start.shape, "correct it")
+    return np.pad(start, ((0, 0), (margin, margin), (margin, margin)), mode="edge")
+
+
+def cropped(volume: NDArray[Any], margin: int) -> NDArray[Any]:
+    """Return what lies under the frame of a volume ``(nz, Y, X)``."""
+    rows, columns = volume.shape[1:]
+    return volume[:, margin : rows - margin, margin : columns - margin].copy()

@@ -1,0 +1,123 @@
+"""When to stop: pixels that are left out of the fit tell when it begins to follow the noise of the others.
+
+Deconvolution first finds what is there and then fits noise, subsets and acceleration sooner. What a volume fitted to
+most of the pixels says of the few others gets better as long as it finds what is there, and worse from then on
+(cross-validation: Coakley 1991 for Richardson-Lucy). The last gains are slight while noise still grows: a run ends
+where what is yet to be gained is less than the standard deviation of the score (the rule of one standard error, Breiman
+et al. 1984, section 3.4.3). Methods that keep noise out by a penalty lose nothing by going on: they end at the best.
+Neither the gain of the camera nor its noise needs to be known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.reconstruct.solvers.records import (
+    Reconstruction,
+    SolverProgress,
+    SolverState,
+    SolverWork,
+    without_state,
+)
+
+__all__ = ["MOST_ITERATIONS", "iter_until_best", "left_out_pixels"]
+
+MOST_ITERATIONS = 100
+"""Iterations of a run that stops by itself, where nothing else is said."""
+
+SHARE = 0.04
+"""Of the pixels are left out."""
+
+PATIENCE = 3
+"""Iterations that the left-out pixels may be foretold worse before the best is taken."""
+
+Score = Callable[[SolverState], tuple[float, float]]
+
+
+def left_out_pixels(shape: tuple[int, int], seed: int = 0) -> NDArray[np.bool_]:
+    """Return a mask ``(Y, X)`` of the pixels that judge a fit: some by chance, the same each time."""
+    return np.random.default_rng(seed).random(shape) < SHARE
+
+
+@dataclass
+class _Best:
+    """The best estimate so far, by how well it foretells the left-out pixels."""
+
+    settles: bool
+    state: SolverState | None = None
+    scores: list[float] = field(default_factory=list)
+
+    def take(self, state: SolverState, score: float, error: float) -> str:
+        """Return why to stop at an estimate with its score and the score's error, empty where to go on."""
+        if not np.isfinite(score):
+            return ""
+        if not self.scores or score > max(self.scores):
+            # of the state only the volume: a method's memory may be several more
+            self.state = SolverState(state.volume, state.iteration, state.seconds)
+        self.scores.append(score)
+        best = self.state
+        assert best is not None  # the first finite score made it
+        if state.iteration - best.iteration >= PATIENCE:
+            return f"left-out pixels are foretold best after iteration {best.iteration}"
+        if not self.settles and best.iteration == state.iteration and self.remaining() < error:
+            return f"left-out pixels would be foretold no better beyond their noise after iteration {best.iteration}"
+        return ""
+
+    def remaining(self) -> float:
+        """Return what further iterations would gain if gains went on to shrink as they do."""
+        if len(self.scores) < 4:
+            return np.inf
+        gains = np.diff(self.scores[-4:])
+        if not (gains > 0).all():
+            return np.inf
+        # over two iterations, for gains of extrapolated steps go up and down
+        ratio = float(np.sqrt(gains[2] / gains[0]))
+        return np.inf if ratio >= 1 else float(gains[2]) * ratio / (1 - ratio)
+
+
+def iter_until_best(
+    work: SolverWork, notes: tuple[str, ...], score: Score | None = None, *, settles: bool = False
+) -> SolverWork:
+    """Run ``work`` until the left-out pixels are foretold worse; return its best estimate.
+
+    Parameters
+    ----------
+    work
+        A solver that was given the pixels to leave out.
+    notes
+        Of its measurement.
+    score
+        How well an estimate foretells the left-out pixels, and the error of that; None: the solver's records tell it,
+        of the estimate that each iteration began with.
+    settles
+        Whether more iterations do no harm: then only the best of all ends the run.
+    """
+    best, before = _Best(settles), None
+    history: list[SolverProgress] = []
+    try:
+        while True:
+            record = next(work)
+            history.append(without_state(record))
+            yield record
+            if score is None:
+                estimate, found = before, (record.left_out, record.left_out_error)
+            else:
+                estimate, found = record.state, score(_state_of(record))
+            before = record.state
+            why = "" if estimate is None else best.take(estimate, *found)
+            if why and best.state is not None:
+                return Reconstruction(best.state.volume, tuple(history), best.state, notes, why)
+    except StopIteration as end:
+        result: Reconstruction = end.value
+        return result
+    finally:
+        work.close()
+
+
+def _state_of(record: SolverProgress) -> SolverState:
+    assert record.state is not None  # a solver's own records have it
+    return record.state

@@ -1,0 +1,128 @@
+"""Richardson-Lucy within a sieve."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lfcal.camera import ScanPlan, preset
+from lfcal.psf import PSFMatrix
+from lfcal.reconstruct import Projector
+from lfcal.reconstruct.solvers.choice import SolverChoice, reconstruct
+from lfcal.reconstruct.solvers.sieve import sieve_of
+from lfcal.reconstruct.solvers.smoothing import Sieve
+from lfcal.simulate.accuracy.planner import plan_effects
+from lfcal.simulate.simulate import simulate_psf
+from tests.reconstruct.oracles import dense
+
+
+@pytest.fixture(scope="module")
+def microscope() -> PSFMatrix:
+    """Return H of a microscope of whole pixels, its native plane in the middle."""
+    camera = preset("lfm_60x12")
+    camera = replace(
+        camera,
+        lattice=replace(camera.lattice, pitch_um=100.1),
+        sensor=replace(camera.sensor, shape=(165, 165), pixel_um=100.1 / 11),
+    )
+    plan = ScanPlan.for_camera(camera, depths_um=(-4.0, 0.0, 4.0), cutout=101)
+    return simulate_psf(camera, plan, plan_effects(camera, plan, 0.3), tolerance=0.3)
+
+
+def test_a_sieve_is_its_own_transpose():
+    sieve = Sieve((0.0, 0.2, 2.5))
+    a, b = np.random.default_rng(0).random((2, 3, 17, 12))
+    assert np.vdot(sieve.apply(a), b) == pytest.approx(np.vdot(a, sieve.apply(b)), rel=1e-12)
+    np.testing.assert_array_equal(sieve.apply(a)[:2], a[:2])
+    dot = np.zeros((3, 41, 41))
+    dot[:, 20, 20] = 1
+    seen = sieve.apply(dot)[2]
+    assert seen.sum() == pytest.approx(1, rel=1e-3) and seen.min() >= 0
+    rows = np.arange(41) - 20
+    assert (seen.sum(1) * rows**2).sum() == pytest.approx(2.5**2, rel=0.01)
+
+
+def test_it_is_narrow_and_in_coarse_planes_alone(microscope):
+    P = Projector(microscope, (60, 60))
+    sigmas = sieve_of(P).sigmas
+    assert sigmas[1] == pytest.approx(microscope.camera.pitch_px / 4) and sigmas[0] == sigmas[2] == 0
+    assert sieve_of(Projector(np.ones((2, 3, 3, 5, 5)), (9, 9))).sigmas == (0, 0)
+
+
+@pytest.mark.parametrize("subsets", [None, 1])
+def test_it_is_richardson_lucy_of_a_blurred_matrix(monkeypatch, subsets):
+    """By plain algebra: s <- s / (S HT1) S HT(f / (H S s + b))."""
+    rng = np.random.default_rng(0)
+    H, shape = rng.random((2, 3, 3, 5, 5)), (9, 9)
+    P, A = Projector(H, shape, dtype=np.float64), dense(H, shape)
+    sieve = Sieve((0.0, 1.1))
+    monkeypatch.setattr("lfcal.reconstruct.solvers.sieve.sieve_of", lambda P: sieve)
+    S = np.stack([sieve.apply(e.reshape(2, 9, 9)).ravel() for e in np.eye(162)], axis=1)
+    np.testing.assert_allclose(S, S.T, atol=1e-15)
+    B, f, b = A @ S, rng.uniform(1, 20, 81), 0.7
+    s = np.full(162, (f - b).sum() / B.sum())
+    for _ in range(5):
+        s = s / B.sum(0) * (B.T @ (f / (B @ s + b)))
+    choice = SolverChoice("sieve", 5, b, subsets=subsets)
+    np.testing.assert_allclose(reconstruct(P, f.reshape(9, 9), choice).volume.ravel(), S @ s, rtol=1e-8)
+    first = reconstruct(P, f.reshape(9, 9), replace(choice, iterations=3)).state
+    rest = reconstruct(P, f.reshape(9, 9), replace(choice, iterations=2), resume=first)
+    np.testing.assert_allclose(rest.volume.ravel(), S @ s, rtol=1e-8)
+    assert rest.history[-1].iteration == 5
+
+
+def lattice_excess(plane: np.ndarray, period: int) -> float:
+    """Return how much brighter than its mean a plane is at the brightest place behind the mean lenslet."""
+    inner = plane[2 * period : -2 * period, 2 * period : -2 * period]
+    rows, columns = (n // period for n in inner.shape)
+    cell = inner[: rows * period, : columns * period].reshape(rows, period, columns, period).mean((0, 2))
+    return float(cell.max() / cell.mean()) - 1
+
+
+def width(profile: np.ndarray) -> float:
+    """Return the full width at half maximum of a peak."""
+    top = int(profile.argmax())
+    half = profile[top] / 2
+    left = next(k for k in range(top, -1, -1) if profile[k] < half)
+    right = next(k for k in range(top, len(profile)) if profile[k] < half)
+    first = left + (half - profile[left]) / (profile[left + 1] - profile[left])
+    last = right - (half - profile[right]) / (profile[right - 1] - profile[right])
+    return last - first
+
+
+def test_no_lenslets_and_no_rings_in_the_native_plane(microscope):
+    """A smooth cloud in a plane beside, seen through a slightly wrong H: rl draws lenslets in the native plane."""
+    shape, period = (165, 165), microscope.period[0]
+    P = Projector(microscope, shape, workers=1)
+    y, x = np.indices(shape) - 82
+    truth = np.zeros(P.volume_shape)
+    truth[2] = np.exp(-(x**2 + y**2) / (2 * 40.0**2))
+    image = P.forward(truth)
+    lens = np.hypot(*(np.abs((np.indices(shape) - np.reshape(P.grid.anchor, (2, 1, 1))) % period)))
+    image *= 1 + 0.15 * np.cos(2 * np.pi * lens / period)  # lenslets are not as H says
+    noisy = np.random.default_rng(0).poisson(image / image.max() * 300).astype(float)
+    plain = reconstruct(P, noisy, SolverChoice("rl", 20)).volume
+    ours = reconstruct(P, noisy, SolverChoice("sieve", 20)).volume
+    assert lattice_excess(plain[1], period) > 0.3
+    assert lattice_excess(ours[1], period) < 0.05 * lattice_excess(plain[1], period)
+
+
+def test_a_bead_is_as_narrow_as_in_plain_richardson_lucy(microscope):
+    """In every plane, the median over places behind a lenslet: rl has spikes at some of them in the native plane."""
+    P = Projector(microscope, (99, 99), workers=1)
+    for z in range(3):
+        widths: list[list[float]] = [[], []]
+        for row, column in ((52, 50), (49, 45)):
+            truth = np.zeros(P.volume_shape)
+            truth[z, row, column] = 1
+            clean = np.maximum(P.forward(truth), 0)
+            image = np.random.default_rng(z).poisson(clean / clean.max() * 2000 + 5).astype(float)
+            for k, choice in enumerate((SolverChoice("rl", 20, 5.0), SolverChoice("sieve", 20, 5.0))):
+                plane = reconstruct(P, image, choice).volume[z]
+                widths[k] += [width(plane.sum(axis)) for axis in (0, 1)]
+            beside = plane.copy()
+            beside[row - 15 : row + 16, column - 15 : column + 16] = 0
+            assert beside.max() < 0.03 * plane.max(), "no rings"
+        assert np.median(widths[1]) < 1.1 * np.median(widths[0])

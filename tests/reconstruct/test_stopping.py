@@ -1,0 +1,120 @@
+"""Runs that stop by themselves, by pixels they leave out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lfcal.errors import InputError
+from lfcal.reconstruct import Projector
+from lfcal.reconstruct.metrics import nrmse
+from lfcal.reconstruct.phantoms import phantom
+from lfcal.reconstruct.solvers.choice import SOLVERS, SolverChoice, iter_reconstruct, reconstruct
+from lfcal.reconstruct.solvers.em import EmOptions, iter_run
+from lfcal.reconstruct.solvers.records import SolverWork
+from lfcal.reconstruct.solvers.solver import COMMON, Solver, SolverRun
+from lfcal.reconstruct.solvers.stopping import SHARE, left_out_pixels
+from tests.reconstruct.oracles import dense, lenslet_psf
+
+SHAPE = (100, 95)
+
+
+@pytest.fixture(scope="module")
+def noisy():
+    """Return a projector, a true volume and an image of few photons on a background of 2."""
+    P = Projector(lenslet_psf(), SHAPE, (1, 3))
+    truth = phantom("vesicle", P.volume_shape) * 60
+    image = np.random.default_rng(0).poisson(np.maximum(P.forward(truth), 0) + 2).astype(float)
+    return P, truth, image
+
+
+def test_pixels_left_out_are_few_and_the_same_each_time():
+    mask = left_out_pixels((300, 200))
+    assert mask.mean() == pytest.approx(SHARE, rel=0.1)
+    assert np.array_equal(mask, left_out_pixels((300, 200)))
+    rows, columns = (mask[:, k::15].mean() for k in range(2)), (mask[k::15].mean() for k in range(2))
+    assert all(0.5 * SHARE < share < 1.6 * SHARE for share in (*rows, *columns)), "no view is spared"
+
+
+def test_what_is_left_out_is_not_fitted_and_is_foretold():
+    """By plain algebra: Richardson-Lucy of the other pixels, and the likelihood of these."""
+    rng = np.random.default_rng(0)
+    H = rng.random((2, 3, 2, 5, 5))
+    P, A = Projector(H, (9, 8), (1, 0), dtype=np.float64), dense(H, (9, 8), (1, 0))
+    f, b = rng.uniform(1, 20, 72), 0.7
+    weights = rng.uniform(0.5, 1, 72)
+    held = rng.random(72) < 0.2
+    w = weights * ~held
+    g = np.full(A.shape[1], (w * (f - b)).sum() / (A.T @ w).sum())
+    told = []
+    for _ in range(3):
+        m = A @ g + b
+        told.append(-(weights * held * (f * np.log(f / m) - f + m)).sum())
+        g = g / (A.T @ w) * (A.T @ (w * f / m))
+    run = SolverRun(3, weights=weights.reshape(9, 8), background=b, left_out=held.reshape(9, 8))
+    for subsets in (None, (np.ones((3, 2), bool),)):
+        work = iter_run(P, f.reshape(9, 8), run, EmOptions(subsets=subsets))
+        records = list(work)
+        np.testing.assert_allclose([r.left_out for r in records], told, rtol=1e-9)
+        np.testing.assert_allclose(records[-1].state.volume.ravel(), g, rtol=1e-9)
+    spoilt = np.where(held, 1e9, f).reshape(9, 8)
+    *_, last = iter_run(P, spoilt, run, EmOptions())
+    np.testing.assert_allclose(last.state.volume.ravel(), g, rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", SOLVERS.names())
+def test_stops_near_the_least_error(noisy, name):
+    """Every solver gets within 8 % of the least error it has on the way, whether that is the end or long before."""
+    P, truth, image = noisy
+    errors = [nrmse(r.state.volume, truth) for r in iter_reconstruct(P, image, SolverChoice(name, 60, 2.0))]
+    found = reconstruct(P, image, SolverChoice(name, 60, 2.0, auto=True))
+    assert nrmse(found.volume, truth) < 1.08 * min(errors)
+    assert found.volume is found.state.volume
+    if len(found.history) < 60:
+        assert "left-out pixels" in found.stopped
+        assert found.state.iteration <= len(found.history)
+
+
+def test_a_method_that_follows_the_noise_is_stopped(noisy):
+    P, truth, image = noisy
+    long = reconstruct(P, image, SolverChoice("phase-space", 60, 2.0))
+    auto = reconstruct(P, image, SolverChoice("phase-space", 60, 2.0, auto=True))
+    assert len(auto.history) < 40 and not long.stopped
+    assert nrmse(auto.volume, truth) < 0.9 * nrmse(long.volume, truth)
+    assert all(np.isfinite(r.left_out) for r in auto.history) and all(np.isnan(r.left_out) for r in long.history)
+
+
+def test_notes_and_tolerance_are_kept(noisy):
+    P, _, image = noisy
+    spoilt = image.copy()
+    spoilt[3, 4] = np.nan
+    found = reconstruct(P, spoilt, SolverChoice("phase-space", 60, 2.0, auto=True))
+    assert "1 pixels are not finite and were left out" in found.notes
+    few = reconstruct(P, image, SolverChoice("rl", 60, 2.0, tolerance=0.5, auto=True))
+    assert len(few.history) < 5 and "changed by less than 0.5" in few.stopped
+
+
+def test_a_run_goes_on_from_where_it_stopped(noisy):
+    P, _, image = noisy
+    found = reconstruct(P, image, SolverChoice("rl", 8, 2.0, auto=True))
+    more = reconstruct(P, image, SolverChoice("rl", 4, 2.0, auto=True), resume=found.state)
+    whole = reconstruct(P, image, SolverChoice("rl", 12, 2.0, auto=True))
+    np.testing.assert_array_equal(more.volume, whole.volume)
+
+
+def test_solvers_of_others_are_judged_by_their_volumes(noisy, monkeypatch):
+    """One that knows nothing of left-out pixels does not see them; one without weights cannot be stopped so."""
+    P, _, image = noisy
+
+    def iterate(P: Projector, image: object, run: SolverRun) -> SolverWork:
+        assert run.left_out is None and np.count_nonzero(run.weights == 0) == left_out_pixels(SHAPE).sum()
+        return SOLVERS.get("phase-space").iterate(P, image, run)
+
+    theirs = Solver("theirs", "of others", iterate)
+    monkeypatch.setattr(SolverChoice, "solver", property(lambda self: theirs))
+    found = reconstruct(P, image, SolverChoice("theirs", 60, 2.0, auto=True))
+    assert "left-out pixels" in found.stopped and len(found.history) < 40
+    blind = Solver("blind", "of others", iterate, COMMON - {"weights"})
+    monkeypatch.setattr(SolverChoice, "solver", property(lambda self: blind))
+    with pytest.raises(InputError, match="weights: expected none for solver blind"):
+        SolverChoice("blind", 60, auto=True)
