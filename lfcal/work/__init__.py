@@ -3,6 +3,7 @@
 - ``unit``: what is to be done, from which files, and the fingerprint that tells a result of these from any other
 - ``runs``: units through an executor, those that are done left out; `iter_run`
 - ``choice``: by whom, and what becomes of an earlier run; `iter_made` joins the units' files
+- ``held``: what units share, made once in each process
 - ``executors``: threads of this process, processes, workers of dask.distributed
 - ``journal``: what a run did and does, for `lfcal status`
 """
