@@ -6,7 +6,7 @@
 - ``held``: what units share, made once in each process
 - ``records``: what units found that is no plane or volume
 - ``executors``: threads of this process, processes, workers of dask.distributed
-- ``journal``: what a run did and does, for `lfcal status`
+- ``journal``: what a run did and does; ``table``: as `lfcal status` and the window show it
 """
 
 from __future__ import annotations
