@@ -60,22 +60,11 @@ def iter_simulate_units(
         As `simulate_psf` and `lfcal.work.iter_made`; the planes that are done stay for the next run.
     """
     work = Simulation(camera, plan, effects, level, tolerance, sampling, run.workers)
-    details = {**work.provenance(), **(provenance or {})}
     target = Path(out)
     require_space(target.parent, math.prod(plan.shape) * np.dtype(dtype).itemsize, what=target.name)
     stored = {"dtype": dtype, "compression": compression}
     units = [unit_of(work.task(z), stored) for z in range(plan.shape[0])]
-    writer = PSFWriter(
-        target,
-        plan.shape,
-        depths=plan.depths_um,
-        camera=camera,
-        anchor=plan.anchor,
-        provenance=details,
-        dtype=dtype,
-        compression=compression,
-        workers=run.workers,
-    )
+    writer = work.writer(target, dtype, compression, provenance)
     yield from iter_made(units, target, run, partial(iter_join, writer=writer), title=f"simulate {target.name}")
     return open_psf(target)
 
