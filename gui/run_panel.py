@@ -10,6 +10,7 @@ from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QPushButton, QVBoxLay
 from gui.jobs import Jobs
 from gui.widgets.rows_table import RowsTable
 from lfcal.work import parts_folder, read_run
+from lfcal.work.journal import JOURNAL
 from lfcal.work.table import HEADER, RunTable, run_table
 
 __all__ = ["EVERY_MS", "RunView", "look"]
@@ -29,9 +30,9 @@ def look(run: Path) -> RunTable:
     InputError
         If there is no run, and nothing that one made.
     """
-    folder = run if run.is_dir() and run.suffix == ".parts" else parts_folder(run)
-    made = folder.with_suffix("")
-    if made.exists() and not folder.exists():
+    named = run.suffix == ".parts" or not run.name or (run / JOURNAL).exists()
+    folder = run if named else parts_folder(run)
+    if run.name and not folder.exists() and (made := folder.with_suffix("")).exists():
         return RunTable(f"{made.name}: is whole; no run is under way", "", (), "")
     return run_table(read_run(folder))
 

@@ -211,10 +211,10 @@ def _assemble(
     start, settings, json = time.perf_counter(), how.settings, how.json
     frames = part.source
     known: dict[str, Any] = {"intake": list(frames.metadata["notes"])} if "notes" in frames.metadata else {}
-    kept: tuple[int, ...] | None = None
+    left_out: tuple[int, ...] = ()
     if how.skip_damaged:
         frames = run_work(iter_undamaged(frames, workers=settings.workers), quiet=json)
-        kept = tuple(frames.chosen.tolist()) if len(frames) < len(part.source) else None
+        left_out = tuple(sorted(set(range(len(part.source))) - set(frames.chosen.tolist())))
     view, lie = upright(corrected_view(frames, recipe, scan), part.plan, how.orientation, quiet=json)
     turn = str(lie["orientation"]["applied"])
     check_turned_colours(frames, scan, recipe, turn)
@@ -230,7 +230,7 @@ def _assemble(
         work = iter_assemble_plan(view, part.plan, part.out, settings, provenance=known | lie, fill=filler)
         report = run_work(work, quiet=json)
     else:
-        same = PartFrames(words, part.name, recipe, turn, how.half_cell, kept, how.fill)
+        same = PartFrames(words, part.name, recipe, turn, how.half_cell, left_out, how.fill)
         work = iter_assemble_units(view, part, same, settings, run=run, provenance=known | lie, fill=filler)
         report = run_kept(work, part.out, quiet=json)
     with report.matrix:

@@ -57,8 +57,8 @@ class PartFrames:
         Name of what makes them upright.
     half_cell
         Whether each stands for the position half a period away, too.
-    kept
-        Which of them are whole, as numbers; None: all.
+    left_out
+        Numbers of those that are damaged.
     fill
         Folder of the fit whose model fills missing positions; or None.
     """
@@ -68,7 +68,7 @@ class PartFrames:
     recipe: CorrectionRecipe
     turn: str
     half_cell: bool
-    kept: tuple[int, ...] | None
+    left_out: tuple[int, ...]
     fill: Path | None
 
     def open(self) -> tuple[Frames, FrameSource, ScanPlan]:
@@ -76,8 +76,8 @@ class PartFrames:
         raw, scan = open_colour(self.scan.open, self.channel)
         part = parts_of(self.channel, raw, scan, Path(), _nobody, quiet=True)[0]
         frames = part.source
-        if self.kept is not None:
-            frames = SelectedSource(frames, np.array(self.kept, np.int64), ())
+        if self.left_out:
+            frames = SelectedSource(frames, np.setdiff1d(np.arange(len(frames)), self.left_out), ())
         view: FrameSource = corrected_view(frames, self.recipe, scan)
         view = oriented(view, named_orientation(self.turn), part.plan.camera.sensor.shape)
         return raw, with_partners(view, part.plan) if self.half_cell else view, part.plan
@@ -95,7 +95,7 @@ class PartFrames:
         for name in ("dark", "white"):
             if recipe[name] and recipe[name] != "none":
                 recipe[name] = os.path.abspath(recipe[name])
-        own = {"channel": self.channel, "turn": self.turn, "half_cell": self.half_cell, "kept": self.kept}
+        own = {"channel": self.channel, "turn": self.turn, "half_cell": self.half_cell, "left_out": self.left_out}
         fill = None if self.fill is None else os.path.abspath(self.fill)
         found: dict[str, Any] = plain({"scan": self.scan.plain(), "recipe": recipe, "fill": fill, **own})
         return found
@@ -106,7 +106,7 @@ class PartFrames:
         read = {
             "scan": ScanFrames.of(values["scan"]),
             "recipe": CorrectionRecipe(**values["recipe"]),
-            "kept": None if values["kept"] is None else tuple(values["kept"]),
+            "left_out": tuple(values["left_out"]),
             "fill": None if values["fill"] is None else Path(values["fill"]),
         }
         return cls(**{**values, **read})
