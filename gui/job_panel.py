@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import (
     QApplication,
+    QFileDialog,
     QFrame,
     QHBoxLayout,
     QLabel,
@@ -17,6 +20,7 @@ from PySide6.QtWidgets import (
 )
 
 from gui.jobs import Job, Jobs, JobState
+from gui.run_panel import RunView
 from lfcal.units import format_seconds
 
 __all__ = ["JobPanel"]
@@ -116,7 +120,22 @@ class JobPanel(QWidget):
         area.setWidget(inner)
         area.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
         outer.addWidget(area)
+        watch = QPushButton("Watch a run …")
+        watch.setToolTip("A run of lfcal in units, of this machine or a cluster: name the folder of its parts")
+        watch.clicked.connect(self._ask)
+        outer.addWidget(watch, 0, Qt.AlignmentFlag.AlignRight)
         jobs.changed.connect(self._show)
+
+    def watch(self, run: Path) -> RunView:
+        """Show the units of a run (``H.h5.parts``, or what it makes) until they are dismissed."""
+        view = RunView(self._jobs, run)
+        self._column.insertWidget(0, view)
+        return view
+
+    def _ask(self) -> None:
+        found = QFileDialog.getExistingDirectory(self, "Folder of a run's parts (H.h5.parts)")
+        if found:
+            self.watch(Path(found))
 
     def _show(self, job: Job) -> None:
         row = self._rows.get(job.number)

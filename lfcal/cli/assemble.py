@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import time
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,14 +13,28 @@ import typer
 
 from lfcal.cli.channels import Part, open_colour, parts_of
 from lfcal.cli.listed import ColumnsOption, report_notes, tell_size
-from lfcal.cli.options import CompressionOption, ForceOption, JsonOption, WorkersOption
+from lfcal.cli.options import (
+    CompressionOption,
+    ExecutorOption,
+    ForceOption,
+    JsonOption,
+    ResumeOption,
+    SchedulerOption,
+    WorkersOption,
+)
+from lfcal.cli.runs import run_choice, run_kept
+from lfcal.cli.scan_frames import ScanFrames
 
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
-    from lfcal.frames import CorrectionRecipe, Frames
+    from lfcal.frames import CorrectionRecipe
     from lfcal.psf.assemble_plan import AssemblySettings
     from lfcal.psf.assembly_report import AssemblyReport
+    from lfcal.work import RunChoice
 
+
+RATE = 100e6
+"""Bytes of frames that are read, corrected and cropped in a second of processor time, about."""
 
 LISTED = 20
 """Damaged frames that are listed; all of them are in the JSON output and in the file's provenance."""
@@ -99,6 +113,9 @@ def command(
     dtype: str = typer.Option("uint16", "--dtype", help="Stored type: uint16 with a scale per plane, or float32."),
     compression: CompressionOption = "gzip",
     workers: WorkersOption = None,
+    executor: ExecutorOption = "",
+    scheduler: SchedulerOption = "",
+    resume: ResumeOption = False,
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -109,16 +126,17 @@ def command(
     from lfcal.cli.cameras import tell_assumed
     from lfcal.cli.console import print_json
     from lfcal.cli.orientation import check_choice
-    from lfcal.cli.outputs import TABLES, check_output, check_outputs
+    from lfcal.cli.outputs import check_output, check_outputs
     from lfcal.frames import CorrectionRecipe
     from lfcal.frames.aligned import chosen_shift
     from lfcal.psf.assemble_plan import AssemblySettings
 
     check_choice(orientation)
+    words = ScanFrames(frames, plan, manifest, pattern, order, columns, first, skip_damaged, orientation)
     # A manifest's frames lie beside it.
-    beside = frames.parent if frames.suffix.lower() in TABLES else None
+    read = (frames, words.beside, plan, manifest, dark, white, fill)
     if channel != "each":
-        check_output(out, frames, beside, plan, manifest, dark, white, fill, force=force)
+        check_output(out, *read, force=force)
     recipe = CorrectionRecipe(
         dark=dark,
         black_level=black_level,
@@ -141,20 +159,8 @@ def command(
         compression=compression,
         workers=workers,
     )
-    opened = partial(
-        open_scan,
-        frames,
-        plan,
-        manifest=manifest,
-        pattern=pattern,
-        order=order,
-        columns=columns,
-        first=first,
-        skip_damaged=skip_damaged,
-        orientation=orientation,
-    )
     with ExitStack() as stack:
-        source, scan = open_colour(opened, channel)
+        source, scan = open_colour(words.open, channel)
         stack.enter_context(source)
         tell_assumed(scan.camera, "plan", quiet=json)
         if "plan" not in source.metadata:  # a session knows which part of the sensor it recorded
@@ -162,14 +168,19 @@ def command(
         report_notes(source.metadata.get("notes", ()))
         bits, note = chosen_shift(shift, source)
         report_notes([note] if note else [])
-        parts = parts_of(channel, source, scan, out, lambda name: stack.enter_context(opened(colour=name)[0]))
+        parts = parts_of(channel, source, scan, out, lambda name: stack.enter_context(words.open(name)[0]))
         if channel == "each":
-            check_outputs([part.out for part in parts], frames, beside, plan, manifest, dark, white, fill, force=force)
+            check_outputs([part.out for part in parts], *read, force=force)
+        ahead = len(source) * math.prod(source.shape) * source.dtype.itemsize / RATE
+        runs = [
+            run_choice(part.out, executor, scheduler, workers, resume=resume, force=force, seconds=ahead)
+            for part in parts
+        ]
         found = []
-        for part in parts:
+        for part, run in zip(parts, runs, strict=True):
             own = replace(recipe, shift=bits, channel=part.channel)
             how = _How(settings, orientation, half_cell, fill, skip_damaged, json)
-            found.append(_assemble(part, scan, own, how))
+            found.append(_assemble(part, scan, own, how, words, run))
     if json:
         print_json(found if channel == "each" else found[0])
 
@@ -186,8 +197,11 @@ class _How:
     json: bool
 
 
-def _assemble(part: Part, scan: ScanPlan, recipe: CorrectionRecipe, how: _How) -> dict[str, Any]:
+def _assemble(
+    part: Part, scan: ScanPlan, recipe: CorrectionRecipe, how: _How, words: ScanFrames, run: RunChoice | None
+) -> dict[str, Any]:
     """Correct, crop and write H; print what was made, or return it for ``json``."""
+    from lfcal.cli.assemble_units import PartFrames, iter_assemble_units
     from lfcal.cli.console import run_work
     from lfcal.cli.orientation import upright
     from lfcal.frames import check_turned_colours, corrected_view, iter_undamaged
@@ -197,10 +211,13 @@ def _assemble(part: Part, scan: ScanPlan, recipe: CorrectionRecipe, how: _How) -
     start, settings, json = time.perf_counter(), how.settings, how.json
     frames = part.source
     known: dict[str, Any] = {"intake": list(frames.metadata["notes"])} if "notes" in frames.metadata else {}
+    left_out: tuple[int, ...] = ()
     if how.skip_damaged:
         frames = run_work(iter_undamaged(frames, workers=settings.workers), quiet=json)
+        left_out = tuple(sorted(set(range(len(part.source))) - set(frames.chosen.tolist())))
     view, lie = upright(corrected_view(frames, recipe, scan), part.plan, how.orientation, quiet=json)
-    check_turned_colours(frames, scan, recipe, lie["orientation"]["applied"])
+    turn = str(lie["orientation"]["applied"])
+    check_turned_colours(frames, scan, recipe, turn)
     if how.half_cell:
         view = with_partners(view, part.plan)
     filler = None
@@ -209,76 +226,15 @@ def _assemble(part: Part, scan: ScanPlan, recipe: CorrectionRecipe, how: _How) -
 
         filler = Filler(read_fit(how.fill), part.plan, settings.workers)
         known |= {"filled": filler.provenance}
-    work = iter_assemble_plan(view, part.plan, part.out, settings, provenance=known | lie, fill=filler)
-    report = run_work(work, quiet=json)
+    if run is None:
+        work = iter_assemble_plan(view, part.plan, part.out, settings, provenance=known | lie, fill=filler)
+        report = run_work(work, quiet=json)
+    else:
+        same = PartFrames(words, part.name, recipe, turn, how.half_cell, left_out, how.fill)
+        work = iter_assemble_units(view, part, same, settings, run=run, provenance=known | lie, fill=filler)
+        report = run_kept(work, part.out, quiet=json)
     with report.matrix:
         return show_report(report, part.out, time.perf_counter() - start, json)
-
-
-def open_scan(
-    frames: Path,
-    plan: Path | None,
-    *,
-    manifest: Path | None = None,
-    pattern: str = "",
-    order: str = "",
-    columns: str = "",
-    first: int | None = None,
-    colour: str = "",
-    skip_damaged: bool = False,
-    orientation: str = "as is",
-) -> tuple[Frames, ScanPlan]:
-    """Return the frames and the plan they were recorded by: the one named, their own, or the one that lies there.
-
-    Raises
-    ------
-    InputError
-        If there is no plan, or the one named is not of the scan that the frames belong to.
-    """
-    from lfcal.cli.planned import no_plan
-    from lfcal.errors import InputError
-    from lfcal.frames import open_frames
-
-    found = find_plan(frames, plan)
-    source = open_frames(
-        frames,
-        manifest=manifest,
-        pattern=pattern or None,
-        order=order or None,
-        plan=found,
-        colour=colour or None,
-        columns=columns,
-        first=first,
-        skip_damaged=skip_damaged,
-        orientation=orientation,
-    )
-    own: ScanPlan | None = source.metadata.get("plan")
-    if own is None and found is None:
-        source.close()
-        raise no_plan(frames if frames.is_dir() else frames.parent)
-    # A plan that is named replaces the recorded one: its cutout and anchor may have been corrected since.
-    if own is None or plan is None:
-        return source, own or found  # type: ignore[return-value]  # one of them is there
-    assert found is not None
-    if found.shape[:3] != own.shape[:3]:
-        source.close()
-        raise InputError.expected(
-            f"plan {plan}", f"the scan of these frames, {own.shape[:3]} positions", found.shape[:3], "leave it out"
-        )
-    return source, found
-
-
-def find_plan(frames: Path, plan: Path | None) -> ScanPlan | None:
-    """Return the plan of a file, or of ``plan.json`` in or above the folder of the frames; None without one."""
-    from lfcal.camera import ScanPlan
-    from lfcal.files import read_text
-
-    folder = frames if frames.is_dir() else frames.parent
-    # Beside the frames, or one folder above: where lfcal simulate puts it.
-    places = [plan] if plan else [p for p in (folder / "plan.json", folder.parent / "plan.json") if p.is_file()]
-    if not places:
-        return None
-    return ScanPlan.from_json(read_text(places[0]))
 
 
 def parse_cutout(text: str) -> tuple[int, int] | str | None:

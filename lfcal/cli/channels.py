@@ -20,14 +20,16 @@ __all__ = ["Part", "open_colour", "parts_of"]
 class Part:
     """One H file to make.
 
-    ``plan`` is the plan that H is made by; frames are described by the scan's own. ``channel`` is that of a mosaic,
-    empty where the frames are one colour already.
+    ``name`` is the colour that was asked for, empty for the frames as they are. ``plan`` is the plan that H is made by;
+    frames are described by the scan's own. ``channel`` is that of a mosaic, empty where the frames are one colour
+    already.
     """
 
     source: Frames
     plan: ScanPlan
     channel: str
     out: Path
+    name: str = ""
 
 
 def open_colour(opened: Callable[..., tuple[Frames, ScanPlan]], channel: str) -> tuple[Frames, ScanPlan]:
@@ -42,7 +44,9 @@ def open_colour(opened: Callable[..., tuple[Frames, ScanPlan]], channel: str) ->
         raise FileFormatError(str(error).replace(' (colour="G")', ", or an H of all: --channel each")) from None
 
 
-def parts_of(channel: str, source: Frames, plan: ScanPlan, out: Path, reopen: Callable[[str], Frames]) -> list[Part]:
+def parts_of(
+    channel: str, source: Frames, plan: ScanPlan, out: Path, reopen: Callable[[str], Frames], *, quiet: bool = False
+) -> list[Part]:
     """Return what is to be made of the frames.
 
     Parameters
@@ -55,6 +59,8 @@ def parts_of(channel: str, source: Frames, plan: ScanPlan, out: Path, reopen: Ca
         H file; with ``"each"`` the colour's name is put to its end: ``H_R.h5``.
     reopen
         Opens the frames with another component.
+    quiet
+        Say nothing of what a colour has of the scan.
     """
     from lfcal.errors import InputError
     from lfcal.frames.colour_scan import ThinnedSource, colour_scan, colours_of
@@ -69,17 +75,18 @@ def parts_of(channel: str, source: Frames, plan: ScanPlan, out: Path, reopen: Ca
     for name in wanted:
         path = out.with_name(f"{out.stem}_{name}{out.suffix}") if channel == "each" else out
         if component or not name:
-            parts.append(Part(source if name in ("", component) else reopen(name), plan, "", path))
+            parts.append(Part(source if name in ("", component) else reopen(name), plan, "", path, name))
             continue
         scan = colour_scan(source, plan, name)
         if scan is None:
-            parts.append(Part(source, plan, name, path))
+            parts.append(Part(source, plan, name, path, name))
             continue
         own = ThinnedSource(source, scan)
         rows, columns = scan.plan.cutout
-        report(
-            f"note: channel {name}: {len(own)} of {len(source)} frames have their point on a pixel of it; "
-            f"period {scan.plan.period[0]} x {scan.plan.period[1]}, cutout {rows} x {columns} of its pixels"
-        )
-        parts.append(Part(own, scan.plan, name, path))
+        if not quiet:
+            report(
+                f"note: channel {name}: {len(own)} of {len(source)} frames have their point on a pixel of it; "
+                f"period {scan.plan.period[0]} x {scan.plan.period[1]}, cutout {rows} x {columns} of its pixels"
+            )
+        parts.append(Part(own, scan.plan, name, path, name))
     return parts

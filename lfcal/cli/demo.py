@@ -56,16 +56,16 @@ def command(
 
     Example: `lfcal demo demo_out`
     """
-    from lfcal.cli.assemble import open_scan
     from lfcal.cli.console import print_json, print_table
     from lfcal.cli.outputs import check_outputs
     from lfcal.cli.sample import sample_session
+    from lfcal.cli.scan_frames import ScanFrames
     from lfcal.psf.report import report_files
     from lfcal.units import format_seconds
 
     check_outputs([*(out / name for name in FILES), *report_files(out / REPORT)], force=force)
     session = sample_session()
-    source, plan = open_scan(session / "frames", session / "plan.json")
+    source, plan = ScanFrames(session / "frames", session / "plan.json").open()
     steps = _Steps()
     with _assembled(source, session, plan, out, steps, quiet=json) as matrix:
         _pictures(matrix, out, steps)
@@ -156,14 +156,14 @@ def _against_truth(matrix: PSFMatrix, plan: ScanPlan, out: Path, steps: _Steps) 
 
 def _recorded(out: Path, steps: _Steps, *, quiet: bool) -> dict[str, Any]:
     """Assemble the session that lfcal recorded itself, its own darks subtracted, and compare its plane."""
-    from lfcal.cli.assemble import open_scan
     from lfcal.cli.console import run_work
     from lfcal.cli.sample import sample_recording
+    from lfcal.cli.scan_frames import ScanFrames
     from lfcal.frames import CorrectionRecipe, corrected_view
     from lfcal.psf import AssemblySettings, PSFMatrix, compare, iter_assemble_plan, open_psf
 
     with steps.step("a recorded session, with the darks it brings") as made:
-        source, plan = open_scan(sample_recording(), None)
+        source, plan = ScanFrames(sample_recording()).open()
         with source:
             view = corrected_view(source, CorrectionRecipe(), plan)
             target = out / "recorded_H.h5"

@@ -10,7 +10,14 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
+from lfcal.cli.options import (
+    ExecutorOption,
+    ForceOption,
+    JsonOption,
+    ResumeOption,
+    SchedulerOption,
+    WorkersOption,
+)
 from lfcal.errors import InputError
 
 if TYPE_CHECKING:
@@ -86,6 +93,9 @@ def command(
         "check", "--orientation", help="What makes frames upright, as in lfcal assemble: as-is, rot90 …, auto, check."
     ),
     workers: WorkersOption = None,
+    executor: ExecutorOption = "",
+    scheduler: SchedulerOption = "",
+    resume: ResumeOption = False,
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -100,7 +110,7 @@ def command(
     from lfcal.cli.cameras import load_camera
     from lfcal.cli.console import print_json, run_work
     from lfcal.cli.fit_check import Asked, check_h
-    from lfcal.cli.fit_field import Regions, fit_regions
+    from lfcal.cli.fit_field import Regions, fit_regions, names_of
     from lfcal.cli.fit_object import Place, object_dict, object_error, object_words, read_object
     from lfcal.cli.fit_source import SOME, Reading, is_matrix, open_upright, parse_noise, read_patterns
     from lfcal.cli.fit_validate import (
@@ -111,6 +121,7 @@ def command(
         withheld_points,
     )
     from lfcal.cli.orientation import check_choice
+    from lfcal.cli.runs import run_choice, run_kept
     from lfcal.fit import iter_fit_camera
     from lfcal.fit.files import fit_dict
     from lfcal.fit.setup import called_for, with_given
@@ -129,6 +140,7 @@ def command(
             "--no-h": no_h,
             "--hybrid": hybrid,
             "-o": out != FOLDER,
+            "--executor": executor or scheduler or resume,
         }
         wrong = [name for name, said in given.items() if said]
         if wrong:
@@ -153,6 +165,10 @@ def command(
     if (known_object is None) != (scene is None) or (known_object and no_h):
         got = "without H" if no_h else "one of them"
         raise InputError.expected("--object", "a frame, its --scene, and H", got, "give all of them, or none")
+    if (executor or scheduler or resume) and (hybrid or no_h):
+        got = "--hybrid" if hybrid else "--no-h"
+        raise InputError.expected("--executor", "an H of the model, made plane by plane", got, "leave one of them out")
+    by_whom = (executor, scheduler, workers)
     groups = unknowns if unknowns == "auto" else _groups(unknowns)
     chosen = parse_effects(effects)
     if len(sources) > 1:
@@ -164,12 +180,16 @@ def command(
         start = load_camera(camera) if camera else None
         how = Reading(start, positions, parse_noise(noise), plan, recipe, orientation)
         begin = chosen if effects else None
-        fit_regions(sources, how, groups, begin, out, wanted, with_h=not no_h, workers=workers, json=json)
+        places = [] if hybrid or no_h else [out / name / MODEL for name in names_of(sources)]
+        runs = [run_choice(place, *by_whom, resume=resume, force=force) for place in places]
+        run = next((one for one in runs if one is not None), None)
+        fit_regions(sources, how, groups, begin, out, wanted, with_h=not no_h, workers=workers, json=json, run=run)
         return
     more = VALIDATION if validate or validate_on else ()
     _check_before(
         out, source, camera, plan, dark, white, validate_on, known_object, scene, more=more, no_h=no_h, force=force
     )
+    run = None if hybrid or no_h else run_choice(out / MODEL, *by_whom, resume=resume, force=force)
     recipe = CorrectionRecipe(dark=dark, black_level=black_level, white=white or "")
     start = load_camera(camera) if camera else None
     how = Reading(start, positions, parse_noise(noise), plan, recipe, orientation)
@@ -185,9 +205,9 @@ def command(
             # of an H every recorded pattern, not those alone that were fitted
             patterns = stack.enter_context(open_upright(source)) if is_matrix(source) else measured
         work = iter_write_fit(
-            fit, measured, out, known, patterns=patterns, noise=how.noise, with_h=not no_h, workers=workers
+            fit, measured, out, known, patterns=patterns, noise=how.noise, with_h=not no_h, workers=workers, run=run
         )
-        written, summary = run_work(work, quiet=json)
+        written, summary = run_work(work, quiet=json) if run is None else run_kept(work, out / MODEL, quiet=json)
     known_of = fit_dict(fit) | {"source": source, "files": written}
     if summary is not None:
         known_of["hybrid"] = asdict(summary)

@@ -80,8 +80,8 @@ def check_h(old: Path, sources: list[Path], asked: Asked, *, json: bool) -> bool
 
 def _frames(H: PSFMatrix, source: Path, asked: Asked, stack: ExitStack, *, quiet: bool) -> list[NewFrame]:
     """Return the frames of a file, a folder or a session, with what is known of where their sources are."""
-    from lfcal.cli.assemble import find_plan, open_scan
     from lfcal.cli.orientation import upright
+    from lfcal.cli.scan_frames import ScanFrames, find_plan
     from lfcal.fit.expected import plan_of
     from lfcal.frames import corrected_view, named_orientation, oriented
     from lfcal.psf.upright import AUTO, CHECK
@@ -89,7 +89,7 @@ def _frames(H: PSFMatrix, source: Path, asked: Asked, stack: ExitStack, *, quiet
     own = plan_of(H)
     scanned = source.is_dir() and ((source / "session.json").is_file() or find_plan(source, asked.plan) is not None)
     if scanned:
-        scan, plan = open_scan(source, asked.plan, orientation=asked.orientation)
+        scan, plan = ScanFrames(source, asked.plan, orientation=asked.orientation).open()
         stack.enter_context(scan)
         _check_colours(scan, plan, source)
         view, _ = upright(corrected_view(scan, asked.recipe, plan), plan, asked.orientation, quiet=quiet)

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from lfcal.fit.validate import Validation
     from lfcal.psf import PSFMatrix
     from lfcal.simulate.effects.base import Effect
+    from lfcal.work import RunChoice
 
 __all__ = ["Regions", "fit_regions", "names_of"]
 
@@ -85,8 +86,9 @@ def fit_regions(
     with_h: bool,
     workers: int | None,
     json: bool,
+    run: RunChoice | None = None,
 ) -> None:
-    """Fit one camera to the patterns of several regions, and write it."""
+    """Fit one camera to the patterns of several regions, and write it; each H in units where ``run`` says by whom."""
     from lfcal.cli.console import print_json, run_work
     from lfcal.cli.fit_object import Place, object_dict, object_error, object_words, read_object
     from lfcal.cli.fit_source import is_matrix, open_upright, read_patterns
@@ -118,7 +120,7 @@ def fit_regions(
                 for name, source in by_name.items()
             }
         work = iter_write_field(
-            fit, patterns, out, known, hybrids=hybrids, noise=how.noise, with_h=with_h, workers=workers
+            fit, patterns, out, known, hybrids=hybrids, noise=how.noise, with_h=with_h, workers=workers, run=run
         )
         written, summaries = run_work(work, quiet=json)
     if not json:

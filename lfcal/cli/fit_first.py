@@ -51,7 +51,7 @@ def without_positions(error: InputError, source: Path, plan: Path | None, dark: 
 
 def _below(source: Path, plan: Path | None) -> Path | None:
     """Return the only folder in ``source`` whose frames tell their positions, or None."""
-    from lfcal.cli.assemble import find_plan
+    from lfcal.cli.scan_frames import find_plan
     from lfcal.frames import open_frames
 
     if not source.is_dir():

@@ -204,17 +204,17 @@ def _picked(
 
     Of a session of positions chosen for a fit all are taken, unless their number is given.
     """
-    from lfcal.cli.assemble import open_scan
     from lfcal.cli.console import run_work
     from lfcal.cli.fit_first import of_one_channel, without_positions
     from lfcal.cli.listed import report_notes
     from lfcal.cli.orientation import upright
+    from lfcal.cli.scan_frames import ScanFrames
     from lfcal.frames import corrected_view
     from lfcal.frames.colour_scan import colours_of
     from lfcal.psf.picked import iter_pick
 
     try:
-        frames, plan = open_scan(source, how.plan, orientation=how.orientation)
+        frames, plan = ScanFrames(source, how.plan, orientation=how.orientation).open()
     except FileFormatError as error:
         # the library's word for it is not an option here
         one = of_one_channel(source, how.plan, "RGB")

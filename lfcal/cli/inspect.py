@@ -9,17 +9,25 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.cli.options import ForceOption, JsonOption, MatrixArgument, WorkersOption
+from lfcal.cli.options import (
+    ExecutorOption,
+    ForceOption,
+    JsonOption,
+    MatrixArgument,
+    ResumeOption,
+    SchedulerOption,
+    WorkersOption,
+)
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from lfcal.fit import Setup
     from lfcal.inspect import Inspection
     from lfcal.psf import PSFMatrix
     from lfcal.psf.compare import Comparison
     from lfcal.psf.quality import QualityReport
-    from lfcal.psf.quality.inspect import Controls
+
+RATE = 200e6
+"""Bytes of H that are read and measured in a second of processor time, about."""
 
 
 def register(app: typer.Typer) -> None:
@@ -45,6 +53,9 @@ def command(
     ),
     strict: bool = typer.Option(False, "--strict", help="End with exit code 1 when H should not be used."),
     workers: WorkersOption = None,
+    executor: ExecutorOption = "",
+    scheduler: SchedulerOption = "",
+    resume: ResumeOption = False,
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -56,11 +67,19 @@ def command(
     """
     from lfcal.cli.cameras import tell_assumed
     from lfcal.cli.console import print_json, run_work
+    from lfcal.cli.inspect_controls import control_frames
+    from lfcal.cli.inspect_units import iter_inspect_units
+    from lfcal.cli.runs import run_choice, run_kept
+    from lfcal.errors import InputError
     from lfcal.inspect import iter_inspection
     from lfcal.psf.compare import iter_compare
     from lfcal.psf.opening import open_psf
     from lfcal.psf.quality import iter_inspect
+    from lfcal.work import parts_folder
+    from lfcal.work.runs import discard
 
+    if report is None and (executor or scheduler or resume):
+        raise InputError("--executor: expected --report beside it, got none; name the folder that is worked on")
     _check_before(report, source, reference, force=force)
     with ExitStack() as files:
         H = files.enter_context(open_psf(source))
@@ -73,7 +92,14 @@ def command(
             comparison = run_work(iter_compare(H, other, workers=workers), quiet=json)
         setup = None if fit is None else _setup_of(fit, H, seconds)
         controls = None if session is None else control_frames(session, H)
-        quality = run_work(iter_inspect(H, controls=controls, workers=workers), quiet=json)
+        run = None
+        if report is not None:
+            ahead = H.nbytes / RATE
+            run = run_choice(report, executor, scheduler, workers, resume=resume, force=force, seconds=ahead)
+        if run is not None and report is not None:
+            quality = run_kept(iter_inspect_units(H, report, session, run=run), report, quiet=json)
+        else:
+            quality = run_work(iter_inspect(H, controls=controls, workers=workers), quiet=json)
         found = None
         if seconds > 0:
             found = run_work(iter_inspection(H, quality, setup=setup, seconds=seconds), quiet=json)
@@ -81,6 +107,8 @@ def command(
         if not json:
             _show(H, quality, comparison, found)
         page = _write(H, quality, other, report, workers, found, quiet=json)
+        if run is not None and report is not None:
+            discard(parts_folder(report))
     if json:
         extra: dict[str, Any] = {} if comparison is None else {"comparison": comparison.to_dict()}
         if found is not None:
@@ -119,39 +147,6 @@ def _check_before(report: Path | None, *inputs: Path | None, force: bool) -> Non
         typer.echo(f"left out: {why}", err=True)
     if report is not None:
         check_outputs(report_files(report), *inputs, force=force)
-
-
-def control_frames(session: Path, H: PSFMatrix) -> Controls:
-    """Return the control frames of a session, cut out like H, and where they were taken, by depth plane."""
-    import numpy as np
-
-    from lfcal.acquire.recording.records import Kind
-    from lfcal.acquire.recording.source import read_checks
-    from lfcal.errors import InputError
-
-    found: dict[int, tuple[list[NDArray[Any]], list[NDArray[Any]]]] = {}
-    for check in read_checks(session):
-        if check.kind != Kind.CONTROL or check.position.z >= len(H):
-            continue
-        # Control frames may have a margin around the cutout: the same pixels as in H are compared.
-        top, left = ((n - m) // 2 for n, m in zip(check.frame.shape, H.cutout, strict=True))
-        # Smaller frames cannot have been recorded with this H; padding them would invent light.
-        if min(top, left) < 0:
-            raise InputError.expected(
-                "control frames",
-                f"at least {H.cutout} pixels like H",
-                check.frame.shape,
-                "give the session that H was recorded in",
-            )
-        frames, places = found.setdefault(check.position.z, ([], []))
-        frames.append(check.frame[top : top + H.cutout[0], left : left + H.cutout[1]])
-        # Where the source was, in periods from H's own cell: the tiling is tested far from it.
-        places.append(np.array(H.anchor) + check.position[1:] + np.array(check.periods) * H.period)
-    if not found:
-        raise InputError.expected(
-            f"{session}", "control frames", "none", "record with lfcal acquire --controls, or leave it out"
-        )
-    return {z: (np.stack(frames), np.stack(places)) for z, (frames, places) in found.items()}
 
 
 def _write(

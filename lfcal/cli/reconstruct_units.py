@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -14,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 from lfcal.cli.outputs import files_of
 from lfcal.cli.reconstruct_frames import FrameFile
 from lfcal.work import Unit, parts_folder
-from lfcal.work.unit import file_name
+from lfcal.work.held import Held
+from lfcal.work.unit import file_name, stamp_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -126,34 +126,22 @@ def do_frame(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None
 class _Tool:
     """What the frames of a series share, made once in each process."""
 
-    key: tuple[Any, ...]
     matrix: PSFMatrix
     projector: Projector
     view: Resampling | None
     clean: Callable[[NDArray[Any]], NDArray[Any]]
 
 
-class _Held:
-    """The tool of the last series that this process worked on: an H may take most of the memory."""
-
-    tool: _Tool | None = None
-    lock = threading.Lock()
+_HELD: Held[_Tool] = Held(lambda tool: tool.matrix.close())
 
 
 def _tool_for(settings: Settings, shape: tuple[int, ...], how: tuple[str, int, int, int]) -> _Tool:
     """Return what frames of ``shape`` need; ``how``: method of projection, memory, threads and margin."""
-    stamps = tuple(os.stat(path).st_mtime_ns for path in settings.inputs)
-    key = (json.dumps(settings.plain(), sort_keys=True), stamps, shape, how)
-    with _Held.lock:
-        if _Held.tool is None or _Held.tool.key != key:
-            if _Held.tool is not None:
-                _Held.tool.matrix.close()
-                _Held.tool = None
-            _Held.tool = _made(settings, shape, how, key)
-        return _Held.tool
+    key = (json.dumps(settings.plain(), sort_keys=True), stamp_of(settings.inputs), shape, how)
+    return _HELD.get(key, lambda: _made(settings, shape, how))
 
 
-def _made(settings: Settings, shape: tuple[int, ...], how: tuple[str, int, int, int], key: tuple[Any, ...]) -> _Tool:
+def _made(settings: Settings, shape: tuple[int, ...], how: tuple[str, int, int, int]) -> _Tool:
     from lfcal.cli.reconstruct_frames import cleaner
     from lfcal.cli.reconstruct_grid import anchor_of, view_of, wide
     from lfcal.psf import open_psf
@@ -175,7 +163,7 @@ def _made(settings: Settings, shape: tuple[int, ...], how: tuple[str, int, int, 
             memory_limit=how[1],
             workers=how[2],
         )
-        return _Tool(key, matrix, projector, view, cleaner(settings.dark, settings.white, view))
+        return _Tool(matrix, projector, view, cleaner(settings.dark, settings.white, view))
     except BaseException:
         matrix.close()
         raise

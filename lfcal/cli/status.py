@@ -13,9 +13,6 @@ from lfcal.cli.options import JsonOption
 if TYPE_CHECKING:
     from lfcal.work import RunState
 
-SHOWN = 40
-"""Units of a table; of more those that are done or wait are only counted."""
-
 
 def register(app: typer.Typer) -> None:
     """Add ``status`` to the app."""
@@ -70,6 +67,7 @@ def _plain(run: Path, state: RunState) -> dict[str, Any]:
         "place": state.place,
         "done": state.count("done"),
         "total": len(state.units),
+        "units_per_hour": state.per_hour,
         "eta_seconds": state.eta_seconds,
         "units": units,
     }
@@ -77,26 +75,14 @@ def _plain(run: Path, state: RunState) -> dict[str, Any]:
 
 def _show(folder: Path, state: RunState) -> None:
     from lfcal.cli.console import print_table
-    from lfcal.units import format_seconds
+    from lfcal.work.table import HEADER, run_table
 
-    who = f"{state.executor}, {state.workers} at work" if state.running else "not running"
-    typer.echo(f"{state.title}: {state.count('done')} of {len(state.units)} units done; {who}")
-    if state.place and state.running:
-        typer.echo(f"watch it at {state.place}")
-    told = [u for u in state.units if len(state.units) <= SHOWN or u.state in ("under way", "failed") or u.reason]
-    rows = [
-        [
-            unit.name,
-            unit.state,
-            str(unit.attempts or ""),
-            "" if math.isnan(unit.seconds) else format_seconds(unit.seconds),
-            unit.worker,
-            unit.reason,
-        ]
-        for unit in told
-    ]
-    print_table(["unit", "state", "attempts", "time", "by", "why"], rows)
-    if state.running and state.eta_seconds is not None:
-        typer.echo(f"about {format_seconds(state.eta_seconds)} left")
+    found = run_table(state)
+    typer.echo(found.headline)
+    if found.place:
+        typer.echo(f"watch it at {found.place}")
+    print_table(list(HEADER), [list(row) for row in found.rows])
+    if found.pace:
+        typer.echo(found.pace)
     elif not state.running:
         typer.echo(f"{folder}: the command that began it goes on with --resume")

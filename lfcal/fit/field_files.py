@@ -18,6 +18,7 @@ from lfcal.fit.writing import CAMERA, EFFECTS, REPORT, fit_outputs, iter_write_f
 from lfcal.plain import plain
 from lfcal.progress import Work
 from lfcal.psf import PSFMatrix
+from lfcal.work import RunChoice
 
 __all__ = ["FIELD", "FORMAT", "WrittenField", "field_dict", "field_outputs", "iter_write_field"]
 
@@ -91,6 +92,7 @@ def iter_write_field(
     noise: tuple[float, float] | None = None,
     with_h: bool = True,
     workers: int | None = None,
+    run: RunChoice | None = None,
 ) -> Work[WrittenField]:
     """Write everything that a fit of regions makes; ``field.json`` comes last: where it is, all of it is.
 
@@ -109,6 +111,8 @@ def iter_write_field(
         Whether H of each region is computed and written.
     workers
         Threads; None takes every processor.
+    run
+        As in `iter_write_fit`, for each region.
 
     Raises
     ------
@@ -129,6 +133,7 @@ def iter_write_field(
             noise=noise,
             with_h=with_h,
             workers=workers,
+            run=run,
         )
         files, summary = yield from work
         written += files

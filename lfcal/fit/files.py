@@ -13,11 +13,13 @@ from lfcal.camera import Camera, quantities_of, value_at
 from lfcal.files import replace_whole
 from lfcal.fit.hybrid import HybridPlane, HybridSummary, hybrid_note, iter_hybrid_planes
 from lfcal.fit.measured import Measured
+from lfcal.fit.model_units import iter_model_units
 from lfcal.fit.result import Fit
 from lfcal.plain import plain
 from lfcal.progress import Work
 from lfcal.psf import PSFMatrix, PSFWriter
 from lfcal.simulate.effects.described import Entry, entries_json
+from lfcal.work import RunChoice
 
 __all__ = [
     "FORMAT",
@@ -133,17 +135,23 @@ def iter_write_model(
     provenance: Mapping[str, Any] | None = None,
     compression: str = "gzip",
     workers: int | None = None,
+    run: RunChoice | None = None,
 ) -> Work[Path]:
     """Write H of the fitted camera to a file, one plane in memory at a time; yields progress in rows.
 
-    Closing it leaves nothing half-written. ``provenance`` is kept beside the fit's own.
+    Closing it leaves nothing half-written. ``provenance`` is kept beside the fit's own. With ``run`` each plane is a
+    unit of long work, see `lfcal.fit.model_units`.
 
     Raises
     ------
     StorageError
         If the file cannot be written.
     """
-    with _writer(fit, out, provenance, compression, workers) as writer:
+    writing = _writer(fit, out, provenance, compression, workers)
+    if run is not None:
+        yield from iter_model_units(fit, writing, compression, run=run)
+        return Path(out)
+    with writing as writer:
         yield from fit.iter_planes(writer.write_plane, workers)
     return Path(out)
 

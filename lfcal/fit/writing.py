@@ -22,6 +22,7 @@ from lfcal.fit.report import iter_fit_report, report_files
 from lfcal.fit.result import Fit
 from lfcal.progress import Work
 from lfcal.psf import PSFMatrix
+from lfcal.work import RunChoice
 
 __all__ = ["CAMERA", "EFFECTS", "MODEL", "NUMBERS", "REPORT", "Written", "fit_outputs", "iter_write_fit"]
 
@@ -51,6 +52,7 @@ def iter_write_fit(
     noise: tuple[float, float] | None = None,
     with_h: bool = True,
     workers: int | None = None,
+    run: RunChoice | None = None,
 ) -> Work[Written]:
     """Write everything that a fit makes; ``fit.json`` comes last: where it is, all of it is.
 
@@ -68,6 +70,9 @@ def iter_write_fit(
         Whether H of the fitted camera is computed and written.
     workers
         Threads; None takes every processor.
+    run
+        By whom the planes of a model H are made in units of long work; None: one after the other. A hybrid H is not:
+        its summary is of all planes.
 
     Raises
     ------
@@ -82,7 +87,7 @@ def iter_write_fit(
         summary = yield from work
         written.append(folder / MODEL)
     elif with_h:
-        written.append((yield from iter_write_model(fit, folder / MODEL, provenance=known, workers=workers)))
+        written.append((yield from iter_write_model(fit, folder / MODEL, provenance=known, workers=workers, run=run)))
     notes = () if summary is None else (str(summary),)
     written.append((yield from iter_fit_report(fit, measured, folder / REPORT, str(known.get("source", "")), notes)))
     texts = {

@@ -38,7 +38,8 @@ class SelectedSource(SourceView):
 
     def __init__(self, source: FrameSource, chosen: NDArray[np.int64], left_out: tuple[LeftOut, ...]) -> None:
         super().__init__(source)
-        self._chosen = chosen
+        self.chosen = chosen
+        """Indices of the frames in ``source``."""
         self._left_out = left_out
 
     @property
@@ -48,19 +49,19 @@ class SelectedSource(SourceView):
 
     def __len__(self) -> int:
         """Return the number of frames chosen."""
-        return len(self._chosen)
+        return len(self.chosen)
 
     def info(self, index: int) -> FrameInfo:
         """Return what is known of frame ``index``."""
-        return self.source.info(int(self._chosen[index]))
+        return self.source.info(int(self.chosen[index]))
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
         """Return frame ``index``, or a part of it."""
-        return self.source.read(int(self._chosen[index]), region)
+        return self.source.read(int(self.chosen[index]), region)
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
         """Return the source's samples."""
-        return self.source.samples(int(self._chosen[index]), region)
+        return self.source.samples(int(self.chosen[index]), region)
 
 
 def iter_undamaged(source: FrameSource, *, workers: int | None = None) -> Work[SelectedSource]:

@@ -1,11 +1,12 @@
 """The PSF matrix H.
 
 - ``matrix``: `PSFMatrix`, lazy, with its transposed view; ``planes`` is where its values come from, ``facts`` what is
-  known of its positions
+  known of its positions, ``travel`` how it goes to another process
 - ``opening``, ``store``, ``layout``: the H file; ``chunk_codec`` compresses it on all processors, ``nexus`` tells
   viewers what to plot
 - ``specification``, ``json_schema``: an H file held against the published schema of its format
-- ``cutout``, ``gather``, ``assemble``, ``assemble_plan``, ``pedestal``: frames to H with the shifting cutout
+- ``cutout``, ``gather``, ``assembly``, ``assemble``, ``assemble_plan``, ``pedestal``: frames to H with the shifting
+  cutout
 - ``picked``: patterns of a few positions, no other frame read
 - ``orientation``, ``spot_path``: which way the frames of a scan lie, from where the pattern is in some of them
 - ``transpose``: HT, one slice of it, depth-plane sums

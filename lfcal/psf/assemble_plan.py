@@ -19,7 +19,7 @@ from lfcal.psf.filling import Fill
 from lfcal.psf.gather import Gatherer
 from lfcal.psf.pedestal import check_pedestal
 
-__all__ = ["AssemblySettings", "assemble_plan", "iter_assemble_plan"]
+__all__ = ["AssemblySettings", "assemble_plan", "find_plan_cutout", "iter_assemble_plan", "known_of"]
 
 SAMPLED = 24
 """Frames that a cutout is chosen by."""
@@ -100,6 +100,26 @@ def iter_assemble_plan(
         As `lfcal.psf.iter_assemble`; and where a pedestal would stay in H.
     """
     settings = settings or AssemblySettings()
+    return (
+        yield from iter_assemble(
+            source,
+            plan.shape[:3],
+            find_plan_cutout(source, plan, settings),
+            out,
+            depths=plan.depths_um,
+            camera=plan.camera,
+            strict=settings.strict,
+            dtype=settings.dtype,
+            compression=settings.compression,
+            provenance=known_of(source, plan, provenance),
+            fill=fill,
+            workers=settings.workers,
+        )
+    )
+
+
+def find_plan_cutout(source: FrameSource, plan: ScanPlan, settings: AssemblySettings) -> Cutout:
+    """Return the cutout that ``settings`` ask for; raises `InputError` where a pedestal would stay in H."""
     outside = "zero" if settings.pad else "error"
     cutout = Cutout.for_plan(plan, interpolation=settings.interpolation, outside=outside)
     if settings.cutout is not None:
@@ -107,28 +127,14 @@ def iter_assemble_plan(
     if source.metadata.get("keeps_level", False) and not settings.keep_pedestal:
         infos = tuple(source.info(k) for k in range(len(source)))
         check_pedestal(Gatherer(source, infos, cutout), plan.shape[0])
-    metadata = source.metadata
-    known = {
-        key: metadata[key]
-        for key in ("session", "devices", "simulated", "suspect", "half_cell", "kept_aside")
-        if key in metadata
-    }
-    return (
-        yield from iter_assemble(
-            source,
-            plan.shape[:3],
-            cutout,
-            out,
-            depths=plan.depths_um,
-            camera=plan.camera,
-            strict=settings.strict,
-            dtype=settings.dtype,
-            compression=settings.compression,
-            provenance={**known, "plan": plan.to_dict(), **(provenance or {})},
-            fill=fill,
-            workers=settings.workers,
-        )
-    )
+    return cutout
+
+
+def known_of(source: FrameSource, plan: ScanPlan, provenance: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Return what H keeps of the scan that it is made of."""
+    told = ("session", "devices", "simulated", "suspect", "half_cell", "kept_aside")
+    known = {key: source.metadata[key] for key in told if key in source.metadata}
+    return {**known, "plan": plan.to_dict(), **(provenance or {})}
 
 
 def assemble_plan(

@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from lfcal.axes import check_psf_shape
 from lfcal.errors import InputError
-from lfcal.h5.dataset import H5Data
 from lfcal.psf.facts import Facts, Origin, fitting, unpack_valid
 from lfcal.psf.indexing import in_range, resolved
-from lfcal.psf.planes import ArrayPlanes, DatasetPlanes, FilePlanes, Planes, ScaledPlanes
+from lfcal.psf.planes import ArrayPlanes, DatasetPlanes, FilePlanes, Planes, ScaledPlanes, as_planes, as_stored
+from lfcal.psf.travel import reduced
 
 if TYPE_CHECKING:
     from lfcal.camera import Camera
@@ -125,20 +125,8 @@ class PSFMatrix:
         InputError
             For a dataset or memory map that was opened by hand: it would travel by value, or not at all.
         """
-        if self._opened is not None:
-            return _turned, (self._opened, self._is_transposed)
-        for planes in (self._planes, self._uncertainty):
-            stored = None if planes is None else _stored(planes)
-            array = getattr(stored, "array", None)
-            if planes is not None and (not isinstance(array, np.ndarray) or isinstance(array, np.memmap)):
-                raise InputError.expected(
-                    "H for another process",
-                    "a file opened by open_psf, or an array",
-                    type(stored).__name__,
-                    "open it so",
-                )
-        left = {"_lock", "_other", "_sums", "_apertures"}
-        return _rebuilt, ({key: value for key, value in self.__dict__.items() if key not in left},)
+        values = [one for one in (self._planes, self._uncertainty) if one is not None]
+        return reduced(type(self), self.__dict__, values, self._opened, self._is_transposed)
 
     # -- what it is ------------------------------------------------------------------------------------
     @property
@@ -279,7 +267,7 @@ class PSFMatrix:
 
     def _stored(self) -> Planes:
         """Return the planes as they are stored, before scales, transposes and another code's order."""
-        return _stored(self._planes)
+        return as_stored(self._planes)
 
     @property
     def is_transposed(self) -> bool:
@@ -406,23 +394,6 @@ class PSFMatrix:
         return f"<{name} (z, y, x, t, s) = {self._shape}, {self.dtype}{camera}>"
 
 
-def _stored(planes: Planes) -> Planes:
-    while (base := getattr(planes, "base", None)) is not None:
-        planes = base
-    return planes
-
-
-def _turned(again: Callable[[], PSFMatrix], transposed: bool) -> PSFMatrix:
-    matrix = again()
-    return matrix if matrix.is_transposed == transposed else matrix.T
-
-
-def _rebuilt(state: dict[str, Any]) -> PSFMatrix:
-    matrix = PSFMatrix.__new__(PSFMatrix)
-    matrix.__dict__.update(state, _lock=threading.Lock(), _other=None, _sums={}, _apertures={})
-    return matrix
-
-
 def _read_only(values: NDArray[Any]) -> NDArray[Any]:
     """Return a view that cannot be written through: kept planes and users' arrays stay as they are."""
     view = values.view()
@@ -431,16 +402,4 @@ def _read_only(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def _as_planes(data: Any) -> Planes:
-    if isinstance(data, PSFMatrix):
-        return data._planes
-    if isinstance(data, H5Data):
-        return DatasetPlanes(data)
-    if isinstance(data, Planes):
-        return data
-    # recognised by its attributes: importing h5py here would slow down every use of an array
-    if hasattr(data, "id") and hasattr(data, "chunks") and hasattr(data, "file"):
-        return DatasetPlanes(H5Data(data, holes=True))
-    array = data if isinstance(data, np.ndarray) else np.asarray(data)
-    if array.dtype.kind not in "iufcb":
-        raise InputError.expected("PSF matrix", "numbers", f"dtype {array.dtype}", "convert it to numbers")
-    return ArrayPlanes(array)
+    return data._planes if isinstance(data, PSFMatrix) else as_planes(data)

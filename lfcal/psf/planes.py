@@ -11,10 +11,19 @@ from numpy.typing import NDArray
 
 from lfcal.axes import check_psf_shape
 from lfcal.checks import MAX_SAMPLE
-from lfcal.errors import FileFormatError
+from lfcal.errors import FileFormatError, InputError
 from lfcal.h5.dataset import H5Data
 
-__all__ = ["ArrayPlanes", "DatasetPlanes", "FilePlanes", "Planes", "ScaledPlanes", "TransposedPlanes"]
+__all__ = [
+    "ArrayPlanes",
+    "DatasetPlanes",
+    "FilePlanes",
+    "Planes",
+    "ScaledPlanes",
+    "TransposedPlanes",
+    "as_planes",
+    "as_stored",
+]
 
 Index = tuple[int | slice, ...]
 
@@ -134,6 +143,34 @@ class DatasetPlanes:
         # h5py raises a bare ValueError on a closed file, which does not name the remedy
         if not self.dataset.is_open:
             raise FileFormatError("PSF matrix: its file is closed; open it again with open_psf")
+
+
+def as_planes(data: Any) -> Planes:
+    """Return the planes of an array of numbers, a memory map, a dataset, or of what is planes already.
+
+    Raises
+    ------
+    InputError
+        If it holds no numbers.
+    """
+    if isinstance(data, H5Data):
+        return DatasetPlanes(data)
+    if isinstance(data, Planes):
+        return data
+    # recognised by its attributes: importing h5py here would slow down every use of an array
+    if hasattr(data, "id") and hasattr(data, "chunks") and hasattr(data, "file"):
+        return DatasetPlanes(H5Data(data, holes=True))
+    array = data if isinstance(data, np.ndarray) else np.asarray(data)
+    if array.dtype.kind not in "iufcb":
+        raise InputError.expected("PSF matrix", "numbers", f"dtype {array.dtype}", "convert it to numbers")
+    return ArrayPlanes(array)
+
+
+def as_stored(planes: Planes) -> Planes:
+    """Return planes as they are stored, before scales, transposes and another code's order."""
+    while (base := getattr(planes, "base", None)) is not None:
+        planes = base
+    return planes
 
 
 def _five(shape: tuple[int, ...]) -> tuple[int, int, int, int, int]:

@@ -35,6 +35,8 @@ __all__ = [
     "save",
     "save_regions",
     "store_plane",
+    "stored_type",
+    "writer_of",
 ]
 
 FORMAT = "lfcal-psf"
@@ -185,6 +187,41 @@ def store_plane(data: Any, z: int, plane: NDArray[Any], *, workers: int | None =
     parallel_write(data, z, plane, workers=workers)
 
 
+def stored_type(matrix: PSFMatrix) -> str:
+    """Return the type that the values of ``matrix`` are stored as where nobody says another."""
+    return matrix.dtype.name if matrix.dtype.name in STORED_TYPES else "float32"
+
+
+def writer_of(
+    matrix: PSFMatrix,
+    path: str | os.PathLike[str],
+    *,
+    dtype: str | None = None,
+    compression: str = "gzip",
+    workers: int | None = None,
+    transposed: bool | None = None,
+    region: str | None = None,
+    provenance: Mapping[str, Any] | None = None,
+) -> PSFWriter:
+    """Return what writes ``matrix``, or what is made of it, to a file, not yet entered.
+
+    ``transposed`` and ``region`` are the matrix's own where they are not given; ``provenance`` is kept beside its own.
+    """
+    return PSFWriter(
+        path,
+        matrix.shape,
+        depths=matrix.depths,
+        camera=matrix.camera,
+        anchor=matrix.anchor,
+        dtype=dtype or stored_type(matrix),
+        compression=compression,
+        provenance={**matrix.provenance, **(provenance or {})},
+        transposed=matrix.is_transposed if transposed is None else transposed,
+        region=matrix.region if region is None else region,
+        workers=workers,
+    )
+
+
 def iter_save(
     matrix: PSFMatrix,
     path: str | os.PathLike[str],
@@ -195,21 +232,8 @@ def iter_save(
 ) -> Work[Path]:
     """Write ``matrix`` (H, or the view ``H.T``) to an H file, one plane in memory at a time."""
     check_other_file(matrix.path, path)
-    stored = dtype or (matrix.dtype.name if matrix.dtype.name in STORED_TYPES else "float32")
     clock = Clock("write planes", len(matrix))
-    with PSFWriter(
-        path,
-        matrix.shape,
-        depths=matrix.depths,
-        camera=matrix.camera,
-        anchor=matrix.anchor,
-        dtype=stored,
-        compression=compression,
-        provenance=matrix.provenance,
-        transposed=matrix.is_transposed,
-        region=matrix.region,
-        workers=workers,
-    ) as writer:
+    with writer_of(matrix, path, dtype=dtype, compression=compression, workers=workers) as writer:
         yield clock.at(0)
         for z in range(len(matrix)):
             stated = matrix.stated_uncertainty

@@ -8,10 +8,10 @@ from pathlib import Path
 from lfcal.files import check_other_file
 from lfcal.progress import Clock, Work
 from lfcal.psf.matrix import PSFMatrix
-from lfcal.psf.store import STORED_TYPES, PSFWriter, facts_of, iter_save
+from lfcal.psf.store import PSFWriter, facts_of, iter_save, writer_of
 from lfcal.psf.transpose import transpose
 
-__all__ = ["iter_transpose_file"]
+__all__ = ["iter_transpose_file", "writer_of_transpose"]
 
 
 def iter_transpose_file(
@@ -30,20 +30,19 @@ def iter_transpose_file(
     if method == "exact":
         return (yield from iter_save(matrix.T, out, compression=compression, workers=workers))
     clock = Clock("transpose planes", len(matrix))
-    stored = matrix.dtype.name if matrix.dtype.name in STORED_TYPES else "float32"
-    with PSFWriter(
-        out,
-        matrix.shape,
-        depths=matrix.depths,
-        camera=matrix.camera,
-        anchor=matrix.anchor,
-        dtype=stored,
-        compression=compression,
-        provenance={**matrix.provenance, "transpose": method},
-        transposed=True,
-        workers=workers,
-    ) as writer:
+    with writer_of_transpose(matrix, out, method, compression=compression, workers=workers) as writer:
         for z in range(len(matrix)):
             writer.write_plane(z, transpose(matrix.plane(z)[None], method=method)[0], facts=facts_of(matrix).plane(z))
             yield clock.at(z + 1)
     return Path(out)
+
+
+def writer_of_transpose(
+    matrix: PSFMatrix, out: str | os.PathLike[str], method: str, *, compression: str, workers: int | None
+) -> PSFWriter:
+    """Return what writes the transpose of ``matrix`` to a file, not yet entered."""
+    if method == "exact":
+        return writer_of(matrix.T, out, compression=compression, workers=workers)
+    # of another method it cannot be made back into H
+    note = {"transpose": method}
+    return writer_of(matrix, out, compression=compression, workers=workers, transposed=True, region="", provenance=note)

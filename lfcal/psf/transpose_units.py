@@ -15,8 +15,9 @@ from lfcal.progress import Clock, Work
 from lfcal.psf.joining import iter_join
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.opening import open_psf
-from lfcal.psf.store import STORED_TYPES, PSFWriter, facts_of
+from lfcal.psf.store import PSFWriter, facts_of, stored_type
 from lfcal.psf.transpose import transpose
+from lfcal.psf.transpose_file import writer_of_transpose
 from lfcal.work import RunChoice, Unit, iter_made
 
 __all__ = ["do_plane", "iter_transpose_units"]
@@ -52,28 +53,14 @@ def iter_transpose_units(
     if not matrix.path:
         raise InputError.expected("H", "one opened from a file", repr(matrix), "save it first")
     target = Path(out)
-    stored = matrix.dtype.name if matrix.dtype.name in STORED_TYPES else "float32"
     require_space(target.parent, math.prod(matrix.shape) * matrix.dtype.itemsize, what=target.name)
-    how = {"method": method, "compression": compression, "dtype": stored, "region": matrix.region}
+    how = {"method": method, "compression": compression, "dtype": stored_type(matrix), "region": matrix.region}
     source = os.path.abspath(matrix.path)
     units = [
         Unit(f"plane {z:04d}", f"{__name__}:{do_plane.__name__}", {"source": source, "z": z, **how}, (source,))
         for z in range(len(matrix))
     ]
-    note = {} if method == "exact" else {"transpose": method}
-    writer = PSFWriter(
-        target,
-        matrix.shape,
-        depths=matrix.depths,
-        camera=matrix.camera,
-        anchor=matrix.anchor,
-        dtype=stored,
-        compression=compression,
-        provenance={**matrix.provenance, **note},
-        transposed=not matrix.is_transposed or method != "exact",
-        region=matrix.region if method == "exact" else "",
-        workers=run.workers,
-    )
+    writer = writer_of_transpose(matrix, target, method, compression=compression, workers=run.workers)
     yield from iter_made(units, target, run, partial(iter_join, writer=writer), title=f"transpose to {target.name}")
     return target
 

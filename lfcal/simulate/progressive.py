@@ -103,18 +103,7 @@ def iter_refine_psf(
     try:
         for number, one in enumerate(passes, 1):
             work = Simulation(camera, plan, chosen(one.tolerance), one.level, one.tolerance, None, workers)
-            details = {**work.provenance(), **(provenance or {})}
-            writing = PSFWriter(
-                path,
-                plan.shape,
-                depths=plan.depths_um,
-                camera=camera,
-                anchor=plan.anchor,
-                dtype=dtype,
-                compression=compression,
-                provenance=details,
-                workers=workers,
-            )
+            writing = work.writer(path, dtype, compression, provenance)
             yield from _pass(work, writing, held, f"pass {number} of {len(passes)}")
             if held is not None:
                 held.close()

@@ -162,6 +162,23 @@ class Simulation:
         chosen, share = self.budget.at(self.plan.depths_um[z])
         return PlaneTask(self.plan, z, chosen, self.level, share, self.budget.tolerance - share, self.sampling)
 
+    def writer(
+        self, out: str | os.PathLike[str], dtype: str, compression: str, provenance: Mapping[str, Any] | None
+    ) -> PSFWriter:
+        """Return what writes this H to a file, with what it can be simulated again from; not yet entered."""
+        plan = self.plan
+        return PSFWriter(
+            out,
+            plan.shape,
+            depths=plan.depths_um,
+            camera=plan.camera,
+            anchor=plan.anchor,
+            dtype=dtype,
+            compression=compression,
+            provenance={**self.provenance(), **(provenance or {})},
+            workers=self.workers,
+        )
+
     def provenance(self) -> dict[str, Any]:
         """Return what H can be simulated again from."""
         plan, budget = self.plan, self.budget
@@ -194,19 +211,18 @@ def iter_simulate_psf(
 ) -> Work[PSFMatrix]:
     """Simulate H as `simulate_psf`; yields progress in rows, and closing it leaves nothing half-written."""
     work = Simulation(camera, plan, effects, level, tolerance, sampling, workers)
-    # Kept in the file, so that H can be simulated again.
-    details = {**work.provenance(), **(provenance or {})}
-    common: dict[str, Any] = {"depths": plan.depths_um, "camera": camera, "anchor": plan.anchor}
     if out is None:
+        # Kept with it, so that H can be simulated again.
+        details = {**work.provenance(), **(provenance or {})}
         whole = _in_memory(plan)
         errors = []
         for z in range(len(whole)):
             errors.append((yield from work.plane(z, whole[z])))
         facts = Facts.of(plan.shape[:3], plan.cutout, error=errors)
-        return PSFMatrix(whole, **common, provenance=details, facts=facts)
-    with PSFWriter(
-        out, plan.shape, **common, dtype=dtype, compression=compression, provenance=details, workers=workers
-    ) as writer:
+        return PSFMatrix(
+            whole, depths=plan.depths_um, camera=camera, anchor=plan.anchor, provenance=details, facts=facts
+        )
+    with work.writer(out, dtype, compression, provenance) as writer:
         plane = np.empty(plan.shape[1:], np.float32)
         for z in range(plan.shape[0]):
             # The buffer of one plane is used for all: a file of any size takes the memory of one.

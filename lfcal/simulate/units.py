@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,7 +28,7 @@ from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.simulate import EffectsLike, PlaneTask, Simulation, describe
 from lfcal.work import RunChoice, Unit, iter_made
 
-__all__ = ["do_plane", "iter_simulate_units", "unit_of"]
+__all__ = ["do_plane", "effects_told", "iter_simulate_units", "told_effects", "unit_of"]
 
 
 def iter_simulate_units(
@@ -60,35 +60,22 @@ def iter_simulate_units(
         As `simulate_psf` and `lfcal.work.iter_made`; the planes that are done stay for the next run.
     """
     work = Simulation(camera, plan, effects, level, tolerance, sampling, run.workers)
-    details = {**work.provenance(), **(provenance or {})}
     target = Path(out)
     require_space(target.parent, math.prod(plan.shape) * np.dtype(dtype).itemsize, what=target.name)
     stored = {"dtype": dtype, "compression": compression}
     units = [unit_of(work.task(z), stored) for z in range(plan.shape[0])]
-    writer = PSFWriter(
-        target,
-        plan.shape,
-        depths=plan.depths_um,
-        camera=camera,
-        anchor=plan.anchor,
-        provenance=details,
-        dtype=dtype,
-        compression=compression,
-        workers=run.workers,
-    )
+    writer = work.writer(target, dtype, compression, provenance)
     yield from iter_made(units, target, run, partial(iter_join, writer=writer), title=f"simulate {target.name}")
     return open_psf(target)
 
 
 def unit_of(task: PlaneTask, stored: Mapping[str, str]) -> Unit:
     """Return the unit that computes a plane, stored as ``stored`` says (dtype, compression)."""
-    for effect in task.effects:
-        _check_known(effect)
     sampling = None if task.sampling is None else dataclasses.asdict(task.sampling)
     arguments = {
         "plan": task.plan.to_dict(),
         "z": task.z,
-        "effects": describe(task.effects),
+        "effects": told_effects(task.effects),
         "level": task.level,
         "tolerance": task.tolerance,
         "left_out": task.left_out,
@@ -99,12 +86,27 @@ def unit_of(task: PlaneTask, stored: Mapping[str, str]) -> Unit:
     return Unit(f"plane {task.z:04d}", f"{__name__}:{do_plane.__name__}", plain(arguments))
 
 
-def _check_known(effect: Effect) -> None:
-    """Raise `InputError` unless the effect is found again by its name: it travels as text."""
-    if effect.name not in CATALOGUE or CATALOGUE.get(effect.name) is not type(effect):
-        raise InputError.expected(
-            f"effect {effect.name}", "one of the catalogue", type(effect).__name__, "register it (lfcal.effects)"
-        )
+def told_effects(effects: Iterable[Effect]) -> list[dict[str, Any]]:
+    """Return effects as text that another process finds them by.
+
+    Raises
+    ------
+    InputError
+        For one that is not found again by its name.
+    """
+    chosen = tuple(effects)
+    for effect in chosen:
+        if effect.name not in CATALOGUE or CATALOGUE.get(effect.name) is not type(effect):
+            raise InputError.expected(
+                f"effect {effect.name}", "one of the catalogue", type(effect).__name__, "register it (lfcal.effects)"
+            )
+    found: list[dict[str, Any]] = plain(describe(chosen))
+    return found
+
+
+def effects_told(said: Iterable[Mapping[str, Any]]) -> tuple[Effect, ...]:
+    """Return the effects of which `told_effects` told."""
+    return tuple(effect_from(one["name"], {key: value for key, value in one.items() if key != "name"}) for one in said)
 
 
 def do_plane(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]:
@@ -112,10 +114,7 @@ def do_plane(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None
     values = dict(arguments)
     plan = ScanPlan.from_dict(values["plan"])
     stored = {key: values[key] for key in ("dtype", "compression")}
-    effects = tuple(
-        effect_from(one["name"], {key: value for key, value in one.items() if key != "name"})
-        for one in values["effects"]
-    )
+    effects = effects_told(values["effects"])
     sampling = None if values["sampling"] is None else Sampling(**values["sampling"])
     task = PlaneTask(plan, values["z"], effects, values["level"], values["tolerance"], values["left_out"], sampling)
     plane = np.zeros(plan.shape[1:], np.float32)

@@ -3,16 +3,28 @@
 - ``unit``: what is to be done, from which files, and the fingerprint that tells a result of these from any other
 - ``runs``: units through an executor, those that are done left out; `iter_run`
 - ``choice``: by whom, and what becomes of an earlier run; `iter_made` joins the units' files
+- ``held``: what units share, made once in each process
+- ``records``: what units found that is no plane or volume
 - ``executors``: threads of this process, processes, workers of dask.distributed
-- ``journal``: what a run did and does, for `lfcal status`
+- ``journal``: what a run did and does; ``table``: as `lfcal status` and the window show it
 """
 
 from __future__ import annotations
 
-from lfcal.work.choice import RunChoice, iter_made
+from lfcal.work.choice import RunChoice, iter_begun, iter_made
 from lfcal.work.executors import EXECUTORS
 from lfcal.work.journal import RunState, read_run
 from lfcal.work.runs import iter_run, parts_folder
 from lfcal.work.unit import Unit
 
-__all__ = ["EXECUTORS", "RunChoice", "RunState", "Unit", "iter_made", "iter_run", "parts_folder", "read_run"]
+__all__ = [
+    "EXECUTORS",
+    "RunChoice",
+    "RunState",
+    "Unit",
+    "iter_begun",
+    "iter_made",
+    "iter_run",
+    "parts_folder",
+    "read_run",
+]

@@ -15,7 +15,7 @@ from lfcal.work.executors.base import Executor
 from lfcal.work.runs import check_begun, discard, iter_run, parts_folder
 from lfcal.work.unit import Unit
 
-__all__ = ["BEGUN", "RunChoice", "iter_made"]
+__all__ = ["BEGUN", "RunChoice", "iter_begun", "iter_made"]
 
 BEGUN = ("refuse", "resume", "discard")
 
@@ -58,6 +58,20 @@ class RunChoice:
         return EXECUTORS.get(self.executor).make(self.workers, self.address)
 
 
+def iter_begun(
+    units: Sequence[Unit], out: str | os.PathLike[str], run: RunChoice, *, title: str
+) -> Work[tuple[Path, ...]]:
+    """Do the units of ``out``; their files stay in `parts_folder` until the caller discards it.
+
+    Raises as `iter_made`.
+    """
+    folder = parts_folder(out)
+    check_begun(folder, resume=run.begun != "refuse")
+    if run.begun == "discard":
+        discard(folder)
+    return (yield from iter_run(units, folder, run.make(), title=title))
+
+
 def iter_made(
     units: Sequence[Unit],
     out: str | os.PathLike[str],
@@ -88,10 +102,6 @@ def iter_made(
     LfcalError
         As `iter_run`, and what ``join`` raises.
     """
-    folder = parts_folder(out)
-    check_begun(folder, resume=run.begun != "refuse")
-    if run.begun == "discard":
-        discard(folder)
-    parts = yield from iter_run(units, folder, run.make(), title=title)
+    parts = yield from iter_begun(units, out, run, title=title)
     yield from join(parts)
-    discard(folder)
+    discard(parts_folder(out))

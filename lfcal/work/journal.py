@@ -110,12 +110,18 @@ class RunState:
     @property
     def eta_seconds(self) -> float | None:
         """Seconds to the end by what units took, or None while there is nothing to go by."""
+        left = sum(u.state in ("waiting", "under way") for u in self.units)
+        pace = self.per_hour
+        return None if pace is None else 3600 * left / pace
+
+    @property
+    def per_hour(self) -> float | None:
+        """Units that are done in an hour by what units took, or None while there is nothing to go by."""
         took = [u.seconds for u in self.units if u.state == "done" and u.seconds == u.seconds]
         if not took:
             return None
         at_a_time = 1 if self.executor == "threads" else self.workers
-        left = sum(u.state in ("waiting", "under way") for u in self.units)
-        return left * sum(took) / len(took) / at_a_time
+        return 3600 * at_a_time * len(took) / max(sum(took), 1e-6)
 
 
 def read_seals(folder: Path) -> dict[str, str]:

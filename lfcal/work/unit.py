@@ -7,7 +7,7 @@ import importlib
 import json
 import os
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from lfcal.files import storage_errors
 from lfcal.plain import plain
 from lfcal.progress import Work
 
-__all__ = ["Job", "Task", "Unit", "file_name", "seal_of"]
+__all__ = ["Job", "Task", "Unit", "file_name", "seal_of", "stamp_of"]
 
 Task = Callable[[Mapping[str, Any], Path, int], Work[None]]
 """Does a unit: its arguments, the file to write whole or not at all, and how many threads it may use."""
@@ -65,15 +65,8 @@ class Unit:
         StorageError
             If an input is not there.
         """
-        stamps = []
-        for name in self.inputs:
-            path = Path(name)
-            with storage_errors(path):
-                found = path.stat()
-            stamps.append([os.fspath(path.absolute()), found.st_size, found.st_mtime_ns])
-        said = {"lfcal": __version__, "task": self.task, "arguments": plain(self.arguments), "inputs": stamps}
-        text = json.dumps(said, sort_keys=True, separators=(",", ":"))
-        return hashlib.sha256(text.encode()).hexdigest()[:DIGITS]
+        stamps = _stamps(self.inputs)
+        return _digest({"lfcal": __version__, "task": self.task, "arguments": plain(self.arguments), "inputs": stamps})
 
     def function(self) -> Task:
         """Return the function that does it."""
@@ -107,6 +100,33 @@ class Job:
         if not path.exists():
             raise InputError.expected(f"unit {self.unit.name}", f"the file {path.name}", "none", "mend its task")
         return seal_of(path)
+
+
+def stamp_of(inputs: Iterable[str]) -> str:
+    """Return what tells files from what they were before: an argument of units that all read the same many files.
+
+    Raises
+    ------
+    StorageError
+        If one is not there.
+    """
+    return _digest(_stamps(inputs))
+
+
+def _stamps(inputs: Iterable[str]) -> list[list[Any]]:
+    """Return name, size and time of each file."""
+    stamps: list[list[Any]] = []
+    for name in inputs:
+        path = Path(name)
+        with storage_errors(path):
+            found = path.stat()
+        stamps.append([os.fspath(path.absolute()), found.st_size, found.st_mtime_ns])
+    return stamps
+
+
+def _digest(said: Any) -> str:
+    text = json.dumps(said, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()[:DIGITS]
 
 
 def seal_of(path: Path) -> str:

@@ -52,7 +52,7 @@ ALLOWED: dict[str, set[str]] = {
     "work": COMMON,
     "psf": COMMON | {"work", "camera", "frames"},
     "simulate": COMMON | {"work", "camera", "frames", "psf"},
-    "fit": COMMON | {"camera", "psf", "simulate"},
+    "fit": COMMON | {"work", "camera", "psf", "simulate"},
     "devices": COMMON | {"camera", "frames"},
     "acquire": COMMON | {"devices", "camera", "frames", "psf"},
     "campaign": COMMON | {"acquire", "devices", "fit", "camera", "frames", "psf"},

@@ -259,3 +259,15 @@ def test_forecast(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     assert [(one["depth_um"], one["cutout"]) for one in found] == [(0.0, 21), (5.0, 21)]
     assert all(one[key] > 0 for one in found for key in ("planned", "predicted", "taken"))
     assert "description/taken" in bench("forecast", "lfm_20x05", "--rows", "1")
+
+
+def test_work_by_executors(bench: Bench, tmp_path: Path) -> None:
+    options = ("--planes", 2, "--rows", 2, "--cutout", 21, "--tolerance", 0.3, "--rounds", 1, "--folder", tmp_path)
+    found = bench.json("work", "bench", *options, "--executors", "threads,processes", "--many", 64)
+    assert set(found["seconds"]) == {f"{name} {n}" for name in ("threads", "processes") for n in (1, 2)}
+    assert found["overhead"] == {} and set(found["scaling"]) == {"threads", "processes"}
+    assert found["forecast"]["units"] == 2 and found["forecast"]["workers"] == 64
+    said = bench("work", "bench", *options, "--executors", "threads")
+    assert "2 units" in said and "64 workers by forecast: 2 units of " in said
+    assert "dask or processes or threads" in bench("work", "bench", "--executors", "magic", code=2)
+    assert not list(tmp_path.iterdir())

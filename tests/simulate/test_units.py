@@ -1,15 +1,10 @@
-"""H in units of a plane: the file of one process to the last bit, whoever computes it and whatever is killed."""
+"""H in units of a plane: the file of one process to the last bit, whoever computes it; kills are in tests/work."""
 
 from __future__ import annotations
 
 import dataclasses
 import json
-import os
 import pickle
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -120,60 +115,3 @@ def test_an_effect_of_nobody_cannot_travel(plan: ScanPlan, tmp_path: Path) -> No
         drain(iter_simulate_units(plan.camera, plan, [Own()], run=run, out=tmp_path / "H.h5"))
     assert dataclasses.is_dataclass(Own)
     assert not list(tmp_path.iterdir())
-
-
-# -- kills -----------------------------------------------------------------------------------------------
-def command(plan: Path, out: Path, executor: str) -> list[str]:
-    said = f"simulate {plan} --tolerance 0.1 -o {out} --executor {executor} --workers 2 --resume"
-    return [sys.executable, "-m", "lfcal", *said.split()]
-
-
-def killed_until_whole(plan: Path, out: Path, executor: str, kills: int) -> int:
-    """Kill the run, or one of its workers, at ever other moments, then let it end; return how often it was killed."""
-    done = 0
-    for k in range(kills):
-        run = subprocess.Popen(command(plan, out, executor), stderr=subprocess.PIPE, start_new_session=True)
-        folder = parts_folder(out)
-        journal = folder / "run.jsonl"
-        before = journal.stat().st_size if journal.exists() else 0
-        # by what has happened, never by the clock: so many lines of the journal after the beginning
-        while run.poll() is None and not _lines(journal, before, 2 + k % 4):
-            time.sleep(0.005)
-        if run.poll() is None:
-            os.kill(run.pid, signal.SIGKILL)
-            done += 1
-        run.communicate()
-        if out.exists():
-            out.unlink()
-    last = subprocess.run(command(plan, out, executor), capture_output=True, text=True, check=False)
-    assert last.returncode == 0, last.stderr
-    return done
-
-
-def _lines(journal: Path, since: int, wanted: int) -> bool:
-    return journal.exists() and journal.read_bytes()[since:].count(b"\n") >= wanted
-
-
-@pytest.mark.parametrize(
-    ("executor", "kills"),
-    [
-        ("processes", 2),
-        pytest.param("threads", 10, marks=pytest.mark.long),
-        pytest.param("processes", 10, marks=pytest.mark.long),
-        pytest.param("dask", 10, marks=pytest.mark.long),
-    ],
-)
-def test_killed_again_and_again(
-    plan: ScanPlan, direct: dict[str, Any], tmp_path: Path, executor: str, kills: int
-) -> None:
-    if executor == "dask":
-        pytest.importorskip("distributed", reason="dask.distributed is not installed")
-    path, out = tmp_path / "plan.json", tmp_path / "H.h5"
-    path.write_text(plan.to_json())
-    assert killed_until_whole(path, out, executor, kills) > 0
-    found = contents(out)
-    # what the command knows beside: the plan, as text in the provenance
-    assert {k: v for k, v in found.items() if k != "@provenance"} == {
-        k: v for k, v in direct.items() if k != "@provenance"
-    }
-    assert not [entry for entry in tmp_path.iterdir() if entry.name not in ("plan.json", "H.h5")]

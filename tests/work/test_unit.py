@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from lfcal.camera import PRESETS, preset
 from lfcal.errors import StorageError
 from lfcal.work.unit import Job, Unit, file_name
 from tests.work.tasks import unit
@@ -59,3 +60,11 @@ def test_a_unit_travels_as_a_small_record() -> None:
     job = Job(3, unit("plane 3", text="a"), "/somewhere/out")
     assert len(pickle.dumps(job)) < 1000
     assert pickle.loads(pickle.dumps(job)) == job
+
+
+@pytest.mark.parametrize("name", sorted(PRESETS))
+def test_a_camera_travels_small(name: str) -> None:
+    camera = preset(name)
+    said = pickle.dumps(camera)
+    assert len(said) < 10_000
+    assert pickle.loads(said) == camera

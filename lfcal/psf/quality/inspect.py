@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,7 +24,7 @@ from lfcal.psf.quality.metric import RANK, UNKNOWN, Metric, MetricSpec, Reading,
 from lfcal.psf.quality.periodicity import Periodicity, periodicity
 from lfcal.psf.quality.report import QualityReport
 
-__all__ = ["Controls", "inspect", "iter_inspect"]
+__all__ = ["Controls", "InspectedPlane", "inspect", "iter_inspect", "iter_inspect_plane", "judged", "straight"]
 
 
 STEEP = 0.7
@@ -35,6 +35,14 @@ SIZE_ERROR = (0.02, 0.5)
 
 Controls = Mapping[int, tuple[ArrayLike, ArrayLike]]
 """Control frames ``(n, nt, ns)`` and their positions ``(n, 2)`` by depth plane, as `periodicity` takes them."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class InspectedPlane:
+    """What one plane told: its measures, without its patterns, and the readings of metrics by their keys."""
+
+    measures: PlaneMeasures
+    readings: Mapping[str, Reading]
 
 
 def inspect(
@@ -66,33 +74,55 @@ def iter_inspect(
         If H holds complex numbers.
     """
     start = time.perf_counter()
-    H = _straight(matrix)
+    H = straight(matrix)
+    clock = Clock("inspecting planes", PASSES * len(H))
+    planes: list[InspectedPlane] = []
+    yield clock.at(0)
+    for z in range(len(H)):
+        plane = yield from iter_inspect_plane(H, z, clock, before=z, controls=controls, workers=workers)
+        planes.append(plane)
+    return judged(H, planes, time.perf_counter() - start)
+
+
+def iter_inspect_plane(
+    H: PSFMatrix,
+    z: int,
+    clock: Clock,
+    *,
+    before: int = 0,
+    controls: Controls | None = None,
+    workers: int | None = None,
+) -> Work[InspectedPlane]:
+    """Read plane ``z`` of a straight H, measure it, and ask all metrics of single planes.
+
+    ``clock`` counts `PASSES` a plane; ``before`` planes are done. The rest is as in `iter_inspect`.
+    """
     # of a distorted lattice the scanned cell shows what it is there
     camera = None if H.camera is None else H.camera.local(H.anchor)
     waves = wave_vectors(camera, H.period, H.pixel_scale)
-    clock = Clock("inspecting planes", PASSES * len(H))
-    planes: list[PlaneMeasures] = []
+    patterns = np.ascontiguousarray(H.plane(z), np.float32)
+    context = _context(H, z, waves, _tiling(H, z, patterns, (controls or {}).get(z)))
+    plane = yield from iter_measure(patterns, context, clock, PASSES * before, workers)
+    readings = {spec.key: _ask(spec, plane) for spec in METRICS if spec.of_plane is not None}
+    return InspectedPlane(plane.released(), readings)
+
+
+def judged(H: PSFMatrix, planes: Sequence[InspectedPlane], seconds: float) -> QualityReport:
+    """Return the quality of a straight H by all of its planes, in order; ``seconds`` is what they took."""
     readings: dict[str, list[Reading]] = {spec.key: [] for spec in METRICS}
-    yield clock.at(0)
-    for z in range(len(H)):
-        patterns = np.ascontiguousarray(H.plane(z), np.float32)
-        context = _context(H, z, waves, _tiling(H, z, patterns, (controls or {}).get(z)))
-        plane = yield from iter_measure(patterns, context, clock, PASSES * z, workers)
-        for spec in METRICS:
-            if spec.of_plane is not None:
-                readings[spec.key].append(_ask(spec, plane))
-        planes.append(plane.released())
-        del patterns, plane  # or the next plane would be read beside this one
-    measures = MatrixMeasures.of(H, planes)
+    measures = MatrixMeasures.of(H, [plane.measures for plane in planes])
     for spec in METRICS:
+        if spec.of_plane is not None:
+            readings[spec.key].extend(plane.readings[spec.key] for plane in planes)
         if spec.of_matrix is not None:
             readings[spec.key].extend(spec.of_matrix(measures))
     shape = (H.shape[0], H.shape[1], H.shape[2])
     metrics = sorted((judge(spec, readings[spec.key], shape) for spec in METRICS), key=_rank)
-    return _report(measures, tuple(metrics), time.perf_counter() - start)
+    return _report(measures, tuple(metrics), seconds)
 
 
-def _straight(matrix: PSFMatrix | ArrayLike) -> PSFMatrix:
+def straight(matrix: PSFMatrix | ArrayLike) -> PSFMatrix:
+    """Return the H that is inspected; raises `InputError` if it holds complex numbers."""
     H = matrix if isinstance(matrix, PSFMatrix) else PSFMatrix(matrix)
     if H.dtype.kind == "c":
         raise InputError.expected("PSF matrix", "real numbers", "complex ones", "give intensities")

@@ -1,0 +1,104 @@
+"""A run in units, watched in the window: the same table as ``lfcal status`` shows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from PySide6.QtCore import Qt, QTimer
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
+
+from gui.jobs import Jobs
+from gui.widgets.rows_table import RowsTable
+from lfcal.work import parts_folder, read_run
+from lfcal.work.journal import JOURNAL
+from lfcal.work.table import HEADER, RunTable, run_table
+
+__all__ = ["EVERY_MS", "RunView", "look"]
+
+EVERY_MS = 1000
+"""Between two looks at the journal of a run (ms)."""
+
+HEIGHT = 160
+"""Of the table (pixels)."""
+
+
+def look(run: Path) -> RunTable:
+    """Return where the run of a folder, or of the file it makes, stands; one that is over and gone says so.
+
+    Raises
+    ------
+    InputError
+        If there is no run, and nothing that one made.
+    """
+    named = run.suffix == ".parts" or not run.name or (run / JOURNAL).exists()
+    folder = run if named else parts_folder(run)
+    if run.name and not folder.exists() and (made := folder.with_suffix("")).exists():
+        return RunTable(f"{made.name}: is whole; no run is under way", "", (), "")
+    return run_table(read_run(folder))
+
+
+class RunView(QFrame):
+    """One run, looked at every second until it is dismissed."""
+
+    def __init__(self, jobs: Jobs, run: Path, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._jobs, self._run = jobs, run
+        self._rows: tuple[tuple[str, ...], ...] = ()
+        self._gone = False
+        self.setProperty("role", "card")
+        outer = QVBoxLayout(self)
+        outer.setContentsMargins(10, 6, 10, 6)
+        outer.setSpacing(4)
+        line = QHBoxLayout()
+        self.headline = QLabel(run.name)
+        self.headline.setProperty("role", "heading")
+        self.pace = QLabel("")
+        self.pace.setProperty("role", "hint")
+        button = QPushButton("Dismiss")
+        button.setToolTip("Watch this run no longer; it goes on")
+        button.clicked.connect(self._dismiss)
+        line.addWidget(self.headline)
+        line.addWidget(self.pace, 1)
+        line.addWidget(button)
+        outer.addLayout(line)
+        self.place = QLabel("")
+        self.place.setOpenExternalLinks(True)
+        self.place.setTextInteractionFlags(Qt.TextInteractionFlag.TextBrowserInteraction)
+        self.place.hide()
+        outer.addWidget(self.place)
+        self.table = RowsTable(HEADER, wide=5)
+        self.table.setAccessibleName(f"Units of {run.name}")
+        self.table.setFixedHeight(HEIGHT)
+        outer.addWidget(self.table)
+        self._timer = QTimer(self)
+        self._timer.setInterval(EVERY_MS)
+        self._timer.timeout.connect(self.refresh)
+        self._timer.start()
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Look at the journal, in the background."""
+        self._jobs.compute(f"run {self._run}", lambda: look(self._run), self.show_table, self._lost)
+
+    def show_table(self, found: RunTable) -> None:
+        """Show where the run stands."""
+        if self._gone:  # dismissed while its journal was read
+            return
+        self.headline.setText(found.headline)
+        self.pace.setText(found.pace)
+        self.place.setText(f'watch its workers at <a href="{found.place}">{found.place}</a>' if found.place else "")
+        self.place.setVisible(bool(found.place))
+        if found.rows != self._rows:  # or the order that a click gave it would be lost every second
+            self._rows = found.rows
+            self.table.show_rows(found.rows)
+        self.table.setVisible(bool(found.rows))
+
+    def _lost(self, words: str) -> None:
+        if not self._gone:
+            self.pace.setText(words)
+
+    def _dismiss(self) -> None:
+        self._gone = True
+        self._timer.stop()
+        self.setParent(None)
+        self.deleteLater()

@@ -1,0 +1,296 @@
+"""Frames on their way to H: checked as a whole, then gathered plane by plane."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.camera import Camera
+from lfcal.errors import InputError
+from lfcal.frames.orientation import AS_IS
+from lfcal.frames.source import FrameSource, Position
+from lfcal.progress import Clock, Work
+from lfcal.psf.assembly_report import AssemblyReport
+from lfcal.psf.cutout import Cutout
+from lfcal.psf.facts import Facts, pack_valid
+from lfcal.psf.filling import Fill
+from lfcal.psf.gather import Gatherer, by_position
+from lfcal.psf.matrix import PSFMatrix
+from lfcal.psf.store import PSFWriter
+from lfcal.threads import worker_count
+
+__all__ = ["AssembledPlane", "Assembly"]
+
+
+@dataclass(frozen=True, eq=False)
+class AssembledPlane:
+    """One plane of H.
+
+    Attributes
+    ----------
+    values
+        ``(ny, nx, nt, ns)``, float32; positions that were not recorded are 0.
+    facts
+        What is known of the positions.
+    uncertainty
+        Standard deviation of every entry, where missing positions were filled; or None.
+    """
+
+    values: NDArray[np.float32]
+    facts: Facts
+    uncertainty: NDArray[np.float32] | None = None
+
+
+class Assembly:
+    """The frames of a scan in order of their positions, from which any plane of H can be made.
+
+    Parameters
+    ----------
+    source
+        The frames, in any order; their samples are taken as they are.
+    shape
+        ``(nz, ny, nx)`` positions of the plan.
+    cutout
+        The shifting cutout.
+    drift
+        ``(len(source), 2)`` how far the image of each frame is off its place (rows, columns; px); None asks
+        the source, whose manifest may say it.
+    strict
+        Missing and repeated positions are errors.
+
+    Raises
+    ------
+    InputError
+        If a frame lies outside the plan, or its cutout leaves the sensor (with the position).
+    """
+
+    def __init__(
+        self,
+        source: FrameSource,
+        shape: tuple[int, int, int],
+        cutout: Cutout,
+        *,
+        drift: ArrayLike | None = None,
+        strict: bool = False,
+    ) -> None:
+        infos = tuple(source.info(k) for k in range(len(source)))
+        self.source, self.shape, self.cutout = source, shape, cutout
+        self._order, self._starts = by_position(infos, shape)
+        self._counts = np.diff(self._starts).reshape(shape)
+        self.missing, self.repeated = (_positions(mask) for mask in (self._counts == 0, self._counts > 1))
+        _check_complete(shape, self._counts, self.missing, self.repeated, strict)
+        self._gatherer = Gatherer(source, infos, cutout, _drift_of(drift, len(source)))
+        self.padded, self.residual_px = _check_windows(self._gatherer, self._order)
+
+    @property
+    def frames(self) -> int:
+        """Frames that are read."""
+        return len(self._order)
+
+    def frames_of(self, z: int) -> int:
+        """Return how many of them belong to plane ``z``."""
+        return int(self._counts[z].sum())
+
+    @property
+    def recorded(self) -> int:
+        """Frames that were recorded: those of a half-cell scan stand for two positions each."""
+        filled: int = self.source.metadata.get("half_cell", {}).get("frames", 0)
+        return len(self.source) - filled
+
+    def history(self, provenance: Mapping[str, Any] | None = None) -> dict[str, Any]:
+        """Return what H keeps of how it was made."""
+        known, cutout = self.source.metadata, self.cutout
+        found = {
+            "frames": self.recorded,
+            "cutout": {"interpolation": cutout.interpolation, "outside": cutout.outside, "scale": list(cutout.scale)},
+            "corrections": known.get("corrections", {}),
+            **(provenance or {}),
+        }
+        if left_out := tuple(known.get("left_out", ())):
+            found["left_out"] = [one._asdict() for one in left_out]
+        if turned := known.get("orientation"):
+            found.setdefault("orientation", turned)
+        return found
+
+    def writer(
+        self,
+        out: str | os.PathLike[str],
+        history: Mapping[str, Any],
+        *,
+        depths: ArrayLike | None,
+        camera: Camera | None,
+        dtype: str,
+        compression: str,
+        workers: int | None,
+    ) -> PSFWriter:
+        """Return what writes H to a file, not yet entered; as in `PSFWriter`."""
+        return PSFWriter(
+            out,
+            (*self.shape, *self.cutout.shape),
+            depths=depths,
+            camera=camera,
+            anchor=self.cutout.anchor,
+            dtype=dtype,
+            compression=compression,
+            provenance=history,
+            workers=workers,
+        )
+
+    def iter_plane(
+        self, z: int, clock: Clock, *, before: int = 0, fill: Fill | None = None, workers: int | None = None
+    ) -> Work[AssembledPlane]:
+        """Gather plane ``z`` by rows in threads; yields progress in frames.
+
+        Parameters
+        ----------
+        z
+            Number of the plane.
+        clock, before
+            Counts frames, ``before`` of which were those of other planes.
+        fill
+            Fills missing positions, which stay marked as never recorded; None leaves them 0.
+        workers
+            Threads; None takes every processor.
+
+        Raises
+        ------
+        InputError
+            If a frame is not finite, or the plane holds no light.
+        """
+        recorded = self._counts[z]
+        plane = _Gathered(recorded, self.cutout.shape)
+        first, done = z * recorded.size, before
+        row = partial(plane.fill_row, self._gatherer, self._order, self._starts[first : first + recorded.size + 1])
+        with ThreadPoolExecutor(worker_count(workers)) as pool:
+            results = pool.map(row, range(recorded.shape[0]))
+            try:
+                for count in results:
+                    done += count
+                    yield clock.at(done)
+            except BaseException:
+                pool.shutdown(cancel_futures=True)
+                raise
+        if recorded.any() and not plane.values.any():
+            label = self._gatherer.infos[int(self._order[self._starts[first]])].label
+            raise InputError.expected(
+                f"plane {z}",
+                "light in its cutouts",
+                f"only zeros ({label} and others)",
+                "check exposure, anchor and dark frame",
+            )
+        if fill is None:
+            return AssembledPlane(plane.values, plane.facts())
+        filled = yield from fill(z, plane.values, plane.facts())
+        return AssembledPlane(plane.values, filled.facts, filled.uncertainty)
+
+    def report(self, matrix: PSFMatrix) -> AssemblyReport:
+        """Return what a user should know of the H that was made."""
+        known = self.source.metadata
+        turned = known.get("orientation")
+        found = AssemblyReport.of(matrix, self.recorded, self.missing, self.repeated, self.padded, self.residual_px)
+        applied = AS_IS if turned is None else turned["applied"]
+        return replace(found, left_out=tuple(known.get("left_out", ())), orientation=applied)
+
+
+class _Gathered:
+    """One plane while it is gathered: ``(ny, nx)`` patterns and their facts."""
+
+    def __init__(self, recorded: NDArray[np.int64], cutout: tuple[int, int]) -> None:
+        shape = recorded.shape
+        self.recorded, self.cutout = recorded, cutout
+        self.values = np.zeros((*shape, *cutout), np.float32)
+        self.saturated = np.full(shape, -1, np.int32)
+        self.noise = np.full((*shape, 2), np.nan, np.float32)
+        self.spread = np.full(shape, np.nan, np.float32)
+        self.invalid: dict[tuple[int, int], NDArray[np.bool_]] = {}
+
+    def fill_row(self, gatherer: Gatherer, order: NDArray[np.int64], starts: NDArray[np.int64], y: int) -> int:
+        """Gather the positions of one row; return how many frames that took."""
+        columns = self.recorded.shape[1]
+        row = starts[y * columns : (y + 1) * columns + 1]
+        for x in np.flatnonzero(np.diff(row)).tolist():
+            found = gatherer.pattern(order[row[x] : row[x + 1]])
+            self.values[y, x] = found.values
+            self.noise[y, x], self.spread[y, x], self.saturated[y, x] = found.noise, found.spread, found.saturated
+            if found.valid is not None:
+                self.invalid[y, x] = found.valid
+        return int(row[-1] - row[0])
+
+    def facts(self) -> Facts:
+        """Return what is known of the positions; what is unknown is left out."""
+        valid = None
+        if self.invalid:
+            masks = np.full((*self.recorded.shape, len(pack_valid(np.ones(self.cutout, bool)))), 255, np.uint8)
+            for at, mask in self.invalid.items():
+                masks[at] = pack_valid(mask)
+            valid = masks
+        return Facts.of(
+            self.recorded.shape,
+            self.cutout,
+            recorded=self.recorded,
+            saturated=self.saturated if (self.saturated >= 0).any() else None,
+            noise=self.noise if np.isfinite(self.noise).any() else None,
+            spread=self.spread if np.isfinite(self.spread).any() else None,
+            valid=valid,
+        )
+
+
+def _positions(mask: NDArray[np.bool_]) -> tuple[Position, ...]:
+    return tuple(Position(*p) for p in np.argwhere(mask).tolist())
+
+
+def _drift_of(drift: ArrayLike | None, count: int) -> NDArray[np.float64] | None:
+    if drift is None:
+        return None
+    offsets = np.asarray(drift, np.float64)
+    if offsets.shape != (count, 2):
+        raise InputError.expected("drift", f"shape ({count}, 2)", offsets.shape, "one row per frame")
+    return offsets
+
+
+def _check_complete(
+    shape: tuple[int, int, int],
+    counts: NDArray[np.int64],
+    missing: tuple[Position, ...],
+    repeated: tuple[Position, ...],
+    strict: bool,
+) -> None:
+    if not counts.any():
+        raise InputError.expected("frames", f"some of {int(np.prod(shape))}", "none", "check folder and pattern")
+    if strict and missing:
+        what = f"{len(missing)} missing, first (z, y, x) = {tuple(missing[0])}"
+        raise InputError.expected("positions", "a frame at every one", what, "record them or drop strict")
+    if strict and repeated:
+        what = f"{len(repeated)} given more than once, first (z, y, x) = {tuple(repeated[0])}"
+        raise InputError.expected("positions", "one frame at each", what, "remove one or drop strict")
+
+
+def _check_windows(gatherer: Gatherer, order: NDArray[np.int64]) -> tuple[tuple[Position, ...], tuple[float, float]]:
+    """Return padded positions and largest residual; a cutout off the frame is an error before any work."""
+    padded: dict[Position, None] = {}
+    largest = [0.0, 0.0]
+    height, width = gatherer.source.shape
+    for index in order.tolist():
+        window, _ = gatherer.place(index)
+        largest = [max(largest[0], abs(window.row_residual)), max(largest[1], abs(window.column_residual))]
+        if not gatherer.outside(index):
+            continue
+        info = gatherer.infos[index]
+        if gatherer.cutout.outside == "error":
+            nt, ns = gatherer.cutout.reach
+            top, left = info.origin
+            raise InputError.expected(
+                f"cutout of {gatherer.where(index)}",
+                f"rows {top}..{top + height - 1}, columns {left}..{left + width - 1}",
+                f"rows {window.row}..{window.row + nt - 1}, columns {window.column}..{window.column + ns - 1}",
+                "move the anchor, shrink the cutout, or pad",
+            )
+        padded[info.position] = None
+    return tuple(padded), (largest[0], largest[1])

@@ -1,0 +1,144 @@
+"""``lfcal assemble`` in units of a plane: the same file by every executor, whatever was asked of the frames."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from lfcal.cli.assemble_units import PartFrames
+from lfcal.cli.scan_frames import ScanFrames
+from lfcal.frames import CorrectionRecipe
+from lfcal.psf import open_psf
+from lfcal.work import parts_folder
+from tests.cli.conftest import Run
+from tests.psf.test_joining import contents
+
+Lfcal = Callable[..., Run]
+
+
+@pytest.fixture
+def scan(session: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a session, the current folder, that lacks a position, has one twice, and has a damaged frame."""
+    monkeypatch.chdir(session)
+    frames = session / "frames"
+    manifest = frames / "manifest.csv"
+    lines = [line for line in manifest.read_text().splitlines() if not line.startswith("z0_y1_x1")]
+    again = cv2.imread(str(frames / "z1_y0_x2.png"), cv2.IMREAD_UNCHANGED)
+    cv2.imwrite(str(frames / "again.png"), again + np.uint16(7))
+    manifest.write_text("\n".join([*lines, "again.png,1,0,2"]) + "\n")
+    damaged = frames / "z1_y2_x3.png"
+    damaged.write_bytes(damaged.read_bytes()[:200])
+    return session
+
+
+WORDS = ("assemble", "frames", "--dark", "dark", "--white", "white", "--white-mode", "pixels", "--skip-damaged")
+
+
+@pytest.mark.parametrize("executor", ["threads", "processes", "dask"])
+@pytest.mark.parametrize("dtype", ["uint16", "float32"])
+@pytest.mark.few(4)
+def test_the_same_file_by_whoever(lfcal: Lfcal, scan: Path, executor: str, dtype: str) -> None:
+    if executor == "dask":
+        pytest.importorskip("distributed", reason="dask.distributed is not installed")
+    words = (*WORDS, "--dtype", dtype, "--pad", "--cutout", "39,11", "--interpolation", "linear")
+    one = lfcal(*words, "-o", "one.h5")
+    assert one.code == 0, one.err
+    two = lfcal(*words, "-o", "two.h5", "--executor", executor, "--workers", 2)
+    assert two.code == 0, two.err
+    assert contents(scan / "one.h5") == contents(scan / "two.h5")
+    assert not parts_folder(scan / "two.h5").exists()
+
+    def told(text: str) -> list[str]:
+        return [line for line in text.splitlines() if line.startswith(("note", "left out"))]
+
+    assert told(one.err) == told(two.err) and "padded" in two.err and "damaged" in two.err
+    with open_psf("two.h5") as H:
+        assert H.recorded[0, 1, 1] == 0 and H.recorded[1, 0, 2] == 2 and H.recorded[1, 2, 3] == 0
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("plan.json", "--channel", ""),
+        ("frames", "--orientation", "rot180", "--strict", "--keep-pedestal"),
+        ("frames/manifest.csv", "--background", "30", "--defects"),
+    ],
+    ids=["simulated", "turned", "listed"],
+)
+def test_frames_that_are_opened_otherwise(
+    lfcal: Lfcal, session: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...]
+) -> None:
+    monkeypatch.chdir(session)
+    if "rot180" in words:
+        for path in (session / "frames").glob("*.png"):
+            cv2.imwrite(str(path), cv2.imread(str(path), cv2.IMREAD_UNCHANGED)[::-1, ::-1])
+    one = lfcal("assemble", *words, "-o", "one.h5")
+    assert one.code == 0, one.err
+    two = lfcal("assemble", *words, "-o", "two.h5", "--executor", "processes", "--workers", 1)
+    assert two.code == 0, two.err
+    assert contents(session / "one.h5") == contents(session / "two.h5")
+
+
+def test_one_file_of_each_colour(lfcal: Lfcal, session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(session)
+    (session / "rgb").mkdir()
+    for path in (session / "frames").glob("*.png"):
+        grey = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        cv2.imwrite(str(session / "rgb" / path.name), np.dstack([grey // 3, grey, grey // 2]))
+    (session / "rgb" / "manifest.csv").write_text((session / "frames" / "manifest.csv").read_text())
+    words = ("assemble", "rgb", "--channel", "each", "--keep-pedestal")
+    assert lfcal(*words, "-o", "one.h5").code == 0
+    run = lfcal(*words, "-o", "two.h5", "--executor", "processes", "--workers", 1)
+    assert run.code == 0, run.err
+    for colour in "RGB":
+        assert contents(session / f"one_{colour}.h5") == contents(session / f"two_{colour}.h5")
+
+
+def test_a_frame_that_is_damaged_ends_in_a_line_and_is_mended(
+    lfcal: Lfcal, session: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(session)
+    words = ("assemble", "frames", "--dark", "dark", "-o", "H.h5")
+    assert lfcal(*words[:-1], "whole.h5").code == 0
+    damaged = session / "frames" / "z1_y0_x0.png"
+    whole = damaged.read_bytes()
+    damaged.write_bytes(whole[:200])
+    stopped = lfcal(*words, "--executor", "threads", "--orientation", "as-is")
+    assert stopped.code == 2 and "(z, y, x) = (1, 0, 0)" in stopped.err and "--skip-damaged" in stopped.err
+    assert "kept: 1 of 2 units in H.h5.parts; --resume goes on with them" in stopped.err
+    assert not (session / "H.h5").exists()
+    damaged.write_bytes(whole)
+    refused = lfcal(*words)
+    assert refused.code == 2 and "left 1 of 2 units" in refused.err
+    assert lfcal(*words, "--resume").code == 0
+    assert contents(session / "H.h5") == contents(session / "whole.h5")
+    assert not parts_folder(session / "H.h5").exists()
+
+
+def test_bad_input_leaves_nothing(lfcal: Lfcal, session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(session)
+    before = {path.name for path in session.iterdir()}
+    for words, said in (
+        (("--strict", "--cutout", "41,11"), "rows"),
+        (("--dark", "nowhere"), "nowhere"),
+        (("--executor", "magic"), "dask or processes or threads"),
+        (("--scheduler", "tcp://127.0.0.1:1", "--executor", "processes"), "an executor that has one (dask)"),
+    ):
+        chosen = () if "--executor" in words else ("--executor", "processes", "--workers", 1)
+        run = lfcal("assemble", "frames", "-o", "H.h5", "--keep-pedestal", *words, *chosen)
+        assert run.code == 2 and said in run.err and "Traceback" not in run.err, run.err
+        assert {path.name for path in session.iterdir()} == before
+
+
+def test_frames_are_opened_again_from_plain_values(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    scan = ScanFrames(tmp_path / "frames", tmp_path / "plan.json", pattern="z{z}.png", first=1)
+    given = PartFrames(scan, "R", CorrectionRecipe(dark=str(tmp_path / "d"), shift=2), "as is", True, (0, 2), None)
+    told: Any = given.plain()
+    assert PartFrames.of(told) == given
+    assert told["recipe"]["dark"] == str(tmp_path / "d")

@@ -1,0 +1,102 @@
+"""Long work that is killed, it or single workers, by every executor: the same file, and nothing done twice."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+
+from lfcal.camera import ScanPlan
+from lfcal.psf import PSFMatrix, save
+from lfcal.work import parts_folder
+from tests.psf.test_joining import contents
+from tests.reconstruct.oracles import lenslet_psf
+from tests.simulate.common import small_camera
+from tests.work.kills import kill_until_whole
+
+pytestmark = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="finds workers by /proc")
+
+KILLS = 3
+"""Of each command by each executor, of the run and of its workers in turn; 36 in all."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A command, its output, and how many units it has."""
+
+    words: str
+    out: str
+    units: int
+
+
+CASES = {
+    "simulate": Case("simulate plan.json --tolerance 0.1", "out.h5", 3),
+    "assemble": Case("assemble scan.json --keep-pedestal --orientation as-is", "out.h5", 3),
+    "transpose": Case("transpose H.h5", "out.h5", 6),
+    "reconstruct": Case("reconstruct H.h5 --batch frames.tif -n 4 --solver rl", "out", 6),
+}
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with a plan to simulate, one to record by the simulated camera, an H and frames."""
+    folder = tmp_path_factory.mktemp("work")
+    whole = ScanPlan.for_camera(small_camera(), virtual_depths=[2.5, 3.0, 4.0], cutout=31)
+    (folder / "plan.json").write_text(replace(whole, period=(4, 3)).to_json())
+    (folder / "scan.json").write_text(replace(whole, period=(3, 2)).to_json())
+    H = lenslet_psf(6, 5, 15).astype(np.float32)
+    save(PSFMatrix(H, anchor=(1.0, 2.0), depths=np.arange(6.0)), folder / "H.h5")
+    frames = np.random.default_rng(0).poisson(50.0, (6, 30, 31)).astype(np.uint16)
+    tifffile.imwrite(folder / "frames.tif", frames, photometric="minisblack")
+    return folder
+
+
+def made(out: Path) -> dict[str, Any]:
+    """Return all that a command wrote: data and attributes."""
+    if not out.is_dir():
+        return contents(out)
+    return {path.name: tifffile.imread(path).tobytes() for path in sorted(out.iterdir())}
+
+
+def killed(place: Path, case: Case, executor: str, kills: int) -> None:
+    first, out = place / f"whole_{case.out}", place / case.out
+    words = case.words.split()
+    one = [sys.executable, "-m", "lfcal", *words, "-o", str(first), "--workers", "1"]
+    if not first.exists():
+        subprocess.run(one, cwd=place, check=True, capture_output=True)
+    inputs = {path.name for path in place.iterdir()}
+    more = ["-o", str(out), "--executor", executor, "--workers", "2"]
+    found = kill_until_whole([*words, *more], out, place, kills)
+    assert found.runs + found.workers >= kills
+    assert not found.again, "units that were done are kept"
+    assert made(out) == made(first)
+    assert not parts_folder(out).exists()
+    assert {path.name for path in place.iterdir()} == inputs | {out.name}
+
+
+@pytest.fixture
+def own(place: Path, tmp_path: Path) -> Path:
+    """Return a copy of the inputs, for one test."""
+    return Path(shutil.copytree(place, tmp_path / "own"))
+
+
+@pytest.mark.parametrize("command", list(CASES))
+@pytest.mark.few(2)
+def test_killed_twice(own: Path, command: str) -> None:
+    killed(own, CASES[command], "processes", 2)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("executor", ["threads", "processes", "dask"])
+@pytest.mark.parametrize("command", list(CASES))
+def test_killed_again_and_again(own: Path, command: str, executor: str) -> None:
+    if executor == "dask":
+        pytest.importorskip("distributed", reason="dask.distributed is not installed")
+    killed(own, CASES[command], executor, KILLS)
