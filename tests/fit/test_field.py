@@ -19,7 +19,8 @@ from lfcal.fit.regional import Regional, regional_of
 from lfcal.fit.setup import RegionPlace, Setup, called_for, described_effects
 from lfcal.fit.summary import summarised
 from lfcal.progress import drain
-from lfcal.simulate.effects import FieldAberrations, FieldCurvature
+from lfcal.simulate.effects import FieldAberrations, FieldCurvature, Zernike
+from tests.fit.common import measured, some_index
 from tests.fit.field_common import ANCHORS, LAW, ON_AXIS, camera, plan_at, recorded, true_setup, unlike
 
 PLACES = (RegionPlace(), RegionPlace(0.2, -0.1), RegionPlace(-0.1, 0.15))
@@ -215,3 +216,33 @@ def test_an_objective_has_the_symmetric_part_of_the_law() -> None:
         for one in (start, setup)
     )
     assert np.linalg.norm(edge - axis) > 0.05 * np.linalg.norm(axis)
+
+
+@pytest.mark.long
+def test_a_microscopes_field_is_found() -> None:
+    """Spherical aberration and the image's distance, both with the square of the field: also where nobody scanned."""
+    law, plan = FieldAberrations(0.0, 0.0, spherical=0.3, radius_um=12000.0), microscope_plan("centre")
+    lattice = replace(plan.camera.lattice, gap_um=1.01 * plan.camera.lattice.gap_um, rotation_rad=5e-4)
+    effects = (*called_for(plan), Zernike(((4, 0, 0.05),)), law, FieldCurvature(12000.0**2 / 800))
+    true = Setup(replace(plan.camera, lattice=lattice), effects, (0.0, 0.0))
+    rng, patterns = np.random.default_rng(0), {}
+    for name in THREE:
+        own = microscope_plan(name)
+        index = some_index(own, 6)
+        light = predict(true, own, index, np.zeros((6, 2)), Fineness.finest)
+        clean = 16e3 * np.maximum(light, 0) / light.max()
+        patterns[name] = measured(own, rng.poisson(clean) + rng.standard_normal(clean.shape), index, (1.0, 1.0))
+    names = ("geometry", "wavefront", "field_wavefront", "field_curvature")
+    fit = fit_field(patterns, unknowns=names, workers=1)
+    radius = max(np.hypot(*at) for at in Frame.over([microscope_plan(name) for name in THREE]).fields_um)
+    by = (radius / 12000.0) ** 2
+    wanted = {"field_spherical": 0.3 * by, "field_sag_um": 400.0 * by, "zernike_4_0": 0.05, "gap_um": lattice.gap_um}
+    for name, value in wanted.items():
+        found = fit.first.parameters[name]
+        print(f"{name}: {found.value:.5g} ± {found.sigma:.2g} of {value:.5g}")
+        assert abs(found.value - value) < 4 * found.sigma
+    far = microscope_plan("far")
+    naive = fit_field(patterns, unknowns=names[:2], workers=1)
+    off, one = (unlike(true, which.setup_at(far), far) for which in (fit, naive))
+    print(f"{fit.first.verdict}; elsewhere {off:.4f}; one wavefront for all: {naive.first.verdict}, {one:.4f}")
+    assert fit.first.complete and off < 0.01 and one > 5 * off and not naive.first.complete

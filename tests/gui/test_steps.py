@@ -112,7 +112,7 @@ def test_options_of_the_command_are_those_of_the_page(project: ProjectState) -> 
     assert frames["dark"] == "" and not frames["defects"]
     solved = of("reconstruct")
     assert (solved["iterations"], solved["anchor"], solved["threshold"]) == ("2", "10.0,11.5", 0.01)
-    assert solved["margin"] == "0", "the page has none"
+    assert solved["margin"] == "auto"
     acquire = of("acquire")
     assert acquire["option"] == ["optics=pattern"] and acquire["darks"] == 2 and acquire["reference_every"] == 0
 

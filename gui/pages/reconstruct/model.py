@@ -13,9 +13,11 @@ from gui.models.form import Field
 from gui.models.settings import PageSettings
 from lfcal.errors import InputError
 from lfcal.psf import PSFMatrix
+from lfcal.reconstruct.margin import usual_margin
 from lfcal.reconstruct.projectors.forecast import METHODS
 from lfcal.reconstruct.solvers.choice import SOLVERS, SolverChoice
 from lfcal.reconstruct.solvers.solver import OPTIONS
+from lfcal.reconstruct.solvers.stopping import MOST_ITERATIONS
 from lfcal.units import format_bytes, format_seconds
 
 __all__ = [
@@ -42,6 +44,12 @@ FIELDS = (
         tip="; ".join(f"{solver.name}: {solver.title}" for solver in SOLVERS),
     ),
     Field("iterations", "Iterations", "", "Number of iterations; Continue adds as many", kind="int"),
+    Field(
+        "auto",
+        "Stop by itself",
+        kind="bool",
+        tip="End when pixels that are left out of the fit, one of 25, are foretold no better; the volume is the best",
+    ),
     Field("background", "Background", "counts", "Expected value of a pixel without any source"),
     Field("read_noise", "Read noise", "counts", "Rms noise of the sensor; Richardson-Lucy variants use it"),
     Field("saturation", "Saturation", "counts", "Pixels at or above are left out; empty: none", optional=True),
@@ -81,6 +89,14 @@ FIELDS = (
         "Share of the light that projections may miss: 0.5 % of a simulated or fitted H is several times quicker",
         scale=0.01,
     ),
+    Field(
+        "margin",
+        "Margin",
+        "px",
+        "Pixels that the volume goes on beyond the light field, for light from beside it; empty: as many as help",
+        kind="int",
+        optional=True,
+    ),
     Field("double", "Double precision", kind="bool", tip="float64 instead of float32: twice the memory"),
     Field("region", "Region", "px", "row, column, rows, columns of the light field; empty: all of it", kind="floats"),
     Field(
@@ -90,7 +106,8 @@ FIELDS = (
 
 
 def used_by(solver: str, key: str) -> bool:
-    """Return whether the field ``key`` matters to ``solver``."""
+    """Return whether the field ``key`` matters to ``solver``; one that takes no weights knows no left-out pixels."""
+    key = "weights" if key in ("auto", "margin") else key
     return key not in OPTIONS or key in SOLVERS.get(solver).honours
 
 
@@ -100,10 +117,12 @@ class ReconstructSettings(PageSettings):
 
     Attributes
     ----------
-    solver, iterations, background, read_noise, saturation, strength, subsets
-        As in `lfcal.reconstruct.solvers.choice.SolverChoice`.
+    solver, iterations, auto, background, read_noise, saturation, strength, subsets
+        As in `lfcal.reconstruct.solvers.choice.SolverChoice`; ``auto`` takes as many iterations as it needs.
     method, threshold, within, double
         As in `lfcal.reconstruct.Projector`, ``within`` its ``tolerance``.
+    margin
+        Pixels of the volume beyond each edge of the region; None: `lfcal.reconstruct.margin.usual_margin`.
     region
         First row and column, rows and columns of the light field; empty: all.
     anchor
@@ -112,8 +131,9 @@ class ReconstructSettings(PageSettings):
 
     page: ClassVar[str] = "reconstruct"
 
-    solver: str = "rl"
-    iterations: int = 20
+    solver: str = SolverChoice().name
+    iterations: int = SolverChoice().iterations
+    auto: bool = False
     background: float = 0.0
     read_noise: float = 0.0
     saturation: float | None = None
@@ -122,6 +142,7 @@ class ReconstructSettings(PageSettings):
     method: str = "auto"
     threshold: float = 0.0
     within: float = 0.0
+    margin: int | None = None
     double: bool = False
     region: tuple[float, ...] = ()
     anchor: tuple[float, ...] = ()
@@ -134,6 +155,8 @@ class ReconstructSettings(PageSettings):
             raise InputError.expected("crop H below", "0 to 100 % of the peak", self.threshold, "correct it")
         if not 0 <= self.within < 1:
             raise InputError.expected("within", "0 to 100 % of the light", self.within, "correct it")
+        if self.margin is not None and self.margin < 0:
+            raise InputError.expected("margin", "not negative (px)", self.margin, "correct it")
         if self.subsets is not None and self.subsets < 1:
             raise InputError.expected("subsets", "at least 1", self.subsets, "correct it")
         for name in ("background", "read_noise"):
@@ -156,7 +179,19 @@ class ReconstructSettings(PageSettings):
         """Return the solver with the settings it uses; those the page greys out stay as they are, for another one."""
         options = ("background", "read_noise", "saturation", "strength", "subsets")
         used = {key: getattr(self, key) for key in options if used_by(self.solver, key)}
-        return SolverChoice(self.solver, self.iterations, **used)
+        auto = self.auto and used_by(self.solver, "auto")
+        margin = self.margin or 0 if used_by(self.solver, "margin") else 0
+        count = MOST_ITERATIONS if auto else self.iterations
+        return SolverChoice(self.solver, count, auto=auto, margin=margin, **used)
+
+    def choice_for(self, H: PSFMatrix, shape: tuple[int, int]) -> SolverChoice:
+        """Return the solver for the used region of a light field of ``shape``, its margin found where none is said."""
+        choice = self.choice()
+        if self.margin is not None or not used_by(self.solver, "margin"):
+            return choice
+        rows, columns = self.window(shape)
+        used = rows.stop - rows.start, columns.stop - columns.start
+        return replace(choice, margin=usual_margin(H.period, (H.shape[3], H.shape[4]), used))
 
     def window(self, shape: tuple[int, int]) -> tuple[slice, slice]:
         """Return rows and columns of a light field of ``shape`` to be used; raises `InputError` if outside."""
@@ -179,22 +214,24 @@ class ReconstructSettings(PageSettings):
 
 # -- projector ---------------------------------------------------------------------------------------------
 def projector_for(H: PSFMatrix, shape: tuple[int, int], settings: ReconstructSettings) -> Any:
-    """Return the projector of the used region of a light field of ``shape``, with the memory that solvers leave."""
+    """Return the projector of a light field's used region and its margin, with the memory that solvers leave."""
     from lfcal.reconstruct.memory import room_for_projections
     from lfcal.reconstruct.projectors.projector import Projector
 
     rows, columns = settings.window(shape)
     row, column = settings.anchor or H.anchor
-    used = rows.stop - rows.start, columns.stop - columns.start
+    choice = settings.choice_for(H, shape)
+    wide = tuple(one.stop - one.start + 2 * choice.margin for one in (rows, columns))
+    size = 8 if settings.double else 4
     return Projector(
         H,
-        used,
-        (row - rows.start, column - columns.start),
+        (wide[0], wide[1]),
+        (row - rows.start + choice.margin, column - columns.start + choice.margin),
         settings.method,
-        dtype="float64" if settings.double else "float32",
+        dtype=f"float{8 * size}",
         threshold=settings.threshold,
         tolerance=settings.within,
-        memory_limit=room_for_projections((len(H), *used), settings.choice(), 8 if settings.double else 4),
+        memory_limit=room_for_projections((len(H), wide[0], wide[1]), choice, size),
     )
 
 
@@ -206,12 +243,14 @@ def forecast_words(P: Any, choice: SolverChoice) -> str:
     cost = found.chosen
     nz, ny, nx = P.volume_shape
     total = cost.prepare_s + iterations * cost.pair_s
+    margin = choice.margin
     rows = [
-        ("Volume", f"{nx} × {ny} × {nz} voxels"),
+        ("Volume", f"{nx - 2 * margin} × {ny - 2 * margin} × {nz} voxels"),
+        ("Margin", f"{margin} px around" if margin else "none"),
         ("Projector", cost.method + ("" if cost.resident else ", prepared each time")),
         ("Set-up", format_seconds(cost.prepare_s)),
         ("Forward, adjoint", f"{format_seconds(cost.forward_s)}, {format_seconds(cost.adjoint_s)}"),
-        (f"{iterations} iterations", f"about {format_seconds(total)}"),
+        (f"{iterations} iterations{' at most' if choice.auto else ''}", f"about {format_seconds(total)}"),
         ("Memory", format_bytes(memory.total)),
         ("for H, the solver", f"{format_bytes(memory.matrix)}, {format_bytes(memory.solver)}"),
     ]

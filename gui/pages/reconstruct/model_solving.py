@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from gui.pages.reconstruct.model import ReconstructSettings, projector_for
 from lfcal.progress import Work
 from lfcal.psf import PSFMatrix
+from lfcal.reconstruct.margin import cropped
 from lfcal.reconstruct.metrics import nrmse
 from lfcal.reconstruct.solvers.choice import iter_reconstruct
 from lfcal.reconstruct.solvers.records import SolverProgress, SolverState
@@ -44,9 +45,11 @@ class Solving:
         self.history: tuple[SolverProgress, ...] = ()
         self.state: SolverState | None = None
         self.notes: tuple[str, ...] = ()
+        self.stopped = ""
         self.depths: NDArray[np.float64] | None = None
         self.voxel_um: tuple[float, float] | None = None
         self._projector: Any = None
+        self._margin = 0
         self._matrix: PSFMatrix | None = None
         self._stop = threading.Event()
 
@@ -65,8 +68,14 @@ class Solving:
         """What the volume should be, or None where nobody knows."""
         if self._truth is None or self.state is None:
             return None
-        cropped: NDArray[np.float32] = self._truth[(slice(None), *self.window)]
-        return cropped if cropped.shape == self.state.volume.shape else None
+        truth: NDArray[np.float32] = self._truth[(slice(None), *self.window)]
+        return truth if truth.shape == self.volume.shape else None
+
+    @property
+    def volume(self) -> NDArray[Any]:
+        """The volume ``(nz, rows, columns)`` under the region, without margin; of a run that has begun."""
+        assert self.state is not None
+        return cropped(self.state.volume, self._margin)
 
     def words(self) -> str:
         """Return how it went, in lines of rich text; empty before the first iteration."""
@@ -74,12 +83,12 @@ class Solving:
             return ""
         last, truth = self.history[-1], self.truth
         lines = [
-            f"{last.iteration} iterations in {format_seconds(last.seconds)}",
+            f"{self.state.iteration} iterations in {format_seconds(last.seconds)}",
             f"residual {100 * last.residual:.3g} % of the image",
         ]
         if truth is not None and truth.any():
-            lines.append(f"error against the truth: NRMSE {nrmse(self.state.volume, truth):.3f}")
-        return "<br>".join((*lines, *self.notes))
+            lines.append(f"error against the truth: NRMSE {nrmse(self.volume, truth):.3f}")
+        return "<br>".join((*lines, *((self.stopped,) if self.stopped else ()), *self.notes))
 
     def stop(self) -> None:
         """End after the iteration under way; what there is stays, and `work` goes on from it."""
@@ -90,11 +99,12 @@ class Solving:
         return psf == self.psf and settings.changed("iterations", self.settings.iterations) == self.settings
 
     def work(self, iterations: int | None = None) -> Work[SolverState | None]:
-        """Iterate; goes on where an earlier call stopped."""
+        """Iterate, as many times as the settings say or so many; goes on where an earlier call stopped."""
         self._stop.clear()
-        count = self.settings.iterations if iterations is None else iterations
         yield from self._prepare()
-        choice = self.settings.changed("iterations", count).choice()
+        settings = self.settings if iterations is None else self.settings.changed("iterations", iterations)
+        choice = replace(settings.choice(), margin=self._margin)
+        self.stopped = ""
         running = iter_reconstruct(self._projector, self.image[self.window], choice, resume=self.state)
         try:
             while True:
@@ -106,7 +116,8 @@ class Solving:
                 if self._stop.is_set():
                     break
         except StopIteration as end:
-            self.notes = end.value.notes
+            # of a run that stops by itself the best estimate is an earlier one
+            self.notes, self.stopped, self.state = end.value.notes, end.value.stopped, end.value.state
         finally:
             running.close()
         return self.state
@@ -118,7 +129,9 @@ class Solving:
         from lfcal.psf.voxels import voxel_um
 
         self._matrix = open_psf(self.psf)
-        projector = projector_for(self._matrix, (self.image.shape[0], self.image.shape[1]), self.settings)
+        shape = self.image.shape[0], self.image.shape[1]
+        self._margin = self.settings.choice_for(self._matrix, shape).margin
+        projector = projector_for(self._matrix, shape, self.settings)
         if not self.settings.choice().solver.in_parts:
             yield from projector.iter_prepare()
         if projector.camera is not None:
@@ -129,10 +142,13 @@ class Solving:
     def details(self) -> dict[str, Any]:
         """Return what a saved volume keeps of how it came to be."""
         last = self.history[-1] if self.history else None
+        count = 0 if self.state is None else self.state.iteration
         return {
             "psf": self.psf,
             "settings": {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self.settings).items()},
-            "iterations": 0 if last is None else last.iteration,
+            "iterations": count,
+            "margin": self._margin,
+            "stopped": self.stopped,
             "residual": None if last is None else last.residual,
             "notes": list(self.notes),
         }

@@ -104,7 +104,7 @@ class Page(BasePage):
         settings = self.settings
         values = {key: getattr(settings, key) for key in self.panel.form.fields}
         self.panel.form.set_values(values)
-        self.panel.show_solver(settings.solver)
+        self.panel.show_solver(settings.solver, auto=settings.auto)
         self.panel.file.setText(Path(state.light_field).name if state.light_field else "none yet")
         self._show_region()
         self._show_controls()
@@ -133,7 +133,7 @@ class Page(BasePage):
         for widget in (self.panel.form, self.panel.open, self.panel.make):
             widget.setEnabled(not running)
         if not running:
-            self.panel.show_solver(self.settings.solver)
+            self.panel.show_solver(self.settings.solver, auto=self.settings.auto)
         if not done and not running and self.saved is None:
             self.panel.show_hint(
                 "Press Reconstruct."
@@ -242,7 +242,9 @@ class Page(BasePage):
         self.panel.forecast.setText("forecasting …")
         self.context.jobs.compute(
             "reconstruct forecast",
-            lambda: view.forecast_words(view.projector_for(matrix, shape, settings), settings.choice()),
+            lambda: view.forecast_words(
+                view.projector_for(matrix, shape, settings), settings.choice_for(matrix, shape)
+            ),
             self.panel.forecast.setText,
             self.panel.forecast.setText,
         )
@@ -314,7 +316,7 @@ class Page(BasePage):
             self.panel.show_volume(truth, solving.depths, "True volume of the light field")
             return
         title = f"Volume after {solving.state.iteration} iterations, {format_seconds(solving.state.seconds)}"
-        self.panel.show_volume(solving.state.volume, solving.depths, title)
+        self.panel.show_volume(solving.volume, solving.depths, title)
 
     def _job_finished(self, job: Job) -> None:
         if job.number != self._job:
@@ -322,6 +324,7 @@ class Page(BasePage):
         self._job = 0
         solving = self.solving
         self._show_progress()
+        self._show_volume()  # of a run that stopped by itself an earlier one is the best
         if job.state is JobState.FAILED:
             self.panel.show_status(job.error, 0.0, bad=True)
         elif solving is not None and solving.history:

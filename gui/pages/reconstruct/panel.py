@@ -183,11 +183,12 @@ class ReconstructPanel(QWidget):
         return column
 
     # -- showing ---------------------------------------------------------------------------------------
-    def show_solver(self, name: str) -> None:
-        """Say what the solver does, and enable what it uses."""
+    def show_solver(self, name: str, *, auto: bool) -> None:
+        """Say what the solver does, and enable what it uses; one that stops by itself takes what it needs."""
         self.solver_words.setText(SOLVERS.get(name).title)
-        for key in ("background", "read_noise", "saturation", "strength", "subsets"):
+        for key in ("background", "read_noise", "saturation", "strength", "subsets", "auto", "margin"):
             self.form.set_enabled(key, used_by(name, key))
+        self.form.set_enabled("iterations", not (auto and used_by(name, "auto")))
 
     def show_region(self, region: tuple[int, int, int, int] | None) -> None:
         """Frame the region that is used: first row, row behind the last, and so for columns; None: no light field."""

@@ -21,11 +21,11 @@ def step(project: ProjectState, out: str = "") -> Step:
     choice, out = chosen.choice(), out or "volume.tif"
     pairs = (
         ("--solver", choice.name),
-        ("--iterations", choice.iterations),
+        ("--iterations", "auto" if choice.auto else str(choice.iterations)),
         ("--method", chosen.method),
         ("--threshold", chosen.threshold or None),
         ("--within", chosen.within or None),
-        ("--margin", str(choice.margin)),
+        ("--margin", "auto" if chosen.margin is None else str(choice.margin)),
         ("--anchor", ",".join(f"{v!r}" for v in chosen.anchor)),
         ("--background", choice.background or None),
         ("--read-noise", choice.read_noise or None),
@@ -35,21 +35,30 @@ def step(project: ProjectState, out: str = "") -> Step:
         ("--double", chosen.double),
         ("--out", out),
     )
-    anchor = tuple(chosen.anchor) or None
-    python = f"""
+    return Step(("reconstruct", psf, frame, *options_of(pairs)), _python(psf, frame, chosen, out))
+
+
+def _python(psf: str, frame: str, chosen: ReconstructSettings, out: str) -> str:
+    choice = chosen.choice()
+    settings = {key: value for key, value in asdict(choice).items() if key != "margin"}
+    usual = "usual_margin(H.period, H.shape[3:], image.shape)"
+    return f"""
 import numpy as np
 import tifffile
 from lfcal.psf import open_psf
 from lfcal.reconstruct import Projector, SolverChoice, reconstruct
+from lfcal.reconstruct.margin import usual_margin
 
 image = tifffile.imread({frame!r}).astype(np.float32)
-choice = SolverChoice(**{asdict(choice)!r})
 with open_psf({psf!r}) as H:
+    margin = {usual if chosen.margin is None else choice.margin}
+    choice = SolverChoice(**{settings!r}, margin=margin)
+    row, column = {"H.anchor" if not chosen.anchor else repr(tuple(chosen.anchor))}
+    rows, columns = image.shape
     projector = Projector(
-        H, image.shape, {anchor!r}, {chosen.method!r},
+        H, (rows + 2 * margin, columns + 2 * margin), (row + margin, column + margin), {chosen.method!r},
         dtype={"float64" if chosen.double else "float32"!r}, threshold={chosen.threshold!r},
         tolerance={chosen.within!r},
     )
     tifffile.imwrite({out!r}, np.asarray(reconstruct(projector, image, choice).volume, np.float32))
 """
-    return Step(("reconstruct", psf, frame, *options_of(pairs)), python)

@@ -15,7 +15,7 @@ from gui.saving import ask_target
 
 __all__ = ["VolumeFile"]
 
-VOLUMES = "TIFF stack, opens in ImageJ (*.tif);;HDF5 (*.h5);;numpy (*.npy)"
+VOLUMES = "TIFF stack, opens in ImageJ (*.tif);;OME-TIFF with depths (*.ome.tif);;HDF5 (*.h5);;numpy (*.npy)"
 
 
 class VolumeFile(QObject):
@@ -42,7 +42,7 @@ class VolumeFile(QObject):
         path = path or ask_target(self._page, "Save volume", "volume.tif", VOLUMES)
         if not path:
             return
-        volume, depths, voxel, details = solving.state.volume, solving.depths, solving.voxel_um, solving.details()
+        volume, depths, voxel, details = solving.volume, solving.depths, solving.voxel_um, solving.details()
 
         def write() -> str:
             save_volume(path, volume, depths_um=depths, voxel_um=voxel, details=details)

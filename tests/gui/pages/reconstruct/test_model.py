@@ -23,8 +23,11 @@ from lfcal.errors import InputError
 from lfcal.progress import drain
 from lfcal.psf import PSFMatrix
 from lfcal.psf.store import save
+from lfcal.reconstruct import Projector
+from lfcal.reconstruct.margin import usual_margin
 from lfcal.reconstruct.memory import run_memory
-from lfcal.reconstruct.solvers.choice import SolverChoice
+from lfcal.reconstruct.solvers.choice import SolverChoice, reconstruct
+from lfcal.reconstruct.solvers.stopping import MOST_ITERATIONS
 from lfcal.units import format_bytes
 
 PERIOD, CUTOUT = (3, 4), (7, 9)
@@ -53,7 +56,7 @@ def opened(path: str) -> PSFMatrix:
 
 def test_settings_go_through_json_and_survive_damage() -> None:
     settings = ReconstructSettings(
-        "rl-tv", 7, 1.0, 2.0, 4000.0, 0.01, None, "fft", 0.02, 0.01, True, (0, 1, 20, 30), (1, 2)
+        "rl-tv", 7, True, 1.0, 2.0, 4000.0, 0.01, None, "fft", 0.02, 0.01, 4, True, (0, 1, 20, 30), (1, 2)
     )
     again = ProjectState.from_json(ProjectState(settings=settings.into(ProjectState())).to_json())
     assert ReconstructSettings.of(again) == settings
@@ -70,6 +73,7 @@ def test_settings_go_through_json_and_survive_damage() -> None:
         ("threshold", -0.1),
         ("within", 1.0),
         ("within", -0.1),
+        ("margin", -1),
         ("subsets", 0),
         ("background", -1.0),
         ("read_noise", float("nan")),
@@ -93,13 +97,13 @@ def test_fields_that_matter() -> None:
 
 def test_a_region_moves_the_anchor_with_it(psf: str) -> None:
     with opened(psf) as H:
-        whole = projector_for(H, (24, 28), ReconstructSettings())
-        part = projector_for(H, (24, 28), ReconstructSettings(region=(5, 6, 14, 15)))
+        whole = projector_for(H, (24, 28), ReconstructSettings(margin=0))
+        part = projector_for(H, (24, 28), ReconstructSettings(region=(5, 6, 14, 15), margin=0))
         volume = np.zeros(whole.volume_shape, np.float32)
         volume[1, 11, 13] = 1
         image = whole.forward(volume)
         np.testing.assert_allclose(part.forward(volume[:, 5:19, 6:21]), image[5:19, 6:21], atol=1e-6)
-        wrong = projector_for(H, (14, 15), ReconstructSettings())
+        wrong = projector_for(H, (14, 15), ReconstructSettings(margin=0))
         assert np.abs(wrong.forward(volume[:, 5:19, 6:21]) - image[5:19, 6:21]).max() > 0.01
         with pytest.raises(InputError, match="region"):
             projector_for(H, (20, 20), ReconstructSettings(region=(5, 6, 16, 15)))
@@ -123,7 +127,7 @@ def test_made_light_fields_follow_h(psf: str, tmp_path: Path, name: str) -> None
         made = make_light_field(H, name, path, shape=(24, 28))
         image = light_field(path)
         assert image.shape == (24, 28) and image.dtype == np.uint16
-        model = projector_for(H, (24, 28), ReconstructSettings()).forward(made.truth)
+        model = projector_for(H, (24, 28), ReconstructSettings(margin=0)).forward(made.truth)
     sigma = (image - model) / np.sqrt(np.maximum(model, 1))
     assert np.abs(sigma).max() < 6, "photon noise alone is between them"
     assert model.max() == pytest.approx(2000, rel=1e-3)
@@ -152,7 +156,7 @@ def test_stopped_and_gone_on_is_the_same_as_at_once(psf: str, tmp_path: Path) ->
     assert halves.state is not None and halves.state.iteration == 2
     drain(halves.work(4))
     assert at_once.state is not None
-    np.testing.assert_allclose(halves.state.volume, at_once.state.volume, rtol=1e-6)
+    np.testing.assert_allclose(halves.volume, at_once.volume, rtol=1e-6)
     assert [r.iteration for r in halves.history] == [1, 2, 3, 4, 5, 6]
     assert "NRMSE" in at_once.words() and "NRMSE" not in halves.words()
     assert halves.fits(psf, settings.changed("iterations", 99)) and not halves.fits(
@@ -170,8 +174,38 @@ def test_cancelled_work_keeps_its_state(psf: str) -> None:
     while not solving.history:
         next(work)
     work.close()
-    assert solving.state is not None and solving.state.volume.shape == (2, 20, 20)
+    assert solving.state is not None and solving.volume.shape == (2, 20, 20)
     assert solving.pixels == 400 and solving.truth is None
+    solving.close()
+
+
+def test_a_margin_takes_light_from_beside_the_region(psf: str) -> None:
+    """The volume is that of the library with the same margin; where none is said, the one that helps."""
+    image = np.random.default_rng(2).poisson(50, (24, 28)).astype(np.uint16)
+    solving = Solving(psf, image, ReconstructSettings(iterations=3))
+    drain(solving.work())
+    with opened(psf) as H:
+        margin = usual_margin(H.period, (H.shape[3], H.shape[4]), (24, 28))
+        assert margin > 0 and solving.details()["margin"] == margin
+        P = Projector(H, (24 + 2 * margin, 28 + 2 * margin), (H.anchor[0] + margin, H.anchor[1] + margin))
+        wanted = reconstruct(P, image, SolverChoice(iterations=3, margin=margin)).volume
+        words = forecast_words(P, SolverChoice(margin=margin))
+        assert "28 × 24 × 2 voxels" in words and f"{margin} px around" in words
+    assert solving.volume.shape == (2, 24, 28) == wanted.shape
+    np.testing.assert_allclose(solving.volume, wanted, rtol=1e-5)
+    solving.close()
+
+
+def test_a_run_that_stops_by_itself_says_why(psf: str, tmp_path: Path) -> None:
+    with opened(psf) as H:
+        made = make_light_field(H, "points", str(tmp_path / "a.tif"), shape=(48, 56), counts=30)
+    settings = ReconstructSettings("rl-biggs", iterations=2, auto=True)
+    solving = Solving(psf, light_field(made.path), settings)
+    drain(solving.work())
+    assert solving.state is not None and 2 < solving.state.iteration < MOST_ITERATIONS
+    assert "left-out pixels" in solving.stopped and solving.stopped in solving.words()
+    assert f"{solving.state.iteration} iterations" in solving.words()
+    assert solving.details()["iterations"] == solving.state.iteration
     solving.close()
 
 

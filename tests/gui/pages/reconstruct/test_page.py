@@ -15,6 +15,7 @@ from gui.pages.reconstruct.model import ReconstructSettings
 from gui.pages.reconstruct.page import Page
 from gui.pages.reconstruct.volume_view import VolumeView
 from gui.theme import DARK, LIGHT, apply_theme
+from lfcal.reconstruct.solvers.choice import SolverChoice
 from lfcal.reconstruct.volumes import load_volume
 from tests.gui.conftest import OpenPage
 from tests.gui.pages.reconstruct.test_model import matrix_file
@@ -85,7 +86,7 @@ def test_a_made_light_field_is_reconstructed_and_judged(
         page.save(str(tmp_path / name))
         qtbot.waitUntil(lambda name=name: context.state.volume.endswith(name), timeout=GUARD_MS)
         assert first.state is not None
-        np.testing.assert_allclose(load_volume(tmp_path / name), first.state.volume, rtol=1e-6)
+        np.testing.assert_allclose(load_volume(tmp_path / name), first.volume, rtol=1e-6)
 
     context.project.update("solver", settings=ReconstructSettings("cg").into(context.state))
     assert not page.panel.buttons["more"].isEnabled(), "another solver begins anew"
@@ -142,9 +143,15 @@ def test_form_and_project_follow_each_other(page: Page, context: Context, qtbot:
     editor.textEdited.emit("0")
     assert "iterations" in form.error and page.settings.iterations == 20
     solver: Any = form.editor("solver")
+    assert solver.currentData() == SolverChoice().name, "as the command"
     solver.setCurrentIndex(solver.findData("rl-tv"))
     assert page.settings.solver == "rl-tv" and "total variation" in page.panel.solver_words.text()
     assert form.editor("strength").isEnabled() and not form.editor("subsets").isEnabled()
+    auto: Any = form.editor("auto")
+    auto.click()
+    assert page.settings.auto and not form.editor("iterations").isEnabled()
+    auto.click()
+    assert form.editor("iterations").isEnabled()
     percent: Any = form.editor("threshold")
     percent.setText("2")
     percent.textEdited.emit("2")
