@@ -192,7 +192,7 @@ class _Trial:
         if not whole:
             every = np.linspace(0, len(evidence) - 1, min(SAMPLE, len(evidence))).astype(int)
             sample = patch_of(evidence, evidence.index[every], cutout, wider=wider)
-        shape, anchor = (len(planes), *block), _anchor(evidence, findings, block, (first[0], first[1]))
+        shape, anchor = (len(planes), *block), _anchor(patch, findings, block, (first[0], first[1]))
         bare = cls(patch, shape, (side[0], side[1]), patch.light[0], np.zeros(()), 0.0, sample, anchor)
         image = bare.projector(patch.light).forward(scene((len(planes), *bare.image_shape)))
         bare = replace(bare, image=image)
@@ -274,19 +274,22 @@ def _place(evidence: Evidence, finding: Finding) -> tuple[int, int]:
 
 
 def _anchor(
-    evidence: Evidence, findings: Sequence[Finding], block: tuple[int, int], first: tuple[int, int]
+    patch: Patch, findings: Sequence[Finding], block: tuple[int, int], first: tuple[int, int]
 ) -> tuple[float, float]:
-    """Return the anchor of a block of positions by which the first pixels concerned lie in the middle of its periods.
+    """Return the anchor of a block of positions by which the first pixels that lack light lie amid its periods.
 
     At the border of the image a pixel sees few positions: where all of these have it dead, it is noise that light is
     divided by, and any cost comes of it. Lines reach the border wherever they lie.
     """
-    pixels = next((one.pixels for one in findings if len(one.pixels)), None)
-    if pixels is None or (np.ptp(pixels, axis=0) >= np.array(evidence.plan.cutout)).any():
+    one = next((one for one in findings if len(one.pixels)), None)
+    cutout = np.array(patch.evidence.plan.cutout)
+    if one is None or one.put_in is None or (np.ptp(one.pixels, axis=0) >= cutout).any():
+        return 0.0, 0.0
+    if (one.put_in(patch) - patch.light).sum(dtype=np.float64) >= 0:
         return 0.0, 0.0
     # the pattern of position y shows pixel y + t, and pixel p of the image sees it by t = p - v + c at v = y + anchor
-    middle = (np.array(evidence.plan.cutout) - 1) // 2
-    beside = np.rint(np.median(pixels, axis=0)).astype(int) - middle - np.array(first)
+    middle = (cutout - 1) // 2
+    beside = np.rint(np.median(one.pixels, axis=0)).astype(int) - middle - np.array(first)
     y, x = ((n // 2 - int(k)) % n for n, k in zip(block, beside, strict=True))
     return float(y), float(x)
 

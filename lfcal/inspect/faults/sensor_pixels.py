@@ -1,4 +1,4 @@
-"""Pixels of the sensor that are dead or hot, a colour mosaic left in, values that are not linear."""
+"""Pixels of the sensor that are dead or hot, and a colour mosaic left in."""
 
 from __future__ import annotations
 
@@ -13,10 +13,9 @@ from lfcal.inspect.evidence import Evidence
 from lfcal.inspect.faults.sensor_lines import BRIGHT
 from lfcal.inspect.faults.series import SURE
 from lfcal.inspect.finding import Fault, Finding, Picture, PutIn, Repair
-from lfcal.inspect.modelled import correlation
 from lfcal.inspect.sensor_map import SensorMap, sensor_map
 
-__all__ = ["FAULTS", "BadPixels", "Mosaic", "NotLinear"]
+__all__ = ["FAULTS", "BadPixels", "Mosaic"]
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
@@ -32,18 +31,6 @@ TOGETHER = 4
 
 UNEVEN = 0.04
 """Share by which the four pixels of a colour mosaic differ at least."""
-
-CURVED = 0.02
-"""Difference of an exponent from 1 that is worth a word."""
-
-STRONG = 0.1
-"""The same from which on exponents are tried: a derivative tells no more of it."""
-
-EXPONENTS = np.geomspace(0.3, 3.0, 41)
-"""Exponents that are tried."""
-
-LIKE, GAINED = 0.99, 4.0
-"""Correlation with the camera below which they are, and times as near to 1 that the best of them must bring it."""
 
 LITTLE = 1e-4
 """Share of the light that pixels must add or take away."""
@@ -232,107 +219,4 @@ def _by_lines(total: SensorMap) -> F8:
     return gains
 
 
-class NotLinear(Fault):
-    """Values that are not proportional to the light."""
-
-    name = "not_linear"
-    # before lines and pixels: of bent values the model is off everywhere, and any line of them may stand out
-    strong_rank = 8
-    rank = 9
-    title = "values not proportional to the light"
-    advice = "Switch the camera's gamma and contrast off, or linearise the frames, and import them anew."
-    settles: ClassVar[tuple[str, ...]] = ("background", "leak")
-
-    def found(self, evidence: Evidence) -> Iterable[Finding]:
-        """Yield the exponent of the light that values follow."""
-        found, sigma = _bend(evidence)
-        strong = _likeliest(evidence)
-        if strong is None and abs(found) < max(CURVED, SURE * sigma):
-            return
-        peak = float(np.abs(evidence.data).max()) or 1.0
-        exponent, told = (1 + found, abs(found) / sigma) if strong is None else strong
-        now = evidence
-        for _ in range(2):  # the derivative is that at an exponent of 1
-            straight = _bent(evidence.data, 1 / exponent, peak)
-            now = evidence.with_data(straight, evidence.valid)
-            more, sigma = _bend(now)
-            exponent *= 1 + more
-        light = np.maximum(now.light, 0)
-
-        def repair(index: NDArray[np.intp], patterns: F4) -> F4:
-            del index
-            return _bent(patterns, 1 / max(exponent, 0.1), peak)
-
-        yield Finding(
-            self,
-            f"values follow the light to the power of {exponent:.3f} ± {sigma:.3f}",
-            told,
-            float(abs(exponent - 1) * np.abs(_curve(light)).sum() / max(float(light.sum()), 1e-300)),
-            picture=_tone(evidence, light, peak),
-            repair=repair,
-            put_in=lambda patch: _bent(patch.light, exponent, peak),
-        )
-
-
-def _likeliest(evidence: Evidence) -> tuple[float, float] | None:
-    """Return the exponent without which patterns are most like those of the camera, and by how much for the least sure.
-
-    None where they are like them as they are, or not much more so without: a small bend is told by its derivative.
-    """
-    peak = float(np.abs(evidence.data).max()) or 1.0
-    model = _without_mean(evidence.model, evidence.valid)
-    alike = correlation(model, _without_mean(evidence.data, evidence.valid))
-    if float(np.median(alike)) > LIKE:
-        return None
-    bent = (_bent(evidence.data, 1 / float(exponent), peak) for exponent in EXPONENTS)
-    tried = [correlation(model, _without_mean(one, evidence.valid)) for one in bent]
-    best = int(np.argmax([np.median(one) for one in tried]))
-    gained = (1 - alike) / np.maximum(1 - tried[best], 1e-9)
-    if abs(EXPONENTS[best] - 1) < STRONG or float(np.median(gained)) < GAINED:
-        return None
-    return float(EXPONENTS[best]), float(np.median(gained) * np.sqrt(len(gained)))
-
-
-def _without_mean(patterns: F4, valid: NDArray[np.bool_]) -> F4:
-    """Return patterns ``(n, nt, ns)`` less the mean of what is valid of each: a background is no bend."""
-    mean = np.where(valid, patterns, 0).sum((1, 2)) / np.maximum(valid.sum((1, 2)), 1)
-    found: F4 = np.where(valid, patterns - mean[:, None, None], 0).astype(np.float32)
-    return found
-
-
-def _bent(light: F4, exponent: float, peak: float) -> F4:
-    found: F4 = (np.sign(light) * peak * (np.abs(light) / peak) ** np.float32(exponent)).astype(np.float32)
-    return found
-
-
-def _curve(light: F4) -> F4:
-    """Return the derivative of light to a power by the exponent, at 1."""
-    peak = float(light.max())
-    found: F4 = np.where(light > 1e-4 * peak, light * np.log(np.maximum(light, 1e-30) / peak), 0.0).astype(np.float32)
-    return found
-
-
-def _bend(evidence: Evidence) -> tuple[float, float]:
-    """Return by how much the exponent differs from 1, and its standard deviation."""
-    values, sigmas = evidence.beyond(_curve(np.maximum(evidence.light, 0)))
-    return _mean(values, sigmas) if np.isfinite(sigmas).any() else (0.0, np.inf)
-
-
-def _mean(values: F8, sigmas: F8) -> tuple[float, float]:
-    """Return the weighted mean and its standard deviation, by the scatter where that is larger."""
-    good = np.isfinite(sigmas)
-    weight = 1 / np.square(sigmas[good])
-    mean = float((weight * values[good]).sum() / weight.sum())
-    scatter = float(np.sqrt((weight**2 * np.square(values[good] - mean)).sum()) / weight.sum())
-    return mean, max(scatter, float(1 / np.sqrt(weight.sum())))
-
-
-def _tone(evidence: Evidence, light: F4, peak: float) -> Picture:
-    edges = np.linspace(0.0, 1.0, 25) * peak
-    which = np.digitize(light[evidence.valid], edges)
-    seen = evidence.data[evidence.valid]
-    means = np.array([seen[which == k].mean() if (which == k).any() else np.nan for k in range(1, len(edges))])
-    return Picture(means, "counts", "mean value over the light it should be", ("light (counts)",), edges[:-1])
-
-
-FAULTS = (BadPixels(), Mosaic(), NotLinear())
+FAULTS = (BadPixels(), Mosaic())
