@@ -197,7 +197,7 @@ INJECTIONS: dict[str, Injection] = {
     ),
     "not_linear": Injection(
         "values are the power 1.1 of the light",
-        "the exponent that values follow, with its standard deviation",
+        "the exponent that values follow, or the share that the brightest lack, with its standard deviation",
         _bent,
     ),
     "mosaic": Injection(
