@@ -137,7 +137,8 @@ def command(
         check_grid(H, task.shape, resample=resample)
         at = anchor_of(anchor, view, H)
         shape = task.shape if view is None else view.shape
-        choice = replace(choice, margin=margin_of(margin, H, shape))
+        usual = margin if margin != "auto" or "weights" in choice.solver.honours else "0"
+        choice = replace(choice, margin=margin_of(usual, H, shape))
         task = replace(task, choice=choice)
         wider, moved = wide(shape, at, H, choice.margin)
         most = None if memory is None else int(memory * 1e9)

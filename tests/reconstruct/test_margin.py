@@ -9,6 +9,7 @@ from lfcal.errors import InputError
 from lfcal.reconstruct import Projector
 from lfcal.reconstruct.margin import cropped, usual_margin, widened, widened_start
 from lfcal.reconstruct.solvers.choice import SOLVERS, SolverChoice, reconstruct
+from lfcal.reconstruct.solvers.solver import Solver
 from tests.reconstruct.oracles import dense, lenslet_psf
 
 MARGIN = 9
@@ -87,3 +88,12 @@ def test_arrays_and_sizes():
     assert usual_margin((5, 5), (15, 15), (30, 31)) == 3
     with pytest.raises(InputError, match="margin"):
         SolverChoice("rl", margin=-1)
+
+
+def test_a_solver_that_takes_no_weights_has_no_margin(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It would take the empty pixels beside the frame for dark ones."""
+    plain = Solver("plain", "of another distribution", lambda *_: iter(()), frozenset({"background"}))
+    monkeypatch.setattr(type(SOLVERS), "get", lambda *_: plain)
+    assert SolverChoice("plain").margin == 0
+    with pytest.raises(InputError, match="does not use it"):
+        SolverChoice("plain", margin=5)

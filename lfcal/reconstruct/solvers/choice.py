@@ -99,10 +99,11 @@ class SolverChoice:
         """Check name and settings; the solvers check the values."""
         for option in CHOSEN:
             check_option(self.solver, option, getattr(self, option))
-        if self.auto:
-            check_option(self.solver, "weights", "left-out pixels")
         if self.margin < 0:
             raise InputError.expected("margin (pixels)", "not negative", self.margin, "correct it")
+        # pixels that are left out, and those beside the frame, have no weight
+        if self.auto or self.margin:
+            check_option(self.solver, "weights", "left-out pixels")
 
     @property
     def solver(self) -> Solver:
