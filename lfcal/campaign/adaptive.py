@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TypeVar
 
@@ -212,7 +213,7 @@ class _Campaign:
             min(left, max(FEWEST, len(measured))),
             earlier=Earlier.of(fit),
             recorded=self._recorded(),
-            expected=Expected(min(1.0, max(1e-3, full)), fit.spread.stage_px, fit.spread.lamp),
+            expected=Expected(min(1.0, max(1e-3, full)), **asdict(fit.spread)),
             candidates=self._goal.candidates,
             workers=self._workers,
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
     from lfcal.fit.design import Design
     from lfcal.fit.earlier import Earlier
+    from lfcal.fit.nuisance import Spread
 
 __all__ = ["Wanted", "check_wanted", "half_positions", "ready_plan", "show_chosen", "write_positions"]
 
@@ -113,7 +114,7 @@ def show_chosen(plan: ScanPlan, wanted: Wanted, *, json: bool) -> dict[str, Any]
         wanted.count,
         groups=_groups(wanted.unknowns),
         earlier=earlier,
-        expected=Expected(wanted.full, *_steadiness(wanted, earlier)),
+        expected=Expected(wanted.full, **asdict(_steadiness(wanted, earlier))),
         candidates=wanted.candidates,
         stage_um_per_s=wanted.speed,
         workers=wanted.workers,
@@ -153,11 +154,12 @@ def _groups(text: str) -> tuple[str, ...] | None:
     return tuple(GROUPS.get(name).name for name in names) or None
 
 
-def _steadiness(wanted: Wanted, earlier: Earlier | None) -> tuple[float, float]:
-    """Return the rms of sources beside their places (px), and that of the lamp."""
-    if earlier is None:
-        return BESIDE if wanted.beside is None else wanted.beside, 0.0
-    return earlier.spread.stage_px if wanted.beside is None else wanted.beside, earlier.spread.lamp
+def _steadiness(wanted: Wanted, earlier: Earlier | None) -> Spread:
+    """Return what an earlier fit found, or else what is usual; sources lie as far beside their places as is wanted."""
+    from lfcal.fit.nuisance import Spread
+
+    found = Spread(BESIDE) if earlier is None else earlier.spread
+    return found if wanted.beside is None else replace(found, stage_px=wanted.beside)
 
 
 def _show(found: Design, whole: Any, earlier: Earlier | None) -> None:

@@ -147,7 +147,7 @@ def _earlier(data: Mapping[str, Any], camera: Camera, place: Path) -> Earlier:
     if correlations.shape != (len(found), len(found)) or not np.isfinite([*values, *sigmas, *correlations.flat]).all():
         wanted = f"{len(found)} parameters with their correlations"
         raise FileFormatError.expected(f"{place / 'fit.json'}", wanted, "others", "fit again")
-    aside = data.get("aside_px", (0.0, 0.0))
+    aside, spread = data.get("aside_px", (0.0, 0.0)), data["spread"]
     return Earlier(
         Setup(
             camera,
@@ -162,7 +162,8 @@ def _earlier(data: Mapping[str, Any], camera: Camera, place: Path) -> Earlier:
         values,
         sigmas,
         correlations,
-        Spread(float(data["spread"]["stage_px"]), float(data["spread"]["lamp"])),
+        # fits of earlier versions say nothing of pixels
+        Spread(*(float(v) for v in (spread["stage_px"], spread["lamp"], spread.get("response", 0.0)))),
         np.array(data["positions"], np.intp).reshape(-1, 3),
         tuple(float(z) for z in data["depths_um"]),
         bool(data["complete"]),

@@ -31,6 +31,7 @@ from lfcal.fit.questions import (
     check_light,
     misfit,
 )
+from lfcal.fit.response import response_of
 from lfcal.fit.result import Fit, Outlier
 from lfcal.fit.select import choose, prune
 from lfcal.fit.setup import Setup, called_for
@@ -293,11 +294,12 @@ def _without(
 
 
 def _with_spread(problem: Problem, point: Point, columns: Columns, stage: str | float) -> Point:
-    """Return the point at which each pattern has unknowns of its own, as widely spread as they show."""
+    """Return the point at which each pattern has unknowns of its own, as widely spread as they show.
+
+    With the response of pixels in the noise.
+    """
     shown = spread_of(problem, point, columns)
     own = Spread(shown.stage_px if stage == "auto" else float(stage), shown.lamp)
-    local = Local(point.local.offsets_px, own.stage_px, own.lamp)
-    if local.count == 0:
-        return point
+    local = Local(point.local.offsets_px, own.stage_px, own.lamp, response_of(problem, point))
     at = problem.weigh(point.u, local, point.model, point.sampling, lamps=point.levels.lamps)
     return own_steps(problem, at, columns, np.ones(len(problem.measured), np.bool_))

@@ -17,6 +17,7 @@ from lfcal.fit.normal import Columns, Local, normal_equations
 from lfcal.fit.parameters import Unknown
 from lfcal.fit.problem import Point, Problem
 from lfcal.fit.setup import Setup
+from lfcal.fit.weighing import Response
 from lfcal.progress import Clock, Work, drain
 
 __all__ = ["Expected", "Information", "iter_information"]
@@ -42,17 +43,21 @@ class Expected:
         How far sources lie beside their places (rms along an axis, pixels); 0: nowhere.
     lamp
         Relative rms of the lamp; 0: it is steady.
+    response
+        Of the response of pixels, relative; 0: they are all alike.
     """
 
     full: float = 0.8
     stage_px: float = 0.0
     lamp: float = 0.0
+    response: float = 0.0
 
     def __post_init__(self) -> None:
         """Check every value."""
         check_number("brightest pixel (share of the full well)", self.full, above=0, at_most=1)
         check_number("rms of sources beside their places (px)", self.stage_px, at_least=0, at_most=5)
         check_number("rms of the lamp", self.lamp, at_least=0, at_most=1)
+        check_number("rms of the pixels' response", self.response, at_least=0, at_most=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +132,8 @@ def iter_information(
     for done, own in _counted(parts):
         z = int(index[own[0], 0])
         problem = _problem(plan, index[own], gains[z] * light[own], setup, groups, workers)
-        local = Local(np.zeros((len(own), 2)), expected.stage_px, expected.lamp)
+        response = Response(expected.response**2)
+        local = Local(np.zeros((len(own), 2)), expected.stage_px, expected.lamp, response)
         point = problem.point(np.zeros(k), local, Fineness.coarse)
         # a part is quick: what is counted is patterns
         columns = drain(problem.columns(point, range(k), "", own=expected.stage_px > 0, both=True))

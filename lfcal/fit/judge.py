@@ -72,6 +72,8 @@ class ModelError:
         How many were left out.
     among
         Standard deviation of ``squared`` beyond that: some patterns are predicted worse than others.
+    skew
+        Third moment of ``squared`` in units of ``squared_sigma``: few bright pixels scatter farther up than down.
     """
 
     squared: float
@@ -79,11 +81,14 @@ class ModelError:
     statistical: float
     patterns: int
     among: float = 0.0
+    skew: float = 0.0
 
     @property
     def known(self) -> bool:
-        """Whether there is a value, and not a limit only."""
-        return self.squared > SHOWN * self.squared_sigma
+        """Whether there is a value, and not a limit only: no more than noise is as rare as `SHOWN` of a Gaussian's."""
+        # Cornish and Fisher's quantile
+        rare = SHOWN + self.skew / 6 * (SHOWN**2 - 1)
+        return self.squared > rare * self.squared_sigma
 
     @property
     def value(self) -> float:
@@ -177,7 +182,8 @@ def left_out_error(
     data, valid = flat(part)
     light = point.model[aside] * point.levels.factors(problem.planes)[aside, None]
     back = point.levels.backgrounds[planes, None]
-    noise = variance(part, light.astype(np.float32), doubtful=False, error=0.0).astype(np.float64)
+    response = point.local.response
+    noise = variance(part, light.astype(np.float32), doubtful=False, error=response.rms).astype(np.float64)
     good = valid & ~point.seen.wild[aside]
     noise = np.where(good, noise, 0.0)
     own = np.where(good, light - _ideal(problem, point, columns, aside), 0.0)
@@ -189,6 +195,8 @@ def left_out_error(
         squares = (np.square(left) - noise).sum(1)
     whole_power, found = float(power.sum()), float(squares.sum() / power.sum())
     scatter = math.sqrt(2.0 * float((noise**2).sum())) / whole_power
+    skew = 8.0 * float((noise**3).sum()) / max(1e-300, scatter * whole_power) ** 3
+    scatter = math.hypot(scatter, response.sigma)
     beside = 0.0
     if len(power) > 1:
         apart = float(np.square(squares - found * power).sum()) * len(power) / (len(power) - 1)
@@ -199,7 +207,7 @@ def left_out_error(
     normal = problem.normal(columns, replace(whole, seen=_placed(point.seen, plain, aside)), aside)
     used = shared_of(problem, which)
     made = float(np.trace(normal.matrix[np.ix_(used, used)] @ spread)) / whole_power
-    return ModelError(found, scatter, math.sqrt(max(0.0, made)), int(told.sum()), beside)
+    return ModelError(found, scatter, math.sqrt(max(0.0, made)), int(told.sum()), beside, skew)
 
 
 def _ideal(problem: Problem, point: Point, columns: Columns, keep: NDArray[np.bool_]) -> F8:

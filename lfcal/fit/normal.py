@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.fit.weighing import Levels, Weighed
+from lfcal.fit.weighing import Levels, Response, Weighed
 
 __all__ = ["Columns", "Local", "Normal", "normal_equations"]
 
@@ -50,11 +50,14 @@ class Local:
         Rms of displacements known beforehand; 0: sources are where they should be.
     lamp
         Relative rms of the lamp; 0: it is steady.
+    response
+        How unevenly pixels respond: noise that grows with the light, and no error of the model.
     """
 
     offsets_px: F8
     stage_px: float = 0.0
     lamp: float = 0.0
+    response: Response = Response()  # noqa: RUF009
 
     @property
     def count(self) -> int:

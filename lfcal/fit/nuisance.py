@@ -31,10 +31,13 @@ class Spread:
         Of sources' displacements along an axis (pixels).
     lamp
         Of the lamp, relative.
+    response
+        Of the response of pixels, relative: no pattern has it to itself, but nor has the model it.
     """
 
     stage_px: float = 0.0
     lamp: float = 0.0
+    response: float = 0.0
 
 
 def spread_of(problem: Problem, point: Point, columns: Columns) -> Spread:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -112,7 +113,7 @@ class Problem:
     ) -> Point:
         """Return the point of a prediction that is known already."""
         own = np.zeros(len(self.measured)) if lamps is None else lamps
-        error = ERRORS[sampling]
+        error = _error(sampling, local)
         levels = levels_of(self.measured, model, own, doubtful=doubtful, error=error)
         seen = weighed(self.measured, model, levels, doubtful=doubtful, error=error)
         return Point(u, local, model, levels, seen, sampling, doubtful)
@@ -126,7 +127,7 @@ class Problem:
                 point.model,
                 point.levels,
                 doubtful=point.doubtful,
-                error=ERRORS[point.sampling],
+                error=_error(point.sampling, point.local),
                 inverse=by.seen.inverse,
             )
         precision, _ = self.vector.prior()
@@ -205,3 +206,8 @@ class Problem:
         local = replace(point.local, offsets_px=point.local.offsets_px[keep])
         levels = replace(point.levels, lamps=point.levels.lamps[keep])
         return normal_equations(part, point.model[keep], point.seen.of(keep), levels, self.planes[keep], local)
+
+
+def _error(sampling: Sampling, local: Local) -> float:
+    """Return what predictions err by as a share of the light: by the computation, and by uneven pixels."""
+    return math.hypot(ERRORS[sampling], local.response.rms)

@@ -12,6 +12,7 @@ from lfcal.fit.measured import Measured
 from lfcal.fit.page import PAGE, add_section, page_of, paragraphs, picture_of, section_of, table_of, text_of
 from lfcal.fit.result import Fit
 from lfcal.progress import Clock, Work
+from lfcal.units import format_share
 
 __all__ = ["add_picture", "iter_fit_report", "limits", "parameters", "report_files"]
 
@@ -87,10 +88,14 @@ def _sentence(fit: Fit) -> str:
 
 def _rest(fit: Fit) -> str:
     chi2 = fit.chi_square
-    return (
+    said = (
         f"χ² lies {chi2.excess:.1f} of its standard deviations ({chi2.sigma:.2g}) above 1; over all pixels, most of "
         f"them dark, it is {chi2.all_pixels:.3f}. {fit.left_out_error.patterns} patterns were never fitted."
     )
+    if fit.spread.response > 0:
+        uneven = format_share(fit.spread.response)
+        said += f" Pixels respond unevenly by {uneven} (rms): that is in the noise, and no error of the model."
+    return said
 
 
 def parameters(fit: Fit) -> str:

@@ -106,7 +106,7 @@ def summarised(
         unidentified=(*unidentified(unknowns, data), *held.words),
         outliers=outliers,
         answers={"order of lens types": f"{order} of the description"} if order else {},
-        spread=Spread(point.local.stage_px, point.local.lamp),
+        spread=Spread(point.local.stage_px, point.local.lamp, point.local.response.rms),
         levels=point.levels,
         residuals={},
     )

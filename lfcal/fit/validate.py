@@ -124,10 +124,11 @@ class Validation:
 class _ByModel:
     """What a model says of a source at a position and beside it."""
 
-    def __init__(self, model: PlaneModel, y: int, x: int, cutout: tuple[int, int]) -> None:
+    def __init__(self, model: PlaneModel, y: int, x: int, cutout: tuple[int, int], response: float) -> None:
         self._model, self._place = model, np.array([[y, x]], np.intp)
         self.valid = np.ones(cutout, np.bool_)
-        self.noise: F8 = np.zeros(cutout)
+        # uneven pixels are no error of the model
+        self.noise: F8 = np.square(response * self.at(np.zeros(2)))
         self.reach = (0.75, 0.75)
 
     def at(self, offset: F8) -> F8:
@@ -260,13 +261,13 @@ def _point(fit: Fit, withheld: Measured, k: int, model: PlaneModel, near: PlaneM
         label=f"(z, y, x) = ({z}, {y}, {x})",
     )
     noise = (float(withheld.noise[k, 0]), float(withheld.noise[k, 1]))
-    at = Found(z, y, x, row, column, 1.0)
-    beside = compared_with(_ByModel(model, y, x, plan.cutout), frame, at, noise)
+    at, response = Found(z, y, x, row, column, 1.0), fit.spread.response
+    beside = compared_with(_ByModel(model, y, x, plan.cutout, response), frame, at, noise)
     periodic = None
     if near is not None:
         base = [math.floor(a + 0.5) for a in fit.planned.anchor]
         phase = [(v - b) % n for v, b, n in zip((row, column), base, fit.planned.period, strict=True)]
-        periodic = compared_with(_ByModel(near, phase[0], phase[1], plan.cutout), frame, at, noise)
+        periodic = compared_with(_ByModel(near, phase[0], phase[1], plan.cutout, response), frame, at, noise)
     sensor = plan.camera.sensor
     away = [abs(v - c) / (n / 2) for v, c, n in zip(place, sensor.centre_px, sensor.shape, strict=True)]
     return PointError(z, y, x, place, float(max(away)), beside, periodic)

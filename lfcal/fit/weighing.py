@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from lfcal.fit.measured import Measured
 
-__all__ = ["BEND", "Levels", "Weighed", "levels_of", "weighed"]
+__all__ = ["BEND", "Levels", "Response", "Weighed", "levels_of", "weighed"]
 
 BEND = 4.0
 """Residual (sigmas) from which on it counts linearly, after Huber: noise alone hardly ever reaches it."""
@@ -20,6 +21,27 @@ WILD = 25.0
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Response:
+    """Pixel response non-uniformity (PRNU): each pixel of the sensor has a gain of its own.
+
+    Attributes
+    ----------
+    squared
+        Square of its relative rms.
+    sigma
+        Standard deviation of that.
+    """
+
+    squared: float = 0.0
+    sigma: float = 0.0
+
+    @property
+    def rms(self) -> float:
+        """The relative rms."""
+        return math.sqrt(self.squared)
 
 
 @dataclass(frozen=True, eq=False)

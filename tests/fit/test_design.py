@@ -94,7 +94,7 @@ def test_positions_that_are_not_allowed_are_not_chosen() -> None:
 
 def test_what_patterns_tell_is_that_of_dense_least_squares() -> None:
     """The covariance from dense matrices: derivatives by central differences, each source's displacement a column."""
-    expected = Expected(full=0.5, stage_px=0.02, lamp=0.01)
+    expected = Expected(full=0.5, stage_px=0.02, lamp=0.01, response=0.02)
     index = some_index(TWO, 6)
     plan = replace(TWO, exposure_s=(0.02, 0.04), frames_averaged=2)
     told = drain(iter_information(plan, index, setup_of(plan), CORE, expected, workers=1))
@@ -128,8 +128,8 @@ def test_what_patterns_tell_is_that_of_dense_least_squares() -> None:
         own = k + 4 + 3 * p
         jacobian[:, own : own + 2], jacobian[:, own + 2] = gain[p] * aside[:, p].T, gain[p] * light[p]
         shine = gain[p] * light[p]
-        # half the variance of two frames' mean; the engine's own error at the coarse sampling, too
-        variance = (constant + shine) / 2 + (4e-3 * shine) ** 2
+        # half the variance of two frames' mean; uneven pixels and the engine's own error at the coarse sampling, too
+        variance = (constant + shine) / 2 + (0.02**2 + 4e-3**2) * shine**2
         whole += jacobian.T @ (jacobian / variance[:, None])
         whole[own : own + 3, own : own + 3] += np.diag([0.02**-2, 0.02**-2, 0.01**-2])
     wanted = np.linalg.pinv(whole)[:k, :k]

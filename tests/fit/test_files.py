@@ -98,6 +98,9 @@ def test_the_report_is_one_page_with_its_pictures(tmp_path: Path) -> None:
     text = page.read_text()
     assert "<h1>&lt;H&gt;.h5: the optics from 6 patterns</h1>" in text and fit.verdict.split(";")[0][4:] in text
     assert all(name in text for name in fit.parameters) and "tilt is held" in text
+    uneven = replace(fit, spread=replace(fit.spread, response=0.012))
+    said = drain(iter_fit_report(uneven, measured, tmp_path / "uneven")).read_text()
+    assert "Pixels respond unevenly by 1.2 % (rms)" in said and "Pixels respond" not in text
     work = iter_fit_report(fit, measured, tmp_path / "stopped")
     next(work), next(work)
     work.close()

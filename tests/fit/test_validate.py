@@ -80,6 +80,16 @@ def test_what_was_found_rightly_is_predicted_to_the_noise() -> None:
     assert not found.wide and "nothing is told of its edges" in found.verdict
 
 
+def test_uneven_pixels_are_no_error_of_the_model() -> None:
+    plan = plan_of()
+    points = recorded(plan, few(plan))
+    gains = 1 + 0.03 * np.random.default_rng(3).standard_normal(points.patterns.shape)
+    points = replace(points, patterns=(points.patterns * gains).astype(np.float32))
+    fit = fit_of(plan)
+    assert validate(fit, points).error().value == pytest.approx(0.03, rel=0.2)
+    assert not validate(replace(fit, spread=Spread(response=0.03)), points).error().known
+
+
 def test_a_wrong_gap_has_the_error_of_its_patterns() -> None:
     plan = plan_of()
     lattice = plan.camera.lattice

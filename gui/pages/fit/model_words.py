@@ -96,6 +96,8 @@ def detail_of(found: Found) -> str:
         parts.append(f"sources {fit.spread.stage_px:.2g} px (rms) beside their places")
     if fit.spread.lamp > 0:
         parts.append(f"lamp unsteady by {format_share(fit.spread.lamp)}")
+    if fit.spread.response > 0:
+        parts.append(f"pixels respond unevenly by {format_share(fit.spread.response)}")
     parts += [f"{question}: {answer}" for question, answer in fit.answers.items()]
     return f"{found.question.name}: {'; '.join(parts)}."
 
