@@ -174,6 +174,31 @@ def test_a_dead_pixel_costs_the_same_whatever_its_noise(seed: int) -> None:
     assert one.pixels.tolist() == [[36, 23]] and one.cost is not None and true / 2 < one.cost < 2 * true
 
 
+def test_a_dead_column_costs_what_it_costs_at_the_border_too() -> None:
+    """It reaches the image's border wherever it lies; amid the periods it was told to cost half of what it does."""
+    image = sensor(1.0)
+    image[:, 23] = 0.0
+    values = noisy(scaled(light(), image), 0)
+    (one,) = inspected(matrix(values)).findings
+    true = TrueCost(light(), noisy(light(), 0)).cost(values)
+    assert one.cost == pytest.approx(true, rel=0.15)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("camera", "name", "strength"),
+    [("r29-like", "dead row", 1.0), ("r29-like", "dim row", 0.3), ("lfm_60x12", "hot pixels together", 0.4)],
+)
+def test_lines_and_hot_pixels_cost_what_they_cost_at_the_border_too(camera: str, name: str, strength: float) -> None:
+    """They were told to cost .16 of .47, .03 of .06, and .25 of .12."""
+    other = Recording(CAMERAS[camera]())
+    (fault,) = (one for one in FAULTS if one.name == name)
+    values = fault.put_in(other, strength)
+    true = TrueCost(other.light(), other.clean()).cost(values)
+    found = inspected(other.matrix(values)).findings[0]
+    assert found.cost is not None and true / 1.7 < found.cost < 1.7 * true
+
+
 @pytest.mark.parametrize(("name", "strength"), [("repeated frames", 20), ("scan to and fro read as raster", 1)])
 def test_frames_of_other_places_make_no_bad_pixels_and_no_ghost(name: str, strength: float) -> None:
     assert set(faults_of(put_in(name, strength))) == {"strangers"}
