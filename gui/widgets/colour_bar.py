@@ -101,6 +101,7 @@ class ColourBar(pg.GraphicsWidget):
             for column, part in enumerate((self.name_axis, self._strip, self.axis)):
                 layout.addItem(part, 0, column)
         for axis in {self.axis, self.name_axis}:
+            axis.setStyle(maxTickLevel=1)
             # prefixes for the range on screen would scale the numbers
             axis.setSIPrefixEnableRanges(())
             axis.enableAutoSIPrefix(False)
