@@ -10,6 +10,10 @@ from pathlib import Path
 import pyqtgraph as pg
 from pytestqt.qtbot import QtBot
 
+from gui.jobs import Jobs
+from gui.pages.acquire.error_view import ErrorView
+from gui.pages.acquire.panel import AcquirePanel
+from gui.pages.acquire.record_pictures import RecordPictures
 from gui.pages.fit.found_tabs import FoundTabs
 from gui.pages.fit.panel import FitPanel
 from gui.widgets.image_view import ImageView
@@ -54,3 +58,18 @@ def test_a_picture_is_one_plot(qtbot: QtBot) -> None:
     view = ImageView()
     qtbot.addWidget(view)
     assert [item for item in view.graphics.scene().items() if isinstance(item, pg.PlotItem)] == [view.plot]
+
+
+def test_the_record_tab_draws_a_session_only_where_it_is_looked_at(qtbot: QtBot) -> None:
+    jobs = Jobs()
+    panel = AcquirePanel(jobs)
+    qtbot.addWidget(panel)
+    panel.show()
+    panel.record.clear_frame()
+    panel.record.show_error(None)
+    panel.apply_theme()
+    assert not panel.record.findChildren(RecordPictures)
+    panel.setCurrentWidget(panel.record)
+    assert panel.record.findChildren(RecordPictures) == [panel.record.pictures]
+    assert panel.record.pictures.isVisible() and not panel.record.pictures.findChildren(ErrorView)
+    jobs.close()
