@@ -11,7 +11,6 @@ from gui.context import Context
 from gui.jobs import Job
 from gui.theme import style_sheet
 from gui.widgets.cards import heading, line
-from lfcal.cli.verify import matrix_lines, session_lines
 from lfcal.progress import Work
 
 __all__ = ["VerifyDialog"]
@@ -128,6 +127,8 @@ class VerifyDialog(QDialog):
 
 def _work(path: Path) -> Work[tuple[list[str], bool, tuple[Any, ...]]]:
     """Check a folder as a session and anything else as an H file; return words, whether all is well, what to redo."""
+    from lfcal.cli.verify import matrix_lines, session_lines  # a command line is slow to load
+
     if path.is_dir():
         from lfcal.acquire.recording.verify import iter_verify
 

@@ -4,37 +4,23 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import lru_cache
 from typing import Any
 
-import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
 from PySide6.QtCore import QEvent, QPointF, QRectF, Qt, Signal
 from PySide6.QtGui import QPen
 from PySide6.QtWidgets import QApplication, QGraphicsItem, QVBoxLayout, QWidget
 
-from gui.models.display import Display, colour_table, levels_of, shades, to_uint8
-from gui.theme import current_theme
+from gui.models.display import Display, colour_table, levels_of, to_uint8
 from gui.widgets.blank import Blank
+from gui.widgets.colour_bar import ColourBar, bar_table
 from gui.widgets.measuring import Measuring
 from gui.widgets.picture_menu import offer_menu, save_picture, save_values
 from gui.widgets.pixel_axis import count_pixels, pixel_axes
 from gui.widgets.plots import style_axes, theme_plot
 
 __all__ = ["ImageView"]
-
-
-def bar_map(colour_map: str, scale: str, levels: tuple[float, float]) -> pg.ColorMap:
-    """Return the colours of a bar that is linear in the value from level to level, for a scaling of the picture."""
-    # where the bar begins matters to a root and a logarithm alone
-    return _bar_map(colour_map, scale, (0.0, 1.0) if scale == "linear" else levels)
-
-
-@lru_cache(maxsize=32)
-def _bar_map(colour_map: str, scale: str, levels: tuple[float, float]) -> pg.ColorMap:
-    index = shades(np.linspace(*levels, 256), scale, levels)
-    return pg.ColorMap(np.linspace(0, 1, 256), colour_table(colour_map)[(index * 255).astype(int)])
 
 
 class ImageView(QWidget):
@@ -99,7 +85,7 @@ class ImageView(QWidget):
         style_axes(self.plot, xlabel, ylabel)
         self.item = pg.ImageItem(axisOrder="row-major")
         self.plot.addItem(self.item)
-        self.bar = pg.ColorBarItem(values=(0, 1), width=12, interactive=False, label=value_label)
+        self.bar = ColourBar(label=value_label)
         self.graphics.addItem(self.bar, row=0, col=1)
         self.cursor = pg.TargetItem(movable=False, size=12, pen=pg.mkPen("#ffffff", width=1.5), symbol="crosshair")
         self.cursor.hide()
@@ -163,10 +149,10 @@ class ImageView(QWidget):
         look = (self._display.colour_map, scale, None if scale == "linear" else levels)
         if look != self._bar_look:
             self._bar_look = look
-            self.bar.setColorMap(bar_map(self._display.colour_map, scale, levels))
+            self.bar.set_colours(bar_table(self._display.colour_map, scale, levels))
         if levels != self._bar_levels:
             self._bar_levels = levels
-            self.bar.setLevels(values=levels)
+            self.bar.set_levels(levels)
 
     def set_display(self, display: Display) -> None:
         """Change scaling, colour map and levels; levels that were given with the picture stay."""
@@ -197,7 +183,7 @@ class ImageView(QWidget):
     def set_value_label(self, text: str) -> None:
         """Name the quantity of the colour bar, with its unit."""
         self._value_label = text
-        self.bar.setLabel("left", text)
+        self.bar.set_label(text)
 
     def set_axes(self, xlabel: str, ylabel: str) -> None:
         """Name both axes, with their units."""
@@ -226,13 +212,7 @@ class ImageView(QWidget):
         """Take the colours of the theme in use."""
         theme_plot(self.graphics, self.plot)
         self.blank.apply_theme()
-        theme = current_theme()
-        for axis in (self.bar.axis,):
-            axis.setPen(theme.line)
-            axis.setTextPen(theme.text)
-        # its label stands on the other side
-        self.bar.getAxis("left").setTextPen(theme.text)
-        self.bar.getAxis("left").label.setDefaultTextColor(pg.mkColor(theme.muted))
+        self.bar.apply_theme()
 
     # -- pointer ---------------------------------------------------------------------------------------
     def pixel_at(self, scene_position: QPointF) -> tuple[int, int] | None:

@@ -33,7 +33,7 @@ def style_axes(plot: pg.PlotItem, xlabel: str, ylabel: str) -> None:
         axis.setSIPrefixEnableRanges(())
         axis.enableAutoSIPrefix(False)
         # an axis that took room and gave it back, as its numbers and so the picture beside it changed, had no end
-        axis.setStyle(autoReduceTextSpace=False)
+        axis.setStyle(autoReduceTextSpace=False, maxTickLevel=1)
         axis.setLabel(text)
 
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import gaussian_filter
 
 from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
@@ -37,6 +36,8 @@ def model_uncertainty(model: F4, share: float) -> F4:
 
     It is as the light about each pixel, for what is wrong displaces and blurs.
     """
+    from scipy.ndimage import gaussian_filter  # slow to load
+
     near = np.sqrt(gaussian_filter(np.square(model), (0, 0, 0.6, 0.6)).clip(min=0))
     power = float(np.square(near).sum(dtype=np.float64))
     size = math.sqrt(float(np.square(model).sum(dtype=np.float64)) / power) if power > 0 else 0.0

@@ -18,10 +18,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_matrix, diags_array, eye_array, kron
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
 
 __all__ = ["Field", "Moving", "sampled_variance"]
 
@@ -59,6 +62,8 @@ def smoothing(n: int, size: int, by: Moving, *, around: bool) -> csr_matrix:
 
     ``around``: the last position neighbours the first, as in a whole period.
     """
+    from scipy.sparse import csr_matrix, diags_array, eye_array, kron  # slow to load
+
     apart = np.arange(size)[:, None] - np.arange(size)
     reach = min(n - 1, math.floor(by.positions * math.sqrt(-math.log(CUT))))
     # of a period no neighbour is met both ways

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
 
 __all__ = ["PlaneData", "amplitudes", "sized"]
 
@@ -74,6 +73,8 @@ def amplitudes(model: F4) -> tuple[F4, F4]:
     Of spots the light of a pixel and of those about it, by half each: what is dim beside what is bright errs by more
     than its own light. Of stray light the mean of all positions, for it comes from any lenslet.
     """
+    from scipy.ndimage import gaussian_filter  # slow to load
+
     near, far = (gaussian_filter(np.square(model), (0, 0, width, width)).clip(min=0) for width in (0.6, 4.0))
     mean = gaussian_filter(model.mean((0, 1)), 3).clip(min=0)
     return ((near * far) ** 0.25).astype(np.float32), np.broadcast_to(mean.astype(np.float32), model.shape)

@@ -6,7 +6,6 @@ from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import erf
 
 from lfcal.errors import InputError
 
@@ -68,6 +67,8 @@ def plume(shape: Shape, *, width: float | None = None, brightness: float = 1.0, 
     sway = sum(np.sin(2 * np.pi * (k + 1) * x / length + phases[k]) / (k + 1) for k in range(4)) * start / 3
     y = np.arange(height)[:, None] - (height - 1) / 2 - sway * (x / length)
     z = (np.arange(nz) - (nz - 1) / 2) / max(1.0, nz / 4)
+    from scipy.special import erf  # slow to load
+
     sheet = np.exp(-(y**2) / (2 * spread**2)) * (start / spread) * 0.5 * (1 + erf((length - x) / (length / 6) - 2))
     volume: NDArray[np.float64] = brightness * np.exp(-(z**2) / 2)[:, None, None] * sheet
     return volume

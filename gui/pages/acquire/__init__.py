@@ -2,7 +2,8 @@
 
 - ``page``: two tabs over one set of devices
 - ``setup_tab``, ``record_tab``: what each tab does; ``moves``: of the stage; ``after``: what is made of a session
-- ``panel``, ``setup_panel``, ``record_panel``, ``error_view``, ``device_panel``, ``stage_panel``: their widgets
+- ``panel``, ``setup_panel``, ``record_panel``, ``record_pictures``, ``error_view``, ``device_panel``,
+  ``stage_panel``: their widgets
 - ``model``: settings; ``model_live``: the live view; ``model_findings``: what a few moves tell;
   ``model_stills``: white and dark frames;
   ``model_station``: the devices; ``model_recorder``: a recording as it grows; ``model_until``: one that ends when H is

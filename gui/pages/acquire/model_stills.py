@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tifffile
 from numpy.typing import NDArray
 
 from gui.pages.acquire.model_station import Station
@@ -96,6 +95,8 @@ def iter_stills(station: Station, plan: ScanPlan, exposure_s: float, folder: Pat
         if light is not None:
             light.switch(True)
     level = _checked(np.mean(frames, axis=0, dtype=np.float64), plan, kind)
+    import tifffile  # slow to load
+
     for path, frame in zip(files, frames, strict=True):
         with replace_whole(path) as part:
             tifffile.imwrite(part, frame)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Any
 
-import numpy as np
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import (
     QCheckBox,
     QComboBox,
@@ -18,22 +19,19 @@ from PySide6.QtWidgets import (
     QPushButton,
     QSizePolicy,
     QSlider,
-    QStackedWidget,
+    QVBoxLayout,
     QWidget,
 )
 
 from gui.jobs import Jobs
-from gui.pages.acquire.error_view import TITLE, ErrorView
 from gui.pages.acquire.model import EXTENTS, FIELDS, UNTIL
 from gui.pages.acquire.model_recorder import QUANTITIES, RecordPicture
 from gui.pages.acquire.model_until import ErrorCurve
+from gui.pages.acquire.record_pictures import RecordPictures
 from gui.theme import current_theme
 from gui.widgets.cards import card, choice_box, column_area, line
 from gui.widgets.form import Form
-from gui.widgets.frame_view import FrameView
-from gui.widgets.image_view import ImageView
-from gui.widgets.period_map import PeriodMap
-from gui.widgets.plots import LINES, LinePlot, style_axes
+from gui.widgets.naming import name_controls
 from lfcal.acquire.preview import LiveFrame
 
 __all__ = ["BUTTONS", "RecordPanel"]
@@ -57,12 +55,6 @@ BUTTONS = (
     ("pack", "Pack", "Compress the finished recording; every frame is checked"),
 )
 """Key, title and meaning of each button."""
-
-
-SUM = "Depth-plane sum"
-
-FLOORS = {"energy": 1.0, "residual": 0.1, "saturated": 1.0}
-"""The least the curves' axes span, so that noise about zero is not blown up."""
 
 
 class RecordPanel(QWidget):
@@ -92,33 +84,38 @@ class RecordPanel(QWidget):
     def __init__(self, jobs: Jobs, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.form, self.until = Form(FIELDS), Form(UNTIL)
-        self.map = PeriodMap()
-        self.map.setToolTip("Positions of one period in this plane; dark: not recorded yet")
-        self.map.cross.hide()
-        self.frame = FrameView(jobs, "acquire record frame")
-        style_axes(self.frame.plot, "column in the region read (px)", "row (px)")
-        self.depth_sum = ImageView(value_label="10³ counts")
-        self.depth_sum.setToolTip("Sum of the plane's cutouts so far: it becomes the shape of the aperture")
-        self.error, self.third = ErrorView(), QStackedWidget()
-        for view in (self.depth_sum, self.error):
-            self.third.addWidget(view)
-        self.curves = {
-            "energy": LinePlot("position in scan order", "energy (counts)"),
-            "residual": LinePlot("position in scan order", "residual (px)"),
-            "saturated": LinePlot("position in scan order", "saturated (px)"),
-        }
-        tips = (
-            "Light of each position above the background: constant except for the pattern of the optics",
-            "Lateral difference of measured and target position, in image pixels: below 0.1 px is good",
-            "Saturated pixels in each cutout: should be 0",
-        )
-        for plot, tip in zip(self.curves.values(), tips, strict=True):
-            plot.setToolTip(tip)
+        self._jobs = jobs
+        self._picture: RecordPicture | None = None
+        self._curve: ErrorCurve | None = None
+        self._last_curve: ErrorCurve | None = None
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 6, 0, 0)
         row.setSpacing(8)
         row.addWidget(column_area(306, self._session_card(), self._how_card()))
-        row.addLayout(self._pictures(), 1)
+        self._seen = QVBoxLayout()
+        self._seen.setSpacing(8)
+        self._seen.addWidget(self._progress_card())
+        row.addLayout(self._seen, 1)
+
+    @cached_property
+    def pictures(self) -> RecordPictures:
+        """The session as it grows; made when it is first looked at, for six plots are most of what the page takes."""
+        made = RecordPictures(self._jobs)
+        name_controls(made)
+        self._seen.addWidget(made, 1)
+        if self._picture is not None:
+            made.show_picture(self._picture)
+        made.show_error(self._curve)
+        return made
+
+    @property
+    def _drawn(self) -> RecordPictures | None:
+        return self.pictures if "pictures" in vars(self) else None
+
+    def showEvent(self, event: QShowEvent) -> None:
+        """Make the pictures."""
+        self.pictures.show()
+        super().showEvent(event)
 
     # -- building --------------------------------------------------------------------------------------
     def _session_card(self) -> QWidget:
@@ -168,31 +165,6 @@ class RecordPanel(QWidget):
             self.form.editor(key).setMinimumWidth(56)
         column.addWidget(self.form)
         return frame
-
-    def _pictures(self) -> QGridLayout:
-        grid = QGridLayout()
-        grid.setSpacing(8)
-        grid.addWidget(self._progress_card(), 0, 0, 1, 3)
-        for k, (title, view) in enumerate((("Period map", self.map), ("Current frame", self.frame), (SUM, self.third))):
-            label = QLabel(title)
-            panel, column = card(label)
-            view.setMinimumSize(120, 110)
-            column.addWidget(view, 1)
-            grid.addWidget(panel, 1, k)
-            if view is self.frame:
-                self.frame_title = label
-            elif view is self.third:
-                self.third_title = label
-        for k, plot in enumerate(self.curves.values()):
-            panel, column = card()
-            plot.setMinimumSize(120, 80)
-            column.addWidget(plot)
-            grid.addWidget(panel, 2, k)
-        grid.setRowStretch(1, 5)
-        grid.setRowStretch(2, 3)
-        for k in range(3):
-            grid.setColumnStretch(k, 1)
-        return grid
 
     def _progress_card(self) -> QWidget:
         frame, column = card()
@@ -266,15 +238,9 @@ class RecordPanel(QWidget):
         """Show map, sum, curves and alarms."""
         theme = current_theme()
         self.plane_label.setText(plane_words)
-        values = picture.values
-        if not np.isfinite(values).any():
-            values = np.where(picture.recorded, 1.0, np.nan) if picture.recorded.any() else np.zeros(values.shape)
-        self.map.set_values(values)
-        self.depth_sum.set_image(picture.depth_sum / 1e3, name="depth_sum")
-        for k, (key, (x, y)) in enumerate(picture.curves.items()):
-            self.curves[key].set_curve(key, x, y, colour=LINES[k])
-            top = float(y.max(initial=0.0))
-            self.curves[key].plot.setYRange(0.0, 1.05 * max(top, FLOORS[key]), padding=0)
+        self._picture = picture
+        if self._drawn is not None:
+            self._drawn.show_picture(picture)
         words = "<br>".join(picture.alarms)
         self.alarms.setText(f"<b style='color:{theme.bad}'>{words}</b>" if words else "")
         self.alarms.setVisible(bool(words))
@@ -282,37 +248,27 @@ class RecordPanel(QWidget):
 
     def show_error(self, curve: ErrorCurve | None) -> None:
         """Show the error of H in the place of the depth-plane sum, or that again."""
-        self.third.setCurrentWidget(self.depth_sum if curve is None else self.error)
-        self.third_title.setText(SUM if curve is None else TITLE)
-        if curve is not None and curve != self.error.curve:
-            self.error.show_curve(curve)
+        self._curve, self._last_curve = curve, curve or self._last_curve
+        if self._drawn is not None:
+            self._drawn.show_error(curve)
+
+    def error_curve(self) -> ErrorCurve | None:
+        """Return the error of H that was shown last."""
+        return self._last_curve
 
     def show_frame(self, frame: LiveFrame, point: tuple[float, float] | None) -> None:
         """Show the frame just recorded, with its cutout."""
-        data = frame.data
-        self.frame.set_frame(data, (float(data.min()), float(max(data.max(), data.min() + 1))))
-        where = frame.position
-        place = "" if where is None else f", z {where.z}, y {where.y}, x {where.x}"
-        self.frame_title.setText(f"Frame: {frame.what}{place}")
-        if frame.cutout is not None:
-            row, column = frame.cutout.row - frame.roi.row, frame.cutout.column - frame.roi.column
-            image = (0.0, 0.0) if point is None else (point[0] - frame.roi.row, point[1] - frame.roi.column)
-            self.frame.set_cutout(row, column, frame.cutout.shape, image)
-        else:
-            self.frame.clear_cutout()
+        self.pictures.show_frame(frame, point)
 
     def clear_frame(self) -> None:
         """Show no frame."""
-        self.frame.set_frame(None, (0, 1))
-        self.frame.clear_cutout()
-        self.frame_title.setText("Current frame")
+        if self._drawn is not None:
+            self._drawn.clear_frame()
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
-        for widget in (self.map, self.frame, self.depth_sum, self.error):
-            widget.apply_theme()
-        for plot in self.curves.values():
-            plot.apply_theme()
+        if self._drawn is not None:
+            self._drawn.apply_theme()
 
     def _plane_moved(self, _: int) -> None:
         self.follow.setChecked(False)

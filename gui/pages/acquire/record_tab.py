@@ -351,7 +351,7 @@ class RecordTab(QObject):
         self._poll()
         self._look_into_folder()
         words, fraction = end_words(job, "" if self.recorder is None else self.recorder.ended)
-        curve = self.panel.error.curve
+        curve = self.panel.error_curve()
         known = curve.words if self.recorder is not None and self.recorder.steps and curve is not None else ""
         # beside the status, which stays: the advice is written again once the folder was looked into
         self.panel.show_status(words, job.error or known, fraction)

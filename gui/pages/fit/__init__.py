@@ -1,6 +1,7 @@
 """Fit: the optics from a few recorded positions, and what is made of them.
 
 - ``page``, ``panel``; ``results``: what is made of a fit; ``choices_panel``: what is fitted
+- ``found_tabs``: what a fit found, made when one has
 - ``patterns_view``, ``place_map``: measured, model and residual of a position, and where it is
 - ``rounds_view``: how the fit converges
 - ``model``: settings, and what an H offers; ``model_run``: the fit as work; ``model_words``: rows and lines

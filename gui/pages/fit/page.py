@@ -18,6 +18,7 @@ from gui.pages.fit.model import FitSettings, Stamp, offer_of, stamp_of
 from gui.pages.fit.model_run import Found, Kept, Place, asked_of, iter_fit, iter_taken
 from gui.pages.fit.model_use import Use, use_of
 from gui.pages.fit.panel import FitPanel
+from gui.pages.fit.patterns_view import PatternsView
 from gui.pages.fit.results import Results
 from lfcal.errors import InputError
 from lfcal.fit import Fit
@@ -70,16 +71,16 @@ class Page(BasePage):
         self.fit_button = self.tool_button("Fit", "Fit the recorded positions of H (F5)", self.fit, primary=True)
 
     def _add_shortcuts(self) -> None:
-        patterns = self.panel.patterns
+        see = self.panel.on_patterns
         self.shortcut("F5", self.fit)
         self.shortcut("Escape", self.stop)
-        self.shortcut("Left", lambda: patterns.step(-1))
-        self.shortcut("Right", lambda: patterns.step(1))
-        self.shortcut("PgUp", lambda: patterns.step_plane(-1))
-        self.shortcut("PgDown", lambda: patterns.step_plane(1))
-        self.shortcut("W", patterns.show_worst)
-        self.shortcut("L", lambda: patterns.toggle_scale("log"))
-        self.shortcut("G", lambda: patterns.toggle_scale("gamma"))
+        self.shortcut("Left", lambda: see(lambda view: view.step(-1)))
+        self.shortcut("Right", lambda: see(lambda view: view.step(1)))
+        self.shortcut("PgUp", lambda: see(lambda view: view.step_plane(-1)))
+        self.shortcut("PgDown", lambda: see(lambda view: view.step_plane(1)))
+        self.shortcut("W", lambda: see(PatternsView.show_worst))
+        self.shortcut("L", lambda: see(lambda view: view.toggle_scale("log")))
+        self.shortcut("G", lambda: see(lambda view: view.toggle_scale("gamma")))
 
     # -- project ---------------------------------------------------------------------------------------
     @property

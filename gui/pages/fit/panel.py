@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from typing import TypeVar
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import (
@@ -11,31 +13,25 @@ from PySide6.QtWidgets import (
     QLabel,
     QProgressBar,
     QStackedWidget,
-    QTabWidget,
     QVBoxLayout,
     QWidget,
 )
 
 from gui.pages.fit.choices_panel import ChoicesPanel
+from gui.pages.fit.found_tabs import FoundTabs
 from gui.pages.fit.model_run import Found, Place
-from gui.pages.fit.model_words import (
-    COLUMNS,
-    NUMBERS,
-    detail_of,
-    findings_of,
-    merit_of,
-    parameter_rows,
-    verdict_of,
-)
+from gui.pages.fit.model_words import detail_of, merit_of, verdict_of
 from gui.pages.fit.patterns_view import PatternsView
 from gui.pages.fit.rounds_view import RoundsView
 from gui.theme import current_theme
 from gui.widgets.cards import card
-from gui.widgets.rows_table import RowsTable
+from gui.widgets.naming import name_controls
 from lfcal.fit import FitProgress
 from lfcal.progress import Progress
 
 __all__ = ["FitPanel"]
+
+V = TypeVar("V", bound=QWidget)
 
 READY = "Press Fit (F5).\nGap, focal lengths, iris and aberrations are found from the recorded positions of H."
 
@@ -55,22 +51,12 @@ class FitPanel(QWidget):
         super().__init__()
         self._found: Found | None = None
         self.choices = ChoicesPanel()
-        self.patterns, self.rounds, self.running = PatternsView(), RoundsView(), RoundsView()
-        self.patterns.place_asked.connect(self.place_asked.emit)
-        self.parameters = RowsTable(COLUMNS, len(COLUMNS) - 1, NUMBERS)
-        self.parameters.setAccessibleName("parameters")
-        self.findings = RowsTable(("Kind", "What the fit says"), 1)
-        self.findings.setAccessibleName("findings")
-        self.findings.itemSelectionChanged.connect(self._finding_chosen)
-        self.findings.cellClicked.connect(lambda *_: self._finding_chosen())  # also where it is selected already
-        self.tabs = self._tabs()
         self.ready = QLabel(READY)
         self.ready.setAlignment(Qt.AlignmentFlag.AlignCenter)
         self.ready.setWordWrap(True)
         self.ready.setProperty("role", "hint")
         self.stack = QStackedWidget()
-        for content in (self.ready, self.running, self.tabs):
-            self.stack.addWidget(content)
+        self.stack.addWidget(self.ready)
         right = QWidget()
         column = QVBoxLayout(right)
         column.setContentsMargins(0, 0, 0, 0)
@@ -85,18 +71,22 @@ class FitPanel(QWidget):
         row.addWidget(self.choices)
         row.addWidget(right, 1)
 
-    def _tabs(self) -> QTabWidget:
-        tabs = QTabWidget()
-        tabs.setDocumentMode(True)
-        tabs.tabBar().setDrawBase(False)
-        for widget, title in (
-            (self.patterns, "Patterns"),
-            (self.parameters, "Parameters"),
-            (self.findings, "Findings"),
-            (self.rounds, "Convergence"),
-        ):
-            tabs.addTab(widget, title)
+    @cached_property
+    def running(self) -> RoundsView:
+        """The rounds of a fit that is at work; made when one is."""
+        return self._made(RoundsView())
+
+    @cached_property
+    def tabs(self) -> FoundTabs:
+        """What a fit found; made when something was: pictures and plots are half of what the page takes."""
+        tabs = self._made(FoundTabs())
+        tabs.place_asked.connect(self.place_asked.emit)
         return tabs
+
+    def _made(self, view: V) -> V:
+        name_controls(view)
+        self.stack.addWidget(view)
+        return view
 
     def _status_card(self) -> QFrame:
         self.status, column = card()
@@ -134,9 +124,7 @@ class FitPanel(QWidget):
         """Show what a fit found; ``note``: what was done or chosen since."""
         if found is not self._found:
             self._found = found
-            self.patterns.show_found(found)
-            self.rounds.show_rounds(rounds, "Fitted while the session was recorded, which keeps no rounds.")
-            self._show_rows(found)
+            self.tabs.show_found(found, rounds)
         self._say(verdict_of(found.fit), "\n".join(filter(None, (detail_of(found), note))), merit_of(found.fit))
         self.stack.setCurrentWidget(self.tabs)
 
@@ -150,40 +138,24 @@ class FitPanel(QWidget):
         self.bar.hide()
         self.status.setVisible(bool(words))
 
-    def _show_rows(self, found: Found) -> None:
-        rows = parameter_rows(found.fit)
-        theme = current_theme()
-        self.parameters.show_rows(
-            [row.texts for row in rows],
-            [row.numbers for row in rows],
-            lambda k, column: theme.accent if column == 5 and rows[k].far else "",
-        )
-        self.findings.show_rows([(one.kind, one.text) for one in findings_of(found.fit)])
-
     def _forget(self) -> None:
-        """Let go of the fit: its patterns may be large, and belong to another H."""
         if self._found is not None:
             self._found = None
-            self.patterns.clear()
-            self.parameters.show_rows([])
-            self.findings.show_rows([])
+            self.tabs.forget()
 
-    # -- choosing --------------------------------------------------------------------------------------
     def show_place(self, place: Place) -> None:
-        """Show the pattern of a position (z, y, x)."""
-        self.patterns.show_place(place)
-        self.tabs.setCurrentWidget(self.patterns)
+        """Show the pattern of a position (z, y, x) of a fit, if there is one."""
+        if self._found is not None:
+            self.tabs.show_place(place)
 
-    def _finding_chosen(self) -> None:
-        found, row = self._found, self.findings.number_of(self.findings.currentRow())
-        if found is not None and row >= 0 and self.findings.selectedIndexes():
-            place = findings_of(found.fit)[row].place
-            if place is not None:
-                self.place_asked.emit(place)
+    def on_patterns(self, action: Callable[[PatternsView], object]) -> None:
+        """Do something with the patterns of a fit, if there is one."""
+        if self._found is not None:
+            action(self.tabs.patterns)
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
-        for widget in (self.patterns, self.rounds, self.running):
-            widget.apply_theme()
-        if self._found is not None:
-            self._show_rows(self._found)
+        for k in range(self.stack.count()):
+            view = self.stack.widget(k)
+            if isinstance(view, RoundsView | FoundTabs):
+                view.apply_theme()

@@ -12,6 +12,7 @@ from PySide6.QtWidgets import QVBoxLayout, QWidget
 from gui.models.display import colour_table
 from gui.pages.fit.model_run import Found, Place
 from gui.theme import current_theme
+from gui.widgets.colour_bar import ColourBar
 from gui.widgets.picture_menu import offer_menu
 from gui.widgets.pixel_axis import count_pixels, pixel_axes
 from gui.widgets.plots import style_axes, theme_plot
@@ -47,7 +48,8 @@ class PlaceMap(QWidget):
         self.plot.hideButtons()
         self.plot.setMouseEnabled(False, False)
         style_axes(self.plot, "source x (px)", "source y (px)")
-        self.bar = pg.ColorBarItem(values=LEAST, width=12, interactive=False, label="χ²", colorMap=VIRIDIS)
+        self.bar = ColourBar(LEAST, label="χ²")
+        self.bar.set_colours(TABLE)
         self.graphics.addItem(self.bar, row=0, col=1)
         self.places: tuple[Place, ...] = ()
         self._tips: dict[Place, str] = {}
@@ -69,7 +71,7 @@ class PlaceMap(QWidget):
         }
         kept = [value for place, value in found.chi2.items() if found.fate(place) != "left out"]
         levels = (min(LEAST[0], *kept), max(LEAST[1], *kept)) if kept else LEAST
-        self.bar.setLevels(values=levels)
+        self.bar.set_levels(levels)
         theme = current_theme()
         spots = []
         for place in self.places:
@@ -95,10 +97,8 @@ class PlaceMap(QWidget):
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
         theme_plot(self.graphics, self.plot)
-        theme = current_theme()
-        self.bar.axis.setPen(theme.line)
-        self.bar.axis.setTextPen(theme.text)
-        self.ring.setPen(pg.mkPen(theme.accent, width=2))
+        self.bar.apply_theme()
+        self.ring.setPen(pg.mkPen(current_theme().accent, width=2))
 
     def _clicked(self, _: Any, spots: Any, *__: Any) -> None:
         if len(spots):
@@ -106,4 +106,3 @@ class PlaceMap(QWidget):
 
 
 TABLE = colour_table("viridis")
-VIRIDIS = pg.ColorMap(np.linspace(0, 1, 256), TABLE)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pyqtgraph as pg
 from numpy.typing import NDArray
 
+from gui.widgets.colour_bar import ColourBar
 from gui.widgets.image_view import ImageView
 
 __all__ = ["MatrixView"]
@@ -32,7 +32,7 @@ class MatrixView(ImageView):
         self.plot.setAspectLocked(square)
         if bar_below:
             self.graphics.removeItem(self.bar)
-            self.bar = pg.ColorBarItem(values=(0, 1), width=10, interactive=False, orientation="h")
+            self.bar = ColourBar(width=10, below=True)
             self.graphics.addItem(self.bar, row=1, col=0)
             self.apply_theme()
 

@@ -13,8 +13,7 @@ from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel, QSlider
 
 from gui.models.display import COLOUR_MAPS, colour_table, to_uint8
 from gui.pages.reconstruct.model_volume import VolumeIntent, VolumePicture, resolve
-from gui.theme import current_theme
-from gui.widgets.image_view import bar_map
+from gui.widgets.colour_bar import ColourBar, bar_table
 from gui.widgets.measured_part import MeasuredPart, entries_at
 from gui.widgets.picture_menu import offer_menu
 from gui.widgets.plots import style_axes, theme_plot
@@ -50,8 +49,7 @@ class VolumeView(QWidget):
         self.yz.setYLink(self.xy)
         self.xz.setXLink(self.xy)
         self.xy.setAspectLocked(True)
-        self.bar = pg.ColorBarItem(values=(0, 1), width=12, interactive=False, label=VALUE, orientation="h")
-        self.bar.axis.enableAutoSIPrefix(False)
+        self.bar = ColourBar(label=VALUE, below=True)
         self.graphics.addItem(self.bar, row=1, col=1)
         offer_menu(
             self.graphics, lambda: "volume", at=lambda p: entries_at(self.graphics, tuple(self.parts.values()), p)
@@ -192,8 +190,7 @@ class VolumeView(QWidget):
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
         theme_plot(self.graphics, self.xy, self.xz, self.yz)
-        self.bar.axis.setPen(current_theme().line)
-        self.bar.axis.setTextPen(current_theme().text)
+        self.bar.apply_theme()
 
     # -- inside ----------------------------------------------------------------------------------------
     def _change(self, **changes: Any) -> None:
@@ -221,8 +218,8 @@ class VolumeView(QWidget):
             line.setValue(getattr(intent, axis))
             line.setVisible(not intent.projection or axis == "z")
         levels = self.parts["xy"].shown_levels()
-        self.bar.setColorMap(bar_map(intent.display.colour_map, intent.display.scale, levels))
-        self.bar.setLevels(values=levels)
+        self.bar.set_colours(bar_table(intent.display.colour_map, intent.display.scale, levels))
+        self.bar.set_levels(levels)
         self.slider.blockSignals(True)
         self.slider.setValue(intent.z)
         self.slider.blockSignals(False)

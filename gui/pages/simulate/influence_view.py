@@ -13,7 +13,7 @@ from PySide6.QtWidgets import QLabel, QVBoxLayout, QWidget
 from gui.models.display import Display, colour_table, levels_of, to_uint8
 from gui.pages.simulate.model_influence import Influence
 from gui.theme import current_theme
-from gui.widgets.image_view import bar_map
+from gui.widgets.colour_bar import ColourBar, bar_table
 from gui.widgets.measured_part import MeasuredPart, entries_at
 from gui.widgets.picture_menu import offer_menu
 from gui.widgets.plots import style_axes, theme_plot
@@ -37,7 +37,7 @@ class InfluenceView(QWidget):
         self.graphics.ci.layout.setHorizontalSpacing(4)
         self.plots: list[pg.PlotItem] = []
         self.items: list[pg.ImageItem] = []
-        self.bars: list[pg.ColorBarItem] = []
+        self.bars: list[ColourBar] = []
         for k, title in enumerate(TITLES):
             self._add_plot(k, title)
         self.graphics.setAccessibleName("pattern with and without the effect")
@@ -72,10 +72,7 @@ class InfluenceView(QWidget):
         if number == 0:
             return
         # one bar for the first two pictures, one for the difference
-        bar = pg.ColorBarItem(values=(0, 1), width=10, interactive=False, orientation="horizontal")
-        # prefixes for the range on screen would scale the ticks
-        bar.axis.setSIPrefixEnableRanges(())
-        bar.axis.enableAutoSIPrefix(False)
+        bar = ColourBar(width=10, below=True)
         self.graphics.addItem(bar, row=1, col=0 if number == 1 else 2, colspan=2 if number == 1 else 1)
         self.bars.append(bar)
 
@@ -91,17 +88,17 @@ class InfluenceView(QWidget):
                 part.take(None)
             return
         pictures = (influence.without, influence.with_it, influence.difference)
-        if before is None:  # colour tables take a while to load: not before a picture is there
+        if before is None:
             for bar, name in zip(self.bars, MAPS[1:], strict=True):
-                bar.setColorMap(bar_map(name, "linear", (0.0, 1.0)))
+                bar.set_colours(bar_table(name, "linear", (0.0, 1.0)))
         common = levels_of(np.stack(pictures[:2]))
         levels = (common, common, levels_of(pictures[2], signed=True))
         for k, (picture, ends) in enumerate(zip(pictures, levels, strict=True)):
             self.parts[k].value = "difference" if k == 2 else influence.value
             self._show(k, picture, self.parts[k].take(picture, ends, influence.origin), influence)
         for bar, part, name in zip(self.bars, self.parts[1:], (influence.value, "difference"), strict=True):
-            bar.setLevels(values=part.shown_levels())
-            bar.axis.setLabel(name)
+            bar.set_levels(part.shown_levels())
+            bar.set_label(name)
         if before != influence.without.shape:
             self.plots[0].autoRange(padding=0.01)
 
@@ -129,5 +126,4 @@ class InfluenceView(QWidget):
         for plot in self.plots:
             plot.titleLabel.setText(plot.titleLabel.text, color=theme.text, size="9pt")
         for bar in self.bars:
-            bar.axis.setPen(theme.line)
-            bar.axis.setTextPen(theme.text)
+            bar.apply_theme()

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from lfcal.errors import InputError
 
@@ -106,6 +105,8 @@ def _spacing(lateral: NDArray[np.float64], depth: NDArray[np.float64]) -> float:
 
 def _neighbours(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
     """Return distances to and numbers of the nearest places; repeats of the place itself are infinitely far."""
+    from scipy.spatial import cKDTree  # a fifth of a second
+
     lengths, near = cKDTree(points).query(points, k=min(NEIGHBOURS + 1, len(points)))
     lengths, near = np.asarray(lengths)[:, 1:], np.asarray(near)[:, 1:]
     # the farthest of the neighbours is one to some steps away, a repeat no more than the stage's noise

@@ -6,7 +6,6 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
-import scipy.fft
 from numpy.typing import NDArray
 
 from lfcal.reconstruct.projectors.grid import Grid
@@ -31,10 +30,10 @@ class PositionFFT:
         self.dtype = dtype
         self.workers = worker_count(workers)
         self.rounding = 20 * float(np.finfo(dtype).eps)
+        from scipy.fft import next_fast_len  # a tenth of a second to load, and few want this method
+
         # The pattern's wrap-around may fall only on the c rows and columns that are cut off.
-        self.shape = tuple(
-            scipy.fft.next_fast_len(n + c, real=True) for n, c in zip(grid.image_shape, grid.centre, strict=True)
-        )
+        self.shape = tuple(next_fast_len(n + c, real=True) for n, c in zip(grid.image_shape, grid.centre, strict=True))
         self.mask = None if phases is None else grid.tiled(phases)
 
     def prepare(self, plane: NDArray[Any]) -> NDArray[Any]:
@@ -82,9 +81,13 @@ class PositionFFT:
                 yield y, x, slice((y - oy) % ny, None, ny), slice((x - ox) % nx, None, nx)
 
     def _transform(self, array: NDArray[Any]) -> NDArray[Any]:
-        spectrum: NDArray[Any] = scipy.fft.rfft2(array, self.shape, workers=self.workers)
+        from scipy.fft import rfft2
+
+        spectrum: NDArray[Any] = rfft2(array, self.shape, workers=self.workers)
         return spectrum
 
     def _inverse(self, spectrum: NDArray[Any]) -> NDArray[Any]:
-        array: NDArray[Any] = scipy.fft.irfft2(spectrum, self.shape, workers=self.workers)
+        from scipy.fft import irfft2
+
+        array: NDArray[Any] = irfft2(spectrum, self.shape, workers=self.workers)
         return array

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import convolve1d
 
 from lfcal.errors import InputError
 from lfcal.threads import for_each_chunk
@@ -136,6 +135,8 @@ class Sieve:
 def _blurred(plane: NDArray[Any], sigma: float) -> NDArray[Any]:
     if sigma < 1 / 3:
         return plane
+    from scipy.ndimage import convolve1d  # slow to load
+
     x = np.arange(-math.ceil(4 * sigma), math.ceil(4 * sigma) + 1)
     kernel = np.exp(-(x**2) / (2 * sigma**2))
     kernel /= kernel.sum()
@@ -145,6 +146,8 @@ def _blurred(plane: NDArray[Any], sigma: float) -> NDArray[Any]:
 def _smooth(plane: NDArray[Any], kernel: NDArray[np.float64]) -> NDArray[Any]:
     if kernel.size == 1:
         return plane
+    from scipy.ndimage import convolve1d
+
     for axis in (0, 1):
         norm = convolve1d(np.ones(plane.shape[axis]), kernel, mode="constant")
         plane = convolve1d(plane, kernel, axis=axis, mode="constant")

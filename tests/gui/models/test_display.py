@@ -2,8 +2,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from matplotlib import colormaps
 
-from gui.models.display import Display, bin_max, colour_table, levels_of, to_uint8
+from gui.models.display import COLOUR_MAPS, Display, bin_max, colour_table, levels_of, to_uint8
 from lfcal.errors import InputError
 
 
@@ -23,6 +24,11 @@ def test_bad_displays() -> None:
         with pytest.raises(InputError):
             Display(**options)
     assert colour_table("viridis").shape == (256, 4)
+
+
+@pytest.mark.parametrize("name", [*COLOUR_MAPS, "RdBu_r"])
+def test_colours_are_those_of_matplotlib(name: str) -> None:
+    np.testing.assert_array_equal(colour_table(name), colormaps[name](np.arange(256), bytes=True))
 
 
 @pytest.mark.parametrize("step", [1, 2, 3, 4, 7])

@@ -10,7 +10,8 @@ from PySide6.QtCore import QEvent, QPointF
 from pytestqt.qtbot import QtBot
 
 from gui.models.display import Display, colour_table
-from gui.widgets.image_view import ImageView, bar_map
+from gui.widgets.colour_bar import bar_table
+from gui.widgets.image_view import ImageView
 from tests.gui.waiting import GUARD_MS
 
 
@@ -43,7 +44,7 @@ def test_the_bar_has_the_colours_of_the_picture(view: ImageView, scale: str) -> 
     view.set_display(Display(scale))
     view.set_image(values, levels=levels)
     shown = colour_table("viridis")[view.item.image[0]]
-    bar = bar_map("viridis", scale, levels).getLookupTable(nPts=256, alpha=True)
+    bar = bar_table("viridis", scale, levels)
     assert np.abs(shown.astype(int) - bar.astype(int)).max() <= 4
 
 

@@ -233,7 +233,7 @@ def test_a_session_from_start_to_h(page: Page, context: Context, qtbot: QtBot, t
     qtbot.waitUntil(lambda: page.record.folder.complete, timeout=GUARD_MS)
     assert "Complete: 24 of 24" in panel.status.text()
     qtbot.waitUntil(lambda: panel.open_plane.isEnabled(), timeout=GUARD_MS)
-    assert "complete" in panel.plane_label.text() and panel.depth_sum.image is not None
+    assert "complete" in panel.plane_label.text() and panel.pictures.depth_sum.image is not None
     assert threads == {threading.main_thread()}, "the recording thread never reaches the window"
 
     went: list[str] = []
@@ -358,5 +358,5 @@ def test_another_project_shows_nothing_of_the_recording_before(
     qtbot.waitUntil(lambda: not context.jobs.busy, timeout=GUARD_MS)
     assert panel.status.text() == "Not recording." and panel.detail.text() == "" and panel.folder_words.text() == ""
     assert panel.buttons["start"].text() == "Start" and not panel.buttons["assemble"].isEnabled()
-    assert panel.frame.item.image is None and np.ptp(np.nan_to_num(panel.map.item.image)) == 0
+    assert panel.pictures.frame.item.image is None and np.ptp(np.nan_to_num(panel.pictures.map.item.image)) == 0
     assert seen[-1] == ("acquire", False)

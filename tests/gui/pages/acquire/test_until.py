@@ -123,7 +123,8 @@ def ended(page: Page, qtbot: QtBot) -> None:
 
 def test_from_start_to_the_page_fit(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
     panel, folder = page.panel.record, tmp_path / "s"
-    assert panel.third.currentWidget() is panel.error and "stated" in panel.third_title.text()
+    shown = panel.pictures
+    assert shown.third.currentWidget() is shown.error and "stated" in shown.third_title.text()
     press(page, "start", qtbot)  # connects first
     qtbot.waitUntil(lambda: page.record.recording, timeout=GUARD_MS)
     recorder = page.record.recorder
@@ -143,13 +144,13 @@ def test_from_start_to_the_page_fit(page: Page, context: Context, qtbot: QtBot, 
     ended(page, qtbot)
     assert panel.status.text().startswith("The wanted error of H is reached")
     steps = page.record.recorder.steps  # type: ignore[union-attr]
-    curve, session = panel.error.curve, SessionFile.read(folder)
+    curve, session = shown.error.curve, SessionFile.read(folder)
     assert curve is not None and curve.positions == tuple(one.positions for one in steps)
-    assert curve.stated[-1] <= 0.27 == curve.wanted and panel.error.wanted.value() == pytest.approx(np.log10(0.27))
-    x, y = panel.error.stated.getData()
+    assert curve.stated[-1] <= 0.27 == curve.wanted and shown.error.wanted.value() == pytest.approx(np.log10(0.27))
+    x, y = shown.error.stated.getData()
     np.testing.assert_allclose(10**y, curve.stated)
-    assert x.tolist() == list(curve.positions) and len(panel.error.aside.points()) == len(steps)
-    assert panel.error.plot.getAxis("left").labelText == "error of H (%)"
+    assert x.tolist() == list(curve.positions) and len(shown.error.aside.points()) == len(steps)
+    assert shown.error.plot.getAxis("left").labelText == "error of H (%)"
     now = folder_state(str(folder))
     assert now.there is not None and now.complete and now.there[before.there].all() and verify(folder).ok
     assert now.there.sum() == curve.positions[-1] == sum(map(len, session.redo))
@@ -192,7 +193,8 @@ def test_the_choice_shows_what_it_needs_and_is_undone(page: Page, context: Conte
     assert panel.until.isVisible()
     panel.extent.setCurrentIndex(0)
     assert AcquireSettings.of(context.state).extent == "whole" and not panel.until.isVisible()
-    assert panel.third.currentWidget() is panel.depth_sum and panel.third_title.text() == "Depth-plane sum"
+    shown = panel.pictures
+    assert shown.third.currentWidget() is shown.depth_sum and shown.third_title.text() == "Depth-plane sum"
     context.project.undo()
     assert panel.until.isVisible() and panel.extent.currentData() == "error"
     editor: Any = panel.until.editor("error")
@@ -203,6 +205,6 @@ def test_the_choice_shows_what_it_needs_and_is_undone(page: Page, context: Conte
     editor.setText("0.5")
     editor.textEdited.emit("0.5")
     assert AcquireSettings.of(context.state).error == pytest.approx(0.005)
-    assert panel.error.wanted.value() == pytest.approx(np.log10(0.5))
+    assert shown.error.wanted.value() == pytest.approx(np.log10(0.5))
     panel.show_status("Stopped by a fault.", "long words on what happened " * 20, 0.5)
     assert page.minimumSizeHint().width() <= 1280 - 178, "long words never make the window wider"

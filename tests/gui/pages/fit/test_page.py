@@ -51,13 +51,13 @@ def test_from_h_to_the_camera(page: Page, qtbot: QtBot) -> None:
     assert found is not None and panel.stack.currentWidget() is panel.tabs and all(button_states(page))
     fit = found.fit
     assert fit.parameters["gap_um"].value == pytest.approx(1.01 * few_patterns().camera.lattice.gap_um, rel=1e-3)  # type: ignore[union-attr]
-    table = panel.parameters
+    table = panel.tabs.parameters
     assert table.rowCount() == len(fit.parameters) == 4
     assert "explains the patterns" in panel.verdict.text()
     assert QColor(LIGHT.good).name() in panel.verdict.styleSheet()
-    kinds = [panel.findings.item(k, 0).text() for k in range(panel.findings.rowCount())]
+    kinds = [panel.tabs.findings.item(k, 0).text() for k in range(panel.tabs.findings.rowCount())]
     assert kinds == ["held", "fitted"]
-    rounds = panel.rounds.error.line.getData()
+    rounds = panel.tabs.rounds.error.line.getData()
     assert len(rounds[0]) >= 3 and rounds[1][-1] < rounds[1][0]
     assert page.context.jobs.jobs()[0].result is None, "jobs are remembered for ever: they must not hold patterns"
 
@@ -65,7 +65,7 @@ def test_from_h_to_the_camera(page: Page, qtbot: QtBot) -> None:
 def test_pictures_of_a_position(fitted: Page) -> None:
     panel, found = fitted.panel, fitted.found
     assert found is not None
-    view = panel.patterns
+    view = panel.tabs.patterns
     assert view.place == found.places[0] and len(view.map.places) == 6
     view.step(2)
     place = found.places[2]
@@ -100,7 +100,7 @@ def fewer(found: Found, count: int) -> Found:
 
 def test_patterns_of_a_fit_with_fewer_of_them(fitted: Page) -> None:
     """The map kept the places of the fit before, and the slider the length of its list."""
-    view, found = fitted.panel.patterns, fitted.found
+    view, found = fitted.panel.tabs.patterns, fitted.found
     assert found is not None
     view.show_place(found.places[-1])
     fitted.panel.show_found(less := fewer(found, 3), ())
@@ -113,7 +113,7 @@ def test_patterns_of_a_fit_with_fewer_of_them(fitted: Page) -> None:
 
 def test_nothing_is_stepped_through_without_a_fit(fitted: Page) -> None:
     """A slider that still had the length of a list that is gone ended in a traceback."""
-    view = fitted.panel.patterns
+    view = fitted.panel.tabs.patterns
     asked: list[object] = []
     view.place_asked.connect(asked.append)
     view.clear()
@@ -126,7 +126,7 @@ def test_nothing_is_stepped_through_without_a_fit(fitted: Page) -> None:
 
 
 def test_pictures_are_zoomed_together(fitted: Page) -> None:
-    view = fitted.panel.patterns
+    view = fitted.panel.tabs.patterns
     QApplication.processEvents()
     box = view.model.plot.getViewBox()
     box.setRange(xRange=(4, 8), yRange=(5, 9), padding=0)
@@ -142,7 +142,7 @@ def test_pictures_are_zoomed_together(fitted: Page) -> None:
 
 
 def test_parameters_are_sorted_by_number_and_copied(fitted: Page, qtbot: QtBot) -> None:
-    table, found = fitted.panel.parameters, fitted.found
+    table, found = fitted.panel.tabs.parameters, fitted.found
     assert found is not None
     table.sortItems(3, Qt.SortOrder.DescendingOrder)
     assert table.item(0, 0).text() == "gap_um" and table.number_of(0) == 0
@@ -168,14 +168,14 @@ def test_an_outlier_is_found_by_its_line(
     idle(page.context.jobs, qtbot)
     panel = page.panel
     assert page.found is not None and len(page.found.fit.outliers) == 1
-    panel.tabs.setCurrentWidget(panel.findings)
-    panel.findings.selectRow(0)
-    assert panel.tabs.currentWidget() is panel.patterns
+    panel.tabs.setCurrentWidget(panel.tabs.findings)
+    panel.tabs.findings.selectRow(0)
+    assert panel.tabs.currentWidget() is panel.tabs.patterns
     one = page.found.fit.outliers[0]
-    assert panel.patterns.place == (one.z, one.y, one.x) and "left out" in panel.patterns.words.text()
-    panel.tabs.setCurrentWidget(panel.findings)
-    panel.findings.cellClicked.emit(0, 1)
-    assert panel.tabs.currentWidget() is panel.patterns, "a row that is selected already is clicked again"
+    assert panel.tabs.patterns.place == (one.z, one.y, one.x) and "left out" in panel.tabs.patterns.words.text()
+    panel.tabs.setCurrentWidget(panel.tabs.findings)
+    panel.tabs.findings.cellClicked.emit(0, 1)
+    assert panel.tabs.currentWidget() is panel.tabs.patterns, "a row that is selected already is clicked again"
 
 
 def test_an_incomplete_model_says_so(fitted: Page) -> None:
@@ -279,7 +279,7 @@ def test_a_fit_made_while_recording_is_taken_over(page: Page, known: Kept, qtbot
         np.testing.assert_array_equal(found.patterns[place], known.found.patterns[place])
         np.testing.assert_allclose(found.model[place], known.found.model[place], rtol=1e-6)
     assert page.settings.positions == 0 and page.settings.auto and "Choices changed" not in panel.detail.text()
-    assert "while the session was recorded" in panel.rounds.words.text()
+    assert "while the session was recorded" in panel.tabs.rounds.words.text()
     page.context.project.undo()
     assert page.settings == GEOMETRY
 
@@ -299,7 +299,8 @@ def test_nothing_of_an_h_is_shown_beside_another(fitted: Page, qtbot: QtBot, tmp
     fitted.context.project.update("open", psf=str(saved(tmp_path / "other.h5")))
     idle(fitted.context.jobs, qtbot)
     assert panel.stack.currentWidget() is panel.ready and not any(button_states(fitted))
-    assert panel.parameters.rowCount() == panel.findings.rowCount() == 0 and panel.patterns.measured.image is None
+    assert panel.tabs.parameters.rowCount() == panel.tabs.findings.rowCount() == 0
+    assert panel.tabs.patterns.measured.image is None
     assert panel.status.isHidden() and panel.choices.source.text().startswith("other.h5")
     gc.collect()
     assert there() is None, "its patterns may be large"

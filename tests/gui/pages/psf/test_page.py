@@ -88,9 +88,9 @@ def test_the_readout_follows_the_picture(page: Any, context: Context, qtbot: QtB
         idle(context.jobs, qtbot)
         unit = "of the light" if page.intent.show == "reference" else "counts"
         assert panel.readout.text() == f"t 2, s 3: {panel.main_view.image[2, 3]:.5g} {unit}", change
-    assert panel.main_view.bar.getAxis("left").labelText == "share of the light"
+    assert panel.main_view.bar.label() == "share of the light"
     page.set_intent(show="measured")
-    assert panel.main_view.bar.getAxis("left").labelText == "intensity (counts)"
+    assert panel.main_view.bar.label() == "intensity (counts)"
     panel.main_view.hovered.emit(-1, -1, float("nan"))
     assert panel.readout.text().startswith("Hover")
 

@@ -1,0 +1,131 @@
+"""A session as it grows: positions of a plane, the frame just recorded, the plane's sum, and curves in scan order."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from PySide6.QtWidgets import QGridLayout, QLabel, QStackedWidget, QWidget
+
+from gui.jobs import Jobs
+from gui.pages.acquire.error_view import TITLE, ErrorView
+from gui.pages.acquire.model_recorder import RecordPicture
+from gui.pages.acquire.model_until import ErrorCurve
+from gui.widgets.cards import card
+from gui.widgets.frame_view import FrameView
+from gui.widgets.image_view import ImageView
+from gui.widgets.naming import name_controls
+from gui.widgets.period_map import PeriodMap
+from gui.widgets.plots import LINES, LinePlot, style_axes
+from lfcal.acquire.preview import LiveFrame
+
+__all__ = ["RecordPictures"]
+
+SUM = "Depth-plane sum"
+
+FLOORS = {"energy": 1.0, "residual": 0.1, "saturated": 1.0}
+"""The least the curves' axes span, so that noise about zero is not blown up."""
+
+
+class RecordPictures(QWidget):
+    """Three pictures above three curves."""
+
+    def __init__(self, jobs: Jobs) -> None:
+        super().__init__()
+        self.map = PeriodMap()
+        self.map.setToolTip("Positions of one period in this plane; dark: not recorded yet")
+        self.map.cross.hide()
+        self.frame = FrameView(jobs, "acquire record frame")
+        style_axes(self.frame.plot, "column in the region read (px)", "row (px)")
+        self.depth_sum = ImageView(value_label="10³ counts")
+        self.depth_sum.setToolTip("Sum of the plane's cutouts so far: it becomes the shape of the aperture")
+        self.third = QStackedWidget()
+        self.third.addWidget(self.depth_sum)
+        self.curves = {
+            "energy": LinePlot("position in scan order", "energy (counts)"),
+            "residual": LinePlot("position in scan order", "residual (px)"),
+            "saturated": LinePlot("position in scan order", "saturated (px)"),
+        }
+        tips = (
+            "Light of each position above the background: constant except for the pattern of the optics",
+            "Lateral difference of measured and target position, in image pixels: below 0.1 px is good",
+            "Saturated pixels in each cutout: should be 0",
+        )
+        for plot, tip in zip(self.curves.values(), tips, strict=True):
+            plot.setToolTip(tip)
+        self._arrange()
+
+    def _arrange(self) -> None:
+        grid = QGridLayout(self)
+        grid.setContentsMargins(0, 0, 0, 0)
+        grid.setSpacing(8)
+        titles = [QLabel(title) for title in ("Period map", "Current frame", SUM)]
+        _, self.frame_title, self.third_title = titles
+        for k, (title, view) in enumerate(zip(titles, (self.map, self.frame, self.third), strict=True)):
+            panel, column = card(title)
+            view.setMinimumSize(120, 110)
+            column.addWidget(view, 1)
+            grid.addWidget(panel, 0, k)
+        for k, plot in enumerate(self.curves.values()):
+            panel, column = card()
+            plot.setMinimumSize(120, 80)
+            column.addWidget(plot)
+            grid.addWidget(panel, 1, k)
+        grid.setRowStretch(0, 5)
+        grid.setRowStretch(1, 3)
+        for k in range(3):
+            grid.setColumnStretch(k, 1)
+
+    @cached_property
+    def error(self) -> ErrorView:
+        """The error of H; made for a session that ends by it."""
+        view = ErrorView()
+        name_controls(view)
+        self.third.addWidget(view)
+        return view
+
+    def show_picture(self, picture: RecordPicture) -> None:
+        """Show map, sum and curves."""
+        values = picture.values
+        if not np.isfinite(values).any():
+            values = np.where(picture.recorded, 1.0, np.nan) if picture.recorded.any() else np.zeros(values.shape)
+        self.map.set_values(values)
+        self.depth_sum.set_image(picture.depth_sum / 1e3, name="depth_sum")
+        for k, (key, (x, y)) in enumerate(picture.curves.items()):
+            self.curves[key].set_curve(key, x, y, colour=LINES[k])
+            top = float(y.max(initial=0.0))
+            self.curves[key].plot.setYRange(0.0, 1.05 * max(top, FLOORS[key]), padding=0)
+
+    def show_error(self, curve: ErrorCurve | None) -> None:
+        """Show the error of H in the place of the depth-plane sum, or that again."""
+        self.third.setCurrentWidget(self.depth_sum if curve is None else self.error)
+        self.third_title.setText(SUM if curve is None else TITLE)
+        if curve is not None and curve != self.error.curve:
+            self.error.show_curve(curve)
+
+    def show_frame(self, frame: LiveFrame, point: tuple[float, float] | None) -> None:
+        """Show the frame just recorded, with its cutout."""
+        data = frame.data
+        self.frame.set_frame(data, (float(data.min()), float(max(data.max(), data.min() + 1))))
+        where = frame.position
+        place = "" if where is None else f", z {where.z}, y {where.y}, x {where.x}"
+        self.frame_title.setText(f"Frame: {frame.what}{place}")
+        if frame.cutout is not None:
+            row, column = frame.cutout.row - frame.roi.row, frame.cutout.column - frame.roi.column
+            image = (0.0, 0.0) if point is None else (point[0] - frame.roi.row, point[1] - frame.roi.column)
+            self.frame.set_cutout(row, column, frame.cutout.shape, image)
+        else:
+            self.frame.clear_cutout()
+
+    def clear_frame(self) -> None:
+        """Show no frame."""
+        self.frame.set_frame(None, (0, 1))
+        self.frame.clear_cutout()
+        self.frame_title.setText("Current frame")
+
+    def apply_theme(self) -> None:
+        """Take the colours of the theme in use."""
+        for view in (self.map, self.frame, self.depth_sum, *self.curves.values()):
+            view.apply_theme()
+        if "error" in vars(self):
+            self.error.apply_theme()

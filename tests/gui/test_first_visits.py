@@ -1,0 +1,75 @@
+"""What the first look at a page loads and makes: the window is held meanwhile."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pyqtgraph as pg
+from pytestqt.qtbot import QtBot
+
+from gui.jobs import Jobs
+from gui.pages.acquire.error_view import ErrorView
+from gui.pages.acquire.panel import AcquirePanel
+from gui.pages.acquire.record_pictures import RecordPictures
+from gui.pages.fit.found_tabs import FoundTabs
+from gui.pages.fit.panel import FitPanel
+from gui.widgets.image_view import ImageView
+
+LOADED = """
+import json, sys, threading
+from pathlib import Path
+heavy, loaded = ("scipy", "matplotlib", "numba", "tifffile", "cv2", "rawpy"), []
+
+def hook(event, arguments):
+    if event == "import" and threading.current_thread() is threading.main_thread():
+        name = arguments[0].partition(".")[0]
+        if name in heavy and name not in loaded:
+            loaded.append(name)
+
+sys.addaudithook(hook)
+from gui.bench_holds import visit_all
+visit_all(Path({folder!r}))
+print(json.dumps(loaded))
+"""
+
+
+def test_no_page_loads_what_only_its_work_needs(tmp_path: Path) -> None:
+    """Scipy and matplotlib took half a second of the first look at a page."""
+    code = LOADED.format(folder=str(tmp_path))
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert json.loads(done.stdout.splitlines()[-1]) == []
+
+
+def test_what_a_fit_finds_has_widgets_only_when_there_is_a_fit(qtbot: QtBot) -> None:
+    panel = FitPanel()
+    qtbot.addWidget(panel)
+    panel.on_patterns(lambda view: view.step(1))
+    panel.show_place((0, 0, 0))
+    panel.apply_theme()
+    assert not panel.findChildren(FoundTabs) and not panel.findChildren(ImageView)
+    assert panel.tabs is panel.tabs and panel.findChildren(FoundTabs) == [panel.tabs]
+
+
+def test_a_picture_is_one_plot(qtbot: QtBot) -> None:
+    """Its colour bar was another one, with four axes and two menus."""
+    view = ImageView()
+    qtbot.addWidget(view)
+    assert [item for item in view.graphics.scene().items() if isinstance(item, pg.PlotItem)] == [view.plot]
+
+
+def test_the_record_tab_draws_a_session_only_where_it_is_looked_at(qtbot: QtBot) -> None:
+    jobs = Jobs()
+    panel = AcquirePanel(jobs)
+    qtbot.addWidget(panel)
+    panel.show()
+    panel.record.clear_frame()
+    panel.record.show_error(None)
+    panel.apply_theme()
+    assert not panel.record.findChildren(RecordPictures)
+    panel.setCurrentWidget(panel.record)
+    assert panel.record.findChildren(RecordPictures) == [panel.record.pictures]
+    assert panel.record.pictures.isVisible() and not panel.record.pictures.findChildren(ErrorView)
+    jobs.close()
