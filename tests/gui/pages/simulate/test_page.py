@@ -15,6 +15,7 @@ from gui.context import Context
 from gui.jobs import JobState
 from gui.pages.simulate.model import SimulateSettings, preview, tolerance_of
 from gui.pages.simulate.model_effects import Verdict, verdict_of
+from gui.pages.simulate.share_bar import TEXT
 from gui.window import MainWindow
 from lfcal.camera import ScanPlan
 from lfcal.progress import Progress
@@ -159,3 +160,26 @@ def test_rungs_that_were_measured_stay_when_measuring_is_stopped(
     assert context.jobs.jobs()[0].state is JobState.CANCELLED
     assert curve._curves["measured"].getOriginalDataset()[0].tolist() == [0.2]
     assert "geometric: 40 % error" in page.panel.curve_hint.text()
+
+
+def test_nothing_is_cut_in_the_table_of_effects_in_a_small_window(window: MainWindow, qtbot: QtBot) -> None:
+    """Verdicts ended in an ellipsis: they repeated the column beside them."""
+    window.resize(1280, 800)
+    window.project.update("plan", plan=small_plan())
+    window.go("simulate")
+    page: Any = window.page("simulate")
+    idle(window.jobs, qtbot)
+    table = page.panel.table
+    metrics, header = table.fontMetrics(), table.header()
+    for name in (row.name for row in page.verdict.rows):
+        item = table.item_of(name)
+        for column in (0, 2, 4):
+            indent = 2 * table.indentation() if column == 0 else 0
+            assert metrics.horizontalAdvance(item.text(column)) + indent + 6 <= table.columnWidth(column), item.text(
+                column
+            )
+        assert metrics.horizontalAdvance(item.text(3)) <= TEXT
+    for column in range(table.columnCount()):
+        assert header.sectionSizeHint(column) <= header.sectionSize(column), table.headerItem().text(column)
+    longest = max((row.brief_text() for row in page.verdict.rows), key=len)
+    assert len(longest) < 20 and "%" not in longest
