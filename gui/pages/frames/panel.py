@@ -76,6 +76,10 @@ class FramesPanel(QWidget):
         self.map = PeriodMap()
         self.map.chosen.connect(self.position_asked.emit)
         self.map.setFixedHeight(190)
+        self.map_words = QLabel("")
+        self.map_words.setProperty("role", "hint")
+        self.map_words.setWordWrap(True)
+        self.map_words.hide()
         self.histogram = LinePlot("sample value (counts)", "pixels")
         self.histogram.plot.setLogMode(False, True)
         self.histogram.setFixedHeight(180)
@@ -127,6 +131,7 @@ class FramesPanel(QWidget):
         column.addWidget(self.position_label)
         column.addLayout(self._plane_line())
         column.addWidget(self.map)
+        column.addWidget(self.map_words)
         column.addWidget(heading("Cutout"))
         column.addWidget(self.crop)
         column.addWidget(self.crop_words)
@@ -230,9 +235,11 @@ class FramesPanel(QWidget):
         blocker.unblock()
         self.map.set_position(y, x)
 
-    def show_map(self, there: NDArray[np.bool_]) -> None:
-        """Show which positions ``(ny, nx)`` of the plane have a frame."""
-        self.map.set_values(there.astype(float), there.astype(int))
+    def show_map(self, there: NDArray[np.bool_], energy: NDArray[np.float64] | None = None, words: str = "") -> None:
+        """Show which positions ``(ny, nx)`` of the plane have a frame, and what light H has of them so far."""
+        self.map.set_values(there.astype(float) if energy is None else energy, there.astype(int))
+        self.map_words.setText(words)
+        self.map_words.setVisible(bool(words))
 
     def show_missing(self, words: str) -> None:
         """Say that there is no frame."""
