@@ -106,11 +106,16 @@ def shades(image: NDArray[np.generic], scale: str, levels: tuple[float, float]) 
 
 
 @lru_cache(maxsize=16)
-def colour_table(name: str) -> NDArray[np.uint8]:
-    """Return the ``(256, 4)`` RGBA table of a colour map."""
+def colour_table(name: str, *, red: bool = False) -> NDArray[np.uint8]:
+    """Return the ``(256, 4)`` RGBA table of a colour map; ``red``: from black to red, as bright as it would be."""
     from matplotlib import colormaps
 
     table: NDArray[np.uint8] = colormaps[name](np.arange(256), bytes=True)
+    if red:
+        brightness = table[:, :3] @ np.array([0.2126, 0.7152, 0.0722])
+        # differences are brightest in the middle, where there is nothing
+        brightness = 255 - brightness if name == DIFFERENCE else brightness
+        table = np.stack([brightness, 0 * brightness, 0 * brightness, table[:, 3]], axis=1).astype(np.uint8)
     return table
 
 

@@ -14,7 +14,7 @@ from PySide6.QtWidgets import QVBoxLayout, QWidget
 from gui.jobs import Jobs
 from gui.models.display import Display, colour_table
 from gui.models.frame_view import Tile, lattice_points, render_tile, visible_tile
-from gui.theme import TYPE_COLOURS
+from gui.theme import TYPE_COLOURS, current_theme
 from gui.widgets.blank import Blank
 from gui.widgets.measuring import Measuring
 from gui.widgets.picture_menu import offer_menu, save_values
@@ -145,6 +145,7 @@ class FrameView(QWidget):
         """Take the colours of the theme in use."""
         theme_plot(self.graphics, self.plot)
         self.blank.apply_theme()
+        self._render()
 
     # -- drawing ---------------------------------------------------------------------------------------
     def view_range(self) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -172,7 +173,8 @@ class FrameView(QWidget):
 
     def _show(self, result: tuple[Tile, NDArray[np.uint8]]) -> None:
         tile, picture = result
-        self.item.setImage(picture, levels=(0, 255), lut=colour_table(self._display.colour_map), autoLevels=False)
+        table = colour_table(self._display.colour_map, red=current_theme().red)
+        self.item.setImage(picture, levels=(0, 255), lut=table, autoLevels=False)
         self.item.setRect(
             QRectF(
                 tile.columns[0] - 0.5, tile.rows[0] - 0.5, picture.shape[1] * tile.step, picture.shape[0] * tile.step

@@ -28,13 +28,13 @@ __all__ = ["ImageView"]
 def bar_map(colour_map: str, scale: str, levels: tuple[float, float]) -> pg.ColorMap:
     """Return the colours of a bar that is linear in the value from level to level, for a scaling of the picture."""
     # where the bar begins matters to a root and a logarithm alone
-    return _bar_map(colour_map, scale, (0.0, 1.0) if scale == "linear" else levels)
+    return _bar_map(colour_map, scale, (0.0, 1.0) if scale == "linear" else levels, current_theme().red)
 
 
 @lru_cache(maxsize=32)
-def _bar_map(colour_map: str, scale: str, levels: tuple[float, float]) -> pg.ColorMap:
+def _bar_map(colour_map: str, scale: str, levels: tuple[float, float], red: bool) -> pg.ColorMap:
     index = shades(np.linspace(*levels, 256), scale, levels)
-    return pg.ColorMap(np.linspace(0, 1, 256), colour_table(colour_map)[(index * 255).astype(int)])
+    return pg.ColorMap(np.linspace(0, 1, 256), colour_table(colour_map, red=red)[(index * 255).astype(int)])
 
 
 class ImageView(QWidget):
@@ -80,6 +80,7 @@ class ImageView(QWidget):
         self._contrast: tuple[float, float] | None = None
         self._value_label = value_label
         self._pointer: QPointF | None = None
+        self._red = current_theme().red
         self._build(f"{xlabel} ({unit})", f"{ylabel} ({unit})", value_label)
         self.graphics.scene().sigMouseMoved.connect(self._moved)
         self.graphics.scene().sigMouseClicked.connect(self._clicked)
@@ -146,7 +147,8 @@ class ImageView(QWidget):
             return
         shown = self._contrast or levels or self._display.levels or levels_of(image, signed=self._signed)
         data = to_uint8(image, self._display, shown)
-        self.item.setImage(data, levels=(0, 255), lut=colour_table(self._display.colour_map), autoLevels=False)
+        table = colour_table(self._display.colour_map, red=current_theme().red)
+        self.item.setImage(data, levels=(0, 255), lut=table, autoLevels=False)
         rows, columns = image.shape
         rect = QRectF(origin[1] - step / 2, origin[0] - step / 2, columns * step, rows * step)
         self.item.setRect(rect)
@@ -160,7 +162,7 @@ class ImageView(QWidget):
     def _show_bar(self, levels: tuple[float, float]) -> None:
         """Change the colour bar only if need be: its axis is slow to draw."""
         scale = self._display.scale
-        look = (self._display.colour_map, scale, None if scale == "linear" else levels)
+        look = (self._display.colour_map, current_theme().red, scale, None if scale == "linear" else levels)
         if look != self._bar_look:
             self._bar_look = look
             self.bar.setColorMap(bar_map(self._display.colour_map, scale, levels))
@@ -227,6 +229,9 @@ class ImageView(QWidget):
         theme_plot(self.graphics, self.plot)
         self.blank.apply_theme()
         theme = current_theme()
+        if theme.red != self._red:
+            self._red = theme.red
+            self.set_display(self._display)
         for axis in (self.bar.axis,):
             axis.setPen(theme.line)
             axis.setTextPen(theme.text)

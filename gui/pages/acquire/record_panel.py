@@ -80,6 +80,8 @@ class RecordPanel(QWidget):
         Open the H of a complete plane.
     extent_asked(key)
         One of `EXTENTS` is wanted.
+    told()
+        Status, detail or alarms are others.
     """
 
     pressed = Signal(str)
@@ -88,6 +90,7 @@ class RecordPanel(QWidget):
     view_changed = Signal()
     plane_asked = Signal(int)
     extent_asked = Signal(str)
+    told = Signal()
 
     def __init__(self, jobs: Jobs, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -176,7 +179,7 @@ class RecordPanel(QWidget):
         for k, (title, view) in enumerate((("Period map", self.map), ("Current frame", self.frame), (SUM, self.third))):
             label = QLabel(title)
             panel, column = card(label)
-            view.setMinimumSize(120, 110)
+            view.setMinimumSize(120, 104)
             column.addWidget(view, 1)
             grid.addWidget(panel, 1, k)
             if view is self.frame:
@@ -185,7 +188,7 @@ class RecordPanel(QWidget):
                 self.third_title = label
         for k, plot in enumerate(self.curves.values()):
             panel, column = card()
-            plot.setMinimumSize(120, 80)
+            plot.setMinimumSize(120, 64)
             column.addWidget(plot)
             grid.addWidget(panel, 2, k)
         grid.setRowStretch(1, 5)
@@ -261,6 +264,7 @@ class RecordPanel(QWidget):
         self.bar.setRange(0, 0 if fraction is None else 1000)
         if fraction is not None:
             self.bar.setValue(round(1000 * fraction))
+        self.told.emit()
 
     def show_picture(self, picture: RecordPicture, plane_words: str) -> None:
         """Show map, sum, curves and alarms."""
@@ -278,6 +282,7 @@ class RecordPanel(QWidget):
         words = "<br>".join(picture.alarms)
         self.alarms.setText(f"<b style='color:{theme.bad}'>{words}</b>" if words else "")
         self.alarms.setVisible(bool(words))
+        self.told.emit()
         self.open_plane.setEnabled(picture.complete)
 
     def show_error(self, curve: ErrorCurve | None) -> None:
