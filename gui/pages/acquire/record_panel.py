@@ -52,7 +52,11 @@ BUTTONS = (
         "Stop the stage now and discard the current frame; recorded positions are safe and the session can be resumed",
     ),
     ("redo", "Record again", "Record the positions listed by the Quality page again; the later frame is used"),
-    ("assemble", "Assemble H …", "Crop and stack what is recorded into H; darks are subtracted where there are any"),
+    (
+        "assemble",
+        "Assemble H …",
+        "Make H of the cutouts of what is recorded, less darks where there are any",
+    ),
     ("fit", "Fit", "Assemble what is recorded into H.h5 of the session's folder, and go on with it on the page Fit"),
     ("pack", "Pack", "Compress the finished recording; every frame is checked"),
 )

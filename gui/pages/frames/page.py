@@ -66,7 +66,7 @@ class Page(BasePage):
             self.start_import,
         )
         self.assemble_button = self.tool_button(
-            "Assemble H", "Correct, crop and stack all frames into H", self.assemble, primary=True
+            "Assemble H", "Correct all frames, and make H of their cutouts", self.assemble, primary=True
         )
         self.play_timer = QTimer(self)
         self.play_timer.setInterval(PLAY_MS)

@@ -48,7 +48,7 @@ def aperture_words(aperture: Aperture, expected: Aperture | None = None) -> str:
     rows = "".join(
         f"<tr><td {GAP}>{name}</td>{_value(value)}<td>{there[name]}</td></tr>" for name, value in found.items()
     )
-    return f"{refused}<table cellspacing='0' cellpadding='0'>{head}{rows}</table>"
+    return f"{refused}<table cellspacing='0' cellpadding='0' style='font-size:9pt'>{head}{rows}</table>"
 
 
 def _bare(text: str) -> str:

@@ -151,7 +151,7 @@ class Page(BasePage):
         def load(k: int) -> None:
             if k < 2 * count and matrix is self.matrix:
                 known = partial(_sum_of if k < count else _apertures_of, matrix, k % count)
-                self.context.jobs.compute("psf sums", known, lambda found: done(k, found), lambda _: done(k, {}))
+                self.context.jobs.compute("psf planes", known, lambda found: done(k, found), lambda _: done(k, {}))
 
         def done(k: int, found: dict[str, Any]) -> None:
             if matrix is self.matrix:

@@ -123,7 +123,7 @@ class PSFPanel(QWidget):
         self.main_view.clicked.connect(self.clicked.emit)
         self.map = PeriodMap()
         self.map.chosen.connect(lambda y, x: self.asked.emit({"y": y, "x": x}))
-        self.strip = DepthStrip(72)
+        self.strip = DepthStrip(64)
         self.strip.chosen.connect(lambda z: self.asked.emit({"z": z}))
         self.apertures: Apertures | None = None
         self.profile = LinePlot("pixel from the cutout's centre (px)", "intensity (counts)")

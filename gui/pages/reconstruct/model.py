@@ -81,7 +81,7 @@ FIELDS = (
     ),
     Field(
         "threshold",
-        "Crop H below",
+        "Ignore H below",
         "% of peak",
         "Entries of H below this share of their plane's peak count as zero: faster, less exact",
         scale=0.01,
@@ -167,7 +167,7 @@ class ReconstructSettings(PageSettings):
         if not 1 <= self.iterations <= 100_000:
             raise InputError.expected("iterations", "1 to 100000", self.iterations, "correct it")
         if not 0 <= self.threshold < 1:
-            raise InputError.expected("crop H below", "0 to 100 % of the peak", self.threshold, "correct it")
+            raise InputError.expected("ignore H below", "0 to 100 % of the peak", self.threshold, "correct it")
         if not 0 <= self.within < 1:
             raise InputError.expected("within", "0 to 100 % of the light", self.within, "correct it")
         if self.margin is not None and self.margin < 0:
