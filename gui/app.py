@@ -24,7 +24,7 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     )
     parser.add_argument("project", nargs="?", type=Path, help="project to open (.lfcal)")
     parser.add_argument("--demo", action="store_true", help="open the sample project")
-    parser.add_argument("--theme", choices=("light", "dark"), help="colours")
+    parser.add_argument("--theme", choices=("light", "dark", "night"), help="colours")
     return parser.parse_args(arguments)
 
 
@@ -79,7 +79,7 @@ def make_window(app: object, options: argparse.Namespace, *, folder: Path | None
 
     from gui.models.project import Project
     from gui.preferences import apply_threads
-    from gui.theme import DARK, LIGHT, apply_theme
+    from gui.theme import LIGHT, THEMES, apply_theme
     from gui.window import MainWindow
 
     assert isinstance(app, QApplication)
@@ -89,7 +89,7 @@ def make_window(app: object, options: argparse.Namespace, *, folder: Path | None
     settings = QSettings(str(place / "window.ini"), QSettings.Format.IniFormat)
     apply_threads(settings)
     theme = options.theme or settings.value("theme", "light")
-    apply_theme(app, DARK if theme == "dark" else LIGHT)
+    apply_theme(app, THEMES.get(str(theme), LIGHT))
     return MainWindow(Project(), place, settings)
 
 

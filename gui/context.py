@@ -36,6 +36,8 @@ class Context(QObject):
         A line for the log and the status bar.
     attention(page, flag)
         A page found something that needs the user.
+    theme_asked(name)
+        A page wants another theme.
     theme_changed()
         Colours changed; plots redraw.
     fitted_changed()
@@ -47,6 +49,7 @@ class Context(QObject):
     help_asked = Signal(str, str)
     message = Signal(str)
     attention = Signal(str, bool)
+    theme_asked = Signal(str)
     theme_changed = Signal()
     fitted_changed = Signal()
 

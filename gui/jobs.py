@@ -21,13 +21,18 @@ from PySide6.QtCore import QObject, QTimer, Signal
 from gui.garbage import Collector
 from gui.loads import Loads
 from gui.models.history import Taken
+from gui.models.job_log import JobLog, notes_of, warnings_to
 from gui.workers import Workers, keep, wait_for, words_of
 from lfcal.errors import Cancelled
 from lfcal.progress import Progress, Work
+from lfcal.units import format_seconds
 
 __all__ = ["JOBS_S", "Job", "JobState", "Jobs"]
 
 POLL_MS = 8
+TELL_S = 0.03
+"""Between two records of a job that are told (s)."""
+
 JOBS_S, COMPUTATIONS_S, LOADS_S = 30.0, 5.0, 1.0
 """How long closing waits for jobs, which clean up behind themselves, for computations, and for files (s)."""
 
@@ -79,6 +84,15 @@ class Job:
         """Whether the job waits or runs."""
         return self.state in (JobState.WAITING, JobState.RUNNING)
 
+    def ended_words(self) -> str:
+        """Return how it ended, with the time it took."""
+        took = "" if self.progress is None else format_seconds(self.progress.seconds)
+        if self.state is JobState.FAILED:
+            return f"failed: {self.error}"
+        if self.state is JobState.CANCELLED:
+            return f"stopped after {took}" if self.progress is not None and self.progress.seconds else "stopped"
+        return f"done in {took}" if took else "done"
+
 
 class Jobs(QObject):
     """Run `lfcal.progress.Work` in threads; report in the window's thread."""
@@ -97,6 +111,9 @@ class Jobs(QObject):
         self._queue: queue.SimpleQueue[tuple[str, Any]] = queue.SimpleQueue()
         self._numbers = itertools.count(1)
         self._jobs: dict[int, Job] = {}
+        self._logs: dict[int, JobLog] = {}
+        self._newest: dict[int, Progress] = {}  # put there by the threads of jobs, taken out by the window's
+        self._told: dict[int, float] = {}
         self._stops: dict[int, threading.Event] = {}
         self._threads: dict[int, threading.Thread] = {}
         self._callbacks: dict[int, tuple[Callable[[Any], None] | None, Callable[[Job], None] | None]] = {}
@@ -135,6 +152,8 @@ class Jobs(QObject):
         number = next(self._numbers)
         job = Job(number, title, page, taken=taken)
         self._jobs[number] = job
+        step = None if taken is None else taken.step
+        self._logs[number] = JobLog(title, "" if step is None else step.shell())
         self._stops[number] = threading.Event()
         self._callbacks[number] = (on_done, on_failed)
         if abandon:
@@ -149,32 +168,40 @@ class Jobs(QObject):
         return number
 
     def _run(self, number: int, work: Callable[[], Work[Any]]) -> None:
+        log = self._logs[number]
+        with warnings_to(lambda words: log.say("warning", words)):
+            self._follow(number, work, log)
+
+    def _follow(self, number: int, work: Callable[[], Work[Any]], log: JobLog) -> None:
         stop = self._stops[number]
-        latest = 0.0
         try:
             running = work()
             try:
                 while True:
                     record = next(running)
+                    log.follow(record)
                     if stop.is_set():
                         raise Cancelled("stopped")
-                    now = time.monotonic()
-                    if now - latest > 0.03 or record.done == record.total:
-                        latest = now
-                        self._queue.put(("progress", (number, record)))
+                    self._newest[number] = record
             except StopIteration as end:
                 self._queue.put(("done", (number, end.value)))
             finally:
                 running.close()
         except Cancelled:
-            self._queue.put(("cancelled", number))
+            self._queue.put(("cancelled", (number,)))
         except BaseException as error:
             keep(f"job {number}", error)
             self._queue.put(("failed", (number, words_of(error), traceback.format_exc())))
 
+    def log(self, number: int) -> JobLog:
+        """Return what a job did and said so far."""
+        return self._logs[number]
+
     def cancel(self, number: int) -> None:
         """Ask a job to stop; it cleans up behind itself."""
         if number in self._stops:
+            if not self._stops[number].is_set():
+                self._logs[number].say("stop", "asked to stop")
             self._stops[number].set()
             opening = number in self._opening and self._jobs[number].progress is None
             if opening or number in self._left:
@@ -265,23 +292,28 @@ class Jobs(QObject):
 
     # -- the window's thread ---------------------------------------------------------------------------
     def _take(self) -> None:
-        newest: dict[int, Progress] = {}
         while True:
             try:
                 kind, data = self._queue.get_nowait()
             except queue.Empty:
                 break
-            if kind == "progress":
-                newest[data[0]] = data[1]
-            else:
-                if kind == "done" and data[0] in newest:  # how long a short job took
-                    self._change(data[0], progress=newest.pop(data[0]))
-                self._handle(kind, data)
-        for number, record in newest.items():
-            if self._jobs[number].active:
-                self._change(number, state=JobState.RUNNING, progress=record)
+            if kind in ("done", "cancelled", "failed"):  # how far it came, and how long a short job took
+                self._tell(data[0], ended=kind == "done")
+            self._handle(kind, data)
+        for number in tuple(self._newest):
+            if time.monotonic() - self._told.get(number, 0.0) > TELL_S:
+                self._tell(number)
         if not self.busy:
             self._timer.stop()
+
+    def _tell(self, number: int, *, ended: bool = False) -> None:
+        """Tell the newest record of a job; it is never dropped: the next may be long in coming."""
+        record = self._newest.pop(number, None)
+        if record is None or not self._jobs[number].active:
+            return
+        self._told[number] = time.monotonic()
+        state = self._jobs[number].state if ended else JobState.RUNNING
+        self._change(number, state=state, progress=record)
 
     def _handle(self, kind: str, data: Any) -> None:
         if kind == "call":
@@ -296,7 +328,7 @@ class Jobs(QObject):
         elif kind == "done":
             self._end(data[0], state=JobState.DONE, result=data[1])
         elif kind == "cancelled":
-            self._end(data, state=JobState.CANCELLED)
+            self._end(data[0], state=JobState.CANCELLED)
         elif kind == "failed":
             number, words, details = data
             self._end(number, state=JobState.FAILED, error=words, details=details)
@@ -311,6 +343,7 @@ class Jobs(QObject):
         if not self._jobs[number].active:  # it was abandoned before
             return
         job = self._change(number, **changes)
+        self._log_end(job)
         self._opening.discard(number)
         self._left.discard(number)
         self._threads.pop(number).join(join_s)
@@ -327,6 +360,14 @@ class Jobs(QObject):
                 on_failed(job)
         finally:  # whoever waits for the end hears of it, whatever its result met with
             self.finished.emit(job)
+
+    def _log_end(self, job: Job) -> None:
+        log = self._logs[job.number]
+        for note in notes_of(job.result):
+            log.say("note", note)
+        if job.state is JobState.DONE and job.taken is not None and job.taken.out:
+            log.say("wrote", job.taken.out)
+        log.end(job.ended_words(), job.details)
 
     def close(self, wait_s: float = JOBS_S) -> None:
         """Stop everything and wait for the threads, for jobs at most ``wait_s``; nothing reports afterwards."""

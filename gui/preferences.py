@@ -7,14 +7,14 @@ import os
 from PySide6.QtCore import QSettings, Qt, Signal
 from PySide6.QtWidgets import QCheckBox, QDialog, QFormLayout, QLabel, QPushButton, QSpinBox, QVBoxLayout, QWidget
 
-from gui.theme import DARK, current_theme, style_sheet
+from gui.theme import current_theme, style_sheet
 from gui.widgets.cards import choice_box, line
 from lfcal.system import processors
 from lfcal.threads import WORKERS
 
 __all__ = ["Preferences", "apply_threads", "welcome_wanted"]
 
-THEMES = (("light", "light"), ("dark", "dark"))
+THEMES = (("light", "light"), ("dark", "dark"), ("night", "red on black, for a dark lab"))
 
 
 def welcome_wanted(settings: QSettings) -> bool:
@@ -35,7 +35,7 @@ class Preferences(QDialog):
     Signals
     -------
     theme_asked(name)
-        ``"light"`` or ``"dark"``.
+        Of one of the themes.
     layout_reset()
         Docks and size as at first.
     """
@@ -78,7 +78,7 @@ class Preferences(QDialog):
         close.clicked.connect(self.close)
 
     def _show(self) -> None:
-        self.theme.setCurrentIndex(self.theme.findData("dark" if current_theme() is DARK else "light"))
+        self.theme.setCurrentIndex(self.theme.findData(current_theme().name))
         count = self.settings.value("threads", 0, type=int)
         self.threads.setValue(count if isinstance(count, int) else 0)
         self.welcome.setChecked(welcome_wanted(self.settings))

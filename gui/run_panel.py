@@ -5,9 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from PySide6.QtCore import Qt, QTimer
-from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QLabel, QWidget
 
 from gui.jobs import Jobs
+from gui.widgets.headed_card import HeadedCard
 from gui.widgets.rows_table import RowsTable
 from lfcal.work import parts_folder, read_run
 from lfcal.work.journal import JOURNAL
@@ -37,39 +38,24 @@ def look(run: Path) -> RunTable:
     return run_table(read_run(folder))
 
 
-class RunView(QFrame):
+class RunView(HeadedCard):
     """One run, looked at every second until it is dismissed."""
 
     def __init__(self, jobs: Jobs, run: Path, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+        super().__init__(run.name, parent)
         self._jobs, self._run = jobs, run
         self._rows: tuple[tuple[str, ...], ...] = ()
         self._gone = False
-        self.setProperty("role", "card")
-        outer = QVBoxLayout(self)
-        outer.setContentsMargins(10, 6, 10, 6)
-        outer.setSpacing(4)
-        line = QHBoxLayout()
-        self.headline = QLabel(run.name)
-        self.headline.setProperty("role", "heading")
-        self.pace = QLabel("")
-        self.pace.setProperty("role", "hint")
-        button = QPushButton("Dismiss")
-        button.setToolTip("Watch this run no longer; it goes on")
-        button.clicked.connect(self._dismiss)
-        line.addWidget(self.headline)
-        line.addWidget(self.pace, 1)
-        line.addWidget(button)
-        outer.addLayout(line)
+        self.add_button("Dismiss", "Watch this run no longer; it goes on", self._dismiss)
         self.place = QLabel("")
         self.place.setOpenExternalLinks(True)
         self.place.setTextInteractionFlags(Qt.TextInteractionFlag.TextBrowserInteraction)
         self.place.hide()
-        outer.addWidget(self.place)
+        self.column.addWidget(self.place)
         self.table = RowsTable(HEADER, wide=5)
         self.table.setAccessibleName(f"Units of {run.name}")
         self.table.setFixedHeight(HEIGHT)
-        outer.addWidget(self.table)
+        self.column.addWidget(self.table)
         self._timer = QTimer(self)
         self._timer.setInterval(EVERY_MS)
         self._timer.timeout.connect(self.refresh)
@@ -84,8 +70,8 @@ class RunView(QFrame):
         """Show where the run stands."""
         if self._gone:  # dismissed while its journal was read
             return
-        self.headline.setText(found.headline)
-        self.pace.setText(found.pace)
+        self.title.setText(found.headline)
+        self.status.setText(found.pace)
         self.place.setText(f'watch its workers at <a href="{found.place}">{found.place}</a>' if found.place else "")
         self.place.setVisible(bool(found.place))
         if found.rows != self._rows:  # or the order that a click gave it would be lost every second
@@ -95,10 +81,9 @@ class RunView(QFrame):
 
     def _lost(self, words: str) -> None:
         if not self._gone:
-            self.pace.setText(words)
+            self.status.setText(words)
 
     def _dismiss(self) -> None:
         self._gone = True
         self._timer.stop()
-        self.setParent(None)
-        self.deleteLater()
+        self.leave()

@@ -19,7 +19,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m gui.screenshots", description=main.__doc__)
     parser.add_argument("out", type=Path, help="folder to write into")
     parser.add_argument("--page", action="append", help="only these pages")
-    parser.add_argument("--theme", choices=("light", "dark"), action="append", help="only this theme")
+    parser.add_argument("--theme", choices=("light", "dark", "night"), action="append", help="only this theme")
     parser.add_argument("--size", action="append", help="only this size, e.g. 1280x800")
     parser.add_argument("--settle", type=float, default=SETTLE_S, help="seconds to wait for each page")
     options = parser.parse_args(arguments)

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from PySide6.QtGui import QColor, QPalette
 from PySide6.QtWidgets import QApplication
 
-__all__ = ["DARK", "LIGHT", "TYPE_COLOURS", "Theme", "apply_theme", "current_theme", "style_sheet"]
+__all__ = ["DARK", "LIGHT", "NIGHT", "THEMES", "TYPE_COLOURS", "Theme", "apply_theme", "current_theme", "style_sheet"]
 
 
 @dataclass(frozen=True)
 class Theme:
-    """Colours of one theme, as ``#rrggbb``."""
+    """Colours of one theme, as ``#rrggbb``; ``red``: pictures are red on black, too."""
 
     name: str
     window: str
@@ -27,6 +27,7 @@ class Theme:
     fair: str
     bad: str
     plot: str
+    red: bool = False
 
 
 LIGHT = Theme(
@@ -59,6 +60,26 @@ DARK = Theme(
     "#ef5350",
     "#1e222a",
 )
+
+NIGHT = Theme(
+    "night",
+    "#000000",
+    "#080000",
+    "#1f0503",
+    "#4d110c",
+    "#ff5a45",
+    "#b23a2c",
+    "#c9301c",
+    "#000000",
+    "#c9301c",
+    "#ff8a5c",
+    "#ff2010",
+    "#030000",
+    red=True,
+)
+"""For a dark lab: nothing but red, which eyes that are used to the dark hardly see as light."""
+
+THEMES = {theme.name: theme for theme in (LIGHT, DARK, NIGHT)}
 
 TYPE_COLOURS = ("#2a8fc4", "#d9772b", "#2aa37b")
 """Of the lens types, in both themes."""
@@ -144,6 +165,8 @@ QPushButton:hover {{ border-color: {accent}; }}
 QPushButton:disabled {{ color: {muted}; background: {window}; }}
 QPushButton:checked {{ background: {accent}; color: {accent_text}; border-color: {accent}; }}
 QPushButton[role="primary"] {{ background: {accent}; color: {accent_text}; border-color: {accent}; font-weight: 600; }}
+QPushButton[role="big"] {{ font-size: 16pt; font-weight: 600; min-height: 62px; padding: 4px 10px; }}
+QLabel[role="big"] {{ font-size: 17pt; font-weight: 600; color: {text}; }}
 QPushButton[role="primary"]:disabled {{ background: {raised}; color: {muted}; border-color: {line}; }}
 QLineEdit, QPlainTextEdit, QTextEdit {{
     background: {panel}; border: 1px solid {line}; border-radius: 4px; padding: 3px 6px;

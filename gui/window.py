@@ -32,7 +32,7 @@ from gui.models.project import Project, ProjectState
 from gui.palette import Palette, doable
 from gui.project_files import ProjectFiles
 from gui.scripts import Scripts
-from gui.theme import DARK, LIGHT, apply_theme, current_theme, style_sheet
+from gui.theme import DARK, LIGHT, THEMES, apply_theme, current_theme, style_sheet
 from gui.tools import Tools
 from gui.widgets.naming import name_controls
 from gui.workers import LOG
@@ -83,21 +83,25 @@ class MainWindow(QMainWindow):
         self.tools, self.scripts = Tools(self, folder), Scripts(self)
         self.menus = WindowMenus(self)
         self._style()
-        self.context.state_changed.connect(self._state_changed)
-        self.context.go.connect(self.go)
-        self.context.help_asked.connect(self.show_manual)
-        self.context.message.connect(self.log)
-        self.context.attention.connect(self._set_attention)
-        self.files.message.connect(self.log)
-        self.files.saved.connect(self._refresh)
-        self.jobs.changed.connect(self._job_changed)
-        self.jobs.trouble.connect(self.log)
+        self._connect()
         self.resize(*SIZE)
         self._restore()
         self.rail.setCurrentRow(0)
         self._refresh()
         for reason in PAGES.failures().values():
             self.log(reason)
+
+    def _connect(self) -> None:
+        self.context.state_changed.connect(self._state_changed)
+        self.context.go.connect(self.go)
+        self.context.help_asked.connect(self.show_manual)
+        self.context.message.connect(self.log)
+        self.context.theme_asked.connect(self._use_theme)
+        self.context.attention.connect(self._set_attention)
+        self.files.message.connect(self.log)
+        self.files.saved.connect(self._refresh)
+        self.jobs.changed.connect(self._job_changed)
+        self.jobs.trouble.connect(self.log)
 
     # -- building --------------------------------------------------------------------------------------
     def _build_centre(self) -> None:
@@ -262,12 +266,15 @@ class MainWindow(QMainWindow):
         self.set_theme("light" if current_theme() is DARK else "dark")
 
     def set_theme(self, name: str) -> None:
-        """Use the theme ``"light"`` or ``"dark"``."""
+        """Use a theme by its name, ``"light"``, ``"dark"`` or ``"night"``, also from the next start on."""
+        self._use_theme(name)
+        self.settings.setValue("theme", name)
+
+    def _use_theme(self, name: str) -> None:
         app = QApplication.instance()
         assert isinstance(app, QApplication)
-        apply_theme(app, DARK if name == "dark" else LIGHT)
+        apply_theme(app, THEMES.get(name, LIGHT))
         self._style()
-        self.settings.setValue("theme", name)
         self.context.theme_changed.emit()
         self._refresh()
 

@@ -110,10 +110,18 @@ def shades(image: NDArray[np.generic], scale: str, levels: tuple[float, float]) 
 
 
 @lru_cache(maxsize=16)
-def colour_table(name: str) -> NDArray[np.uint8]:
-    """Return the ``(256, 4)`` RGBA table of a colour map: one of `COLOUR_MAPS`, or that of differences."""
-    red_green_blue = np.load(COLOURS)[(*COLOUR_MAPS, DIFFERENCE).index(name)]
-    return np.column_stack([red_green_blue, np.full(256, 255, np.uint8)])
+def colour_table(name: str, *, red: bool = False) -> NDArray[np.uint8]:
+    """Return the ``(256, 4)`` RGBA table of a colour map: one of `COLOUR_MAPS`, or that of differences.
+
+    ``red``: from black to red, as bright as it would be.
+    """
+    colours = np.load(COLOURS)[(*COLOUR_MAPS, DIFFERENCE).index(name)]
+    if red:
+        brightness = colours @ np.array([0.2126, 0.7152, 0.0722])
+        # differences are brightest in the middle, where there is nothing
+        brightness = 255 - brightness if name == DIFFERENCE else brightness
+        colours = np.column_stack([brightness, 0 * brightness, 0 * brightness])
+    return np.column_stack([colours, np.full(256, 255)]).astype(np.uint8)
 
 
 @njit()

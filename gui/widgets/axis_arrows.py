@@ -6,6 +6,8 @@ from PySide6.QtCore import QEvent, QObject, QPointF, QSize, Qt
 from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF
 from PySide6.QtWidgets import QWidget
 
+from gui.theme import current_theme
+
 __all__ = ["AxisArrows"]
 
 WIDTH, HEIGHT, MARGIN = 184, 132, 14
@@ -57,11 +59,12 @@ class AxisArrows(QWidget):
         font = painter.font()
         font.setPixelSize(11)
         painter.setFont(font)
-        corner = QPointF(12, 12)
-        _arrow(painter, corner, (0.0, 1.0), SENSOR, "column")
-        _arrow(painter, corner, (1.0, 0.0), SENSOR, "row")
+        corner, theme = QPointF(12, 12), current_theme()
+        sensor, stage = (QColor(theme.muted), QColor(theme.text)) if theme.red else (SENSOR, STAGE)
+        _arrow(painter, corner, (0.0, 1.0), sensor, "column")
+        _arrow(painter, corner, (1.0, 0.0), sensor, "row")
         for words, down, right in self.arrows:
-            _arrow(painter, MIDDLE, (down, right), STAGE, f"stage {words}")
+            _arrow(painter, MIDDLE, (down, right), stage, f"stage {words}")
         painter.end()
 
 

@@ -28,13 +28,13 @@ VALUES_PX = 45
 def bar_table(colour_map: str, scale: str, levels: tuple[float, float]) -> NDArray[np.uint8]:
     """Return the colours ``(256, 4)`` of a bar that is linear in the value from level to level, for a scaling."""
     # where the bar begins matters to a root and a logarithm alone
-    return _bar_table(colour_map, scale, (0.0, 1.0) if scale == "linear" else levels)
+    return _bar_table(colour_map, scale, (0.0, 1.0) if scale == "linear" else levels, current_theme().red)
 
 
 @lru_cache(maxsize=32)
-def _bar_table(colour_map: str, scale: str, levels: tuple[float, float]) -> NDArray[np.uint8]:
+def _bar_table(colour_map: str, scale: str, levels: tuple[float, float], red: bool) -> NDArray[np.uint8]:
     index = shades(np.linspace(*levels, 256), scale, levels)
-    return colour_table(colour_map)[(index * 255).astype(int)]
+    return colour_table(colour_map, red=red)[(index * 255).astype(int)]
 
 
 class _Strip(pg.GraphicsWidget):

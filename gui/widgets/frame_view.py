@@ -14,17 +14,17 @@ from PySide6.QtWidgets import QVBoxLayout, QWidget
 from gui.jobs import Jobs
 from gui.models.display import Display, colour_table
 from gui.models.frame_view import Tile, lattice_points, render_tile, visible_tile
-from gui.theme import TYPE_COLOURS
+from gui.theme import TYPE_COLOURS, current_theme
 from gui.widgets.blank import Blank
-from gui.widgets.measuring import Measuring
-from gui.widgets.picture_menu import offer_menu, save_values
+from gui.widgets.measured import Measured
+from gui.widgets.picture_menu import offer_menu
 from gui.widgets.plots import style_axes, theme_plot
 from lfcal.camera import Camera
 
 __all__ = ["FrameView"]
 
 
-class FrameView(QWidget):
+class FrameView(Measured, QWidget):
     """Show a frame with the lattice and the cutout drawn over it.
 
     Signals
@@ -37,6 +37,8 @@ class FrameView(QWidget):
         There is another frame, or none.
     """
 
+    copied = False
+
     hovered = Signal(int, int, float)
     drawn = Signal()
     picture_changed = Signal()
@@ -46,7 +48,6 @@ class FrameView(QWidget):
         self._jobs, self._group = jobs, group
         self._frame: NDArray[Any] | None = None
         self._display, self._levels = Display(), (0.0, 1.0)
-        self._contrast: tuple[float, float] | None = None
         self._camera: Camera | None = None
         self._tile: Tile | None = None
         self._pointer: QPointF | None = None
@@ -145,6 +146,7 @@ class FrameView(QWidget):
         """Take the colours of the theme in use."""
         theme_plot(self.graphics, self.plot)
         self.blank.apply_theme()
+        self._render()
 
     # -- drawing ---------------------------------------------------------------------------------------
     def view_range(self) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -172,7 +174,8 @@ class FrameView(QWidget):
 
     def _show(self, result: tuple[Tile, NDArray[np.uint8]]) -> None:
         tile, picture = result
-        self.item.setImage(picture, levels=(0, 255), lut=colour_table(self._display.colour_map), autoLevels=False)
+        table = colour_table(self._display.colour_map, red=current_theme().red)
+        self.item.setImage(picture, levels=(0, 255), lut=table, autoLevels=False)
         self.item.setRect(
             QRectF(
                 tile.columns[0] - 0.5, tile.rows[0] - 0.5, picture.shape[1] * tile.step, picture.shape[0] * tile.step
@@ -218,19 +221,15 @@ class FrameView(QWidget):
 
     # -- measuring, copying, saving --------------------------------------------------------------------
     def _entries(self) -> list[tuple[str, Any]]:
-        contrast = [("Automatic contrast", lambda: self.set_contrast(None))] if self._contrast is not None else []
-        return [
-            ("Show all", self.show_all),
-            ("Contrast, profile, region …", self.measure),
-            *contrast,
-            ("Save data …", lambda: self.save_data()),
-        ]
+        return [("Show all", self.show_all), *self.entries()]
 
-    def measure(self) -> Measuring:
-        """Open the window that measures in this frame."""
-        self.measuring = Measuring(self, "sample value (counts)")
-        self.measuring.show()
-        return self.measuring
+    def quantity(self) -> str:
+        """Return what the values are, with the unit."""
+        return "sample value (counts)"
+
+    def file_name(self) -> str:
+        """Return what the picture is called in files."""
+        return "frame"
 
     def measured(self) -> NDArray[Any] | None:
         """Return the frame."""
@@ -242,17 +241,12 @@ class FrameView(QWidget):
 
     def shown_levels(self) -> tuple[float, float]:
         """Return the values at the ends of the colours."""
-        return self._contrast or self._levels
+        return self.contrast or self._levels
 
     def set_contrast(self, levels: tuple[float, float] | None) -> None:
         """Show these values in this and the next frames, whatever the page says; None: what the page says."""
-        self._contrast = levels
+        self.contrast = levels
         self._render()
-
-    def save_data(self, path: str = "") -> None:
-        """Write the frame as ``.npy``, or as text with ``.csv``."""
-        if self._frame is not None:
-            save_values(self, self._frame, "frame", path)
 
     @property
     def display(self) -> Display:

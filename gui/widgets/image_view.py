@@ -10,20 +10,21 @@ import pyqtgraph as pg
 from numpy.typing import NDArray
 from PySide6.QtCore import QEvent, QPointF, QRectF, Qt, Signal
 from PySide6.QtGui import QPen
-from PySide6.QtWidgets import QApplication, QGraphicsItem, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QGraphicsItem, QVBoxLayout, QWidget
 
 from gui.models.display import Display, colour_table, levels_of, to_uint8
+from gui.theme import current_theme
 from gui.widgets.blank import Blank
 from gui.widgets.colour_bar import ColourBar, bar_table
-from gui.widgets.measuring import Measuring
-from gui.widgets.picture_menu import offer_menu, save_picture, save_values
+from gui.widgets.measured import Measured
+from gui.widgets.picture_menu import offer_menu, save_picture
 from gui.widgets.pixel_axis import count_pixels, pixel_axes
 from gui.widgets.plots import style_axes, theme_plot
 
 __all__ = ["ImageView"]
 
 
-class ImageView(QWidget):
+class ImageView(Measured, QWidget):
     """Show an array; row 0 is at the top, pixel centres are at whole numbers.
 
     Signals
@@ -63,9 +64,9 @@ class ImageView(QWidget):
         self._bar_look: tuple[Any, ...] = ()
         self._bar_levels = (math.nan, math.nan)
         self._given: tuple[float, float] | None = None
-        self._contrast: tuple[float, float] | None = None
         self._value_label = value_label
         self._pointer: QPointF | None = None
+        self._red = current_theme().red
         self._build(f"{xlabel} ({unit})", f"{ylabel} ({unit})", value_label)
         self.graphics.scene().sigMouseMoved.connect(self._moved)
         self.graphics.scene().sigMouseClicked.connect(self._clicked)
@@ -130,9 +131,10 @@ class ImageView(QWidget):
             self._tell()
             self.picture_changed.emit()
             return
-        shown = self._contrast or levels or self._display.levels or levels_of(image, signed=self._signed)
+        shown = self.contrast or levels or self._display.levels or levels_of(image, signed=self._signed)
         data = to_uint8(image, self._display, shown)
-        self.item.setImage(data, levels=(0, 255), lut=colour_table(self._display.colour_map), autoLevels=False)
+        table = colour_table(self._display.colour_map, red=current_theme().red)
+        self.item.setImage(data, levels=(0, 255), lut=table, autoLevels=False)
         rows, columns = image.shape
         rect = QRectF(origin[1] - step / 2, origin[0] - step / 2, columns * step, rows * step)
         self.item.setRect(rect)
@@ -146,7 +148,7 @@ class ImageView(QWidget):
     def _show_bar(self, levels: tuple[float, float]) -> None:
         """Change the colour bar only if need be: its axis is slow to draw."""
         scale = self._display.scale
-        look = (self._display.colour_map, scale, None if scale == "linear" else levels)
+        look = (self._display.colour_map, current_theme().red, scale, None if scale == "linear" else levels)
         if look != self._bar_look:
             self._bar_look = look
             self.bar.set_colours(bar_table(self._display.colour_map, scale, levels))
@@ -213,6 +215,10 @@ class ImageView(QWidget):
         theme_plot(self.graphics, self.plot)
         self.blank.apply_theme()
         self.bar.apply_theme()
+        red = current_theme().red
+        if red != self._red:
+            self._red = red
+            self.set_display(self._display)
 
     # -- pointer ---------------------------------------------------------------------------------------
     def pixel_at(self, scene_position: QPointF) -> tuple[int, int] | None:
@@ -252,20 +258,15 @@ class ImageView(QWidget):
 
     # -- measuring, copying, saving --------------------------------------------------------------------
     def _entries(self) -> list[tuple[str, Any]]:
-        contrast = [("Automatic contrast", lambda: self.set_contrast(None))] if self._contrast is not None else []
-        return [
-            ("Show all", self.show_all),
-            ("Contrast, profile, region …", self.measure),
-            *contrast,
-            ("Copy values", self.copy_data),
-            ("Save data …", lambda: self.save_data()),
-        ]
+        return [("Show all", self.show_all), *self.entries()]
 
-    def measure(self) -> Measuring:
-        """Open the window that measures in this picture."""
-        self.measuring = Measuring(self, self._value_label)
-        self.measuring.show()
-        return self.measuring
+    def quantity(self) -> str:
+        """Return what the values are, with the unit."""
+        return self._value_label
+
+    def file_name(self) -> str:
+        """Return what the picture is called in files."""
+        return self._name
 
     def measured(self) -> NDArray[Any] | None:
         """Return the picture."""
@@ -282,8 +283,8 @@ class ImageView(QWidget):
 
     def set_contrast(self, levels: tuple[float, float] | None) -> None:
         """Show these values in this and the next pictures, whatever the page says; None: what the page says."""
-        if levels != self._contrast:
-            self._contrast = levels
+        if levels != self.contrast:
+            self.contrast = levels
             if self._image is not None:
                 self.set_image(self._image, levels=self._given, origin=self._origin, step=self._step)
 
@@ -296,14 +297,3 @@ class ImageView(QWidget):
     def save_picture(self, path: str = "") -> None:
         """Write the picture, axes and all, as PNG or SVG."""
         save_picture(self, self._name, path)
-
-    def copy_data(self) -> None:
-        """Put the values on the clipboard, for a spreadsheet."""
-        if self._image is not None:
-            rows = ("\t".join(f"{value:.7g}" for value in row) for row in self._image)
-            QApplication.clipboard().setText("\n".join(rows))
-
-    def save_data(self, path: str = "") -> None:
-        """Write the values as ``.npy``, or as text with ``.csv``."""
-        if self._image is not None:
-            save_values(self, self._image, self._name, path)

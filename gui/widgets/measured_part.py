@@ -5,21 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
 from PySide6.QtCore import QPoint, Signal
-from PySide6.QtWidgets import QApplication, QWidget
+from PySide6.QtWidgets import QWidget
 
-from gui.widgets.measuring import Measuring
-from gui.widgets.picture_menu import save_values
+from gui.widgets.measured import Measured
 
 __all__ = ["MeasuredPart", "entries_at"]
 
 Levels = tuple[float, float]
 
 
-class MeasuredPart(QWidget):
+class MeasuredPart(Measured, QWidget):
     """What `gui.widgets.measuring.Measuring` needs of a picture; never shown itself.
 
     Parameters
@@ -40,7 +38,6 @@ class MeasuredPart(QWidget):
         super().__init__(parent)
         self.hide()
         self.plot, self.name, self.value = plot, name, value
-        self.contrast: Levels | None = None
         self._refresh = refresh
         self._image: NDArray[Any] | None = None
         self._levels: Levels = (0.0, 1.0)
@@ -71,34 +68,13 @@ class MeasuredPart(QWidget):
             self.contrast = levels
             self._refresh(self)
 
-    def entries(self) -> list[tuple[str, Callable[[], Any]]]:
-        """Return what a menu offers for this picture."""
-        if self._image is None:
-            return []
-        automatic = [] if self.contrast is None else [("Automatic contrast", lambda: self.set_contrast(None))]
-        return [
-            ("Contrast, profile, region …", self.measure),
-            *automatic,
-            ("Copy values", self.copy_data),
-            ("Save data …", lambda: self.save_data()),
-        ]
+    def quantity(self) -> str:
+        """Return what the values are, with the unit."""
+        return self.value
 
-    def measure(self) -> Measuring:
-        """Open the window that measures in this picture."""
-        self.measuring = Measuring(self, self.value)
-        self.measuring.show()
-        return self.measuring
-
-    def copy_data(self) -> None:
-        """Put the values on the clipboard, for a spreadsheet."""
-        if self._image is not None:
-            rows = ("\t".join(f"{value:.7g}" for value in row) for row in self._image)
-            QApplication.clipboard().setText("\n".join(rows))
-
-    def save_data(self, path: str = "") -> None:
-        """Write the values as ``.npy``, or as text with ``.csv``."""
-        if self._image is not None:
-            save_values(self, np.asarray(self._image), self.name, path)
+    def file_name(self) -> str:
+        """Return what the picture is called in files."""
+        return self.name
 
 
 def entries_at(

@@ -22,7 +22,10 @@ from gui.widgets.picture_menu import offer_menu, save_picture
 __all__ = ["LINES", "DecadeAxis", "LinePlot", "style_axes", "theme_plot"]
 
 LINES = ("#2a8fc4", "#d9772b", "#2aa37b", "#c76aa0", "#8b97a8", "#c9a227")
-"""Line colours that stay apart for colour-blind readers and on both themes."""
+"""Line colours that stay apart for colour-blind readers, on light and on dark."""
+
+RED_LINES = ("#ff5a45", "#a83a2c", "#ff8a5c", "#c9301c", "#7d2a20", "#ff2010")
+"""The same where all is red."""
 
 
 def style_axes(plot: pg.PlotItem, xlabel: str, ylabel: str) -> None:
@@ -98,6 +101,8 @@ class LinePlot(QWidget):
         self._labels = (xlabel, ylabel)
         self._curves: dict[str, pg.PlotDataItem] = {}
         self._known: set[str] = set()
+        self._tones: dict[str, str] = {}
+        self._red = current_theme().red
         self.blank = Blank(self.graphics, self.plot)
         self.blank.show_blank(True)
         offer_menu(self, lambda: "plot", self._entries)
@@ -127,6 +132,7 @@ class LinePlot(QWidget):
         tone = colour or LINES[len(self._curves) % len(LINES)]
         style = Qt.PenStyle.DashLine if dashed else Qt.PenStyle.SolidLine
         pen = pg.mkPen(tone, width=1.8, style=style) if line else None
+        self._tones[name] = tone
         self._curves[name] = self.plot.plot(
             *values,
             pen=pen,
@@ -136,6 +142,8 @@ class LinePlot(QWidget):
             symbolBrush=tone,
             symbolPen=None,
         )
+        if current_theme().red:
+            self._paint(name)
 
     def set_labels(self, xlabel: str, ylabel: str) -> None:
         """Name both quantities, with their units."""
@@ -160,6 +168,21 @@ class LinePlot(QWidget):
         """Take the colours of the theme in use."""
         theme_plot(self.graphics, self.plot)
         self.blank.apply_theme()
+        if self._red != current_theme().red:
+            self._red = current_theme().red
+            for name in self._curves:
+                self._paint(name)
+
+    def _paint(self, name: str) -> None:
+        """Give a curve the tone it was asked for, or one of red where all is red."""
+        tone, curve = self._tones[name], self._curves[name]
+        if current_theme().red:
+            tone = RED_LINES[LINES.index(tone)] if tone in LINES else RED_LINES[0]
+        if curve.opts["pen"] is not None:
+            pen = pg.mkPen(curve.opts["pen"])
+            pen.setColor(pg.mkColor(tone))
+            curve.setPen(pen)
+        curve.setSymbolBrush(tone)
 
     def _entries(self) -> list[tuple[str, Any]]:
         return [

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -16,7 +16,7 @@ from lfcal.camera import Camera
 from lfcal.errors import InputError
 from lfcal.frames.orientation import AS_IS
 from lfcal.frames.source import FrameSource, Position
-from lfcal.progress import Clock, Work
+from lfcal.progress import Clock, Progress, Work
 from lfcal.psf.assembly_report import AssemblyReport
 from lfcal.psf.cutout import Cutout
 from lfcal.psf.facts import Facts, pack_valid
@@ -26,7 +26,7 @@ from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.store import PSFWriter
 from lfcal.threads import worker_count
 
-__all__ = ["AssembledPlane", "Assembly"]
+__all__ = ["AssembledPlane", "Assembly", "AssemblyProgress"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +46,22 @@ class AssembledPlane:
     values: NDArray[np.float32]
     facts: Facts
     uncertainty: NDArray[np.float32] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class AssemblyProgress(Progress):
+    """How far H is, and what is there of the plane at work.
+
+    Attributes
+    ----------
+    plane
+        Number of the plane.
+    energy
+        ``(ny, nx)`` sum of each of its patterns (counts); not-a-number where there is none yet.
+    """
+
+    plane: int = field(kw_only=True)
+    energy: NDArray[np.float64] = field(kw_only=True, compare=False, repr=False)
 
 
 class Assembly:
@@ -146,7 +162,7 @@ class Assembly:
     def iter_plane(
         self, z: int, clock: Clock, *, before: int = 0, fill: Fill | None = None, workers: int | None = None
     ) -> Work[AssembledPlane]:
-        """Gather plane ``z`` by rows in threads; yields progress in frames.
+        """Gather plane ``z`` by rows in threads; yields progress in frames as `AssemblyProgress`.
 
         Parameters
         ----------
@@ -173,7 +189,9 @@ class Assembly:
             try:
                 for count in results:
                     done += count
-                    yield clock.at(done)
+                    at = clock.at(done)
+                    energy = plane.energy.copy()
+                    yield AssemblyProgress(at.done, at.total, at.stage, at.seconds, plane=z, energy=energy)
             except BaseException:
                 pool.shutdown(cancel_futures=True)
                 raise
@@ -206,6 +224,7 @@ class _Gathered:
         shape = recorded.shape
         self.recorded, self.cutout = recorded, cutout
         self.values = np.zeros((*shape, *cutout), np.float32)
+        self.energy = np.full(shape, np.nan)
         self.saturated = np.full(shape, -1, np.int32)
         self.noise = np.full((*shape, 2), np.nan, np.float32)
         self.spread = np.full(shape, np.nan, np.float32)
@@ -218,6 +237,7 @@ class _Gathered:
         for x in np.flatnonzero(np.diff(row)).tolist():
             found = gatherer.pattern(order[row[x] : row[x + 1]])
             self.values[y, x] = found.values
+            self.energy[y, x] = found.values.sum(dtype=np.float64)
             self.noise[y, x], self.spread[y, x], self.saturated[y, x] = found.noise, found.spread, found.saturated
             if found.valid is not None:
                 self.invalid[y, x] = found.valid

@@ -208,3 +208,18 @@ def test_what_the_system_says_of_a_file_is_a_line_that_says_what_to_do() -> None
     assert told == "/data/H.h5/dark: Not a directory; a part of the path is a file; check the path"
     assert "choose a folder you may write to" in words_of(PermissionError(13, "Permission denied", "/root/x"))
     assert words_of(OSError("no number")) == "OSError: no number"
+
+
+def test_a_record_before_a_long_step_is_told(jobs: Jobs, qtbot: QtBot) -> None:
+    """Records that came soon after another were dropped: the job seemed to be where it was before them."""
+    go_on = threading.Event()
+
+    def work() -> Generator[Progress, None, None]:
+        for k in range(5):
+            yield Progress(k, 9, f"step {k}")
+        go_on.wait(GUARD_MS / 1e3)
+
+    jobs.start("Steps", "psf", work)
+    qtbot.waitUntil(lambda: getattr(jobs.jobs()[0].progress, "stage", "") == "step 4", timeout=GUARD_MS)
+    go_on.set()
+    qtbot.waitUntil(lambda: not jobs.busy, timeout=GUARD_MS)

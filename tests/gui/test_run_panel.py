@@ -49,9 +49,9 @@ def test_the_dock_shows_what_status_shows(jobs: Jobs, qtbot: QtBot, tmp_path: Pa
     view = panel.watch(folder)
     qtbot.waitUntil(lambda: view.table.rowCount() == 3, timeout=GUARD_MS)
     found = run_table(read_run(folder))
-    assert view.headline.text() == found.headline
+    assert view.title.text() == found.headline
     assert found.headline == "simulate H.h5: 1 of 3 units done; dask, 2 at work"
-    assert found.pace == "1 under way, 200 units an hour, about 36 s left" and view.pace.text() == found.pace
+    assert found.pace == "1 under way, 200 units an hour, about 36 s left" and view.status.text() == found.pace
     assert "http://127.0.0.1:8787/status" in view.place.text() and not view.place.isHidden()
     assert [view.table.horizontalHeaderItem(k).text() for k in range(len(HEADER))] == list(HEADER)
     assert panel.isAncestorOf(view)
@@ -63,12 +63,12 @@ def test_a_run_that_ends_is_told(jobs: Jobs, qtbot: QtBot, tmp_path: Path) -> No
     journal(folder, STARTED)
     panel = JobPanel(jobs)
     view = panel.watch(tmp_path / "H.h5")
-    qtbot.waitUntil(lambda: "0 of 3" in view.headline.text(), timeout=GUARD_MS)
+    qtbot.waitUntil(lambda: "0 of 3" in view.title.text(), timeout=GUARD_MS)
     (folder / JOURNAL).unlink()
     folder.rmdir()
     (tmp_path / "H.h5").write_bytes(b"")
     view.refresh()
-    qtbot.waitUntil(lambda: "is whole" in view.headline.text(), timeout=GUARD_MS)
+    qtbot.waitUntil(lambda: "is whole" in view.title.text(), timeout=GUARD_MS)
     assert view.table.isHidden() and view.place.isHidden()
 
 
@@ -79,7 +79,7 @@ def test_no_run_is_a_line(jobs: Jobs, qtbot: QtBot, tmp_path: Path) -> None:
         look(Path("/"))
     panel = JobPanel(jobs)
     view = panel.watch(tmp_path / "H.h5")
-    qtbot.waitUntil(lambda: "name the file it makes" in view.pace.text(), timeout=GUARD_MS)
+    qtbot.waitUntil(lambda: "name the file it makes" in view.status.text(), timeout=GUARD_MS)
 
 
 def test_a_view_that_is_dismissed_hears_nothing_more(jobs: Jobs, qtbot: QtBot, tmp_path: Path) -> None:

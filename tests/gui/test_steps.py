@@ -34,7 +34,7 @@ from gui.pages.reconstruct.model import ReconstructSettings
 from gui.pages.simulate.model import SimulateSettings
 from gui.palette import Palette
 from gui.window import MainWindow
-from lfcal.camera import ScanPlan
+from lfcal.camera import ScanPlan, preset
 from lfcal.cli.app import build_app
 from lfcal.errors import InputError
 from lfcal.frames.corrections.recipe import CorrectionRecipe
@@ -173,6 +173,23 @@ def test_a_reconstruction_runs(project: ProjectState) -> None:
     step = step_of(SPECS["reconstruct"], project)
     run(step)
     found = tifffile.imread("volume.tif")
+    Path("volume.tif").unlink()
+    do(step)
+    np.testing.assert_allclose(tifffile.imread("volume.tif").squeeze(), found, rtol=1e-5)
+
+
+@pytest.mark.parametrize("voxel", ["auto", "40"])
+def test_a_reconstruction_with_voxels_of_one_size_runs(project: ProjectState, voxel: str) -> None:
+    camera, depths = preset("bench"), (-26_000.0, -20_000.0)
+    values = np.random.default_rng(0).random((2, 3, 4, 5, 5), np.float32)
+    export(PSFMatrix(values, depths=depths, camera=camera), "H.h5")
+    tifffile.imwrite("frame.tif", np.full((24, 25), 100, np.uint16))
+    chosen = replace(ReconstructSettings.of(project), voxel=voxel, iterations=2)
+    step = step_of(SPECS["reconstruct"], replace(project, settings=chosen.into(project)))
+    assert f"--voxel={voxel}" in step.arguments
+    run(step)
+    found = tifffile.imread("volume.tif").squeeze()
+    assert found.shape[0] == 2 and found.shape[1:] != (24, 25)
     Path("volume.tif").unlink()
     do(step)
     np.testing.assert_allclose(tifffile.imread("volume.tif").squeeze(), found, rtol=1e-5)

@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from lfcal.errors import InputError
 from lfcal.frames import ArraySource, CorrectionChain, Dark, Noise, corrected
 from lfcal.frames.source import FrameInfo, Position
+from lfcal.progress import Progress, drain
 from lfcal.psf import Cutout, assemble, iter_assemble, open_psf
+from lfcal.psf.assembly import AssemblyProgress
 from tests.psf.conftest import ListSource, coded_frames
 
 Frames = tuple[ListSource, NDArray[np.uint16]]
@@ -250,3 +252,14 @@ def test_uint16_storage(tmp_path: Path) -> None:
     source, stack = coded_frames(seed=9)
     report = assemble(source, SHAPE, CUTOUT, out=tmp_path / "H.h5", dtype="uint16")
     np.testing.assert_allclose(np.asarray(report.matrix), expected(stack), atol=0.51)
+
+
+def test_the_records_show_h_as_it_fills(frames: Frames) -> None:
+    source, _ = frames
+    records: list[Progress] = []
+    made = drain(iter_assemble(source, SHAPE, CUTOUT, workers=1), records.append)
+    shown = [record for record in records if isinstance(record, AssemblyProgress)]
+    assert [record.plane for record in shown] == [z for z in range(SHAPE[0]) for _ in range(SHAPE[1])]
+    there = [int(np.isfinite(record.energy).sum()) for record in shown[: SHAPE[1]]]
+    assert there == sorted(there) and there[-1] == SHAPE[1] * SHAPE[2] and there[0] >= SHAPE[2]
+    np.testing.assert_allclose(shown[-1].energy, made.matrix.plane(SHAPE[0] - 1).sum((2, 3), dtype=float), rtol=1e-6)

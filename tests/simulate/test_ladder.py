@@ -122,3 +122,13 @@ def test_what_a_session_makes_once_is_not_foretold(
     monkeypatch.setattr(forecast, "engine_clock", lambda: now[0])
     monkeypatch.setattr(forecast, "plane_seconds", lambda engine: 2.0)
     assert predict_seconds(plan, (), tolerance=0.2) == pytest.approx(counted + 2.0 + forecast.PER_PLANE, abs=1e-3)
+
+
+def test_a_measurement_that_is_stopped_has_told_its_rungs() -> None:
+    plan = small_plan()
+    running = iter_ladder(plan.camera, plan, 0.05, positions=1, samplings=COARSE_TO_FINE[:1])
+    records = [next(running) for _ in range(3)]
+    running.close()
+    told = [getattr(record, "ladder", None) for record in records]
+    assert told[0] is None and told[1] is not None and told[1].rungs == ()
+    assert told[2] is not None and [rung.label for rung in told[2].rungs] == ["geometric"]

@@ -329,3 +329,14 @@ def test_effects_that_hold_lists_and_arrays_are_planned() -> None:
     found = plan_effects(plan.camera, plan, 0.03, effects=(Tabulated(np.full(3, 1.3)),))
     assert found.row("tabulated").estimate.measured and found.row("tabulated").on
     simulate_psf(plan.camera, plan, found, workers=1)
+
+
+def test_every_reason_has_a_brief_that_repeats_no_number() -> None:
+    plan = small_plan()
+    choices = {"coma": "on", "crosstalk": "off", "shot_noise": "on", "zernike": "on"}
+    found = plan_effects(plan.camera, plan, 0.05, choices)
+    briefs = {row.name: row.brief for row in found.rows}
+    assert (briefs["coma"], briefs["crosstalk"], briefs["shot_noise"]) == ("asked for", "switched off", "not on H")
+    assert briefs["zernike"] == "give its size" and briefs["spherical"] == "not known"
+    assert all(row.brief == "needed" for row in found.rows if row.setting == "auto" and "above the" in row.reason)
+    assert all(len(brief) <= 14 for brief in briefs.values())

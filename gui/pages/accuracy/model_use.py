@@ -98,7 +98,7 @@ def _projection(project: ProjectState, rung: Rung) -> Use:
     threshold = float(rung.settings["threshold"])
     changes = _settings(project, "reconstruct", method=method, double=double, threshold=threshold)
     precision = "double precision" if double else "single precision"
-    words = f"Reconstruct: projector {method}, {precision}, H cropped below {100 * threshold:g} % of the peak."
+    words = f"Reconstruct: projector {method}, {precision}, H without what is below {100 * threshold:g} % of the peak."
     return Use(words, "projector", changes, "reconstruct")
 
 

@@ -4,6 +4,7 @@
 - ``setup_tab``, ``record_tab``: what each tab does; ``moves``: of the stage; ``after``: what is made of a session
 - ``panel``, ``setup_panel``, ``record_panel``, ``record_pictures``, ``error_view``, ``device_panel``,
   ``stage_panel``: their widgets
+- ``lab``, ``lab_panel``, ``model_lab``: large buttons for a dark lab
 - ``model``: settings; ``model_live``: the live view; ``model_findings``: what a few moves tell;
   ``model_stills``: white and dark frames;
   ``model_station``: the devices; ``model_recorder``: a recording as it grows; ``model_until``: one that ends when H is
@@ -54,5 +55,8 @@ PAGE = PageSpec(
         ("Ctrl+Shift+↑ ↓", "move the stage by a step in z"),
         ("Esc", "stop the stage"),
         ("F5", "live view on, off"),
+        ("F11", "dark lab: large buttons, red on black; in it"),
+        ("F9 F6 F7 F8", "next step, start, pause, stop"),
+        ("Shift+F8", "abort"),
     ),
 )

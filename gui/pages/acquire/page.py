@@ -7,7 +7,9 @@ from gui.context import Context
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
 from gui.pages.acquire import takes
+from gui.pages.acquire.lab import Lab
 from gui.pages.acquire.model import AcquireSettings
+from gui.pages.acquire.model_lab import KEYS
 from gui.pages.acquire.panel import AcquirePanel
 from gui.pages.acquire.record_tab import RecordTab
 from gui.pages.acquire.setup_tab import SetupTab
@@ -36,7 +38,9 @@ class Page(BasePage):
         self.setup = SetupTab(context, self.panel.setup, self)
         self.record = RecordTab(context, self.setup, self.panel.record, self)
         self.record.ended.connect(lambda: self._show(context.state, folder=False))
-        self.set_panel(self.panel)
+        toggle = self.tool_button("Dark lab", "Large buttons with keys, red on black (F11)", lambda: None)
+        self.lab = Lab(context, self.panel, self.setup, self.record, toggle)
+        self.set_panel(self.lab.panel)
         self._add_shortcuts()
         self.theme_changed.connect(self.panel.apply_theme)
         self._show(context.state, folder=True)
@@ -57,6 +61,7 @@ class Page(BasePage):
             return
         self.show_body()
         self.setup.show_state(state)
+        self.lab.show()
 
     def _add_shortcuts(self) -> None:
         stage = self.panel.setup.stage
@@ -65,6 +70,9 @@ class Page(BasePage):
         self.shortcut("Ctrl+G", self._type_target)
         self.shortcut("Esc", stage.stop.click)
         self.shortcut("F5", self.panel.setup.live.click)
+        self.shortcut("F11", self.lab.toggle.click)
+        for key, shortcut in KEYS:
+            self.shortcut(shortcut, lambda key=key: self.lab.panel.press(key))
 
     def _type_target(self) -> None:
         self.panel.setCurrentWidget(self.panel.setup)

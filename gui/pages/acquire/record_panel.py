@@ -50,7 +50,11 @@ BUTTONS = (
         "Stop the stage now and discard the current frame; recorded positions are safe and the session can be resumed",
     ),
     ("redo", "Record again", "Record the positions listed by the Quality page again; the later frame is used"),
-    ("assemble", "Assemble H …", "Crop and stack what is recorded into H; darks are subtracted where there are any"),
+    (
+        "assemble",
+        "Assemble H …",
+        "Make H of the cutouts of what is recorded, less darks where there are any",
+    ),
     ("fit", "Fit", "Assemble what is recorded into H.h5 of the session's folder, and go on with it on the page Fit"),
     ("pack", "Pack", "Compress the finished recording; every frame is checked"),
 )
@@ -72,6 +76,8 @@ class RecordPanel(QWidget):
         Open the H of a complete plane.
     extent_asked(key)
         One of `EXTENTS` is wanted.
+    told()
+        Status, detail or alarms are others.
     """
 
     pressed = Signal(str)
@@ -80,6 +86,7 @@ class RecordPanel(QWidget):
     view_changed = Signal()
     plane_asked = Signal(int)
     extent_asked = Signal(str)
+    told = Signal()
 
     def __init__(self, jobs: Jobs, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -233,6 +240,7 @@ class RecordPanel(QWidget):
         self.bar.setRange(0, 0 if fraction is None else 1000)
         if fraction is not None:
             self.bar.setValue(round(1000 * fraction))
+        self.told.emit()
 
     def show_picture(self, picture: RecordPicture, plane_words: str) -> None:
         """Show map, sum, curves and alarms."""
@@ -244,6 +252,7 @@ class RecordPanel(QWidget):
         words = "<br>".join(picture.alarms)
         self.alarms.setText(f"<b style='color:{theme.bad}'>{words}</b>" if words else "")
         self.alarms.setVisible(bool(words))
+        self.told.emit()
         self.open_plane.setEnabled(picture.complete)
 
     def show_error(self, curve: ErrorCurve | None) -> None:

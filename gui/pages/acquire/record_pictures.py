@@ -63,12 +63,12 @@ class RecordPictures(QWidget):
         _, self.frame_title, self.third_title = titles
         for k, (title, view) in enumerate(zip(titles, (self.map, self.frame, self.third), strict=True)):
             panel, column = card(title)
-            view.setMinimumSize(120, 110)
+            view.setMinimumSize(120, 104)
             column.addWidget(view, 1)
             grid.addWidget(panel, 0, k)
         for k, plot in enumerate(self.curves.values()):
             panel, column = card()
-            plot.setMinimumSize(120, 80)
+            plot.setMinimumSize(120, 64)
             column.addWidget(plot)
             grid.addWidget(panel, 1, k)
         grid.setRowStretch(0, 5)

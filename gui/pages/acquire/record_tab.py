@@ -38,9 +38,12 @@ class RecordTab(QObject):
     -------
     ended()
         A recording ended, in whatever way.
+    shown()
+        What can be pressed, or the advice, is another.
     """
 
     ended = Signal()
+    shown = Signal()
 
     def __init__(self, context: Context, setup: SetupTab, panel: RecordPanel, parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -168,6 +171,7 @@ class RecordTab(QObject):
             widget.setEnabled(not recording)
         self._show_error()
         self.panel.why.setText(self._advice())
+        self.shown.emit()
 
     def _advice(self) -> str:
         if self.recording:

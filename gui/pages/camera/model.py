@@ -27,7 +27,7 @@ def values_of(camera: Camera) -> dict[str, Any]:
     found["lattice.focus"] = tuple(_tidy(t.focus_depth(lattice.gap_um)) for t in lattice.types)
     found["lattice.distortion"] = _distortion(camera)
     found["sensor.rows"], found["sensor.columns"] = sensor.shape
-    for spec in SENSOR[2:-2]:
+    for spec in SENSOR[2:]:
         found[spec.key] = getattr(sensor, spec.key.split(".")[1])
     found["camera.wavelength_um"], found["camera.bandwidth_um"] = camera.wavelength_um, camera.bandwidth_um
     return found

@@ -6,7 +6,7 @@ import math
 
 from gui.models.form import Field
 
-__all__ = ["LATTICE", "MAIN_LENS", "MICROSCOPE", "SENSOR"]
+__all__ = ["LATTICE", "LIGHT", "MAIN_LENS", "MICROSCOPE", "SENSOR"]
 
 DEGREE = math.pi / 180
 
@@ -121,6 +121,9 @@ SENSOR = (
     Field("sensor.quantum_efficiency", "Quantum efficiency", "", "Detected share of photons"),
     Field("sensor.fill_factor", "Fill factor", "", "Light-sensitive share of a pixel"),
     Field("sensor.cfa", "Colour filter", "", "Pattern by rows, e.g. GRBG; empty: monochrome", kind="text"),
+)
+
+LIGHT = (
     Field("camera.wavelength_um", "Wavelength", "nm", "Of the light the camera is calibrated with", scale=1e-3),
     Field("camera.bandwidth_um", "Bandwidth", "nm", "Full width of the light's spectrum", scale=1e-3),
 )

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import (
     QComboBox,
     QFrame,
@@ -20,16 +21,19 @@ from PySide6.QtWidgets import (
 
 from gui.models.form import Field
 from gui.pages.camera.model import facts, values_of
-from gui.pages.camera.model_fields import LATTICE, MAIN_LENS, MICROSCOPE, SENSOR
+from gui.pages.camera.model_fields import LATTICE, LIGHT, MAIN_LENS, MICROSCOPE, SENSOR
 from gui.pages.camera.model_marks import TIPS, assumed_values, mark_of
 from gui.pages.camera.optics_view import OpticsView
 from gui.pages.camera.panel_assumed import AssumedList
 from gui.pages.camera.panel_check import CheckPanel
-from gui.widgets.cards import card, clear
+from gui.widgets.cards import card, clear, heading
 from gui.widgets.form import Form
 from lfcal.camera import PRESETS, Camera
 
 __all__ = ["CameraPanel", "PresetBox"]
+
+LEAST_BELOW = 260
+"""Height left for what follows from the description (px), before the forms have all they need."""
 
 
 class PresetBox(QComboBox):
@@ -82,6 +86,7 @@ class CameraPanel(QWidget):
             "Microscope": self._form(MICROSCOPE),
             "lattice": self._form(LATTICE),
             "sensor": self._form(SENSOR),
+            "light": self._form(LIGHT),
         }
         self.view = OpticsView()
         self.facts = QLabel()
@@ -100,17 +105,31 @@ class CameraPanel(QWidget):
         both.setChildrenCollapsible(False)
         both.setHandleWidth(10)
         both.setStyleSheet("QSplitter::handle { background: transparent; }")
-        both.addWidget(self._form_area())
+        self.area = self._form_area()
+        both.addWidget(self.area)
         both.addWidget(below)
-        both.setSizes([430, 290])
-        both.setStretchFactor(0, 3)
-        both.setStretchFactor(1, 2)
+        both.splitterMoved.connect(lambda *_: self._keep())
+        self._kept = False
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.addWidget(both)
 
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Give the forms the height they need, as long as the user has not chosen another and much is left."""
+        super().resizeEvent(event)
+        inner = self.area.widget()
+        if not self._kept and inner is not None:
+            height = self.height() - self.split.handleWidth()
+            above = min(inner.sizeHint().height() + 2, height - min(LEAST_BELOW, height // 2))
+            self.split.setSizes([above, height - above])
+
+    def _keep(self) -> None:
+        """Leave the parts as the user has them."""
+        self._kept = True
+
     def show_check(self) -> None:
         """Look at the white image, with room for it."""
+        self._keep()
         self.tabs.setCurrentWidget(self.check)
         height = sum(self.split.sizes())
         if self.split.sizes()[1] < height / 2:
@@ -147,11 +166,13 @@ class CameraPanel(QWidget):
         row = QHBoxLayout(forms)
         row.setContentsMargins(0, 0, 0, 0)
         row.setSpacing(8)
-        for title, content in (
-            ("Main optics", optics),
-            ("Lenslet array", self.forms["lattice"]),
-            ("Sensor and light", self.forms["sensor"]),
-        ):
+        first, below = _titled("Main optics", optics), self.forms["light"]
+        inner = first.layout()
+        assert isinstance(inner, QVBoxLayout)
+        for k, part in enumerate((heading("Light"), below)):
+            inner.insertWidget(2 + k, part)
+        row.addWidget(first, 1)
+        for title, content in (("Lenslet array", self.forms["lattice"]), ("Sensor", self.forms["sensor"])):
             row.addWidget(_titled(title, content), 1)
         area = QScrollArea()
         area.setWidgetResizable(True)
@@ -165,7 +186,7 @@ class CameraPanel(QWidget):
         kind = values["optics.kind"]
         for name in ("MainLens", "Microscope"):
             self.forms[name].setVisible(name == kind)
-        for form in (self.forms[kind], self.forms["lattice"], self.forms["sensor"]):
+        for form in (self.forms[kind], self.forms["lattice"], self.forms["sensor"], self.forms["light"]):
             form.set_values({key: values[key] for key in form.fields})
             marks = {key: mark_of(camera, key) for key in form.fields}
             form.set_marks({key: (mark, TIPS[mark or "stated"]) for key, mark in marks.items()})

@@ -16,8 +16,8 @@ from lfcal.fit import Fit
 
 __all__ = ["ChoicesPanel"]
 
-WIDTH, FEW = 286, 4
-"""Width of the column (px), and rows of the list that are seen at least."""
+WIDTH, WIDEST, SHARE, FEW = 286, 400, 0.22, 4
+"""Least and most width of the column (px), its share of the page, and rows of the list that are seen at least."""
 
 NAME = Qt.ItemDataRole.UserRole
 WAYS = (("auto", "found: those that help"), ("chosen", "those chosen below"))
@@ -45,6 +45,10 @@ class ChoicesPanel(QWidget):
         column.addWidget(self._source_card())
         column.addWidget(self._groups_card(), 1)
         self.setFixedWidth(WIDTH)
+
+    def fit_width(self, page: int) -> None:
+        """Be as wide as a page of that width (px) has room for: fewer lines are wrapped, and the list is lower."""
+        self.setFixedWidth(min(WIDEST, max(WIDTH, round(SHARE * page))))
 
     # -- building --------------------------------------------------------------------------------------
     def _source_card(self) -> QFrame:

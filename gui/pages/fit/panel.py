@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import TypeVar
 
 from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import (
     QFrame,
     QHBoxLayout,
@@ -103,6 +104,11 @@ class FitPanel(QWidget):
         return self.status
 
     # -- states ----------------------------------------------------------------------------------------
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Give the choices more width where there is more."""
+        super().resizeEvent(event)
+        self.choices.fit_width(self.width())
+
     def show_ready(self, words: str = "", *, failed: bool = False) -> None:
         """Show that nothing was fitted yet; ``words``: why not, as an error where it ``failed``."""
         self._forget()

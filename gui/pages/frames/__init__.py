@@ -31,7 +31,7 @@ def takes(path: str) -> bool:
 PAGE = PageSpec(
     "frames",
     "Frames",
-    "Import frames, correct them, crop them",
+    "Import frames, correct them, take their cutouts",
     order=40,
     package=__name__,
     state=state,

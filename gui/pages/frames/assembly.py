@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
+from gui.models.words import plane_words
 from gui.pages.frames.model import Opened
 from lfcal.frames.corrections.recipe import check_turned_colours
 from lfcal.frames.oriented import oriented
-from lfcal.progress import Work
+from lfcal.progress import Progress, Work
 from lfcal.psf.upright import iter_upright
 
 if TYPE_CHECKING:
     from lfcal.psf import AssemblyReport
 
-__all__ = ["iter_assembly", "notes_of"]
+__all__ = ["Filling", "iter_assembly", "notes_of"]
 
 
 def iter_assembly(opened: Opened, path: str) -> Work[AssemblyReport]:
@@ -41,3 +46,29 @@ def notes_of(report: AssemblyReport) -> tuple[str, ...]:
     told = report.matrix.provenance.get("orientation", {}).get("note")
     notes = (*([told] if told else []), *report.notes)
     return notes or ("complete: every position once, no saturated pixel",)
+
+
+@dataclass
+class Filling:
+    """H as it fills: of each plane the light of the patterns ``(ny, nx)`` so far; not-a-number: not there yet."""
+
+    plane: int | None = None
+    energies: dict[int, NDArray[np.float64]] = field(default_factory=dict)
+
+    def take(self, record: Progress | None) -> bool:
+        """Take what a record of the assembly shows; return whether that is news."""
+        energy = getattr(record, "energy", None)
+        if energy is None or energy is self.energies.get(record.plane):  # type: ignore[union-attr]
+            return False
+        self.plane = int(record.plane)  # type: ignore[union-attr]
+        self.energies[self.plane] = energy
+        return True
+
+    def words(self, z: int, count: int, *, under_way: bool) -> str:
+        """Return how far plane ``z`` of ``count`` planes is; empty where nothing is known."""
+        energy = self.energies.get(z)
+        if energy is None:
+            return ""
+        there = int(np.isfinite(energy).sum())
+        state = "fills" if under_way else "holds"
+        return f"{plane_words(z, count)} of H {state}: light of {there} of {energy.size} positions"

@@ -14,7 +14,7 @@ from gui.context import Context
 from gui.jobs import Job
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
-from gui.pages.frames.assembly import iter_assembly, notes_of
+from gui.pages.frames.assembly import Filling, iter_assembly, notes_of
 from gui.pages.frames.import_dialog import ImportDialog
 from gui.pages.frames.model import (
     FrameSettings,
@@ -52,6 +52,9 @@ class Page(BasePage):
         self.loaded: Loaded | None = None
         self.dialog: ImportDialog | None = None
         self.position = Position(0, 0, 0)
+        self.filling = Filling()
+        """H as it fills while it is assembled."""
+        self._assembling = 0
         self.tool_button(
             "Open frames …",
             "A folder of frames with a manifest, or the folder of a recorded session",
@@ -63,7 +66,7 @@ class Page(BasePage):
             self.start_import,
         )
         self.assemble_button = self.tool_button(
-            "Assemble H", "Correct, crop and stack all frames into H", self.assemble, primary=True
+            "Assemble H", "Correct all frames, and make H of their cutouts", self.assemble, primary=True
         )
         self.play_timer = QTimer(self)
         self.play_timer.setInterval(PLAY_MS)
@@ -73,6 +76,7 @@ class Page(BasePage):
         self._connect_panel()
         self._add_shortcuts()
         self.theme_changed.connect(self.panel.apply_theme)
+        context.jobs.changed.connect(self._fill)
         self._open()
 
     def _connect_panel(self) -> None:
@@ -220,6 +224,7 @@ class Page(BasePage):
     def _opened(self, opened: Opened) -> None:
         self.notice.clear()
         self.opened = opened
+        self.filling = Filling()
         self.assemble_button.setEnabled(True)
         rows, columns = opened.view.shape
         self.hint.setText(f"{len(opened.source)} frames of {columns} × {rows} px")
@@ -290,8 +295,21 @@ class Page(BasePage):
             self.go_to(self.opened.step(self.position, dy, dx))
 
     def _show_map(self) -> None:
+        """Show the plane that is being assembled, and else the one that is looked at."""
         if self.opened is not None:
-            self.panel.show_map(self.opened.frames[self.position.z] >= 0)
+            z = self.filling.plane if self._assembling and self.filling.plane is not None else self.position.z
+            frames = self.opened.frames[z]
+            words = self.filling.words(z, len(self.opened.frames), under_way=bool(self._assembling))
+            self.panel.show_map(frames >= 0, self.filling.energies.get(z), words)
+
+    def _fill(self, job: Job) -> None:
+        """Show H as it fills: each position as soon as its pattern is there."""
+        if job.number != self._assembling:
+            return
+        if not job.active:
+            self._assembling = 0
+        if self.filling.take(job.progress) or not job.active:
+            self._show_map()
 
     def _loaded(self, loaded: Loaded) -> None:
         self.loaded = loaded
@@ -316,8 +334,8 @@ class Page(BasePage):
         path = path or ask_target(self, "Assemble H", "H.h5", "H file (*.h5)")
         if not path:
             return
-        opened, title = self.opened, f"Assemble {Path(path).name}"
-        self.context.start_writing(
+        opened, title, self.filling = self.opened, f"Assemble {Path(path).name}", Filling()
+        self._assembling = self.context.start_writing(
             title,
             "frames",
             path,

@@ -16,6 +16,7 @@ from PySide6.QtWidgets import (
     QLineEdit,
     QPushButton,
     QScrollArea,
+    QSizePolicy,
     QSlider,
     QVBoxLayout,
     QWidget,
@@ -37,6 +38,10 @@ from lfcal.camera import Camera
 __all__ = ["FramesPanel"]
 
 SCALES = (("linear", "linear"), ("gamma", "gamma 0.5"), ("log", "log, 4 decades"))
+
+
+HEIGHTS = ((130, 230), (150, 290), (110, 220))
+"""Least and most height of map, cutout and histogram (px): what is low enough needs no scroll bar."""
 
 
 class FramesPanel(QWidget):
@@ -69,16 +74,22 @@ class FramesPanel(QWidget):
         self.view = FrameView(jobs, "frame view")
         self.view.hovered.connect(self._hovered)
         self.crop = ImageView(value_label="counts")
-        self.crop.setFixedHeight(210)
         self.crop_words = QLabel(" ")
         self.crop_words.setProperty("role", "hint")
         self.crop_words.setWordWrap(True)
         self.map = PeriodMap()
         self.map.chosen.connect(self.position_asked.emit)
-        self.map.setFixedHeight(190)
+        self.map_words = QLabel("")
+        self.map_words.setProperty("role", "hint")
+        self.map_words.setWordWrap(True)
+        self.map_words.hide()
         self.histogram = LinePlot("sample value (counts)", "pixels")
         self.histogram.plot.setLogMode(False, True)
-        self.histogram.setFixedHeight(180)
+        for picture, (least, most) in zip((self.map, self.crop, self.histogram), HEIGHTS, strict=True):
+            picture.setMinimumHeight(least)
+            picture.setMaximumHeight(most)
+            # what they would like to have makes no scroll bar
+            picture.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Ignored)
         self.numbers = QLabel()
         self.numbers.setTextFormat(Qt.TextFormat.RichText)
         self.numbers.setWordWrap(True)
@@ -126,16 +137,17 @@ class FramesPanel(QWidget):
         self.position_label.setWordWrap(True)
         column.addWidget(self.position_label)
         column.addLayout(self._plane_line())
-        column.addWidget(self.map)
+        column.addWidget(self.map, 4)
+        column.addWidget(self.map_words)
         column.addWidget(heading("Cutout"))
-        column.addWidget(self.crop)
+        column.addWidget(self.crop, 5)
         column.addWidget(self.crop_words)
         column.addWidget(heading("Corrections"))
         column.addLayout(self._corrections())
         column.addWidget(heading("Positions and cutout"))
         column.addLayout(self._reading())
         column.addWidget(heading("Histogram of the frame as recorded"))
-        column.addWidget(self.histogram)
+        column.addWidget(self.histogram, 3)
         column.addWidget(self.numbers)
         column.addStretch()
         area = QScrollArea()
@@ -230,9 +242,11 @@ class FramesPanel(QWidget):
         blocker.unblock()
         self.map.set_position(y, x)
 
-    def show_map(self, there: NDArray[np.bool_]) -> None:
-        """Show which positions ``(ny, nx)`` of the plane have a frame."""
-        self.map.set_values(there.astype(float), there.astype(int))
+    def show_map(self, there: NDArray[np.bool_], energy: NDArray[np.float64] | None = None, words: str = "") -> None:
+        """Show which positions ``(ny, nx)`` of the plane have a frame, and what light H has of them so far."""
+        self.map.set_values(there.astype(float) if energy is None else energy, there.astype(int))
+        self.map_words.setText(words)
+        self.map_words.setVisible(bool(words))
 
     def show_missing(self, words: str) -> None:
         """Say that there is no frame."""

@@ -1,19 +1,71 @@
-"""Depth-plane sums side by side: one picture a plane, click to choose it."""
+"""Apertures side by side: the depth-plane sum of each plane with the fitted and the expected outline."""
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PySide6.QtCore import QSize, Qt, Signal
-from PySide6.QtGui import QIcon, QImage, QPixmap
-from PySide6.QtWidgets import QListWidget, QListWidgetItem, QWidget
+from PySide6.QtCore import QPointF, QSize, Qt, Signal
+from PySide6.QtGui import QColor, QIcon, QImage, QPainter, QPen, QPixmap, QPolygonF
+from PySide6.QtWidgets import QDialog, QLabel, QListWidget, QListWidgetItem, QVBoxLayout, QWidget
 
 from gui.models.display import Display, colour_table, levels_of, to_uint8
+from gui.pages.psf.model_aperture import aperture_tip
+from gui.theme import style_sheet
 from lfcal.units import format_length
 
-__all__ = ["DepthStrip", "to_pixmap"]
+if TYPE_CHECKING:
+    from lfcal.psf.aperture import Aperture
+
+__all__ = ["EXPECTED", "FITTED", "LEGEND", "Apertures", "DepthStrip", "Tile", "to_pixmap"]
+
+FITTED, EXPECTED = "#ff5a5f", "#56b4e9"
+"""Colours of the outlines."""
+
+LEGEND = f"<span style='color:{FITTED}'>━</span> fitted<br><span style='color:{EXPECTED}'>┅</span> expected"
+LARGE = 200
+SIZE = (930, 640)
+
+
+@dataclass(frozen=True, eq=False)
+class Tile:
+    """What is known of a plane: its depth (µm), its sum ``(nt, ns)``, and its apertures."""
+
+    depth_um: float
+    image: NDArray[Any] | None = None
+    fitted: Aperture | None = None
+    expected: Aperture | None = None
+
+    def outlines(self) -> tuple[tuple[str, Qt.PenStyle, NDArray[np.float64]], ...]:
+        """Return colour, pen and points (row, column) of what is drawn over the sum."""
+        pens = ((FITTED, Qt.PenStyle.SolidLine, self.fitted), (EXPECTED, Qt.PenStyle.DashLine, self.expected))
+        # of a sum that is too dim nothing is known
+        return tuple(
+            (colour, pen, one.outline()) for colour, pen, one in pens if one is not None and one.refusal != "too dim"
+        )
+
+    def picture(self, side: int, ratio: float = 1.0) -> QPixmap:
+        """Return a square picture of ``side`` points, each of ``ratio`` pixels of the screen."""
+        pixels = round(side * ratio)
+        if self.image is None:
+            found = QPixmap(pixels, pixels)
+            found.fill(Qt.GlobalColor.transparent)
+        else:
+            found = to_pixmap(self.image, pixels)
+            self._draw(found, found.width() / self.image.shape[1], found.height() / self.image.shape[0], ratio)
+        found.setDevicePixelRatio(ratio)
+        return found
+
+    def _draw(self, on: QPixmap, across: float, down: float, ratio: float) -> None:
+        painter = QPainter(on)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        for colour, style, points in self.outlines():
+            painter.setPen(QPen(QColor(colour), 1.3 * ratio, style))
+            # centres of pixels have whole numbers
+            painter.drawPolygon(QPolygonF([QPointF((s + 0.5) * across, (t + 0.5) * down) for t, s in points.tolist()]))
+        painter.end()
 
 
 def to_pixmap(image: NDArray[Any], side: int, colour_map: str = "viridis") -> QPixmap:
@@ -27,7 +79,7 @@ def to_pixmap(image: NDArray[Any], side: int, colour_map: str = "viridis") -> QP
 
 
 class DepthStrip(QListWidget):
-    """A row of small pictures with the depth under each.
+    """A row of small pictures with the depth under each; ``wrapping``: rows of them.
 
     Signals
     -------
@@ -37,40 +89,52 @@ class DepthStrip(QListWidget):
 
     chosen = Signal(int)
 
-    def __init__(self, side: int = 76, parent: QWidget | None = None) -> None:
+    def __init__(self, side: int = 76, parent: QWidget | None = None, *, wrapping: bool = False) -> None:
         super().__init__(parent)
         self._side = side
+        self.tiles: list[Tile] = []
         self.setViewMode(QListWidget.ViewMode.IconMode)
         self.setFlow(QListWidget.Flow.LeftToRight)
-        self.setWrapping(False)
+        self.setWrapping(wrapping)
+        self.setResizeMode(QListWidget.ResizeMode.Adjust)
         self.setMovement(QListWidget.Movement.Static)
         self.setIconSize(QSize(side, side))
         self.setGridSize(QSize(side + 18, side + 26))
-        self.setFixedHeight(side + 38)
-        self.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.setAccessibleName("apertures of all planes")
+        if not wrapping:
+            self.setFixedHeight(side + 38)
+            self.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.setToolTip("Depth-plane sums: the aperture as seen from each depth. Click to choose a plane.")
         self.currentRowChanged.connect(self._changed)
 
     def set_planes(self, depths: NDArray[np.float64]) -> None:
         """Make one empty place per plane."""
+        self.show_tiles([Tile(float(depth)) for depth in depths])
+
+    def show_tiles(self, tiles: list[Tile]) -> None:
+        """Show what is known of every plane."""
         self.blockSignals(True)
         self.clear()
-        blank = QPixmap(self._side, self._side)
-        blank.fill(Qt.GlobalColor.transparent)
-        for z, depth in enumerate(depths):
-            item = QListWidgetItem(QIcon(blank), format_length(float(depth)))
-            item.setToolTip(f"plane {z}, z = {format_length(float(depth))}")
-            self.addItem(item)
+        self.tiles = []
+        for z, tile in enumerate(tiles):
+            self.addItem(QListWidgetItem(format_length(tile.depth_um)))
+            self.tiles.append(tile)
+            self._show(z, count=len(tiles))
         self.blockSignals(False)
 
-    def set_sum(self, z: int, image: NDArray[Any]) -> None:
-        """Show the sum of plane ``z``."""
-        item = self.item(z)
-        if item is not None:
-            picture = to_pixmap(image, self._side)
-            icon = QIcon(picture)
-            icon.addPixmap(picture, QIcon.Mode.Selected)  # else the one that is chosen is tinted
-            item.setIcon(icon)
+    def set_tile(self, z: int, **known: Any) -> None:
+        """Show more of plane ``z``: fields of `Tile`."""
+        if z < len(self.tiles):
+            self.tiles[z] = replace(self.tiles[z], **known)
+            self._show(z, count=len(self.tiles))
+
+    def _show(self, z: int, count: int) -> None:
+        tile, item = self.tiles[z], self.item(z)
+        picture = tile.picture(self._side, self.devicePixelRatioF())
+        icon = QIcon(picture)
+        icon.addPixmap(picture, QIcon.Mode.Selected)  # else the one that is chosen is tinted
+        item.setIcon(icon)
+        item.setToolTip(aperture_tip(z, tile.depth_um, count, tile.fitted, tile.expected))
 
     def set_current(self, z: int) -> None:
         """Mark a plane without reporting it."""
@@ -81,3 +145,26 @@ class DepthStrip(QListWidget):
     def _changed(self, row: int) -> None:
         if row >= 0:
             self.chosen.emit(row)
+
+
+class Apertures(QDialog):
+    """The apertures of all planes in a window of their own, large; it follows the strip while it is open.
+
+    Signals
+    -------
+    chosen(z)
+        A plane was clicked.
+    """
+
+    chosen = Signal(int)
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setWindowTitle("Apertures of all planes")
+        self.setStyleSheet(style_sheet())
+        self.resize(*SIZE)
+        self.grid = DepthStrip(LARGE, wrapping=True)
+        self.grid.chosen.connect(self.chosen.emit)
+        column = QVBoxLayout(self)
+        column.addWidget(QLabel(LEGEND.replace("<br>", " &nbsp; ")))
+        column.addWidget(self.grid, 1)

@@ -38,7 +38,7 @@ CHOICES = (
     Choice(
         "moved",
         (".mat",),
-        "Move patterns by the rest",
+        "Move patterns by the residual",
         "Cubic, by what whole pixels leave: as rectifying does.",
     ),
     Choice("rows_first", (".mat",), "Rows first", "H(t,s,y,x,z): for codes that use images as imread gives them."),

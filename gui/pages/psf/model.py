@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,17 +15,12 @@ from lfcal.axes import centre
 from lfcal.psf import PSFMatrix
 from lfcal.units import format_length
 
-if TYPE_CHECKING:
-    from lfcal.psf.aperture import Aperture
-
 __all__ = [
     "LoadedPlane",
     "PSFIntent",
     "PSFPicture",
     "Pixel",
     "PlaneData",
-    "aperture_words",
-    "expected_in",
     "linked_pixel",
     "pixel_words",
     "place_words",
@@ -254,43 +249,3 @@ def place_words(matrix: PSFMatrix, intent: PSFIntent) -> tuple[str, str]:
         f"{plane_words(intent.z, len(matrix))}: z = {format_length(depth)}{virtual}",
         f"Position y {intent.y}, x {intent.x} of {ny} × {nx} px",
     )
-
-
-def expected_in(matrix: PSFMatrix, z: int) -> Aperture | None:
-    """Return the aperture that the camera lets expect in plane ``z``, None where no camera is known."""
-    from lfcal.psf.aperture import expected_aperture
-
-    if matrix.camera is None:
-        return None
-    return expected_aperture(matrix.camera, float(matrix.depths[z]), matrix.cutout, matrix.pixel_scale)
-
-
-def aperture_words(aperture: Aperture) -> str:
-    """Return the numbers of a fitted aperture as rich text, with what it refuses to say."""
-    from lfcal.psf.aperture.shape import KINDS, REFUSALS
-
-    refused = f"<p><b>{aperture.refusal}</b>: {REFUSALS[aperture.refusal]}</p>" if aperture.refusal else ""
-    if aperture.confident and aperture.fault:
-        refused = f"<p><b>{aperture.fault}</b></p>"
-    row, column = aperture.centre
-    # a count that is refused is none to be named
-    told = aperture.confident and aperture.blades > 0
-    error = f" ± {aperture.curvature_sigma:.2f}" if np.isfinite(aperture.curvature_sigma) else ""
-    lines = (
-        ("Shape", KINDS[aperture.kind]),
-        ("Blades", f"{aperture.blades}" if told else "—"),
-        ("Rotation", f"{np.degrees(aperture.rotation_rad):.1f}°" if told else "—"),
-        ("Centre t", f"{row:.2f} px"),
-        ("Centre s", f"{column:.2f} px"),
-        ("Apothem", f"{aperture.apothem_px:.2f} px"),
-        ("Area", f"{aperture.area_px2:.0f} px²"),
-        ("Curvature", f"{aperture.curvature:.2f}{error}" if told else "—"),
-        ("Edge blur", f"{aperture.blur_px:.2f} px"),
-        ("Ellipticity", f"{100 * aperture.ellipticity:.1f} %"),
-        ("Confidence", f"{100 * aperture.confidence:.0f} %"),
-    )
-    cells = "".join(
-        f"<tr><td style='padding-right:10px'>{a}</td><td style='white-space:nowrap'><b>{b}</b></td></tr>"
-        for a, b in lines
-    )
-    return f"{refused}<table cellspacing='0' cellpadding='0'>{cells}</table>"

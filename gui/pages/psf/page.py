@@ -8,7 +8,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from numpy.typing import NDArray
 from PySide6.QtWidgets import QFileDialog
 
 from gui.base_page import BasePage
@@ -22,13 +21,13 @@ from gui.pages.psf.model import (
     LoadedPlane,
     PlaneData,
     PSFIntent,
-    expected_in,
     place_words,
     read_plane,
     resolve,
     shown_unit,
     unit_of,
 )
+from gui.pages.psf.model_aperture import expected_in
 from gui.pages.psf.panel import PSFPanel
 from gui.pages.psf.step import step
 from gui.saving import ask_target
@@ -146,16 +145,18 @@ class Page(BasePage):
         )
 
     def _load_sums(self, matrix: PSFMatrix) -> None:
-        """Compute what is known of each plane in the background, one plane after the other."""
+        """Find what is known of each plane in the background: all sums, one after the other, then all apertures."""
+        count = len(matrix)
 
-        def load(z: int) -> None:
-            if z < len(matrix) and matrix is self.matrix:
-                self.context.jobs.compute("psf sums", lambda: matrix.depth_sum(z), lambda image: done(z, image))
+        def load(k: int) -> None:
+            if k < 2 * count and matrix is self.matrix:
+                known = partial(_sum_of if k < count else _apertures_of, matrix, k % count)
+                self.context.jobs.compute("psf planes", known, lambda found: done(k, found), lambda _: done(k, {}))
 
-        def done(z: int, image: NDArray[Any]) -> None:
+        def done(k: int, found: dict[str, Any]) -> None:
             if matrix is self.matrix:
-                self.panel.strip.set_sum(z, image)
-                load(z + 1)
+                self.panel.show_tile(k % count, **found)
+                load(k + 1)
 
         load(0)
 
@@ -303,3 +304,11 @@ class Page(BasePage):
     def _show_aperture(self, aperture: Aperture) -> None:
         if self.matrix is not None:
             self.panel.show_aperture(aperture, expected_in(self.matrix, self.intent.z), self.matrix.cutout)
+
+
+def _sum_of(matrix: PSFMatrix, z: int) -> dict[str, Any]:
+    return {"image": matrix.depth_sum(z)}
+
+
+def _apertures_of(matrix: PSFMatrix, z: int) -> dict[str, Any]:
+    return {"fitted": matrix.aperture(z), "expected": expected_in(matrix, z)}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,8 +24,10 @@ from PySide6.QtWidgets import (
 )
 
 from gui.models.display import COLOUR_MAPS, Display
-from gui.pages.psf.depth_strip import DepthStrip
-from gui.pages.psf.model import PlaneData, PSFIntent, PSFPicture, aperture_words, pixel_words
+from gui.pages.psf.depth_strip import EXPECTED, FITTED, LEGEND, Apertures, DepthStrip
+from gui.pages.psf.model import PlaneData, PSFIntent, PSFPicture, pixel_words
+from gui.pages.psf.model_aperture import aperture_words
+from gui.theme import style_sheet
 from gui.widgets.cards import card, choice_box
 from gui.widgets.image_view import ImageView
 from gui.widgets.linking import link_views
@@ -77,7 +80,8 @@ class PSFPanel(QWidget):
         # pictures have a grid of their own: the height of the controls is not theirs
         grid.addWidget(self._controls(), 0, 0)
         grid.addLayout(self._pictures(), 0, 1)
-        grid.addWidget(self.strip, 1, 0, 1, 2)
+        grid.addLayout(self._planes(), 1, 0, 1, 2)
+        grid.setRowStretch(0, 1)
         grid.setColumnStretch(1, 1)
 
     def _pictures(self) -> QGridLayout:
@@ -96,6 +100,21 @@ class PSFPanel(QWidget):
         return grid
 
     # -- building --------------------------------------------------------------------------------------
+    def _planes(self) -> QHBoxLayout:
+        """Return the apertures of all planes, with what their lines mean."""
+        side = QVBoxLayout()
+        legend, larger = QLabel(LEGEND), QPushButton("Larger …")
+        legend.setToolTip("Outline fitted to the depth-plane sum, and the one that the camera lets expect there")
+        larger.setToolTip("The apertures of all planes in a window of their own")
+        larger.clicked.connect(lambda: self.show_apertures())
+        side.addWidget(legend)
+        side.addWidget(larger)
+        side.addStretch()
+        row = QHBoxLayout()
+        row.addWidget(self.strip, 1)
+        row.addLayout(side)
+        return row
+
     def _make_pictures(self) -> None:
         self.main_view, self.linked_view, self.sum_view = ImageView(), ImageView(), ImageView()
         link_views((self.main_view, self.linked_view))
@@ -106,10 +125,11 @@ class PSFPanel(QWidget):
         self.map.chosen.connect(lambda y, x: self.asked.emit({"y": y, "x": x}))
         self.strip = DepthStrip(64)
         self.strip.chosen.connect(lambda z: self.asked.emit({"z": z}))
+        self.apertures: Apertures | None = None
         self.profile = LinePlot("pixel from the cutout's centre (px)", "intensity (counts)")
-        self.outline = pg.PlotCurveItem(pen=pg.mkPen("#ff5a5f", width=2))
+        self.outline = pg.PlotCurveItem(pen=pg.mkPen(FITTED, width=2))
         self.sum_view.add_overlay(self.outline)
-        self.expected = pg.PlotCurveItem(pen=pg.mkPen("#56b4e9", width=1, style=Qt.PenStyle.DashLine))
+        self.expected = pg.PlotCurveItem(pen=pg.mkPen(EXPECTED, width=1, style=Qt.PenStyle.DashLine))
         self.sum_view.add_overlay(self.expected)
         self.aperture_text = QLabel()
         self.aperture_text.setTextFormat(Qt.TextFormat.RichText)
@@ -183,7 +203,7 @@ class PSFPanel(QWidget):
         area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         area.setWidget(self.aperture_text)
         self.aperture_text.setAutoFillBackground(False)
-        area.setFixedWidth(190)
+        area.setFixedWidth(240)
         row.addWidget(area)
         column.addLayout(row, 1)
         return panel
@@ -193,7 +213,7 @@ class PSFPanel(QWidget):
         """Offer the planes at ``depths`` (µm) of an H with values in ``unit``; ``reference``: there is one."""
         self.plane_slider.setRange(0, len(depths) - 1)
         self.plane_slider.setEnabled(len(depths) > 1)
-        self.strip.set_planes(depths)
+        self._each_strip(lambda strip: strip.set_planes(depths))
         self.show_box.setEnabled(reference)
         self.sum_view.set_value_label(unit)
         self._show_unit(unit)
@@ -217,7 +237,7 @@ class PSFPanel(QWidget):
             blocker = QSignalBlocker(widget)
             show()
             blocker.unblock()
-        self.strip.set_current(intent.z)
+        self._each_strip(lambda strip: strip.set_current(intent.z))
         self.map.set_position(intent.y, intent.x)
         self.h_button.setChecked(not intent.transposed)
         self.ht_button.setChecked(intent.transposed)
@@ -263,7 +283,26 @@ class PSFPanel(QWidget):
         for curve, shown in ((self.outline, aperture), (self.expected, expected)):
             outline = shown.outline() if shown is not None else np.empty((0, 2))
             curve.setData(outline[:, 1] - cutout[1] // 2, outline[:, 0] - cutout[0] // 2)
-        self.aperture_text.setText(aperture_words(aperture))
+        self.aperture_text.setText(aperture_words(aperture, expected))
+
+    def show_tile(self, z: int, **known: Any) -> None:
+        """Show more of plane ``z`` among all planes: fields of `gui.pages.psf.depth_strip.Tile`."""
+        self._each_strip(lambda strip: strip.set_tile(z, **known))
+
+    def _each_strip(self, do: Callable[[DepthStrip], object]) -> None:
+        for strip in (self.strip, *(() if self.apertures is None else (self.apertures.grid,))):
+            do(strip)
+
+    def show_apertures(self) -> Apertures:
+        """Show the apertures of all planes large."""
+        if self.apertures is None:
+            self.apertures = Apertures(self.window())
+            self.apertures.chosen.connect(lambda z: self.asked.emit({"z": z}))
+        self.apertures.setStyleSheet(style_sheet())
+        self.apertures.grid.show_tiles(self.strip.tiles)
+        self.apertures.grid.set_current(self.strip.currentRow())
+        self.apertures.show()
+        return self.apertures
 
     def set_display(self, display: Display, *, sum_only: bool) -> None:
         """Use scaling and colours; ``sum_only``: the pictures show a difference, which has colours of its own."""

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,9 @@ from lfcal.reconstruct.solvers.choice import SOLVERS, SolverChoice
 from lfcal.reconstruct.solvers.solver import OPTIONS
 from lfcal.reconstruct.solvers.stopping import MOST_ITERATIONS
 from lfcal.units import format_bytes, format_seconds
+
+if TYPE_CHECKING:
+    from lfcal.reconstruct.metric import MetricGrid
 
 __all__ = [
     "FIELDS",
@@ -77,7 +81,7 @@ FIELDS = (
     ),
     Field(
         "threshold",
-        "Crop H below",
+        "Ignore H below",
         "% of peak",
         "Entries of H below this share of their plane's peak count as zero: faster, less exact",
         scale=0.01,
@@ -96,6 +100,14 @@ FIELDS = (
         "Pixels that the volume goes on beyond the light field, for light from beside it; empty: as many as help",
         kind="int",
         optional=True,
+    ),
+    Field(
+        "voxel",
+        "Voxel size",
+        "µm",
+        "Save … writes all planes with voxels of one size: a number, or auto, the smallest; light is shared out "
+        "by area. Empty: pixel by pixel, behind a main lens each plane with a size of its own",
+        kind="text",
     ),
     Field("double", "Double precision", kind="bool", tip="float64 instead of float32: twice the memory"),
     Field("region", "Region", "px", "row, column, rows, columns of the light field; empty: all of it", kind="floats"),
@@ -123,6 +135,8 @@ class ReconstructSettings(PageSettings):
         As in `lfcal.reconstruct.Projector`, ``within`` its ``tolerance``.
     margin
         Pixels of the volume beyond each edge of the region; None: `lfcal.reconstruct.margin.usual_margin`.
+    voxel
+        Side of the voxels of a saved volume (µm), ``"auto"`` the smallest of all planes; empty: pixel by pixel.
     region
         First row and column, rows and columns of the light field; empty: all.
     anchor
@@ -143,6 +157,7 @@ class ReconstructSettings(PageSettings):
     threshold: float = 0.0
     within: float = 0.0
     margin: int | None = None
+    voxel: str = ""
     double: bool = False
     region: tuple[float, ...] = ()
     anchor: tuple[float, ...] = ()
@@ -152,11 +167,13 @@ class ReconstructSettings(PageSettings):
         if not 1 <= self.iterations <= 100_000:
             raise InputError.expected("iterations", "1 to 100000", self.iterations, "correct it")
         if not 0 <= self.threshold < 1:
-            raise InputError.expected("crop H below", "0 to 100 % of the peak", self.threshold, "correct it")
+            raise InputError.expected("ignore H below", "0 to 100 % of the peak", self.threshold, "correct it")
         if not 0 <= self.within < 1:
             raise InputError.expected("within", "0 to 100 % of the light", self.within, "correct it")
         if self.margin is not None and self.margin < 0:
             raise InputError.expected("margin", "not negative (px)", self.margin, "correct it")
+        if self.voxel not in ("", "auto"):
+            _side(self.voxel)
         if self.subsets is not None and self.subsets < 1:
             raise InputError.expected("subsets", "at least 1", self.subsets, "correct it")
         for name in ("background", "read_noise"):
@@ -193,6 +210,26 @@ class ReconstructSettings(PageSettings):
         used = rows.stop - rows.start, columns.stop - columns.start
         return replace(choice, margin=usual_margin(H.period, (H.shape[3], H.shape[4]), used))
 
+    def grid(self, H: PSFMatrix, shape: tuple[int, int]) -> MetricGrid | None:
+        """Return the voxels of one size for the used region of a light field of ``shape``; None: as the pixels are.
+
+        Raises
+        ------
+        InputError
+            If H has no camera, or the size makes too many voxels.
+        """
+        from lfcal.reconstruct.metric import MetricGrid
+
+        if not self.voxel:
+            return None
+        rows, columns = self.window(shape)
+        anchor = None
+        if self.anchor or self.region:
+            row, column = self.anchor or H.anchor
+            anchor = row - rows.start, column - columns.start
+        used = rows.stop - rows.start, columns.stop - columns.start
+        return MetricGrid.for_matrix(H, used, anchor, None if self.voxel == "auto" else _side(self.voxel))
+
     def window(self, shape: tuple[int, int]) -> tuple[slice, slice]:
         """Return rows and columns of a light field of ``shape`` to be used; raises `InputError` if outside."""
         if not self.region:
@@ -210,6 +247,17 @@ class ReconstructSettings(PageSettings):
     def changed(self, key: str, value: Any) -> ReconstructSettings:
         """Return the settings with one field changed; raises `InputError` if it cannot be."""
         return replace(self, **{key: value})
+
+
+def _side(text: str) -> float:
+    """Return the side of a voxel that a text means (µm)."""
+    try:
+        side = float(text)
+    except ValueError:
+        side = math.nan
+    if not 0 < side < math.inf:
+        raise InputError.expected("voxel size", "a positive number of µm, auto, or nothing", repr(text), "correct it")
+    return side
 
 
 # -- projector ---------------------------------------------------------------------------------------------

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import asdict, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,15 @@ from lfcal.reconstruct.solvers.choice import iter_reconstruct
 from lfcal.reconstruct.solvers.records import SolverProgress, SolverState
 from lfcal.units import format_seconds
 
-__all__ = ["Solving"]
+__all__ = ["Placed", "Solving"]
+
+
+class Placed(NamedTuple):
+    """A volume ``(nz, Y, X)`` as it is saved, the sides of its voxels (rows, columns; µm), and how it came to be."""
+
+    volume: NDArray[Any]
+    voxel_um: tuple[float, float] | None
+    details: dict[str, Any]
 
 
 class Solving:
@@ -95,8 +103,9 @@ class Solving:
         self._stop.set()
 
     def fits(self, psf: str, settings: ReconstructSettings) -> bool:
-        """Return whether one can go on with ``settings``: all but the number of iterations is the same."""
-        return psf == self.psf and settings.changed("iterations", self.settings.iterations) == self.settings
+        """Return whether one can go on with ``settings``: all but iterations and the saved voxels is the same."""
+        same = replace(settings, iterations=self.settings.iterations, voxel=self.settings.voxel)
+        return psf == self.psf and same == self.settings
 
     def work(self, iterations: int | None = None) -> Work[SolverState | None]:
         """Iterate, as many times as the settings say or so many; goes on where an earlier call stopped."""
@@ -138,6 +147,22 @@ class Solving:
             self.depths = projector.depths
             self.voxel_um = voxel_um(self._matrix)
         self._projector = projector
+
+    def placed(self, settings: ReconstructSettings) -> Placed:
+        """Return the volume as it is saved, with voxels of the size that ``settings`` ask for.
+
+        Raises
+        ------
+        InputError
+            As `ReconstructSettings.grid`.
+        """
+        assert self._matrix is not None
+        asked = replace(self.settings, voxel=settings.voxel)
+        grid = asked.grid(self._matrix, (self.image.shape[0], self.image.shape[1]))
+        if grid is None:
+            return Placed(self.volume, self.voxel_um, self.details())
+        details = {**self.details(), "voxel_um": grid.voxel_um, "origin_um": grid.origin_um}
+        return Placed(grid.apply(self.volume), (grid.voxel_um, grid.voxel_um), details)
 
     def details(self) -> dict[str, Any]:
         """Return what a saved volume keeps of how it came to be."""

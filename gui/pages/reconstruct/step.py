@@ -32,6 +32,7 @@ def step(project: ProjectState, out: str = "") -> Step:
         ("--saturation", choice.saturation),
         ("--strength", choice.strength),
         ("--subsets", choice.subsets),
+        ("--voxel", chosen.voxel),
         ("--double", chosen.double),
         ("--out", out),
     )
@@ -41,6 +42,12 @@ def step(project: ProjectState, out: str = "") -> Step:
 def _python(psf: str, frame: str, chosen: ReconstructSettings, out: str) -> str:
     choice = chosen.choice()
     settings = {key: value for key, value in asdict(choice).items() if key != "margin"}
+    grid, placed = "", "volume"
+    if chosen.voxel:
+        anchor = repr(tuple(chosen.anchor)) if chosen.anchor else "None"
+        side = "None" if chosen.voxel == "auto" else chosen.voxel
+        grid = f"\n    grid = MetricGrid.for_matrix(H, (rows, columns), {anchor}, {side})"
+        placed = "grid.apply(volume)"
     usual = "usual_margin(H.period, H.shape[3:], image.shape)"
     return f"""
 import numpy as np
@@ -48,6 +55,7 @@ import tifffile
 from lfcal.psf import open_psf
 from lfcal.reconstruct import Projector, SolverChoice, reconstruct
 from lfcal.reconstruct.margin import usual_margin
+from lfcal.reconstruct.metric import MetricGrid
 
 image = tifffile.imread({frame!r}).astype(np.float32)
 with open_psf({psf!r}) as H:
@@ -60,5 +68,6 @@ with open_psf({psf!r}) as H:
         dtype={"float64" if chosen.double else "float32"!r}, threshold={chosen.threshold!r},
         tolerance={chosen.within!r},
     )
-    tifffile.imwrite({out!r}, np.asarray(reconstruct(projector, image, choice).volume, np.float32))
+    volume = reconstruct(projector, image, choice).volume{grid}
+    tifffile.imwrite({out!r}, np.asarray({placed}, np.float32))
 """

@@ -9,6 +9,7 @@ from PySide6.QtCore import QObject, Signal
 
 from gui.base_page import BasePage
 from gui.models.history import Taken
+from gui.pages.reconstruct.model import ReconstructSettings
 from gui.pages.reconstruct.model_solving import Solving
 from gui.pages.reconstruct.step import step
 from gui.saving import ask_target
@@ -42,10 +43,11 @@ class VolumeFile(QObject):
         path = path or ask_target(self._page, "Save volume", "volume.tif", VOLUMES)
         if not path:
             return
-        volume, depths, voxel, details = solving.volume, solving.depths, solving.voxel_um, solving.details()
+        depths, settings = solving.depths, ReconstructSettings.of(self._context.state)
 
         def write() -> str:
-            save_volume(path, volume, depths_um=depths, voxel_um=voxel, details=details)
+            placed = solving.placed(settings)
+            save_volume(path, placed.volume, depths_um=depths, voxel_um=placed.voxel_um, details=placed.details)
             return path
 
         taken = self._taken(solving, path)
@@ -55,7 +57,8 @@ class VolumeFile(QObject):
         """Return the reconstruction, with all its iterations, for the history."""
         count = 0 if solving.state is None else solving.state.iteration
         state = replace(self._context.state, psf=solving.psf)
-        state = replace(state, settings=replace(solving.settings, iterations=count).into(state))
+        voxel = ReconstructSettings.of(state).voxel
+        state = replace(state, settings=replace(solving.settings, iterations=count, voxel=voxel).into(state))
         title = f"Reconstruct {Path(path).name} by {solving.settings.solver}"
         return self._context.taken("reconstruct", title, path, lambda: step(state, path))
 

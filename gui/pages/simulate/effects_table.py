@@ -13,7 +13,7 @@ from gui.theme import current_theme
 
 __all__ = ["EffectsTable"]
 
-COLUMNS = ("Effect", "Setting", "Verdict", "Share of image", "Time")
+COLUMNS = ("Effect", "Setting", "Verdict", "Share", "Time")
 EFFECT, SETTING, VERDICT, SHARES, SECONDS = range(5)
 ROW = 24
 """Height of a row (px): room for the list of choices."""
@@ -74,7 +74,7 @@ class EffectsTable(QTreeWidget):
         for k in range(len(COLUMNS)):
             mode = QHeaderView.ResizeMode.Stretch if k == VERDICT else QHeaderView.ResizeMode.Interactive
             header.setSectionResizeMode(k, mode)
-        for column, width in ((EFFECT, 166), (SETTING, 64), (SHARES, 118), (SECONDS, 60)):
+        for column, width in ((EFFECT, 166), (SETTING, 72), (SHARES, 118), (SECONDS, 60)):
             header.resizeSection(column, width)
         self.currentItemChanged.connect(lambda item, _: self._selected(item))
         self.itemActivated.connect(lambda *_: self.edit_asked.emit())
@@ -92,7 +92,7 @@ class EffectsTable(QTreeWidget):
         self.viewport().update()
 
     def _fit_names(self) -> None:
-        """Make the first column as wide as its longest name: verdicts are told below the table and by their tips."""
+        """Make the first column as wide as its longest name; verdicts are short, and whole in their tips."""
         metrics, indent = self.fontMetrics(), 2 * self.indentation() + 12
         widest = max((metrics.horizontalAdvance(item.text(EFFECT)) for item in self._items.values()), default=0)
         self.header().resizeSection(EFFECT, max(166, widest + indent))
@@ -126,7 +126,7 @@ class EffectsTable(QTreeWidget):
         theme = current_theme()
         texts = {
             EFFECT: f"{row.title}{' •' if row.given else ''}",
-            VERDICT: row.verdict_text(),
+            VERDICT: row.brief_text(),
             SHARES: row.share_text(),
             SECONDS: row.seconds_text(),
         }

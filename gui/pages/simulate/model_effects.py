@@ -50,8 +50,8 @@ class EffectRow:
         What it acts on.
     enters_h
         Whether H shows it; else frames alone do, and the verdict is theirs.
-    on, setting, reason
-        What the planner decided, what the user chose, and why.
+    on, setting, reason, brief
+        What the planner decided, what the user chose, and why: in a sentence, and in a word or two.
     share, upper_bound, size, formula
         Estimated share of the image that is wrong without it, whether that is at most so; size with unit; how both
         were found.
@@ -69,6 +69,7 @@ class EffectRow:
     on: bool
     setting: str
     reason: str
+    brief: str
     share: float
     upper_bound: bool
     size: str
@@ -90,6 +91,10 @@ class EffectRow:
     def seconds_text(self) -> str:
         """Return the cost in words."""
         return format_seconds(self.seconds) if self.seconds > 0 else "free"
+
+    def brief_text(self) -> str:
+        """Return the verdict in a few words; the numbers stand in other columns and in `verdict_text`."""
+        return f"{'on' if self.on else 'off'}: {self.brief}"
 
     def verdict_text(self) -> str:
         """Return the verdict and its reason in words."""
@@ -142,9 +147,9 @@ def _row(planned: PlannedEffect, plan: ScanPlan, settings: SimulateSettings) -> 
     effect, estimate = planned.effect, planned.estimate
     marks = {field: mark for field, (_, mark) in settings.given(effect.name).items()}
     magnitudes = magnitudes_of(effect, plan.camera, marks)
-    reason = planned.reason
+    reason, brief = planned.reason, planned.brief
     if planned.setting == "on" and any(one.kind == "terms" and not one.counts for one in magnitudes):
-        reason = "asked for, but it needs terms: add at least one"
+        reason, brief = "asked for, but it needs terms: add at least one", "needs terms"
     return EffectRow(
         effect,
         effect.name,
@@ -154,6 +159,7 @@ def _row(planned: PlannedEffect, plan: ScanPlan, settings: SimulateSettings) -> 
         planned.on,
         planned.setting,
         reason,
+        brief,
         estimate.error,
         estimate.upper_bound,
         f"{estimate.size:.3g} {estimate.unit}".strip(),

@@ -42,6 +42,8 @@ class Page(BasePage):
         self.influences = Influences(self.bench)
         self._stop = threading.Event()
         self._computing = False
+        self._measuring = 0
+        self._ladder: Any = None
         self.tool_button("Measure accuracy", "Time and error of every level and sampling for this camera", self.ladder)
         self.tool_button(
             "Simulate frames …", "Write the frames of the whole plan to a folder, as a job", self.simulate_frames
@@ -51,6 +53,7 @@ class Page(BasePage):
         self._connect()
         self.set_panel(self.panel)
         self.theme_changed.connect(self._apply_theme)
+        context.jobs.changed.connect(self._measured)
         self._show(context.state)
 
     def _connect(self) -> None:
@@ -323,12 +326,16 @@ class Page(BasePage):
         if plan is not None:
             tolerance = self.settings.tolerance
             self.panel.show_accuracy_tab()
-            self.context.jobs.start(
-                "Accuracy against time",
-                "simulate",
-                lambda: iter_ladder(plan.camera, plan, tolerance),
-                self.panel.show_ladder,
+            self._measuring = self.context.jobs.start(
+                "Accuracy against time", "simulate", lambda: iter_ladder(plan.camera, plan, tolerance)
             )
+
+    def _measured(self, job: Job) -> None:
+        """Show the rungs as they come; those of a measurement that is stopped stay."""
+        found = getattr(job.progress, "ladder", None)
+        if job.number == self._measuring and found is not None and found.rungs and found is not self._ladder:
+            self._ladder = found
+            self.panel.show_ladder(found)
 
     def _apply_theme(self) -> None:
         self.panel.apply_theme()

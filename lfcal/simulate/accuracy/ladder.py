@@ -6,14 +6,14 @@ import math
 import os
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.camera import Camera, ScanPlan
 from lfcal.errors import InputError, LfcalError
-from lfcal.progress import Clock, Work, drain
+from lfcal.progress import Clock, Progress, Work, drain
 from lfcal.simulate.accuracy.forecast import Whole, own_rows, whole_of
 from lfcal.simulate.accuracy.probe import LARGEST_GRID
 from lfcal.simulate.accuracy.sampling import Step, steps_for
@@ -23,7 +23,7 @@ from lfcal.simulate.scene import Scene
 from lfcal.simulate.simulate import EffectsLike, budgeted
 from lfcal.simulate.staging import resolve_level, scene_for
 
-__all__ = ["Ladder", "Rung", "draw_ladder", "iter_ladder", "ladder", "rung_label", "shown_steps"]
+__all__ = ["Ladder", "LadderProgress", "Rung", "draw_ladder", "iter_ladder", "ladder", "rung_label", "shown_steps"]
 
 REFERENCE_SAMPLES = (12, 10, 8, 6, 4)
 """Samples per pixel of the reference, the most that its grid holds."""
@@ -103,6 +103,13 @@ class Ladder:
         return min(self.rungs, key=lambda rung: rung.error, default=None)
 
 
+@dataclass(frozen=True, slots=True)
+class LadderProgress(Progress):
+    """How far measuring has come, with the rungs so far: a measurement that is stopped keeps them."""
+
+    ladder: Ladder = field(kw_only=True)
+
+
 def iter_ladder(
     camera: Camera,
     plan: ScanPlan,
@@ -114,7 +121,7 @@ def iter_ladder(
     samplings: Iterable[Sampling | Step] | None = None,
     reference: Sampling | None = None,
 ) -> Work[Ladder]:
-    """Measure `ladder`; yields progress in rungs."""
+    """Measure `ladder`; yields progress in rungs, as `LadderProgress` from the first one on."""
     if camera != plan.camera:
         raise InputError.expected("camera", f"the plan's ({plan.camera.name})", camera.name, "use one camera")
     z = len(plan.depths_um) // 2 if z is None else z
@@ -132,20 +139,23 @@ def iter_ladder(
     # One scene for all rungs: what differs is how it is computed.
     truth, judge, each = _reference(scene, places, reference)
     shares = whole_of(plan, z, budget, level)
-    rungs: list[Rung] = []
-    refused: list[str] = []
+    whole = each * scene.period[0] * scene.period[1] * shares.runs * shares.planes
+    v = camera.virtual_depth(plan.depths_um[z])
+    found = Ladder((), (), tolerance, f"reference, {judge} samples/px", whole, v, len(places))
     for done, (kind, sampling) in enumerate(tasks, 1):
         label = rung_label(kind, sampling)
-        yield clock.at(done, label)
+        yield _told(clock.at(done, label), found)
         try:
-            rungs.append(_measure(scene, kind, sampling, places, truth, shares))
+            rung = _measure(scene, kind, sampling, places, truth, shares)
+            found = replace(found, rungs=_marked((*found.rungs, rung)))
         except EnergyError:
-            refused.append(label)
-    yield clock.at(len(tasks) + 1)
-    whole = each * scene.period[0] * scene.period[1] * shares.runs * shares.planes
-    ordered = _marked(rungs)
-    v = camera.virtual_depth(plan.depths_um[z])
-    return Ladder(ordered, tuple(refused), tolerance, f"reference, {judge} samples/px", whole, v, len(places))
+            found = replace(found, refused=(*found.refused, label))
+    yield _told(clock.at(len(tasks) + 1), found)
+    return found
+
+
+def _told(record: Progress, found: Ladder) -> LadderProgress:
+    return LadderProgress(record.done, record.total, record.stage, record.seconds, record.note, ladder=found)
 
 
 def ladder(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from lfcal.camera import Camera, Microscope, ScanPlan
 from lfcal.checks import check_number
@@ -43,6 +44,8 @@ class PlannedEffect:
         That depth (µm).
     reason
         Why it is on or off there, one sentence with numbers and units.
+    brief
+        The same in a word or two, for a column of a table.
     seconds
         What it adds, or would add, to the time of the whole plan (CPU-seconds on this machine).
     """
@@ -53,6 +56,7 @@ class PlannedEffect:
     estimate: Estimate
     z_um: float
     reason: str
+    brief: str
     seconds: float
 
     @property
@@ -266,63 +270,75 @@ def _counts(effect: Effect, known: bool, frames: bool) -> bool:
     return (known or not effect.deviation) and (frames or effect.acts_on.enters_h)
 
 
-def _decided(drafts: Sequence[_Draft], plane: int, allowed: float) -> tuple[dict[str, tuple[bool, str]], float]:
+def _decided(drafts: Sequence[_Draft], plane: int, allowed: float) -> tuple[dict[str, _Decision], float]:
     """Return on or off with the reason for each effect at one plane, and the error left out there."""
-    found: dict[str, tuple[bool, str]] = {}
+    found: dict[str, _Decision] = {}
     taken = 0.0
     for draft in drafts:
-        on, reason = _decide(draft, draft.at(plane), allowed, taken)
-        if not on and draft.setting == "auto" and _counts(draft.effect, draft.known, draft.frames):
+        decided = _decide(draft, draft.at(plane), allowed, taken)
+        if not decided.on and draft.setting == "auto" and _counts(draft.effect, draft.known, draft.frames):
             taken += draft.at(plane).error
-        found[draft.effect.name] = on, reason
+        found[draft.effect.name] = decided
     return found, taken - _taken_along(drafts, plane, found)
 
 
-def _taken_along(drafts: Sequence[_Draft], plane: int, found: dict[str, tuple[bool, str]]) -> float:
+def _taken_along(drafts: Sequence[_Draft], plane: int, found: dict[str, _Decision]) -> float:
     """Put the bandwidth on where another effect spreads the wavelengths anyway; return what is left out no longer."""
-    coloured = [d.effect.title for d in drafts if found[d.effect.name][0] and d.effect.by_wavelength]
+    coloured = [d.effect.title for d in drafts if found[d.effect.name].on and d.effect.by_wavelength]
     width = next(d for d in drafts if d.effect.name == Bandwidth.name)
-    if not coloured or width.setting != "auto" or found[Bandwidth.name][0] or not width.at(plane).size:
+    if not coloured or width.setting != "auto" or found[Bandwidth.name].on or not width.at(plane).size:
         return 0.0
-    found[Bandwidth.name] = True, f"comes with {' and '.join(coloured)}"
+    found[Bandwidth.name] = _Decision(True, "comes along", f"comes with {' and '.join(coloured)}")
     return width.at(plane).error
 
 
-def _row(draft: _Draft, planes: Sequence[Outlook], decided: Sequence[Mapping[str, tuple[bool, str]]]) -> PlannedEffect:
+def _row(draft: _Draft, planes: Sequence[Outlook], decided: Sequence[Mapping[str, _Decision]]) -> PlannedEffect:
     """Return the row of an effect; its reason is that of the plane where it matters most."""
-    on = tuple(found[draft.effect.name][0] for found in decided)
+    on = tuple(found[draft.effect.name].on for found in decided)
     # among the planes where it is on, if there are any: an estimate a little larger elsewhere may have found room
     worst = max(range(len(planes)), key=lambda k: (on[k], draft.at(k).error))
-    reason = decided[worst][draft.effect.name][1]
+    _, brief, reason = decided[worst][draft.effect.name]
     if any(on) and not all(on):
-        reason += f"; on at {sum(on)} of {len(on)} planes"
-    return PlannedEffect(draft.effect, on, draft.setting, draft.at(worst), planes[worst].z_um, reason, draft.seconds)
+        brief = f"{sum(on)} of {len(on)} planes"
+        reason += f"; on at {brief}"
+    estimate, z_um = draft.at(worst), planes[worst].z_um
+    return PlannedEffect(draft.effect, on, draft.setting, estimate, z_um, reason, brief, draft.seconds)
 
 
-def _decide(draft: _Draft, e: Estimate, allowed: float, taken: float) -> tuple[bool, str]:
-    """Return on or off and the reason, where ``taken`` of what is allowed is left out already."""
+class _Decision(NamedTuple):
+    """Whether an effect is on at a plane, and why: in a word or two, and in a sentence."""
+
+    on: bool
+    brief: str
+    reason: str
+
+
+def _decide(draft: _Draft, e: Estimate, allowed: float, taken: float) -> _Decision:
+    """Return on or off with the reason, where ``taken`` of what is allowed is left out already."""
     effect = draft.effect
     size = f"{e.size:.3g} {e.unit}"
     share = f"{'at most ' if e.upper_bound else ''}{format_share(e.error)} of the image"
     cost = f", {format_seconds(draft.seconds)}" if draft.seconds else ", free"
     if draft.setting == "off":
-        return False, f"switched off: {size}, {share} is missing"
+        return _Decision(False, "switched off", f"switched off: {size}, {share} is missing")
     if not draft.frames and not effect.acts_on.enters_h:
         asked = "asked for, but " if draft.setting == "on" else ""
-        return False, f"{asked}acts on the {effect.acts_on.value}, not on H ({size})"
+        return _Decision(False, "not on H", f"{asked}acts on the {effect.acts_on.value}, not on H ({size})")
     if draft.setting == "on":
         if e.size == 0 and effect.deviation and not draft.known:
-            return False, f"asked for, but has no typical size: {size}, give its own"
-        return True, f"asked for: {size}, {share}{cost}"
+            return _Decision(False, "give its size", f"asked for, but has no typical size: {size}, give its own")
+        return _Decision(True, "asked for", f"asked for: {size}, {share}{cost}")
     if effect.deviation and not draft.known:
-        return False, f"not known of this camera; a typical {size} would be {share}"
+        return _Decision(False, "not known", f"not known of this camera; a typical {size} would be {share}")
     if isinstance(effect, FrameEffect) and effect.whole_numbers:
-        return True, f"frames hold whole numbers: {size}, {share}"
+        return _Decision(True, "always", f"frames hold whole numbers: {size}, {share}")
     if e.error < NOTHING:
-        return False, f"changes nothing here: {size}"
+        return _Decision(False, "no effect", f"changes nothing here: {size}")
     within = f"the {100 * allowed:.3g} % that may be left out"
     if e.error > allowed:
-        return True, f"{size}: {share}, above {within}{cost}"
+        return _Decision(True, "needed", f"{size}: {share}, above {within}{cost}")
     if e.error > allowed - taken:
-        return True, f"{size}: {share}, too much beside {format_share(taken)} left out already{cost}"
-    return False, f"{size}: {share}, within {within}"
+        return _Decision(
+            True, "needed", f"{size}: {share}, too much beside {format_share(taken)} left out already{cost}"
+        )
+    return _Decision(False, "small", f"{size}: {share}, within {within}")

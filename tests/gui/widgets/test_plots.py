@@ -3,12 +3,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pyqtgraph as pg
 import pytest
+from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
-from gui.theme import DARK, LIGHT, apply_theme
-from gui.widgets.plots import LinePlot
+from gui.theme import DARK, LIGHT, NIGHT, apply_theme
+from gui.widgets.plots import LINES, LinePlot
 from tests.gui.waiting import GUARD_MS
 
 
@@ -78,3 +80,26 @@ def test_numbers_keep_the_room_they_had(qtbot: QtBot) -> None:
         QApplication.processEvents()
         wide.append(plot.plot.getAxis("left").width())
     assert wide[1] == wide[0] > 60
+
+
+def test_curves_are_red_where_all_is_red_and_have_their_tones_again(qapp: QApplication, qtbot: QtBot) -> None:
+    apply_theme(qapp, LIGHT)
+    plot = LinePlot("x (px)", "y (counts)")
+    qtbot.addWidget(plot)
+    plot.set_curve("a", [0, 1], [1, 2], symbol="o")
+    plot.set_curve("b", [0, 1], [2, 3], colour="#123456", dashed=True)
+
+    def tones() -> list[str]:
+        return [pg.mkPen(curve.opts["pen"]).color().name() for curve in plot._curves.values()]
+
+    before = tones()
+    apply_theme(qapp, NIGHT)
+    plot.apply_theme()
+    plot.set_curve("c", [0, 1], [3, 4])
+    assert (
+        all(int(tone[3:5], 16) < 0x90 and int(tone[5:], 16) < 0x60 for tone in tones()) and len(set(tones())) == 3 - 1
+    )
+    assert pg.mkPen(plot._curves["b"].opts["pen"]).style() is Qt.PenStyle.DashLine
+    apply_theme(qapp, LIGHT)
+    plot.apply_theme()
+    assert tones() == [*before, LINES[2]]

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +10,12 @@ from PySide6.QtWidgets import QComboBox, QLineEdit, QPushButton
 from pytestqt.qtbot import QtBot
 
 from gui.context import Context
+from gui.pages.frames.assembly import iter_assembly
 from gui.pages.frames.model import FrameSettings
 from lfcal.cli.sample import sample_recording
 from lfcal.frames.source import Position
+from lfcal.psf import open_psf
+from lfcal.psf.assembly import AssemblyProgress
 from tests.cli.conftest import SHAPE, small_plan, true_frame
 from tests.gui.waiting import GUARD_MS, idle
 
@@ -111,3 +115,42 @@ def test_without_frames_assembling_says_so(open_page: Any) -> None:
     page = open_page("frames")
     page.assemble()
     assert "no frames" in page.notice.label.text()
+
+
+def test_h_fills_in_the_map_while_it_is_assembled(
+    scanned: Any, context: Context, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page, panel, go_on = scanned, scanned.panel, threading.Event()
+
+    def held(opened: Any, path: str) -> Any:
+        running = iter_assembly(opened, path)
+        while True:
+            try:
+                record = next(running)
+            except StopIteration as end:
+                return end.value
+            yield record
+            if isinstance(record, AssemblyProgress) and not go_on.is_set():
+                go_on.wait(GUARD_MS / 1e3)
+
+    monkeypatch.setattr("gui.pages.frames.page.iter_assembly", held)
+    shown: list[Any] = []
+    monkeypatch.setattr(panel.map, "set_values", lambda values, recorded: shown.append((values, recorded)))
+    page.go_to(Position(1, 0, 0))
+    page.assemble(str(tmp_path / "H.h5"))
+    qtbot.waitUntil(lambda: "of H fills" in panel.map_words.text(), timeout=GUARD_MS)
+    values, recorded = shown[-1]
+    there = int(np.isfinite(values).sum())
+    assert "Plane 0" in panel.map_words.text() and f"light of {there} of {values.size}" in panel.map_words.text()
+    assert there >= SHAPE[2] - 1 and recorded[GONE[1:]] == 0
+    page.go_to(Position(1, 1, 0))  # another is looked at: the plane that fills stays
+    page.go_to(Position(0, 1, 0))
+    assert shown[-1][0] is values
+    go_on.set()
+    idle(context.jobs, qtbot)
+    with open_psf(tmp_path / "H.h5") as H:
+        for z in (0, 1):
+            page.go_to(Position(z, 0, 0))
+            light, seen = H.plane(z).sum((2, 3), dtype=float), np.isfinite(shown[-1][0])
+            np.testing.assert_allclose(shown[-1][0][seen], light[seen], rtol=1e-5)
+            assert seen.sum() == seen.size - (z == GONE[0]) and "of H holds" in panel.map_words.text()

@@ -1,18 +1,22 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from PySide6.QtCore import QSize
-from PySide6.QtGui import QIcon
+from PySide6.QtGui import QColor, QIcon
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
 from gui.context import Context
+from gui.pages.psf.depth_strip import EXPECTED, FITTED, Tile
 from gui.window import MainWindow
+from lfcal.camera import preset
 from lfcal.psf import PSFMatrix, save
+from lfcal.psf.aperture.shape import blade_radius
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import idle
 
@@ -135,3 +139,50 @@ def test_the_depth_that_is_chosen_is_not_tinted(page: Any) -> None:
     icon = page.panel.strip.item(page.intent.z).icon()
     size = QSize(64, 64)
     assert icon.pixmap(size, QIcon.Mode.Selected).toImage() == icon.pixmap(size, QIcon.Mode.Normal).toImage()
+
+
+def test_apertures_of_all_planes_are_drawn_beside_the_expected_ones(
+    open_page: OpenPage, context: Context, qtbot: QtBot, tmp_path: Path
+) -> None:
+    camera = preset("bench")
+    depths = [-26_000.0, -20_000.0]
+    values = np.zeros((2, 2, 2, 55, 55), np.float32)
+    y, x = np.mgrid[-27:28, -27:28]
+    for z, apothem in enumerate((18.0, 13.0)):
+        inside = blade_radius(np.arctan2(y, x), 7, 0.2, apothem) - np.hypot(y, x)
+        values[z] = 1000 * np.clip(inside / 2 + 0.5, 0, 1)
+    save(PSFMatrix(values, depths=depths, camera=camera), tmp_path / "H.h5")
+    context.project.update("open", psf=str(tmp_path / "H.h5"))
+    page = open_page("psf")
+    idle(context.jobs, qtbot)
+    tiles = page.panel.strip.tiles
+    assert [tile.depth_um for tile in tiles] == depths
+    for z, tile in enumerate(tiles):
+        assert tile.image is not None and tile.fitted is not None and tile.expected is not None
+        assert round(tile.fitted.apothem_px) == (18, 13)[z] and len(tile.outlines()) == 2
+        tip = page.panel.strip.item(z).toolTip()
+        assert "fitted: 7 blades" in tip and "expected: 7 blades" in tip and f"Plane {z} (0 to 1)" in tip
+        assert drawn_in(tile) == {FITTED, EXPECTED}
+        assert not drawn_in(replace(tile, fitted=None, expected=None))
+    assert "expected" in page.panel.aperture_text.text()
+
+
+def drawn_in(tile: Tile) -> set[str]:
+    """Return which outlines are seen in the picture of a plane."""
+    picture = tile.picture(160).toImage()
+    pixels = [picture.pixelColor(x, y).getRgb()[:3] for x in range(160) for y in range(160)]
+    wanted = {name: QColor(name).getRgb()[:3] for name in (FITTED, EXPECTED)}
+    return {name for name, rgb in wanted.items() if min(max(map(abs, np.subtract(p, rgb))) for p in pixels) < 30}
+
+
+def test_the_large_apertures_follow_the_strip_and_choose_planes(page: Any, context: Context, qtbot: QtBot) -> None:
+    large = page.panel.show_apertures()
+    qtbot.addWidget(large)
+    assert large.grid.count() == page.panel.strip.count() == 2 and large.isVisible()
+    assert large.grid.currentRow() == page.intent.z
+    large.grid.setCurrentRow(0)
+    idle(context.jobs, qtbot)
+    assert page.intent.z == 0 == page.panel.strip.currentRow()
+    page.set_intent(z=1)
+    assert large.grid.currentRow() == 1
+    assert page.panel.show_apertures() is large

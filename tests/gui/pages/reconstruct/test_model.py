@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,13 +19,16 @@ from gui.pages.reconstruct.model import (
 )
 from gui.pages.reconstruct.model_solving import Solving
 from gui.pages.reconstruct.model_volume import VolumeIntent, resolve
+from lfcal.camera import preset
 from lfcal.errors import InputError
 from lfcal.progress import drain
 from lfcal.psf import PSFMatrix
 from lfcal.psf.store import save
+from lfcal.psf.voxels import voxel_um
 from lfcal.reconstruct import Projector
 from lfcal.reconstruct.margin import usual_margin
 from lfcal.reconstruct.memory import run_memory
+from lfcal.reconstruct.metric import MetricGrid
 from lfcal.reconstruct.solvers.choice import SolverChoice, reconstruct
 from lfcal.reconstruct.solvers.stopping import MOST_ITERATIONS
 from lfcal.units import format_bytes
@@ -56,7 +59,7 @@ def opened(path: str) -> PSFMatrix:
 
 def test_settings_go_through_json_and_survive_damage() -> None:
     settings = ReconstructSettings(
-        "rl-tv", 7, True, 1.0, 2.0, 4000.0, 0.01, None, "fft", 0.02, 0.01, 4, True, (0, 1, 20, 30), (1, 2)
+        "rl-tv", 7, True, 1.0, 2.0, 4000.0, 0.01, None, "fft", 0.02, 0.01, 4, "12.5", True, (0, 1, 20, 30), (1, 2)
     )
     again = ProjectState.from_json(ProjectState(settings=settings.into(ProjectState())).to_json())
     assert ReconstructSettings.of(again) == settings
@@ -75,6 +78,10 @@ def test_settings_go_through_json_and_survive_damage() -> None:
         ("within", -0.1),
         ("margin", -1),
         ("subsets", 0),
+        ("voxel", "0"),
+        ("voxel", "-3"),
+        ("voxel", "inf"),
+        ("voxel", "small"),
         ("background", -1.0),
         ("read_noise", float("nan")),
         ("region", (0, 0, 0, 5)),
@@ -227,3 +234,32 @@ def test_slices_and_projections() -> None:
     assert most.levels == (VOLUME.max(0).min(), VOLUME.max(0).max())
     assert VolumeIntent(9, -1, 99).clamped(VOLUME.shape) == VolumeIntent(2, 0, 6)
     assert VolumeIntent.middle(VOLUME.shape) == VolumeIntent(1, 2, 3)
+
+
+def test_a_volume_is_saved_with_voxels_of_one_size(tmp_path: Path) -> None:
+    """As ``lfcal reconstruct --voxel`` writes it; the size may be chosen when all is done."""
+    camera, depths = preset("bench"), (-26_000.0, -20_000.0)
+    values = np.random.default_rng(0).random((2, 3, 4, 5, 5)).astype(np.float32)
+    save(PSFMatrix(values, depths=depths, camera=camera), tmp_path / "H.h5")
+    image = np.random.default_rng(1).uniform(50, 100, (24, 26)).astype(np.float32)
+    solving = Solving(str(tmp_path / "H.h5"), image, ReconstructSettings(iterations=2, region=(2, 3, 18, 20)))
+    drain(solving.work())
+    plain = solving.placed(solving.settings)
+    assert plain.volume.shape == (2, 18, 20) and plain.voxel_um == solving.voxel_um
+    one = replace(solving.settings, voxel="auto")
+    assert solving.fits(solving.psf, one), "and one can go on"
+    placed = solving.placed(one)
+    with opened(solving.psf) as H:
+        row, column = H.anchor
+        grid = MetricGrid.for_matrix(H, (18, 20), (row - 2, column - 3))
+        sides = [voxel_um(H, depth) for depth in depths]
+    np.testing.assert_array_equal(placed.volume, grid.apply(solving.volume))
+    assert placed.voxel_um == (min(sides)[0],) * 2 and placed.details["origin_um"] == grid.origin_um
+    np.testing.assert_allclose(placed.volume.sum((1, 2)), solving.volume.sum((1, 2)), rtol=1e-5)
+    assert solving.placed(replace(one, voxel="50")).voxel_um == (50.0, 50.0)
+    solving.close()
+
+
+def test_voxels_of_one_size_need_a_camera(psf: str) -> None:
+    with opened(psf) as H, pytest.raises(InputError, match="an H with its camera"):
+        ReconstructSettings(voxel="auto").grid(H, (24, 25))

@@ -77,7 +77,9 @@ def test_coma_of_0_3_waves_at_40_degrees(page: Any, qtbot: QtBot, tmp_path: Path
     type_into(editors["angle_rad"].edit, "40", qtbot)
     idle(context.jobs, qtbot)
     assert given(page).effects() == (Coma(0.3, math.radians(40)),)
-    assert page.verdict.row("coma").on and table.item_of("coma").text(2).startswith("on: 0.3 waves")
+    row = page.verdict.row("coma")
+    assert row.on and row.verdict_text().startswith("on: 0.3 waves") and table.item_of("coma").text(2) == "on: needed"
+    assert row.verdict_text() in table.item_of("coma").toolTip(2)
     assert editors["waves"].source.currentData() == "stated" and editors["angle_rad"].edit.text() == "40"
     source = editors["waves"].source
     source.setCurrentIndex(source.findData("measured"))

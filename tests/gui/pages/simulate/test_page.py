@@ -15,9 +15,12 @@ from gui.context import Context
 from gui.jobs import JobState
 from gui.pages.simulate.model import SimulateSettings, preview, tolerance_of
 from gui.pages.simulate.model_effects import Verdict, verdict_of
+from gui.pages.simulate.share_bar import TEXT
 from gui.window import MainWindow
 from lfcal.camera import ScanPlan
+from lfcal.progress import Progress
 from lfcal.psf import open_psf
+from lfcal.simulate.accuracy.ladder import Ladder, LadderProgress, Rung
 from tests.gui.pages.simulate.test_model import small_plan
 from tests.gui.waiting import GUARD_MS, idle
 
@@ -126,3 +129,57 @@ def test_the_curve_of_accuracy_has_points_and_no_line_between_engines(open_page:
     axis = curve.plot.getAxis("bottom")
     (_, ticks), *_ = axis.tickValues(-1.0, 1.0, 300)
     assert "0.1" in axis.tickStrings(ticks, 1.0, 1.0) and "page Accuracy" in page.panel.curve_hint.text()
+
+
+def test_rungs_that_were_measured_stay_when_measuring_is_stopped(
+    open_page: Any, context: Context, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The curve was empty until all were done, and those that were done were lost."""
+    plan = small_plan()
+    rung = Rung("geometric", None, "geometric", 0.4, 0.0, 0.1, 0.2)
+    found = Ladder((rung,), (), 0.05, "reference", 10.0, 4.0, 1)
+    go_on = threading.Event()
+
+    def measuring(*_: Any) -> Any:
+        yield Progress(0, 3, "reference")
+        yield LadderProgress(1, 3, "geometric", 1.0, ladder=replace(found, rungs=()))
+        yield LadderProgress(2, 3, "wave", 2.0, ladder=found)
+        go_on.wait(GUARD_MS / 1e3)
+        yield LadderProgress(3, 3, "wave", 3.0, ladder=found)
+
+    monkeypatch.setattr("lfcal.simulate.accuracy.ladder.iter_ladder", measuring)
+    context.project.update("plan", plan=plan)
+    page = open_page("simulate")
+    page.ladder()
+    curve = page.panel.curve
+    qtbot.waitUntil(lambda: "measured" in curve._curves, timeout=GUARD_MS)
+    number = context.jobs.jobs()[0].number
+    context.jobs.cancel(number)
+    go_on.set()
+    qtbot.waitUntil(lambda: not context.jobs.busy, timeout=GUARD_MS)
+    assert context.jobs.jobs()[0].state is JobState.CANCELLED
+    assert curve._curves["measured"].getOriginalDataset()[0].tolist() == [0.2]
+    assert "geometric: 40 % error" in page.panel.curve_hint.text()
+
+
+def test_nothing_is_cut_in_the_table_of_effects_in_a_small_window(window: MainWindow, qtbot: QtBot) -> None:
+    """Verdicts ended in an ellipsis: they repeated the column beside them."""
+    window.resize(1280, 800)
+    window.project.update("plan", plan=small_plan())
+    window.go("simulate")
+    page: Any = window.page("simulate")
+    idle(window.jobs, qtbot)
+    table = page.panel.table
+    metrics, header = table.fontMetrics(), table.header()
+    for name in (row.name for row in page.verdict.rows):
+        item = table.item_of(name)
+        for column in (0, 2, 4):
+            indent = 2 * table.indentation() if column == 0 else 0
+            assert metrics.horizontalAdvance(item.text(column)) + indent + 6 <= table.columnWidth(column), item.text(
+                column
+            )
+        assert metrics.horizontalAdvance(item.text(3)) <= TEXT
+    for column in range(table.columnCount()):
+        assert header.sectionSizeHint(column) <= header.sectionSize(column), table.headerItem().text(column)
+    longest = max((row.brief_text() for row in page.verdict.rows), key=len)
+    assert len(longest) < 20 and "%" not in longest

@@ -1,0 +1,156 @@
+"""The dark lab: large buttons with keys, one of them for whatever comes next, red on black."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QApplication, QPushButton
+from pytestqt.qtbot import QtBot
+
+from gui.models.display import colour_table
+from gui.models.project import ProjectState
+from gui.pages.acquire.model import AcquireSettings
+from gui.pages.acquire.model_lab import KEYS, Standing, next_step
+from gui.pages.acquire.page import Page
+from gui.theme import DARK, LIGHT, NIGHT, apply_theme, current_theme
+from gui.window import MainWindow
+from tests.acquire.rigs import small_plan
+from tests.gui.waiting import GUARD_MS
+
+PLAN = small_plan((3, 4), 2, settle_s=0.0)
+
+
+def test_each_step_follows_the_one_before() -> None:
+    turned = SimpleNamespace(axes=replace(PLAN.stage, right=PLAN.stage.down, down=PLAN.stage.right))
+    stage = SimpleNamespace(axes=PLAN.stage)
+    others = tuple(2 * t for t in PLAN.exposures)
+    whole = Standing(connected=True, begun=True, complete=True)
+    steps = (
+        (Standing(), "connect"),
+        (Standing(busy=True), ""),
+        (Standing(connected=True), "stage"),
+        (Standing(connected=True, found={"stage": turned}), "use stage"),
+        (Standing(connected=True, found={"stage": stage}), "exposure"),
+        (Standing(connected=True, found={"stage": stage, "exposure": others}), "use exposure"),
+        (Standing(connected=True, found={"stage": stage, "exposure": PLAN.exposures}), "start"),
+        (Standing(connected=True, begun=True), "start"),
+        (replace(whole, redo=3), "redo"),
+        (whole, "dark"),
+        (replace(whole, dark=True), "white"),
+        (replace(whole, dark=True, white=True), "assemble"),
+    )
+    assert [next_step(now, PLAN)[0] for now, _ in steps] == [key for _, key in steps]
+    assert all(words for _, words in (next_step(now, PLAN) for now, _ in steps))
+
+
+def test_night_is_red_alone() -> None:
+    colours = [value for name, value in vars(NIGHT).items() if name not in ("name", "red")]
+    rgb = np.array([[int(colour[k : k + 2], 16) for k in (1, 3, 5)] for colour in colours])
+    assert (rgb[:, 0] >= rgb[:, 1]).all() and (rgb[:, 1:].max() <= 0x8A) and (rgb[:, 2] <= 0x5C).all()
+    for name in ("viridis", "gray", "RdBu_r"):
+        table = colour_table(name, red=True)
+        assert not table[:, 1:3].any() and table[:, 0].max() > 200 and table[:, 0].min() < 80
+    assert (np.diff(colour_table("viridis", red=True)[:, 0].astype(int)) >= 0).all()
+
+
+@pytest.fixture
+def state() -> ProjectState:
+    quick = AcquireSettings(device_options=(("optics", "pattern"),))
+    return ProjectState(camera=PLAN.camera, plan=PLAN, settings={"acquire": quick.to_dict()})
+
+
+@pytest.fixture
+def page(window: MainWindow, state: ProjectState, qtbot: QtBot) -> Any:
+    window.set_theme("dark")
+    window.files.start_with(state)
+    window.go("acquire")
+    made: Any = window.page("acquire")
+    assert isinstance(made, Page)
+    qtbot.waitUntil(lambda: made.panel.setup.devices.backend.count() > 0, timeout=GUARD_MS)
+    yield made
+    app = QApplication.instance()
+    assert isinstance(app, QApplication)
+    apply_theme(app, LIGHT)
+
+
+def shown(page: Any, key: str) -> str:
+    return str(page.lab.panel.buttons[key].text())
+
+
+def idle(page: Any, qtbot: QtBot) -> None:
+    qtbot.waitUntil(lambda: page.setup.free and not page.setup.connecting, timeout=GUARD_MS)
+
+
+def test_a_sitting_by_the_large_buttons_and_their_keys(
+    page: Any, window: MainWindow, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    panel, context = page.lab.panel, page.context
+    page.lab.panel.press("next")
+    assert page.setup.station is None and not page.setup.connecting, "what is not shown is not pressed"
+    qtbot.keyClick(page, Qt.Key.Key_F11)
+    assert panel.bar.isVisible() and current_theme() is NIGHT and NIGHT.text in page.styleSheet()
+    assert page.panel.record.map.graphics.backgroundBrush().color().name() == NIGHT.plot
+    assert shown(page, "next") == "Next: Connect\nF9" and shown(page, "start") == "Start\nF6"
+    qtbot.keyClick(page, Qt.Key.Key_F9)
+    qtbot.waitUntil(lambda: page.setup.station is not None, timeout=GUARD_MS)
+    idle(page, qtbot)
+    steps = []
+    for _ in range(6):
+        steps.append(shown(page, "next").split("\n")[0])
+        if steps[-1] == "Next: Record":
+            break
+        qtbot.keyClick(page, Qt.Key.Key_F9)
+        idle(page, qtbot)
+    assert steps[0] == "Next: Measure the stage" and "Next: Find exposures" in steps and steps[-1] == "Next: Record"
+    context.project.update("session folder", recording=str(tmp_path / "session"))
+    qtbot.keyClick(page, Qt.Key.Key_F6)
+    qtbot.waitUntil(lambda: page.record.recording, timeout=GUARD_MS)
+    assert page.panel.currentWidget() is page.panel.record and panel.buttons["stop"].isEnabled()
+    assert not panel.buttons["next"].isEnabled()
+    qtbot.waitUntil(lambda: page.record.folder.complete and not page.record.recording, timeout=GUARD_MS)
+    assert "Complete: 24 of 24 positions" in panel.status.text()
+    for kind in ("Dark frames", "White image"):
+        qtbot.waitUntil(lambda kind=kind: shown(page, "next") == f"Next: {kind}\nF9", timeout=GUARD_MS)
+        panel.buttons["next"].click()
+        idle(page, qtbot)
+        qtbot.waitUntil(lambda: page.setup.free, timeout=GUARD_MS)
+    qtbot.waitUntil(lambda: shown(page, "next") == "Next: Assemble H …\nF9", timeout=GUARD_MS)
+    qtbot.keyClick(page, Qt.Key.Key_F11)
+    assert panel.bar.isHidden() and current_theme() is DARK
+    assert window.settings.value("theme") == "dark", "the next start is as it was"
+
+
+@pytest.mark.parametrize("size", [(1280, 800), (1920, 1080)])
+def test_large_buttons_are_large_and_whole(page: Any, window: MainWindow, size: tuple[int, int]) -> None:
+    window.resize(*size)
+    page.lab.toggle.click()
+    page.panel.setCurrentWidget(page.panel.record)
+    QApplication.processEvents()
+    assert (window.width(), window.height()) == size, "the window is not made larger by them"
+    for key, shortcut in KEYS:
+        button: QPushButton = page.lab.panel.buttons[key]
+        metrics = button.fontMetrics()
+        for line in (*button.text().split("\n"), "Next: Measure the stage" if key == "next" else "Resume"):
+            assert metrics.horizontalAdvance(line) + 20 <= button.width(), line
+        assert button.height() >= 62 and 2 * metrics.height() <= button.height() and shortcut in button.text()
+        assert button.accessibleName()
+    page.lab.toggle.click()
+
+
+def test_pause_and_stop_by_their_keys(page: Any, qtbot: QtBot, tmp_path: Path) -> None:
+    page.context.project.update("folder", recording=str(tmp_path / "session"))
+    page.lab.toggle.click()
+    qtbot.keyClick(page, Qt.Key.Key_F6)
+    qtbot.waitUntil(lambda: page.record.recording, timeout=GUARD_MS)
+    qtbot.keyClick(page, Qt.Key.Key_F7)
+    assert shown(page, "pause") == "Resume\nF7"
+    qtbot.keyClick(page, Qt.Key.Key_F8)
+    qtbot.waitUntil(lambda: not page.record.recording, timeout=GUARD_MS)
+    qtbot.waitUntil(lambda: shown(page, "start") == "Resume\nF6", timeout=GUARD_MS)
+    page.lab.toggle.click()
