@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from lfcal.cli.outputs import files_of
 from lfcal.errors import InputError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from lfcal.acquire.recording.source import RecordingSource
+    from lfcal.psf import PSFMatrix
     from lfcal.reconstruct.resample import Resampling
 
-__all__ = ["Cleaner", "FrameFile", "cleaner", "frames_of"]
+__all__ = ["Cleaner", "FrameFile", "cleaner", "frames_of", "is_session", "placed_anchor", "read_frame"]
 
 Cleaner = Callable[["NDArray[Any]"], "NDArray[Any]"]
 """What is done to a frame before it is reconstructed."""
@@ -29,28 +33,46 @@ class FrameFile:
     name
         The frame's.
     file, page
-        Image file, and page in it.
+        Image file, and page in it; or a session's folder, and the number of the frame in the order of recording.
+    time_s
+        When it was taken (s of recording), where that is known.
     """
 
     name: str
     file: Path
     page: int
+    time_s: float | None = None
 
     def read(self) -> NDArray[Any]:
         """Return its samples ``(rows, columns)``."""
-        from lfcal.frames.formats.opening import read_image
+        return read_frame(self.file, self.page)
 
-        return read_image(self.file, self.page)
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """The files that it is read from."""
+        return tuple(os.path.abspath(path) for path in sorted(files_of(self.file)))
+
+
+def read_frame(file: Path, page: int) -> NDArray[Any]:
+    """Return the samples ``(rows, columns)`` of a page of an image file, or of a frame of a session."""
+    from lfcal.frames.formats.opening import read_image
+
+    if not file.is_dir():
+        return read_image(file, page)
+    with _session(file) as source:
+        return source.read(_in_time(source)[page])
 
 
 def frames_of(path: Path) -> list[FrameFile]:
-    """Return every page of an image file or of the images of a folder, in natural order.
+    """Return every page of an image file or of the images of a folder, in natural order; or a session's, as recorded.
 
     Raises
     ------
     InputError
-        If there is none, or two have the same name.
+        If there is none, or two have the same name; of a session if its frames are not of one place of the sensor.
     """
+    if is_session(path):
+        return _frames_of_session(path)
     from lfcal.frames.formats.opening import image_suffixes, open_image
     from lfcal.frames.positions import natural_key
 
@@ -75,6 +97,48 @@ def _check_names(names: list[str]) -> None:
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
         raise InputError.expected("names of the frames", "each once", f"{twice} twice", "rename one of them")
+
+
+def is_session(path: Path) -> bool:
+    """Return whether a folder is that of a session `lfcal acquire` recorded."""
+    from lfcal.acquire.session_file import NAME
+
+    return (path / NAME).is_file()
+
+
+def _session(path: Path) -> RecordingSource:
+    from lfcal.acquire.recording.source import RecordingSource
+
+    return RecordingSource(path)
+
+
+def _in_time(source: RecordingSource) -> list[int]:
+    """Return the numbers of a session's frames in the order in which they were recorded."""
+    return sorted(range(len(source)), key=lambda k: float(source.record(k)["elapsed_s"]))
+
+
+def _frames_of_session(path: Path) -> list[FrameFile]:
+    with _session(path) as source:
+        order = _in_time(source)
+        places = {source.info(k).origin for k in order}
+        if len(places) > 1:
+            got = f"{len(places)} places, as of a scan that follows its spots"
+            raise InputError.expected(f"frames of {path}", "one place of the sensor", got, "record whole frames")
+        times = [float(source.record(k)["elapsed_s"]) for k in order]
+    return [FrameFile(f"{path.name}_{n:04d}", path, n, t) for n, t in enumerate(times)]
+
+
+def placed_anchor(path: Path, H: PSFMatrix, *, resample: bool) -> str:
+    """Return the anchor of frames that are a part of the sensor, as ``--anchor`` would say it; empty: H's own."""
+    if not is_session(path):
+        return ""
+    with _session(path) as source:
+        row, column = source.info(0).origin
+    if (row, column) == (0, 0):
+        return ""
+    if resample:
+        raise InputError.expected("--resample", "whole frames", f"a part from {(row, column)} on", "record whole ones")
+    return f"{H.anchor[0] - row},{H.anchor[1] - column}"
 
 
 def cleaner(dark: Path | None, white: Path | None, view: Resampling | None) -> Cleaner:

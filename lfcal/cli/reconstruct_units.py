@@ -19,6 +19,7 @@ from lfcal.work.unit import file_name, stamp_of
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from lfcal.cli.reconstruct_saving import Saved
     from lfcal.progress import Work
     from lfcal.psf import PSFMatrix
     from lfcal.reconstruct.projectors.projector import Projector
@@ -84,7 +85,7 @@ def frame_units(
             f"frame {frame.name}",
             f"{__name__}:{do_frame.__name__}",
             shared | own,
-            (*settings.inputs, os.path.abspath(frame.file)),
+            (*settings.inputs, *frame.inputs),
             hints=hints,
         )
         units.append(unit)
@@ -96,12 +97,12 @@ def frame_units(
 
 def do_frame(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]:
     """Reconstruct one frame into a volume file of its own: the task of a unit."""
-    from lfcal.frames.formats.opening import read_image
+    from lfcal.cli.reconstruct_frames import read_frame
     from lfcal.reconstruct.solvers.choice import SolverChoice, iter_reconstruct
     from lfcal.reconstruct.volumes import load_volume, save_volume
 
     began = time.perf_counter()
-    image = read_image(Path(arguments["file"]), arguments["page"])
+    image = read_frame(Path(arguments["file"]), arguments["page"])
     settings = Settings.of(arguments["settings"])
     choice = SolverChoice(**arguments["choice"])
     how = (arguments["projection"], arguments["memory"], workers, choice.margin)
@@ -169,23 +170,19 @@ def _made(settings: Settings, shape: tuple[int, ...], how: tuple[str, int, int, 
         raise
 
 
-def iter_collect(
-    parts: Sequence[Path],
-    names: Sequence[str],
-    save: Callable[[str, NDArray[Any], Mapping[str, Any]], None],
-    results: list[FrameResult],
-) -> Work[None]:
-    """Hand the volume of each frame to ``save`` with what is known of it; note in ``results`` how each went."""
+def iter_collect(parts: Sequence[Path], names: Sequence[str], saved: Saved, results: list[FrameResult]) -> Work[None]:
+    """Save the volume of each frame with what is known of it; note in ``results`` how each went."""
     from lfcal.h5.file import H5File
     from lfcal.progress import Clock
     from lfcal.reconstruct.series import FrameResult
     from lfcal.reconstruct.volumes import load_volume
 
     clock = Clock("write volumes", len(parts))
-    for k, (part, name) in enumerate(zip(parts, names, strict=True)):
-        with H5File(part) as file:
-            known = json.loads(file.attributes().text("details", "{}"))
-        notes, stopped = tuple(known["notes"]), known["stopped"]
-        save(name, load_volume(part), {"notes": notes, "residual": known["residual"], "stopped": stopped})
-        results.append(FrameResult(name, known["iterations"], known["residual"], known["seconds"], notes, stopped))
-        yield clock.at(k + 1)
+    with saved() as save:
+        for k, (part, name) in enumerate(zip(parts, names, strict=True)):
+            with H5File(part) as file:
+                known = json.loads(file.attributes().text("details", "{}"))
+            notes, stopped = tuple(known["notes"]), known["stopped"]
+            save(name, load_volume(part), {"notes": notes, "residual": known["residual"], "stopped": stopped})
+            results.append(FrameResult(name, known["iterations"], known["residual"], known["seconds"], notes, stopped))
+            yield clock.at(k + 1)

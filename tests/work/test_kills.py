@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from tests.work.kills import kill_until_whole
 pytestmark = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="finds workers by /proc")
 
 KILLS = 3
-"""Of each command by each executor, of the run and of its workers in turn; 36 in all."""
+"""Of each command by each executor, of the run and of its workers in turn; 45 in all."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,8 @@ CASES = {
     "transpose": Case("transpose H.h5", "out.h5", 6),
     "reconstruct": Case("reconstruct H.h5 --batch frames.tif -n 4 --solver rl", "out", 6),
 }
+if find_spec("zarr"):
+    CASES["series"] = Case("reconstruct H.h5 --batch frames.tif -n 4 --solver rl", "out.ome.zarr", 6)
 
 
 @pytest.fixture(scope="module")
@@ -62,6 +65,8 @@ def made(out: Path) -> dict[str, Any]:
     """Return all that a command wrote: data and attributes."""
     if not out.is_dir():
         return contents(out)
+    if out.suffix == ".zarr":
+        return {str(path.relative_to(out)): path.read_bytes() for path in sorted(out.rglob("*")) if path.is_file()}
     return {path.name: tifffile.imread(path).tobytes() for path in sorted(out.iterdir())}
 
 
