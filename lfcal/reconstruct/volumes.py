@@ -21,12 +21,25 @@ from lfcal.npy import map_npy, npy_header
 from lfcal.reconstruct.facts import VolumeFacts
 from lfcal.reconstruct.ome_zarr import read_ome_zarr, write_ome_zarr
 
-__all__ = ["SUFFIXES", "VolumeFacts", "check_suffix", "load_volume", "save_volume", "write_volumes"]
+__all__ = [
+    "DATASET",
+    "SUFFIXES",
+    "VOLUME_FORMAT",
+    "VolumeFacts",
+    "check_suffix",
+    "load_volume",
+    "save_volume",
+    "write_volumes",
+]
 
 SUFFIXES = (".tif", ".tiff", ".h5", ".hdf5", ".npy", ".zarr")
 """File types of volumes."""
 
 DATASET = "volume"
+"""Name of the volumes in an HDF5 file."""
+
+VOLUME_FORMAT = "lfcal-volume"
+"""What such a file says it is."""
 
 
 def check_suffix(path: str | os.PathLike[str]) -> Path:
@@ -208,7 +221,7 @@ def _h5(target: Path, shape: tuple[int, ...], facts: VolumeFacts) -> Iterator[Ca
             fletcher32=True,
         )
         stored.attrs["axes"] = ", ".join("tzyx"[-len(shape) :])
-        file.attrs["format"] = "lfcal-volume"
+        file.attrs["format"] = VOLUME_FORMAT
         file.attrs["version"] = 1
         file.attrs["details"] = json.dumps(facts.details)
         if facts.depths_um is not None:

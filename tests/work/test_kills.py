@@ -66,7 +66,9 @@ def made(out: Path) -> dict[str, Any]:
     if not out.is_dir():
         return contents(out)
     if out.suffix == ".zarr":
-        return {str(path.relative_to(out)): path.read_bytes() for path in sorted(out.rglob("*")) if path.is_file()}
+        found = {str(path.relative_to(out)): path.read_bytes() for path in sorted(out.rglob("*")) if path.is_file()}
+        name = out.name.removesuffix(".ome.zarr")  # the image is called as its folder is
+        return found | {".zattrs": found[".zattrs"].replace(f'"{name}"'.encode(), b"")}
     return {path.name: tifffile.imread(path).tobytes() for path in sorted(out.iterdir())}
 
 
