@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -89,6 +90,12 @@ def command(
     margin: str = typer.Option(
         "auto", "--margin", help="Pixels that the volume goes on beyond the frame, for light from beside it; 0: none."
     ),
+    region: list[str] | None = typer.Option(
+        None,
+        "--region",
+        help="H of another region of the field, may be repeated: a file, a region of the H file by name, or all of its "
+        "regions (all). Each voxel is seen through H of the regions around it.",
+    ),
     warm: bool = typer.Option(False, "--warm", help="With --batch: start each frame from the last volume."),
     voxel: str = typer.Option(
         "",
@@ -115,12 +122,12 @@ def command(
     from lfcal.cli.outputs import check_outputs
     from lfcal.cli.reconstruct_forecast import show_forecast, total_seconds
     from lfcal.cli.reconstruct_grid import anchor_of, check_grid, check_lattice, grid_of, margin_of, view_of, wide
+    from lfcal.cli.reconstruct_regions import files_of_regions, open_regions, projector_of
     from lfcal.cli.reconstruct_saving import saving, targets_of
     from lfcal.cli.reconstruct_units import Settings
-    from lfcal.psf import open_psf
+    from lfcal.errors import InputError
     from lfcal.psf.voxels import voxel_um
     from lfcal.reconstruct.memory import room_for_projections
-    from lfcal.reconstruct.projectors.projector import Projector
     from lfcal.reconstruct.solvers.choice import SolverChoice
 
     if solver == "list":
@@ -133,8 +140,14 @@ def command(
     task = _Task(frames_of(source), choice, warm, json)
     targets = {} if forecast or out is None else targets_of(task.frames, out, suffix if batch else None)
     again = force if out is None else may_replace(out, resume=resume, force=force)
-    check_outputs(dict.fromkeys(targets.values()), psf, source, dark, white, lattice, force=again)
-    with open_psf(psf) as H:
+    regions = tuple(region or ())
+    if regions and resample:
+        raise InputError.expected("--resample", "H of one region", "--region", "leave one of them out")
+    read = (psf, *files_of_regions(psf, regions), source, dark, white, lattice)
+    check_outputs(dict.fromkeys(targets.values()), *read, force=again)
+    with ExitStack() as stack:
+        matrices = open_regions(psf, regions, stack)
+        H = matrices[0]
         anchor = anchor or placed_anchor(source, H, resample=resample)
         view = view_of(H, white, lattice) if resample else None
         check_grid(H, task.shape, resample=resample)
@@ -146,8 +159,8 @@ def command(
         wider, moved = wide(shape, at, H, choice.margin)
         most = None if memory is None else int(memory * 1e9)
         room = partial(room_for_projections, (len(H), *wider), choice, 8 if double else 4, memory=most, warm=warm)
-        P = Projector(
-            H,
+        P = projector_of(
+            matrices,
             wider,
             moved,
             method,
@@ -160,7 +173,7 @@ def command(
         if forecast or out is None:
             show_forecast(P, choice, len(task.frames), warm=warm, json=json)
             return
-        shared = Settings(psf, dark, white, lattice, resample, anchor, method, double, threshold, within)
+        shared = Settings(psf, dark, white, lattice, resample, anchor, method, double, threshold, within, regions)
         seconds = total_seconds(P, choice, len(task.frames))
         run = run_choice(
             out, executor, scheduler, workers, resume=resume, force=force, seconds=seconds, units="frame by frame"
@@ -168,8 +181,9 @@ def command(
         grid = grid_of(voxel, H, shape, at)
         volume = (len(H), *(shape if grid is None else grid.shape))
         sides = voxel_um(H) if grid is None else (grid.voxel_um, grid.voxel_um)
+        named = {"regions": [one.region or Path(one.path).name for one in matrices]} if regions else {}
         times = [frame.time_s for frame in task.frames]
-        saved = partial(saving, P, sides, targets, {"psf": psf.name, **task.details(P)}, volume, grid, times)
+        saved = partial(saving, P, sides, targets, {"psf": psf.name, **task.details(P), **named}, volume, grid, times)
         if run is None:
             with saved() as save:
                 results = _solve(task, P, cleaner(dark, white, view), view, save)
