@@ -101,6 +101,8 @@ def _check_names(names: list[str]) -> None:
 
 def is_session(path: Path) -> bool:
     """Return whether a folder is that of a session `lfcal acquire` recorded."""
+    if not path.is_dir():
+        return False
     from lfcal.acquire.session_file import NAME
 
     return (path / NAME).is_file()
