@@ -5,11 +5,13 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lfcal.cli.outputs import files_of
 from lfcal.errors import InputError
+from lfcal.work.unit import stamp_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -59,8 +61,8 @@ def read_frame(file: Path, page: int) -> NDArray[Any]:
 
     if not file.is_dir():
         return read_image(file, page)
-    with _session(file) as source:
-        return source.read(_in_time(source)[page])
+    source, order = _session(file)
+    return source.read(order[page])
 
 
 def frames_of(path: Path) -> list[FrameFile]:
@@ -108,25 +110,27 @@ def is_session(path: Path) -> bool:
     return (path / NAME).is_file()
 
 
-def _session(path: Path) -> RecordingSource:
+def _session(path: Path) -> tuple[RecordingSource, tuple[int, ...]]:
+    """Return a session, and the numbers of its frames in the order in which they were recorded."""
+    return _opened(os.path.abspath(path), stamp_of(FrameFile("", path, 0).inputs))
+
+
+@lru_cache(maxsize=1)
+def _opened(folder: str, _: str) -> tuple[RecordingSource, tuple[int, ...]]:
+    # once for all frames of a series: opening looks through the whole recording
     from lfcal.acquire.recording.source import RecordingSource
 
-    return RecordingSource(path)
-
-
-def _in_time(source: RecordingSource) -> list[int]:
-    """Return the numbers of a session's frames in the order in which they were recorded."""
-    return sorted(range(len(source)), key=lambda k: float(source.record(k)["elapsed_s"]))
+    source = RecordingSource(Path(folder))
+    return source, tuple(sorted(range(len(source)), key=lambda k: float(source.record(k)["elapsed_s"])))
 
 
 def _frames_of_session(path: Path) -> list[FrameFile]:
-    with _session(path) as source:
-        order = _in_time(source)
-        places = {source.info(k).origin for k in order}
-        if len(places) > 1:
-            got = f"{len(places)} places, as of a scan that follows its spots"
-            raise InputError.expected(f"frames of {path}", "one place of the sensor", got, "record whole frames")
-        times = [float(source.record(k)["elapsed_s"]) for k in order]
+    source, order = _session(path)
+    places = {source.info(k).origin for k in order}
+    if len(places) > 1:
+        got = f"{len(places)} places, as of a scan that follows its spots"
+        raise InputError.expected(f"frames of {path}", "one place of the sensor", got, "record whole frames")
+    times = [float(source.record(k)["elapsed_s"]) for k in order]
     return [FrameFile(f"{path.name}_{n:04d}", path, n, t) for n, t in enumerate(times)]
 
 
@@ -134,8 +138,7 @@ def placed_anchor(path: Path, H: PSFMatrix, *, resample: bool) -> str:
     """Return the anchor of frames that are a part of the sensor, as ``--anchor`` would say it; empty: H's own."""
     if not is_session(path):
         return ""
-    with _session(path) as source:
-        row, column = source.info(0).origin
+    row, column = _session(path)[0].info(0).origin
     if (row, column) == (0, 0):
         return ""
     if resample:

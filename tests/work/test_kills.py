@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import signal
 import subprocess
 import sys
 from dataclasses import dataclass, replace
@@ -17,6 +18,7 @@ import tifffile
 from lfcal.camera import ScanPlan
 from lfcal.psf import PSFMatrix, save
 from lfcal.work import parts_folder
+from lfcal.work.journal import JOURNAL
 from tests.psf.test_joining import contents
 from tests.reconstruct.oracles import lenslet_psf
 from tests.simulate.common import small_camera
@@ -107,3 +109,48 @@ def test_killed_again_and_again(own: Path, command: str, executor: str) -> None:
     if executor == "dask":
         pytest.importorskip("distributed", reason="dask.distributed is not installed")
     killed(own, CASES[command], executor, KILLS)
+
+
+DYING = """
+import os, signal, sys
+from contextlib import contextmanager
+import lfcal.reconstruct.volumes as volumes
+from lfcal.cli import main
+real, added = volumes.write_volumes, []
+@contextmanager
+def dying(path, *rest):
+    with real(path, *rest) as add:
+        def once(volume):
+            add(volume)
+            # units' own volumes lie in the folder of the run
+            added.extend([1] if ".parts" not in str(path) else [])
+            if len(added) == 3:
+                os.kill(os.getpid(), signal.SIGKILL)
+        yield once
+volumes.write_volumes = dying
+sys.argv = ["lfcal", *sys.argv[1:]]
+main()
+"""
+
+
+@pytest.mark.few(2)
+@pytest.mark.parametrize("out", ["out", "out.h5", "out.ome.zarr"])
+def test_killed_while_a_series_is_written(own: Path, out: str) -> None:
+    """Half of what it makes is there: ``--resume`` writes it again, and nothing is reconstructed twice."""
+    if out.endswith(".zarr"):
+        pytest.importorskip("zarr", reason="zarr is not installed")
+    words = ["reconstruct", "H.h5", "--batch", "frames.tif", "-n", "2", "--solver", "rl", "--executor", "threads"]
+    words += ["--workers", "1", "-o"]
+    subprocess.run([sys.executable, "-m", "lfcal", *words, f"whole_{out}"], cwd=own, check=True, capture_output=True)
+    command = [sys.executable, "-c", DYING, *words, out]
+    assert subprocess.run(command, cwd=own, capture_output=True).returncode == -signal.SIGKILL
+    assert (own / out).exists() == (out == "out") and parts_folder(own / out).exists()
+    before = (parts_folder(own / out) / JOURNAL).stat().st_size
+    journal = own / "journal"
+    journal.hardlink_to(parts_folder(own / out) / JOURNAL)  # it is removed with its folder
+    again = [sys.executable, "-m", "lfcal", *words, out, "--resume"]
+    done = subprocess.run(again, cwd=own, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert journal.read_bytes()[before:].count(b'"kept"') == 6 and b'"started"' not in journal.read_bytes()[before:]
+    assert made(own / out) == made(own / f"whole_{out}")
+    assert not parts_folder(own / out).exists() and not [p for p in own.iterdir() if p.name.startswith(".")]
