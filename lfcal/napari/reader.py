@@ -18,7 +18,7 @@ from lfcal.napari.lazy import Index, Lazy
 from lfcal.psf.opening import open_psf, regions_of
 from lfcal.psf.store import FORMAT
 from lfcal.psf.voxels import pixel_um, voxel_um
-from lfcal.reconstruct.ome_zarr import open_ome_zarr
+from lfcal.reconstruct.ome_zarr import open_ome_zarr, told_of
 from lfcal.reconstruct.volumes import DATASET, VOLUME_FORMAT
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ def _kind_of(source: Path) -> Callable[[Path], list[Layer]] | None:
     if (source / NAME).is_file():
         return _session
     if source.suffix.lower() == ".zarr":
-        return _ome_zarr if open_ome_zarr(source)[2] else None
+        return _ome_zarr if told_of(source)[2] else None
     if source.suffix.lower() in (".h5", ".hdf5") and source.is_file():
         with H5File(source) as file:
             return {FORMAT: _matrices, VOLUME_FORMAT: _volume}.get(file.attributes().text("format", ""))

@@ -95,7 +95,11 @@ class FieldProjector(Projector):
         first = self._matrices[0]
         shape = (int(image_shape[0]), int(image_shape[1]))
         self._moved = (0.0, 0.0) if anchor is None else (anchor[0] - first.anchor[0], anchor[1] - first.anchor[1])
-        anchors = [tuple(int(np.floor(a + d)) for a, d in zip(H.anchor, self._moved, strict=True)) for H in matrices]
+        # a hair more: what was moved there and back is not to be a pixel less
+        anchors = [
+            tuple(int(np.floor(a + d + 1e-9)) for a, d in zip(H.anchor, self._moved, strict=True))
+            for H in self._matrices
+        ]
         period = (int(first.shape[1]), int(first.shape[2]))
         self._settings: dict[str, Any] = {"dtype": dtype, "threshold": threshold, "tolerance": tolerance}
         self._tolerance = float(tolerance)
