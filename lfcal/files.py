@@ -22,6 +22,7 @@ __all__ = [
     "check_writable",
     "only_writer",
     "read_text",
+    "replace_store",
     "replace_whole",
     "require_space",
     "storage_errors",
@@ -29,6 +30,9 @@ __all__ = [
     "sweep_scratch",
     "system_error",
 ]
+
+STORES = frozenset({".zarr"})
+"""Endings of folders that are one output, written and replaced as a whole."""
 
 MAX_EXPANSION = 2000
 """Declared bytes a dataset may hold per byte of file; gzip reaches 1030 on constant data."""
@@ -109,10 +113,13 @@ def check_writable(path: str | os.PathLike[str]) -> Path:
     """Return the file that a link or name leads to; raise `StorageError` unless it can be written or replaced.
 
     Refused are folders, pipes and devices, files that are read-only, and names in folders that may not be written to.
+    Where the name is that of a store (`STORES`), a folder that holds one is none of these.
     """
     target = Path(os.path.realpath(path))
     with storage_errors(target):
-        if target.exists():
+        if target.suffix.lower() in STORES and target.is_dir():
+            _check_store(target)
+        elif target.exists():
             check_regular(target)
             if not target.stat().st_mode & stat.S_IWUSR:
                 raise StorageError(f"{target}: is read-only; choose another name, or make it writable")
@@ -159,6 +166,67 @@ def replace_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
             finally:
                 with suppress(FileNotFoundError):
                     part.unlink()
+
+
+def _check_store(target: Path) -> None:
+    """Raise `StorageError` unless a folder is a store, or empty: nobody's own files are ever replaced."""
+    if not any((target / name).is_file() for name in (".zgroup", ".zarray", "zarr.json")) and any(target.iterdir()):
+        raise StorageError(f"{target}: is a folder of other files; choose another name")
+    if not os.access(target, os.W_OK):
+        raise StorageError(f"{target}: is read-only; choose another name, or make it writable")
+
+
+@contextmanager
+def replace_store(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Give an empty scratch folder beside ``path``; put it in place when the block ends well, else remove it.
+
+    As `replace_whole`, for outputs that are folders of files (`STORES`). What was there is moved aside for the moment
+    between two renames; a program that is killed right then leaves it for the next one to put back.
+
+    Raises
+    ------
+    StorageError
+        If it cannot be written, another program is writing it, or the disk refuses anything in the block.
+    """
+    target = check_writable(path)
+    with storage_errors(target):
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with only_writer(target) as alone:
+            aside = target.with_name(f".{target.name}.before")
+            if aside.exists() and alone:
+                if target.exists():
+                    _remove(aside)
+                else:
+                    replace(aside, target)
+            _sweep(target, alone=alone)
+            part = target.with_name(f".{target.name}.{os.getpid()}.part")
+            try:
+                part.mkdir()
+                yield part
+                for folder, _, names in os.walk(part):
+                    for name in names:
+                        sync_file(Path(folder, name))
+                    sync_folder(Path(folder))
+                try:
+                    if target.exists():
+                        replace(target, aside)
+                    replace(part, target)
+                except BaseException:
+                    if aside.exists() and not target.exists():
+                        replace(aside, target)
+                    raise
+                sync_folder(target.parent)
+                _remove(aside)
+            finally:
+                _remove(part)
+
+
+def _remove(path: Path) -> bool:
+    """Remove a file, or a folder with all that is in it; return whether it is gone."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+        return not path.exists()
+    return _unlink(path)
 
 
 @contextmanager
@@ -230,7 +298,7 @@ def _sweep(target: Path, *, alone: bool) -> None:
     for part in target.parent.glob(f".{glob.escape(target.name)}.*.part"):
         process = part.name.removesuffix(".part").rpartition(".")[2]
         if process.isdigit() and (alone or not is_alive(int(process))):
-            _unlink(part)
+            _remove(part)
 
 
 def check_regular(path: Path) -> None:

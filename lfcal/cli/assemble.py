@@ -22,7 +22,7 @@ from lfcal.cli.options import (
     SchedulerOption,
     WorkersOption,
 )
-from lfcal.cli.runs import run_choice, run_kept
+from lfcal.cli.runs import may_replace, run_choice, run_kept
 from lfcal.cli.scan_frames import ScanFrames
 
 if TYPE_CHECKING:
@@ -126,7 +126,7 @@ def command(
     from lfcal.cli.cameras import tell_assumed
     from lfcal.cli.console import print_json
     from lfcal.cli.orientation import check_choice
-    from lfcal.cli.outputs import check_output, check_outputs
+    from lfcal.cli.outputs import check_output
     from lfcal.frames import CorrectionRecipe
     from lfcal.frames.aligned import chosen_shift
     from lfcal.psf.assemble_plan import AssemblySettings
@@ -136,7 +136,7 @@ def command(
     # A manifest's frames lie beside it.
     read = (frames, words.beside, plan, manifest, dark, white, fill)
     if channel != "each":
-        check_output(out, *read, force=force)
+        check_output(out, *read, force=may_replace(out, resume=resume, force=force))
     recipe = CorrectionRecipe(
         dark=dark,
         black_level=black_level,
@@ -170,7 +170,9 @@ def command(
         report_notes([note] if note else [])
         parts = parts_of(channel, source, scan, out, lambda name: stack.enter_context(words.open(name)[0]))
         if channel == "each":
-            check_outputs([part.out for part in parts], *read, force=force)
+            for part in parts:
+                again = may_replace(part.out, resume=resume, force=force)
+                check_output(part.out, *read, force=again)
         ahead = len(source) * math.prod(source.shape) * source.dtype.itemsize / RATE
         runs = [
             run_choice(part.out, executor, scheduler, workers, resume=resume, force=force, seconds=ahead)

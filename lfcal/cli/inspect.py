@@ -69,18 +69,19 @@ def command(
     from lfcal.cli.console import print_json, run_work
     from lfcal.cli.inspect_controls import control_frames
     from lfcal.cli.inspect_units import iter_inspect_units
-    from lfcal.cli.runs import run_choice, run_kept
+    from lfcal.cli.runs import may_replace, run_choice, run_kept
     from lfcal.errors import InputError
     from lfcal.inspect import iter_inspection
     from lfcal.psf.compare import iter_compare
     from lfcal.psf.opening import open_psf
     from lfcal.psf.quality import iter_inspect
     from lfcal.work import parts_folder
-    from lfcal.work.runs import discard
+    from lfcal.work.runs import discard, note_joining
 
     if report is None and (executor or scheduler or resume):
         raise InputError("--executor: expected --report beside it, got none; name the folder that is worked on")
-    _check_before(report, source, reference, force=force)
+    again = report is not None and may_replace(report, resume=resume, force=force)
+    _check_before(report, source, reference, force=again)
     with ExitStack() as files:
         H = files.enter_context(open_psf(source))
         # The metrics are about the images of points: an HT file is inspected as the H it came from.
@@ -106,6 +107,8 @@ def command(
             quality = found.quality  # with the costs that were measured
         if not json:
             _show(H, quality, comparison, found)
+        if run is not None and report is not None:
+            note_joining(parts_folder(report))
         page = _write(H, quality, other, report, workers, found, quiet=json)
         if run is not None and report is not None:
             discard(parts_folder(report))

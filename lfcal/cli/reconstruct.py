@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -19,23 +19,20 @@ from lfcal.cli.options import (
     SchedulerOption,
     WorkersOption,
 )
-from lfcal.cli.reconstruct_frames import Cleaner, FrameFile, cleaner, frames_of
-from lfcal.cli.runs import run_choice, run_kept
+from lfcal.cli.reconstruct_frames import Cleaner, FrameFile, cleaner, frames_of, placed_anchor
+from lfcal.cli.runs import may_replace, run_choice, run_kept
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from lfcal.cli.reconstruct_saving import Save, Saved
     from lfcal.cli.reconstruct_units import Settings
-    from lfcal.reconstruct.metric import MetricGrid
     from lfcal.reconstruct.projectors.projector import Projector
     from lfcal.reconstruct.resample import Resampling
     from lfcal.reconstruct.series import FrameResult
     from lfcal.reconstruct.solvers.choice import SolverChoice
     from lfcal.reconstruct.solvers.records import Reconstruction
     from lfcal.work import RunChoice
-
-Save = Callable[[str, "NDArray[Any]", Mapping[str, Any]], None]
-"""Takes the name of a frame, the volume behind it, and what is known of it."""
 
 
 def register(app: typer.Typer) -> None:
@@ -51,11 +48,15 @@ def command(
         None,
         "--out",
         "-o",
-        help="Volume to write: .tif, .ome.tif, .h5 or .npy; of a frame file with several pages all volumes in one file "
-        "(TZYX). A folder with --batch.",
+        help="Volume to write: .tif, .ome.tif, .ome.zarr, .h5 or .npy; of a frame file with several pages all volumes "
+        "in one file (TZYX). With --batch a folder, or such a file for all.",
     ),
-    batch: Path | None = typer.Option(None, "--batch", help="Folder of frames, or a stack: a time series."),
-    suffix: str = typer.Option(".tif", "--format", help="With --batch: .tif, .ome.tif, .h5 or .npy."),
+    batch: Path | None = typer.Option(
+        None, "--batch", help="Folder of frames, a stack, or a recorded session: a time series."
+    ),
+    suffix: str = typer.Option(
+        ".tif", "--format", help="With --batch and a folder: .tif, .ome.tif, .ome.zarr, .h5 or .npy."
+    ),
     solver: str = typer.Option("sieve", "--solver", help="Solver; --solver list shows all."),
     iterations: str = typer.Option(
         "20", "--iterations", "-n", help="Iterations; auto: until pixels left out of the fit are foretold no better."
@@ -89,6 +90,12 @@ def command(
     margin: str = typer.Option(
         "auto", "--margin", help="Pixels that the volume goes on beyond the frame, for light from beside it; 0: none."
     ),
+    region: list[str] | None = typer.Option(
+        None,
+        "--region",
+        help="H of another region of the field, may be repeated: a file, a region of the H file by name, or all of its "
+        "regions (all). Each voxel is seen through H of the regions around it.",
+    ),
     warm: bool = typer.Option(False, "--warm", help="With --batch: start each frame from the last volume."),
     voxel: str = typer.Option(
         "",
@@ -115,11 +122,12 @@ def command(
     from lfcal.cli.outputs import check_outputs
     from lfcal.cli.reconstruct_forecast import show_forecast, total_seconds
     from lfcal.cli.reconstruct_grid import anchor_of, check_grid, check_lattice, grid_of, margin_of, view_of, wide
+    from lfcal.cli.reconstruct_regions import files_of_regions, open_regions, projector_of
+    from lfcal.cli.reconstruct_saving import saving, targets_of
     from lfcal.cli.reconstruct_units import Settings
-    from lfcal.psf import open_psf
+    from lfcal.errors import InputError
     from lfcal.psf.voxels import voxel_um
     from lfcal.reconstruct.memory import room_for_projections
-    from lfcal.reconstruct.projectors.projector import Projector
     from lfcal.reconstruct.solvers.choice import SolverChoice
 
     if solver == "list":
@@ -130,9 +138,17 @@ def command(
     choice = SolverChoice(solver, count, background, read_noise, saturation, strength, subsets, tolerance, auto)
     source = _source(frame, batch, wanted=out is not None or forecast)
     task = _Task(frames_of(source), choice, warm, json)
-    targets = {} if forecast or out is None else _targets(task, out, suffix if batch else None)
-    check_outputs(dict.fromkeys(targets.values()), psf, source, dark, white, lattice, force=force)
-    with open_psf(psf) as H:
+    targets = {} if forecast or out is None else targets_of(task.frames, out, suffix if batch else None)
+    again = force if out is None else may_replace(out, resume=resume, force=force)
+    regions = tuple(region or ())
+    if regions and resample:
+        raise InputError.expected("--resample", "H of one region", "--region", "leave one of them out")
+    read = (psf, *files_of_regions(psf, regions), source, dark, white, lattice)
+    check_outputs(dict.fromkeys(targets.values()), *read, force=again)
+    with ExitStack() as stack:
+        matrices = open_regions(psf, regions, stack)
+        H = matrices[0]
+        anchor = anchor or placed_anchor(source, H, resample=resample)
         view = view_of(H, white, lattice) if resample else None
         check_grid(H, task.shape, resample=resample)
         at = anchor_of(anchor, view, H)
@@ -143,8 +159,8 @@ def command(
         wider, moved = wide(shape, at, H, choice.margin)
         most = None if memory is None else int(memory * 1e9)
         room = partial(room_for_projections, (len(H), *wider), choice, 8 if double else 4, memory=most, warm=warm)
-        P = Projector(
-            H,
+        P = projector_of(
+            matrices,
             wider,
             moved,
             method,
@@ -157,7 +173,7 @@ def command(
         if forecast or out is None:
             show_forecast(P, choice, len(task.frames), warm=warm, json=json)
             return
-        shared = Settings(psf, dark, white, lattice, resample, anchor, method, double, threshold, within)
+        shared = Settings(psf, dark, white, lattice, resample, anchor, method, double, threshold, within, regions)
         seconds = total_seconds(P, choice, len(task.frames))
         run = run_choice(
             out, executor, scheduler, workers, resume=resume, force=force, seconds=seconds, units="frame by frame"
@@ -165,11 +181,14 @@ def command(
         grid = grid_of(voxel, H, shape, at)
         volume = (len(H), *(shape if grid is None else grid.shape))
         sides = voxel_um(H) if grid is None else (grid.voxel_um, grid.voxel_um)
-        with _saving(P, sides, targets, {"psf": psf.name, **task.details(P)}, volume, grid) as save:
-            if run is None:
+        named = {"regions": [one.region or Path(one.path).name for one in matrices]} if regions else {}
+        times = [frame.time_s for frame in task.frames]
+        saved = partial(saving, P, sides, targets, {"psf": psf.name, **task.details(P), **named}, volume, grid, times)
+        if run is None:
+            with saved() as save:
                 results = _solve(task, P, cleaner(dark, white, view), view, save)
-            else:
-                results = _solve_in_units(task, P, shared, out, run, save, room)
+        else:
+            results = _solve_in_units(task, P, shared, out, run, saved, room)
     _show_results(P, volume, results, targets, json)
 
 
@@ -245,9 +264,9 @@ def _solve(task: _Task, P: Projector, clean: Cleaner, view: Resampling | None, s
 
 
 def _solve_in_units(
-    task: _Task, P: Projector, shared: Settings, out: Path, run: RunChoice, save: Save, room: Callable[..., int]
+    task: _Task, P: Projector, shared: Settings, out: Path, run: RunChoice, saved: Saved, room: Callable[..., int]
 ) -> tuple[FrameResult, ...]:
-    """Reconstruct frame by frame, each volume in a file that stays until all are there; then save them.
+    """Reconstruct frame by frame, each volume in a file that stays until all are there and ``saved``.
 
     ``room`` gives what projections may take where processes ``share`` the memory.
     """
@@ -265,7 +284,11 @@ def _solve_in_units(
     results: list[FrameResult] = []
     names = [frame.name for frame in task.frames]
     made = iter_made(
-        units, out, run, partial(iter_collect, names=names, save=save, results=results), title=f"volumes of {out.name}"
+        units,
+        out,
+        run,
+        partial(iter_collect, names=names, saved=saved, results=results),
+        title=f"volumes of {out.name}",
     )
     run_kept(made, out, quiet=task.quiet)
     return tuple(results)
@@ -279,46 +302,6 @@ def _list_solvers() -> None:
     for reason in choice.SOLVERS.failures().values():
         report(f"left out: {reason}")
     print_table(["solver", "what it does"], [[solver.name, solver.title] for solver in choice.SOLVERS])
-
-
-def _targets(task: _Task, out: Path, suffix: str | None) -> dict[str, Path]:
-    """Return the file of each frame's volume: ``out`` for all, or one each in the folder ``out`` with ``suffix``."""
-    from lfcal.reconstruct.volumes import check_suffix
-
-    return {f.name: check_suffix(out if suffix is None else out / f"{f.name}{suffix}") for f in task.frames}
-
-
-@contextmanager
-def _saving(
-    P: Projector,
-    voxel: tuple[float, float] | None,
-    targets: dict[str, Path],
-    details: dict[str, Any],
-    shape: tuple[int, ...],
-    grid: MetricGrid | None = None,
-) -> Iterator[Save]:
-    """Give what saves the volume of a frame: into its own file, or into one file that holds them all."""
-    from lfcal.reconstruct.volumes import VolumeFacts, save_volume, write_volumes
-
-    depths = P.depths if P.camera is not None else None
-    if grid is not None:
-        details = {**details, "voxel_um": grid.voxel_um, "origin_um": grid.origin_um}
-
-    def placed(volume: NDArray[Any]) -> NDArray[Any]:
-        return volume if grid is None else grid.apply(volume)
-
-    files = list(dict.fromkeys(targets.values()))
-    if len(files) == 1 and len(targets) > 1:
-        facts = VolumeFacts(depths, voxel, {**details, "frames": list(targets)})
-        with write_volumes(files[0], (len(targets), *shape), facts) as add:
-            yield lambda _, volume, known: add(placed(volume))
-        return
-
-    def save(name: str, volume: NDArray[Any], known: Mapping[str, Any]) -> None:
-        more = {**details, "frame": name, **known}
-        save_volume(targets[name], placed(volume), depths_um=depths, voxel_um=voxel, details=more)
-
-    yield save
 
 
 def _show_results(

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from lfcal.cli.outputs import files_of
 from lfcal.errors import InputError
+from lfcal.work.unit import stamp_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from lfcal.acquire.recording.source import RecordingSource
+    from lfcal.psf import PSFMatrix
     from lfcal.reconstruct.resample import Resampling
 
-__all__ = ["Cleaner", "FrameFile", "cleaner", "frames_of"]
+__all__ = ["Cleaner", "FrameFile", "cleaner", "frames_of", "is_session", "placed_anchor", "read_frame"]
 
 Cleaner = Callable[["NDArray[Any]"], "NDArray[Any]"]
 """What is done to a frame before it is reconstructed."""
@@ -29,28 +35,46 @@ class FrameFile:
     name
         The frame's.
     file, page
-        Image file, and page in it.
+        Image file, and page in it; or a session's folder, and the number of the frame in the order of recording.
+    time_s
+        When it was taken (s of recording), where that is known.
     """
 
     name: str
     file: Path
     page: int
+    time_s: float | None = None
 
     def read(self) -> NDArray[Any]:
         """Return its samples ``(rows, columns)``."""
-        from lfcal.frames.formats.opening import read_image
+        return read_frame(self.file, self.page)
 
-        return read_image(self.file, self.page)
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """The files that it is read from."""
+        return tuple(os.path.abspath(path) for path in sorted(files_of(self.file)))
+
+
+def read_frame(file: Path, page: int) -> NDArray[Any]:
+    """Return the samples ``(rows, columns)`` of a page of an image file, or of a frame of a session."""
+    from lfcal.frames.formats.opening import read_image
+
+    if not file.is_dir():
+        return read_image(file, page)
+    source, order = _session(file)
+    return source.read(order[page])
 
 
 def frames_of(path: Path) -> list[FrameFile]:
-    """Return every page of an image file or of the images of a folder, in natural order.
+    """Return every page of an image file or of the images of a folder, in natural order; or a session's, as recorded.
 
     Raises
     ------
     InputError
-        If there is none, or two have the same name.
+        If there is none, or two have the same name; of a session if its frames are not of one place of the sensor.
     """
+    if is_session(path):
+        return _frames_of_session(path)
     from lfcal.frames.formats.opening import image_suffixes, open_image
     from lfcal.frames.positions import natural_key
 
@@ -75,6 +99,51 @@ def _check_names(names: list[str]) -> None:
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
         raise InputError.expected("names of the frames", "each once", f"{twice} twice", "rename one of them")
+
+
+def is_session(path: Path) -> bool:
+    """Return whether a folder is that of a session `lfcal acquire` recorded."""
+    if not path.is_dir():
+        return False
+    from lfcal.acquire.session_file import NAME
+
+    return (path / NAME).is_file()
+
+
+def _session(path: Path) -> tuple[RecordingSource, tuple[int, ...]]:
+    """Return a session, and the numbers of its frames in the order in which they were recorded."""
+    return _opened(os.path.abspath(path), stamp_of(FrameFile("", path, 0).inputs))
+
+
+@lru_cache(maxsize=1)
+def _opened(folder: str, _: str) -> tuple[RecordingSource, tuple[int, ...]]:
+    # once for all frames of a series: opening looks through the whole recording
+    from lfcal.acquire.recording.source import RecordingSource
+
+    source = RecordingSource(Path(folder))
+    return source, tuple(sorted(range(len(source)), key=lambda k: float(source.record(k)["elapsed_s"])))
+
+
+def _frames_of_session(path: Path) -> list[FrameFile]:
+    source, order = _session(path)
+    places = {source.info(k).origin for k in order}
+    if len(places) > 1:
+        got = f"{len(places)} places, as of a scan that follows its spots"
+        raise InputError.expected(f"frames of {path}", "one place of the sensor", got, "record whole frames")
+    times = [float(source.record(k)["elapsed_s"]) for k in order]
+    return [FrameFile(f"{path.name}_{n:04d}", path, n, t) for n, t in enumerate(times)]
+
+
+def placed_anchor(path: Path, H: PSFMatrix, *, resample: bool) -> str:
+    """Return the anchor of frames that are a part of the sensor, as ``--anchor`` would say it; empty: H's own."""
+    if not is_session(path):
+        return ""
+    row, column = _session(path)[0].info(0).origin
+    if (row, column) == (0, 0):
+        return ""
+    if resample:
+        raise InputError.expected("--resample", "whole frames", f"a part from {(row, column)} on", "record whole ones")
+    return f"{H.anchor[0] - row},{H.anchor[1] - column}"
 
 
 def cleaner(dark: Path | None, white: Path | None, view: Resampling | None) -> Cleaner:

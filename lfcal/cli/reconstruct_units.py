@@ -6,12 +6,14 @@ import json
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lfcal.cli.outputs import files_of
 from lfcal.cli.reconstruct_frames import FrameFile
+from lfcal.cli.reconstruct_regions import files_of_regions
 from lfcal.work import Unit, parts_folder
 from lfcal.work.held import Held
 from lfcal.work.unit import file_name, stamp_of
@@ -19,8 +21,8 @@ from lfcal.work.unit import file_name, stamp_of
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from lfcal.cli.reconstruct_saving import Saved
     from lfcal.progress import Work
-    from lfcal.psf import PSFMatrix
     from lfcal.reconstruct.projectors.projector import Projector
     from lfcal.reconstruct.resample import Resampling
     from lfcal.reconstruct.series import FrameResult
@@ -43,23 +45,26 @@ class Settings:
     double: bool
     threshold: float
     within: float
+    regions: tuple[str, ...] = ()
 
     @property
     def inputs(self) -> tuple[str, ...]:
         """The files among them; of a folder its images."""
-        found = (self.psf, self.dark, self.white, self.lattice)
+        found = (self.psf, *files_of_regions(self.psf, self.regions), self.dark, self.white, self.lattice)
         return tuple(os.path.abspath(file) for path in found for file in sorted(files_of(path)))
 
     def plain(self) -> dict[str, Any]:
         """Return them as plain JSON types, paths absolute."""
         found = asdict(self)
-        return {key: os.path.abspath(value) if isinstance(value, Path) else value for key, value in found.items()}
+        plain = {key: os.path.abspath(value) if isinstance(value, Path) else value for key, value in found.items()}
+        others = {str(path): os.path.abspath(path) for path in files_of_regions(self.psf, self.regions)}
+        return plain | {"regions": [others.get(str(Path(name)), name) for name in self.regions]}
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Settings:
         """Return what `plain` gave."""
         paths = {key: None if values[key] is None else Path(values[key]) for key in ("psf", "dark", "white", "lattice")}
-        return cls(**{**values, **paths})
+        return cls(**{**values, **paths, "regions": tuple(values["regions"])})
 
 
 def frame_units(
@@ -84,7 +89,7 @@ def frame_units(
             f"frame {frame.name}",
             f"{__name__}:{do_frame.__name__}",
             shared | own,
-            (*settings.inputs, os.path.abspath(frame.file)),
+            (*settings.inputs, *frame.inputs),
             hints=hints,
         )
         units.append(unit)
@@ -96,12 +101,12 @@ def frame_units(
 
 def do_frame(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]:
     """Reconstruct one frame into a volume file of its own: the task of a unit."""
-    from lfcal.frames.formats.opening import read_image
+    from lfcal.cli.reconstruct_frames import read_frame
     from lfcal.reconstruct.solvers.choice import SolverChoice, iter_reconstruct
     from lfcal.reconstruct.volumes import load_volume, save_volume
 
     began = time.perf_counter()
-    image = read_image(Path(arguments["file"]), arguments["page"])
+    image = read_frame(Path(arguments["file"]), arguments["page"])
     settings = Settings.of(arguments["settings"])
     choice = SolverChoice(**arguments["choice"])
     how = (arguments["projection"], arguments["memory"], workers, choice.margin)
@@ -126,13 +131,13 @@ def do_frame(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None
 class _Tool:
     """What the frames of a series share, made once in each process."""
 
-    matrix: PSFMatrix
     projector: Projector
     view: Resampling | None
     clean: Callable[[NDArray[Any]], NDArray[Any]]
+    files: ExitStack
 
 
-_HELD: Held[_Tool] = Held(lambda tool: tool.matrix.close())
+_HELD: Held[_Tool] = Held(lambda tool: tool.files.close())
 
 
 def _tool_for(settings: Settings, shape: tuple[int, ...], how: tuple[str, int, int, int]) -> _Tool:
@@ -144,16 +149,16 @@ def _tool_for(settings: Settings, shape: tuple[int, ...], how: tuple[str, int, i
 def _made(settings: Settings, shape: tuple[int, ...], how: tuple[str, int, int, int]) -> _Tool:
     from lfcal.cli.reconstruct_frames import cleaner
     from lfcal.cli.reconstruct_grid import anchor_of, view_of, wide
-    from lfcal.psf import open_psf
-    from lfcal.reconstruct.projectors.projector import Projector
+    from lfcal.cli.reconstruct_regions import open_regions, projector_of
 
-    matrix = open_psf(settings.psf)
-    try:
-        view = view_of(matrix, settings.white, settings.lattice) if settings.resample else None
+    with ExitStack() as stack:
+        matrices = open_regions(settings.psf, settings.regions, stack)
+        first = matrices[0]
+        view = view_of(first, settings.white, settings.lattice) if settings.resample else None
         frame = (shape[0], shape[1]) if view is None else view.shape
-        wider, anchor = wide(frame, anchor_of(settings.anchor, view, matrix), matrix, how[3])
-        projector = Projector(
-            matrix,
+        wider, anchor = wide(frame, anchor_of(settings.anchor, view, first), first, how[3])
+        projector = projector_of(
+            matrices,
             wider,
             anchor,
             how[0],
@@ -163,29 +168,22 @@ def _made(settings: Settings, shape: tuple[int, ...], how: tuple[str, int, int, 
             memory_limit=how[1],
             workers=how[2],
         )
-        return _Tool(matrix, projector, view, cleaner(settings.dark, settings.white, view))
-    except BaseException:
-        matrix.close()
-        raise
+        return _Tool(projector, view, cleaner(settings.dark, settings.white, view), stack.pop_all())
 
 
-def iter_collect(
-    parts: Sequence[Path],
-    names: Sequence[str],
-    save: Callable[[str, NDArray[Any], Mapping[str, Any]], None],
-    results: list[FrameResult],
-) -> Work[None]:
-    """Hand the volume of each frame to ``save`` with what is known of it; note in ``results`` how each went."""
+def iter_collect(parts: Sequence[Path], names: Sequence[str], saved: Saved, results: list[FrameResult]) -> Work[None]:
+    """Save the volume of each frame with what is known of it; note in ``results`` how each went."""
     from lfcal.h5.file import H5File
     from lfcal.progress import Clock
     from lfcal.reconstruct.series import FrameResult
     from lfcal.reconstruct.volumes import load_volume
 
     clock = Clock("write volumes", len(parts))
-    for k, (part, name) in enumerate(zip(parts, names, strict=True)):
-        with H5File(part) as file:
-            known = json.loads(file.attributes().text("details", "{}"))
-        notes, stopped = tuple(known["notes"]), known["stopped"]
-        save(name, load_volume(part), {"notes": notes, "residual": known["residual"], "stopped": stopped})
-        results.append(FrameResult(name, known["iterations"], known["residual"], known["seconds"], notes, stopped))
-        yield clock.at(k + 1)
+    with saved() as save:
+        for k, (part, name) in enumerate(zip(parts, names, strict=True)):
+            with H5File(part) as file:
+                known = json.loads(file.attributes().text("details", "{}"))
+            notes, stopped = tuple(known["notes"]), known["stopped"]
+            save(name, load_volume(part), {"notes": notes, "residual": known["residual"], "stopped": stopped})
+            results.append(FrameResult(name, known["iterations"], known["residual"], known["seconds"], notes, stopped))
+            yield clock.at(k + 1)

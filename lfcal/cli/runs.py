@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from lfcal.progress import Work
     from lfcal.work import RunChoice
 
-__all__ = ["LONG", "run_choice", "run_kept"]
+__all__ = ["LONG", "may_replace", "run_choice", "run_kept"]
 
 R = TypeVar("R")
 
@@ -67,6 +67,13 @@ def run_choice(
     if not asked and seconds > LONG:
         report(f"kept {units} in {folder.name}: --resume goes on after a stop")
     return choice
+
+
+def may_replace(out: Path, *, resume: bool, force: bool) -> bool:
+    """Return whether what lies at ``out`` may be replaced: by ``--force``, or as an earlier run began to write it."""
+    from lfcal.work.runs import was_joining
+
+    return force or (resume and was_joining(out))
 
 
 def run_kept(work: Work[R], out: Path, *, quiet: bool) -> R:

@@ -24,7 +24,7 @@ from lfcal.cli.options import (
 )
 from lfcal.cli.outputs import check_output
 from lfcal.cli.planned import planned_scan
-from lfcal.cli.runs import run_choice, run_kept
+from lfcal.cli.runs import may_replace, run_choice, run_kept
 from lfcal.errors import InputError
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ def command(
         report(f"left out: {reason}")
     check_number("brightest pixel (share of the full well)", peak, above=0, at_most=1000)
     if out is not None and not plan_only:
-        check_output(out, camera, force=force)
+        check_output(out, camera, force=may_replace(out, resume=resume, force=force))
     planned = planned_scan(camera, depths, virtual_depths, cutout, quiet=json)
     settings, given = parse_effects(effects)
     making = frames is not None

@@ -47,13 +47,13 @@ def command(
 
     from lfcal.cli.console import print_json, report_dark, run_work
     from lfcal.cli.outputs import check_output
-    from lfcal.cli.runs import run_choice, run_kept
+    from lfcal.cli.runs import may_replace, run_choice, run_kept
     from lfcal.psf.opening import open_psf
     from lfcal.psf.transpose_file import iter_transpose_file
     from lfcal.psf.transpose_units import iter_transpose_units
     from lfcal.units import format_bytes, format_seconds
 
-    check_output(out, source, force=force)
+    check_output(out, source, force=may_replace(out, resume=resume, force=force))
     start = time.perf_counter()
     with open_psf(source) as matrix:
         dark = report_dark(matrix)

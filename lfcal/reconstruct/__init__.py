@@ -6,6 +6,7 @@
 - ``resample``: light fields onto whole periods; ``series``, ``volumes``: many frames, results as files
 """
 
+from lfcal.reconstruct.projectors.field_projector import FieldProjector
 from lfcal.reconstruct.projectors.forecast import METHODS, ProjectionForecast
 from lfcal.reconstruct.projectors.projector import Projector
 from lfcal.reconstruct.resample import Resampling
@@ -25,6 +26,7 @@ __all__ = [
     "METHODS",
     "SOLVERS",
     "DepthSmoothing",
+    "FieldProjector",
     "ProjectionForecast",
     "Projector",
     "Reconstruction",

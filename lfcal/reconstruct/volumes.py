@@ -1,4 +1,4 @@
-"""Reconstructed volumes as files: TIFF stacks and HDF5, whole or not at all."""
+"""Reconstructed volumes as files: TIFF stacks, HDF5, OME-Zarr, whole or not at all."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import math
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -19,13 +18,28 @@ from lfcal.files import check_regular, replace_whole, require_space, storage_err
 from lfcal.h5.file import H5File
 from lfcal.h5.writing import new_h5
 from lfcal.npy import map_npy, npy_header
+from lfcal.reconstruct.facts import VolumeFacts
+from lfcal.reconstruct.ome_zarr import read_ome_zarr, write_ome_zarr
 
-__all__ = ["SUFFIXES", "VolumeFacts", "check_suffix", "load_volume", "save_volume", "write_volumes"]
+__all__ = [
+    "DATASET",
+    "SUFFIXES",
+    "VOLUME_FORMAT",
+    "VolumeFacts",
+    "check_suffix",
+    "load_volume",
+    "save_volume",
+    "write_volumes",
+]
 
-SUFFIXES = (".tif", ".tiff", ".h5", ".hdf5", ".npy")
+SUFFIXES = (".tif", ".tiff", ".h5", ".hdf5", ".npy", ".zarr")
 """File types of volumes."""
 
 DATASET = "volume"
+"""Name of the volumes in an HDF5 file."""
+
+VOLUME_FORMAT = "lfcal-volume"
+"""What such a file says it is."""
 
 
 def check_suffix(path: str | os.PathLike[str]) -> Path:
@@ -50,7 +64,7 @@ def save_volume(
     ----------
     path
         ``.tif`` (a stack ImageJ opens, z spacing and voxel size in µm), ``.ome.tif`` (OME-TIFF, with the depth of each
-        plane), ``.h5`` (dataset ``volume``, axes z, y, x,
+        plane), ``.ome.zarr`` (a folder, OME-Zarr; needs the library zarr), ``.h5`` (dataset ``volume``, axes z, y, x,
         with ``depths``), or ``.npy``.
     volume
         ``(nz, Y, X)``.
@@ -74,25 +88,6 @@ def save_volume(
     facts = VolumeFacts(depths, sides, dict(details or {}))
     with write_volumes(path, data.shape, facts) as add:
         add(data)
-
-
-@dataclass(frozen=True, slots=True)
-class VolumeFacts:
-    """What a file says of its volumes.
-
-    Attributes
-    ----------
-    depths_um
-        Depth of each plane (µm).
-    voxel_um
-        Voxel size (y, x) in object space (µm).
-    details
-        What else to keep, plain JSON types.
-    """
-
-    depths_um: NDArray[np.float64] | None = None
-    voxel_um: tuple[float, float] | None = None
-    details: dict[str, Any] = field(default_factory=dict)
 
 
 @contextmanager
@@ -119,7 +114,8 @@ def write_volumes(
     target = check_suffix(path)
     require_space(target.parent, 4 * math.prod(shape) + (1 << 16), what="the volume")
     usual = _ome_tiff if is_ome(target) else _tiff
-    make = {".npy": _npy, ".h5": _h5, ".hdf5": _h5}.get(target.suffix.lower(), usual)
+    own = {".npy": _npy, ".h5": _h5, ".hdf5": _h5, ".zarr": write_ome_zarr}
+    make = own.get(target.suffix.lower(), usual)
     with make(target, shape, facts) as add:
         yield add
 
@@ -225,7 +221,7 @@ def _h5(target: Path, shape: tuple[int, ...], facts: VolumeFacts) -> Iterator[Ca
             fletcher32=True,
         )
         stored.attrs["axes"] = ", ".join("tzyx"[-len(shape) :])
-        file.attrs["format"] = "lfcal-volume"
+        file.attrs["format"] = VOLUME_FORMAT
         file.attrs["version"] = 1
         file.attrs["details"] = json.dumps(facts.details)
         if facts.depths_um is not None:
@@ -254,6 +250,8 @@ def load_volume(path: str | os.PathLike[str]) -> NDArray[np.float32]:
             data = file.dataset(DATASET).read()
     elif source.suffix.lower() == ".npy":
         data = map_npy(source)
+    elif source.suffix.lower() == ".zarr":
+        data = read_ome_zarr(source)
     else:
         import tifffile
 

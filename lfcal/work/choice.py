@@ -12,7 +12,7 @@ from lfcal.errors import InputError
 from lfcal.progress import Work
 from lfcal.work.executors import EXECUTORS
 from lfcal.work.executors.base import Executor
-from lfcal.work.runs import check_begun, discard, iter_run, parts_folder
+from lfcal.work.runs import check_begun, discard, iter_run, note_joining, parts_folder
 from lfcal.work.unit import Unit
 
 __all__ = ["BEGUN", "RunChoice", "iter_begun", "iter_made"]
@@ -103,5 +103,6 @@ def iter_made(
         As `iter_run`, and what ``join`` raises.
     """
     parts = yield from iter_begun(units, out, run, title=title)
+    note_joining(parts_folder(out))
     yield from join(parts)
     discard(parts_folder(out))

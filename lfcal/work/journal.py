@@ -20,7 +20,7 @@ from lfcal.errors import InputError, LfcalError
 from lfcal.files import read_text, storage_errors
 from lfcal.system import is_alive
 
-__all__ = ["JOURNAL", "Journal", "RunState", "UnitState", "read_run", "read_seals"]
+__all__ = ["JOURNAL", "Journal", "RunState", "UnitState", "read_events", "read_run", "read_seals"]
 
 JOURNAL = "run.jsonl"
 
@@ -131,6 +131,12 @@ def read_seals(folder: Path) -> dict[str, str]:
         return {}
     records = _records(read_text(path).splitlines())
     return {str(r["file"]): str(r["seal"]) for r in records if "file" in r and "seal" in r}
+
+
+def read_events(folder: Path) -> list[str]:
+    """Return what has happened in ``folder``, one word for each line of its journal; nothing where there is none."""
+    path = folder / JOURNAL
+    return [str(r["event"]) for r in _records(read_text(path).splitlines())] if path.exists() else []
 
 
 def read_run(folder: Path, now: float | None = None) -> RunState:

@@ -15,13 +15,16 @@ from lfcal.errors import InputError, StorageError
 from lfcal.files import only_writer, storage_errors, sweep_scratch
 from lfcal.progress import Clock, Progress, Work
 from lfcal.work.executors.base import Ended, Event, Executor, What
-from lfcal.work.journal import JOURNAL, Journal, read_run, read_seals
+from lfcal.work.journal import JOURNAL, Journal, read_events, read_run, read_seals
 from lfcal.work.unit import Job, Unit, file_name, seal_of
 
-__all__ = ["check_begun", "discard", "iter_run", "parts_folder"]
+__all__ = ["check_begun", "discard", "iter_run", "note_joining", "parts_folder", "was_joining"]
 
 ATTEMPTS = 4
 """Times that a unit is begun before it is given up, where its worker ends before it does."""
+
+JOINING = "joining"
+"""What the journal says when a run's units are done and what they make is written."""
 
 PAUSE = 1.0
 """Seconds before a unit is begun again whose file could not be written; twice as long each time."""
@@ -44,11 +47,26 @@ def check_begun(folder: Path, *, resume: bool) -> None:
     )
 
 
+def note_joining(folder: Path) -> None:
+    """Note in a run's folder that from now on what it makes is written."""
+    with Journal.open(folder) as journal:
+        journal.note(JOINING)
+
+
+def was_joining(out: str | os.PathLike[str]) -> bool:
+    """Return whether a run of ``out`` had begun to write it: what is there is its own, and is written again."""
+    return any(event == JOINING for event in read_events(parts_folder(out)))
+
+
 def discard(folder: Path) -> None:
     """Remove a run's folder and all that is in it; raises `StorageError` where another program works in it."""
     if not folder.exists():
         return
     with only_writer(folder):
+        # the journal last: a run that is killed meanwhile is known for one that goes on
+        for path in folder.iterdir():
+            if path.name != JOURNAL and path.is_file():
+                path.unlink(missing_ok=True)
         shutil.rmtree(folder, ignore_errors=True)
     if folder.exists():
         raise StorageError(f"{folder}: cannot be removed; remove it by hand")

@@ -59,6 +59,7 @@ ALLOWED: dict[str, set[str]] = {
     "reconstruct": COMMON | {"psf"},
     "inspect": COMMON | {"camera", "psf", "simulate", "fit", "reconstruct"},
     "multiplex": COMMON | {"camera", "lattice", "frames"},
+    "napari": COMMON | {"acquire", "psf", "reconstruct"},
     "accuracy": COMMON | {"camera", "frames", "lattice", "psf", "simulate", "acquire", "reconstruct", "multiplex"},
 }
 """Which parts of the library a part may import besides itself; a part stands on those below it."""

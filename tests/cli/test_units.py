@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import re
 from collections.abc import Callable
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 import tifffile
 
+from lfcal.errors import StorageError
 from lfcal.progress import drain
 from lfcal.psf import PSFMatrix, open_psf, save
 from lfcal.reconstruct.volumes import load_volume
@@ -100,6 +102,73 @@ def test_all_volumes_in_one_file(lfcal: Lfcal, place: Path) -> None:
     assert lfcal(*words, "one.tif").code == 0
     assert lfcal(*words, "two.tif", "--executor", "threads").code == 0
     np.testing.assert_array_equal(tifffile.imread(place / "one.tif"), tifffile.imread(place / "two.tif"))
+
+
+@pytest.mark.parametrize("warm", [False, True])
+def test_a_series_in_one_ome_zarr(lfcal: Lfcal, place: Path, warm: bool) -> None:
+    """The same volumes as in files of their own, whether or not the work was in units."""
+    zarr = pytest.importorskip("zarr", reason="zarr is not installed")
+    more = ("--warm",) if warm else ()
+    words = ("reconstruct", "H.h5", "--batch", "frames.tif", "-n", 2, "--workers", 1, *more, "-o")
+    for out, by in (("one.ome.zarr", ()), ("two.ome.zarr", ("--executor", "threads")), ("single", ())):
+        run = lfcal(*words, out, *by)
+        assert run.code == 0, run.err
+    one, two = (zarr.open_group(place / f"{name}.ome.zarr", mode="r") for name in ("one", "two"))
+    single = np.stack([load_volume(place / "single" / f"frames_000{k}.tif") for k in range(3)])
+    for found in (one, two):
+        np.testing.assert_array_equal(found["0"][...], single)
+        assert found.attrs["lfcal"]["details"]["frames"] == [f"frames_000{k}" for k in range(3)]
+    refused = lfcal(*words, "one.ome.zarr")
+    assert refused.code == 2 and "one.ome.zarr: exists; add --force to replace it" in refused.err
+    assert lfcal(*words, "one.ome.zarr", "--force").code == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "out", "writer"),
+    [
+        ("reconstruct H.h5 --batch frames.tif -n 1 --format .npy", "out", "lfcal.reconstruct.volumes.replace_whole"),
+        ("reconstruct H.h5 --batch frames.tif -n 1", "out.npy", "lfcal.work.choice.discard"),
+        ("transpose H.h5", "out.h5", "lfcal.work.choice.discard"),
+        ("simulate plan.json --level geometric", "out.h5", "lfcal.work.choice.discard"),
+    ],
+)
+def test_ended_while_it_writes_what_was_made(
+    lfcal: Lfcal, place: Path, monkeypatch: pytest.MonkeyPatch, words: str, out: str, writer: str
+) -> None:
+    """A part of what it makes is there, or all of it: that is its own, and ``--resume`` asks for no ``--force``."""
+    command = (*words.split(), "--workers", 1, "--executor", "threads", "-o")
+    assert lfcal(*command, f"whole_{out}").code == 0
+    with monkeypatch.context() as patch:
+        real, count = attribute(writer), iter(range(9))
+
+        def ended(path: Any) -> Any:
+            if writer.endswith("discard") or next(count) == 1:
+                raise StorageError(f"{path}: the disk is gone")
+            return real(path)
+
+        patch.setattr(writer, ended)
+        assert lfcal(*command, out).code == 2
+    assert (place / out).exists() and parts_folder(place / out).exists()
+    refused = lfcal(*command, out)
+    assert refused.code == 2 and not refused.err.startswith("Traceback")
+    run = lfcal(*command, out, "--resume")
+    assert run.code == 0, run.err
+    assert listing(place / out) == listing(place / f"whole_{out}")
+    assert not parts_folder(place / out).exists()
+    over = lfcal(*command, out, "--resume")
+    assert over.code == 2 and "exists; add --force" in over.err
+
+
+def attribute(name: str) -> Any:
+    module, _, what = name.rpartition(".")
+    return getattr(importlib.import_module(module), what)
+
+
+def listing(path: Path) -> Any:
+    """Return what a file or the files of a folder hold."""
+    if path.suffix == ".h5":
+        return contents(path)
+    return path.read_bytes() if path.is_file() else {one.name: one.read_bytes() for one in sorted(path.iterdir())}
 
 
 @pytest.mark.parametrize(

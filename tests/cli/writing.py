@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
@@ -74,6 +75,8 @@ WRITERS = {
     "demo": Writer("demo out", "out/H.h5", 8000),
     "bench accuracy": Writer("bench accuracy bench --positions 1 -o out.png", "out.png", 3000),
 }
+if find_spec("zarr"):  # a folder: what is asked of it as a file holds for the file of that name that it replaces
+    WRITERS["reconstruct zarr"] = Writer("reconstruct H.h5 frame.tif -n 1 -o out.ome.zarr", "out.ome.zarr", 3000)
 LONG = {"accuracy", "compare", "demo", "fit", "inspect", "trend", "white", "views", "bench accuracy"}
 LONG |= {f"multiplex {name}" for name in ("compare", "show", "search", "filters", "figures")}
 """Those that take a second or more."""

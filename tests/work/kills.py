@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -71,16 +72,16 @@ def kill_until_whole(words: Sequence[str], out: Path, place: Path, kills: int) -
                 if not pids or tries % 4 == 1:
                     run.kill()
                     found.runs += 1
-            lines = _noted(journal) if not out.exists() else []
+            lines = _noted(journal)
             said = run.communicate(timeout=HANG_S)[1]
         finally:
             _end(run)
         assert run.returncode in (0, -signal.SIGKILL), said.decode()
         _count(lines or _noted(journal), finished, found)
-        if out.exists():
-            _remove(out)
         if not journal.exists():  # it ended before it was killed
             finished.clear()
+            if out.exists():
+                _remove(out)
     last = subprocess.run(command, cwd=place, capture_output=True, text=True, timeout=HANG_S, check=False)
     assert last.returncode == 0, last.stderr
     return found
@@ -134,9 +135,7 @@ def _count(lines: list[dict[str, Any]], finished: set[str], found: Killed) -> No
 
 def _remove(out: Path) -> None:
     if out.is_dir():
-        for path in out.iterdir():
-            path.unlink()
-        out.rmdir()
+        shutil.rmtree(out)
     else:
         out.unlink()
 

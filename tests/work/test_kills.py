@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import shutil
+import signal
 import subprocess
 import sys
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +18,7 @@ import tifffile
 from lfcal.camera import ScanPlan
 from lfcal.psf import PSFMatrix, save
 from lfcal.work import parts_folder
+from lfcal.work.journal import JOURNAL
 from tests.psf.test_joining import contents
 from tests.reconstruct.oracles import lenslet_psf
 from tests.simulate.common import small_camera
@@ -24,7 +27,7 @@ from tests.work.kills import kill_until_whole
 pytestmark = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="finds workers by /proc")
 
 KILLS = 3
-"""Of each command by each executor, of the run and of its workers in turn; 36 in all."""
+"""Of each command by each executor, of the run and of its workers in turn; 45 in all."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +45,8 @@ CASES = {
     "transpose": Case("transpose H.h5", "out.h5", 6),
     "reconstruct": Case("reconstruct H.h5 --batch frames.tif -n 4 --solver rl", "out", 6),
 }
+if find_spec("zarr"):
+    CASES["series"] = Case("reconstruct H.h5 --batch frames.tif -n 4 --solver rl", "out.ome.zarr", 6)
 
 
 @pytest.fixture(scope="module")
@@ -62,6 +67,10 @@ def made(out: Path) -> dict[str, Any]:
     """Return all that a command wrote: data and attributes."""
     if not out.is_dir():
         return contents(out)
+    if out.suffix == ".zarr":
+        found = {str(path.relative_to(out)): path.read_bytes() for path in sorted(out.rglob("*")) if path.is_file()}
+        name = out.name.removesuffix(".ome.zarr")  # the image is called as its folder is
+        return found | {".zattrs": found[".zattrs"].replace(f'"{name}"'.encode(), b"")}
     return {path.name: tifffile.imread(path).tobytes() for path in sorted(out.iterdir())}
 
 
@@ -100,3 +109,48 @@ def test_killed_again_and_again(own: Path, command: str, executor: str) -> None:
     if executor == "dask":
         pytest.importorskip("distributed", reason="dask.distributed is not installed")
     killed(own, CASES[command], executor, KILLS)
+
+
+DYING = """
+import os, signal, sys
+from contextlib import contextmanager
+import lfcal.reconstruct.volumes as volumes
+from lfcal.cli import main
+real, added = volumes.write_volumes, []
+@contextmanager
+def dying(path, *rest):
+    with real(path, *rest) as add:
+        def once(volume):
+            add(volume)
+            # units' own volumes lie in the folder of the run
+            added.extend([1] if ".parts" not in str(path) else [])
+            if len(added) == 3:
+                os.kill(os.getpid(), signal.SIGKILL)
+        yield once
+volumes.write_volumes = dying
+sys.argv = ["lfcal", *sys.argv[1:]]
+main()
+"""
+
+
+@pytest.mark.few(2)
+@pytest.mark.parametrize("out", ["out", "out.h5", "out.ome.zarr"])
+def test_killed_while_a_series_is_written(own: Path, out: str) -> None:
+    """Half of what it makes is there: ``--resume`` writes it again, and nothing is reconstructed twice."""
+    if out.endswith(".zarr"):
+        pytest.importorskip("zarr", reason="zarr is not installed")
+    words = ["reconstruct", "H.h5", "--batch", "frames.tif", "-n", "2", "--solver", "rl", "--executor", "threads"]
+    words += ["--workers", "1", "-o"]
+    subprocess.run([sys.executable, "-m", "lfcal", *words, f"whole_{out}"], cwd=own, check=True, capture_output=True)
+    command = [sys.executable, "-c", DYING, *words, out]
+    assert subprocess.run(command, cwd=own, capture_output=True).returncode == -signal.SIGKILL
+    assert (own / out).exists() == (out == "out") and parts_folder(own / out).exists()
+    before = (parts_folder(own / out) / JOURNAL).stat().st_size
+    journal = own / "journal"
+    journal.hardlink_to(parts_folder(own / out) / JOURNAL)  # it is removed with its folder
+    again = [sys.executable, "-m", "lfcal", *words, out, "--resume"]
+    done = subprocess.run(again, cwd=own, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert journal.read_bytes()[before:].count(b'"kept"') == 6 and b'"started"' not in journal.read_bytes()[before:]
+    assert made(own / out) == made(own / f"whole_{out}")
+    assert not parts_folder(own / out).exists() and not [p for p in own.iterdir() if p.name.startswith(".")]

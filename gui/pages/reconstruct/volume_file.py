@@ -16,7 +16,10 @@ from gui.saving import ask_target
 
 __all__ = ["VolumeFile"]
 
-VOLUMES = "TIFF stack, opens in ImageJ (*.tif);;OME-TIFF with depths (*.ome.tif);;HDF5 (*.h5);;numpy (*.npy)"
+VOLUMES = (
+    "TIFF stack, opens in ImageJ (*.tif);;OME-TIFF with depths (*.ome.tif);;OME-Zarr, a folder (*.ome.zarr);;"
+    "HDF5 (*.h5);;numpy (*.npy)"
+)
 
 
 class VolumeFile(QObject):
@@ -72,7 +75,7 @@ class VolumeFile(QObject):
         from lfcal.reconstruct.volumes import load_volume
 
         path = self._context.state.volume
-        if path and Path(path).is_file():
+        if path and Path(path).exists():
             self._context.jobs.load(
                 "reconstruct volume",
                 lambda: load_volume(path),

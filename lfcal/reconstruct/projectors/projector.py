@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from typing import Any
 
@@ -182,16 +182,23 @@ class Projector:
     def forward(self, volume: ArrayLike) -> NDArray[Any]:
         """Return the image ``(Y, X)`` of ``volume`` ``(nz, Y, X)``. Planes that are all zero cost nothing."""
         data = self._checked(volume, "volume (z, y, x)", self.volume_shape)
-        filled = [z for z in range(len(data)) if data[z].any()]
-        return self._engine.forward((self._operand(z), data[z]) for z in filled)
+        return self.forward_planes(enumerate(data))
+
+    def forward_planes(self, planes: Iterable[tuple[int, NDArray[Any]]]) -> NDArray[Any]:
+        """Return the image of volume planes ``(Y, X)`` with their numbers, one in memory at a time."""
+        return self._engine.forward((self._operand(z), plane) for z, plane in planes if plane.any())
 
     def adjoint(self, image: ArrayLike) -> NDArray[Any]:
         """Return the back projection ``(nz, Y, X)`` of ``image`` ``(Y, X)``."""
         data = self._checked(image, "image (y, x)", self.image_shape)
         out = np.empty(self.volume_shape, self.dtype)
-        for z, plane in enumerate(self._engine.adjoint(data, self._each_operand())):
+        for z, plane in enumerate(self.adjoint_planes(data)):
             out[z] = plane
         return out
+
+    def adjoint_planes(self, image: NDArray[Any]) -> Iterator[NDArray[Any]]:
+        """Yield the back projection of ``image`` plane by plane; a plane holds until the next one is asked for."""
+        return self._engine.adjoint(image, self._each_operand())
 
     def subset(self, phases: ArrayLike) -> Projector:
         """Return the projector of the image phases in the mask ``phases`` ``(ny, nx)`` alone, same method.

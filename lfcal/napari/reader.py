@@ -1,0 +1,251 @@
+"""H, HT, recorded sessions and volumes as layers of napari: read as they are looked at, with sizes, units and axes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.acquire.recording.source import RecordingSource
+from lfcal.acquire.session_file import NAME
+from lfcal.errors import FileFormatError, LfcalError
+from lfcal.h5.file import H5File
+from lfcal.napari.lazy import Index, Lazy
+from lfcal.psf.opening import open_psf, regions_of
+from lfcal.psf.store import FORMAT
+from lfcal.psf.voxels import pixel_um, voxel_um
+from lfcal.reconstruct.ome_zarr import open_ome_zarr, told_of
+from lfcal.reconstruct.volumes import DATASET, VOLUME_FORMAT
+
+if TYPE_CHECKING:
+    from lfcal.psf import PSFMatrix
+
+__all__ = ["Layer", "get_reader", "read_layers"]
+
+Layer = tuple[Any, dict[str, Any], str]
+"""Data, words of the layer, and its kind: what napari makes a layer of."""
+
+H_AXES = ("z", "y", "x", "t", "s")
+MICROMETRE, PIXEL = "micrometer", "pixel"
+
+
+def get_reader(path: str | Sequence[str]) -> Callable[[str | Sequence[str]], list[Layer]] | None:
+    """Return what reads ``path``, or None where it is nothing of lfcal: the command of the manifest.
+
+    Parameters
+    ----------
+    path
+        A file or folder, or a list with one of them.
+    """
+    paths = [path] if isinstance(path, str) else list(path)
+    if len(paths) != 1:
+        return None
+    try:
+        known = _kind_of(Path(paths[0])) is not None
+    except LfcalError:
+        return None
+    return _read if known else None
+
+
+def _read(path: str | Sequence[str]) -> list[Layer]:
+    return read_layers(path if isinstance(path, str) else path[0])
+
+
+def read_layers(path: str | Path) -> list[Layer]:
+    """Return the layers of an H or HT file, a recorded session, or a volume; values are read when they are looked at.
+
+    H comes with HT as a layer that is hidden at first, a file of several regions of the field with a layer for each.
+
+    Raises
+    ------
+    FileFormatError
+        If it is nothing of lfcal.
+    LfcalError
+        If it is damaged or cannot be read.
+    """
+    source = Path(path)
+    read = _kind_of(source)
+    if read is None:
+        raise FileFormatError.expected(
+            str(source), "H, HT, a recorded session or a volume of lfcal", "something else", "open it by another reader"
+        )
+    return read(source)
+
+
+def _kind_of(source: Path) -> Callable[[Path], list[Layer]] | None:
+    """Return what reads a file or folder; None: it is nothing of lfcal."""
+    if source.name == NAME and source.is_file():
+        return lambda path: _session(path.parent)
+    if (source / NAME).is_file():
+        return _session
+    if source.suffix.lower() == ".zarr":
+        return _ome_zarr if told_of(source)[2] else None
+    if source.suffix.lower() in (".h5", ".hdf5") and source.is_file():
+        with H5File(source) as file:
+            return {FORMAT: _matrices, VOLUME_FORMAT: _volume}.get(file.attributes().text("format", ""))
+    return None
+
+
+# -- H and HT --------------------------------------------------------------------------------------------
+
+
+def _matrices(source: Path) -> list[Layer]:
+    layers: list[Layer] = []
+    for region in regions_of(source):
+        H = open_psf(source, region=region)
+        name = f"{source.stem} {region}".strip()
+        own = "HT" if H.is_transposed else "H"
+        layers.append(_matrix_layer(H, f"{name} ({own})", visible=not layers))
+        if not H.is_transposed:
+            layers.append(_matrix_layer(H.T, f"{name} (HT)", visible=False))
+    return layers
+
+
+def _matrix_layer(H: PSFMatrix, name: str, *, visible: bool) -> Layer:
+    known = _along_z(H.depths if H.camera is not None else None)
+    step, pixel = voxel_um(H), pixel_um(H)
+    sides = (*(step or (1.0, 1.0)), *(pixel or (1.0, 1.0)))
+    sides = (*sides[2:], *sides[:2]) if H.is_transposed else sides  # positions of HT are pixels
+    unit = PIXEL if step is None or pixel is None else MICROMETRE
+    middle = [n // 2 for n in H.shape[:3]]
+    facts = {"anchor": H.anchor, "region": H.region, "path": H.path, "depths_um": H.depths.tolist()}
+    words = {
+        "name": name,
+        "axis_labels": H_AXES,
+        "scale": (known.step, *sides),
+        "translate": (known.start, *(0.0,) * 4),
+        "units": (known.unit, *(unit,) * 4),
+        # of one pattern: looking at all of H would read it
+        "contrast_limits": _limits(np.asarray(H[middle[0], middle[1], middle[2]])),
+        "visible": visible,
+        "metadata": {"lfcal": facts},
+    }
+    return Lazy(H.shape, H.dtype, H.__getitem__, H), words, "image"
+
+
+# -- sessions --------------------------------------------------------------------------------------------
+
+
+def _session(folder: Path) -> list[Layer]:
+    """Return the frames of a session by their positions; those that were not recorded are dark."""
+    source = RecordingSource(folder, skip_damaged=True)
+    plan = source.plan
+    where = {tuple(source.info(k).position): k for k in range(len(source))}
+    frame = source.shape
+
+    def read(index: Index) -> NDArray[Any]:
+        picks = [range(n)[part] for part, n in zip(index[:3], plan.shape[:3], strict=True)]
+        spread = [range(p, p + 1) if isinstance(p, int) else p for p in picks]
+        rows, columns = index[3:]
+        out = []
+        for z in spread[0]:
+            for y in spread[1]:
+                for x in spread[2]:
+                    found = where.get((z, y, x))
+                    out.append(np.zeros(frame, source.dtype) if found is None else _whole(source, found))
+        stack = np.array(out, source.dtype).reshape(*(len(s) for s in spread), *frame)
+        return stack[tuple(0 if isinstance(p, int) else slice(None) for p in picks)][..., rows, columns]
+
+    known = _along_z(np.asarray(plan.depths_um, np.float64))
+    step = plan.camera.step_um(float(np.median(plan.depths_um)))
+    pixel = plan.camera.sensor.pixel_um
+    words = {
+        "name": folder.resolve().name,
+        "axis_labels": (*H_AXES[:3], "row", "column"),
+        "scale": (known.step, step, step, pixel, pixel),
+        "translate": (known.start, *(0.0,) * 4),
+        "units": (MICROMETRE,) * 5,
+        "contrast_limits": _limits(_whole(source, len(source) // 2)),
+        "metadata": {"lfcal": {"path": str(folder), "depths_um": list(plan.depths_um), "frames": len(source)}},
+    }
+    return [(Lazy((*plan.shape[:3], *frame), source.dtype, read, source), words, "image")]
+
+
+def _whole(source: RecordingSource, k: int) -> NDArray[Any]:
+    """Return a frame, dark where it is damaged."""
+    try:
+        return source.read(k)
+    except FileFormatError:
+        return np.zeros(source.shape, source.dtype)
+
+
+# -- volumes ---------------------------------------------------------------------------------------------
+
+
+def _volume(source: Path) -> list[Layer]:
+    file = H5File(source)
+    try:
+        data = file.dataset(DATASET)
+        depths = file.values("depths", (data.shape[-3],), finite=True) if "depths" in file else None
+        sides = file.attributes().numbers("voxel_um", (2,))
+        known = file.attributes().plain()
+    except BaseException:
+        file.close()
+        raise
+    words = _volume_words(source, data.ndim, depths, None if sides is None else tuple(map(float, sides)), known)
+    words["contrast_limits"] = _limits(data.read((*(n // 2 for n in data.shape[:-2]),)))
+    return [(Lazy(data.shape, data.dtype, data.read, file), words, "image")]
+
+
+def _ome_zarr(source: Path) -> list[Layer]:
+    array, image, own = open_ome_zarr(source)
+    depths = own.get("depths_um")
+    words = _volume_words(source, array.ndim, depths, None, own)
+    placed = {one.get("type"): one for one in image["datasets"][0].get("coordinateTransformations", ())}
+    if "scale" in placed:
+        words["scale"] = tuple(map(float, placed["scale"]["scale"]))
+    if "translation" in placed:
+        words["translate"] = tuple(map(float, placed["translation"]["translation"]))
+    axes = [axis for axis in image.get("axes", ()) if isinstance(axis, dict)]
+    if len(axes) == array.ndim:
+        words["axis_labels"] = tuple(str(axis.get("name")) for axis in axes)
+        words["units"] = tuple(str(axis.get("unit", PIXEL)) for axis in axes)
+    words["contrast_limits"] = _limits(np.asarray(array[tuple(n // 2 for n in array.shape[:-2])]))
+    return [(Lazy(array.shape, array.dtype, partial(_piece, array), array), words, "image")]
+
+
+def _piece(array: Any, index: Index) -> NDArray[Any]:
+    return np.asarray(array[index])
+
+
+def _volume_words(
+    source: Path, ndim: int, depths: Any, sides: tuple[float, ...] | None, known: dict[str, Any]
+) -> dict[str, Any]:
+    """Return the words of a layer of volumes: axes (t), z, y, x."""
+    along = _along_z(None if depths is None else np.asarray(depths, np.float64))
+    time = ndim - 3
+    return {
+        "name": source.name.removesuffix(".zarr").removesuffix(".ome").removesuffix(".h5"),
+        "axis_labels": ("t", *H_AXES[:3])[-ndim:],
+        "scale": (*(1.0,) * time, along.step, *(sides or (1.0, 1.0))),
+        "translate": (*(0.0,) * time, along.start, 0.0, 0.0),
+        "units": (*(PIXEL,) * time, along.unit, *((PIXEL if sides is None else MICROMETRE,) * 2)),
+        "metadata": {"lfcal": known | ({} if depths is None else {"depths_um": [float(z) for z in depths]})},
+    }
+
+
+class _AlongZ:
+    """What napari, which knows one distance for all planes, is told of where they lie."""
+
+    def __init__(self, step: float, start: float, unit: str) -> None:
+        self.step, self.start, self.unit = step, start, unit
+
+
+def _along_z(depths: NDArray[np.float64] | None) -> _AlongZ:
+    """Return the mean distance of planes, and where the first lies if they are in order; all are in the metadata."""
+    if depths is None or not len(depths):
+        return _AlongZ(1.0, 0.0, PIXEL)
+    steps = np.diff(depths)
+    step = float(np.abs(steps).mean()) if len(steps) else 1.0
+    return _AlongZ(step or 1.0, float(depths[0]) if (steps > 0).all() else 0.0, MICROMETRE)
+
+
+def _limits(values: NDArray[Any]) -> tuple[float, float]:
+    """Return values between which a picture shows what is in it."""
+    finite = values[np.isfinite(values)]
+    low, high = (0.0, 0.0) if not finite.size else (min(0.0, float(finite.min())), float(finite.max()))
+    return low, high if high > low else low + 1.0

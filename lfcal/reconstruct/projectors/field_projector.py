@@ -1,0 +1,306 @@
+"""The projector pair of H that changes over the field: H of several regions, blended from place to place."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+from lfcal.errors import InputError
+from lfcal.progress import Clock, Work
+from lfcal.reconstruct.projectors.blending import field_weights
+from lfcal.reconstruct.projectors.engine import Cost
+from lfcal.reconstruct.projectors.forecast import ProjectionForecast
+from lfcal.reconstruct.projectors.grid import Grid
+from lfcal.reconstruct.projectors.planes import PlaneReader
+from lfcal.reconstruct.projectors.projector import Projector
+from lfcal.system import free_memory
+from lfcal.threads import worker_count
+from lfcal.units import format_bytes
+
+__all__ = ["FieldProjector"]
+
+Pair = tuple[float, float]
+
+
+_Place = tuple[Any, tuple[int, ...], tuple[slice, slice], NDArray[Any] | None]
+"""A region's H, its anchor, its window, and the weights there."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """A region's share: its projector on a window of the image, and the weight of each voxel there.
+
+    ``weight`` is None where the region is the only one.
+    """
+
+    projector: Projector
+    window: tuple[slice, slice]
+    weight: NDArray[Any] | None
+
+    def seen(self, planes: Iterator[tuple[int, NDArray[Any]]]) -> Iterator[tuple[int, NDArray[Any]]]:
+        """Yield what of volume planes shines by this region's H."""
+        for z, plane in planes:
+            own = plane[self.window]
+            yield z, own if self.weight is None else own * self.weight
+
+
+class FieldProjector(Projector):
+    """The operator ``sum_r H_r W_r`` of several regions of the field and its exact adjoint ``sum_r W_r HT_r``.
+
+    ``W_r`` weighs voxels by where they lie between the regions' middles (`lfcal.reconstruct.projectors.blending`); at
+    each voxel the weights sum to one. Of one region it is that region's `Projector`, bit for bit. Each region is
+    projected where its weight is not zero: all together take as long as one H where regions are many, up to once for
+    each where they are two or three.
+
+    Parameters
+    ----------
+    matrices
+        H of each region, of one period and the same planes; cutouts may differ. Where a region lies is said by its
+        ``anchor``: its middle is half a period from there, as the scan it was measured by. Patterns of neighbouring
+        regions must not be displaced: the array's pitch is to be that of the period to less than a pixel between them.
+    image_shape, method, dtype, threshold, tolerance, memory_limit, workers, phases
+        As of `Projector`; phases are those of the first H.
+    anchor
+        The pixel of the image at which position (0, 0) of the first H is imaged, by default its own anchor; the other
+        regions lie as far from it as their anchors say.
+
+    Raises
+    ------
+    InputError
+        If the matrices do not belong together, lie at one place, or one is no H of a place; and as `Projector`.
+    """
+
+    def __init__(
+        self,
+        matrices: Sequence[Any],
+        image_shape: tuple[int, int],
+        anchor: Pair | None = None,
+        method: str = "auto",
+        *,
+        dtype: DTypeLike = np.float32,
+        threshold: float = 0.0,
+        tolerance: float = 0.0,
+        memory_limit: int | None = None,
+        workers: int | None = None,
+        phases: ArrayLike | None = None,
+    ) -> None:
+        self._matrices = tuple(matrices)
+        _check_together(self._matrices)
+        first = self._matrices[0]
+        shape = (int(image_shape[0]), int(image_shape[1]))
+        self._moved = (0.0, 0.0) if anchor is None else (anchor[0] - first.anchor[0], anchor[1] - first.anchor[1])
+        # a hair more: what was moved there and back is not to be a pixel less
+        anchors = [
+            tuple(int(np.floor(a + d + 1e-9)) for a, d in zip(H.anchor, self._moved, strict=True))
+            for H in self._matrices
+        ]
+        period = (int(first.shape[1]), int(first.shape[2]))
+        self._settings: dict[str, Any] = {"dtype": dtype, "threshold": threshold, "tolerance": tolerance}
+        self._tolerance = float(tolerance)
+        self._reader = PlaneReader(first, np.dtype(dtype), threshold)
+        self._grid = Grid(shape, period, (int(first.shape[3]), int(first.shape[4])), (anchors[0][0], anchors[0][1]))
+        self._phases = None if phases is None else np.array(phases, np.bool_)
+        self._workers, self._requested = worker_count(workers), method
+        self._limit = free_memory() // 2 if memory_limit is None else int(memory_limit)
+        middles = [(a[0] + (period[0] - 1) / 2, a[1] + (period[1] - 1) / 2) for a in anchors]
+        self._parts = self._made(anchors, field_weights(middles, shape), method)
+        self._engine = self._parts[0].projector._engine
+        self._forecast = self._total()
+        self._operands, self._subsets, self._lock = {}, {}, threading.RLock()
+
+    def _made(self, anchors: Sequence[tuple[int, ...]], weights: Sequence[NDArray[Any]], method: str) -> list[_Part]:
+        """Return the parts of regions that weigh anything in the image, the largest first."""
+        places: list[_Place] = []
+        for H, at, weight in zip(self._matrices, anchors, weights, strict=True):
+            if weight.any():
+                window = _window(weight, (int(H.shape[3]), int(H.shape[4])))
+                own = None if len(self._matrices) == 1 else np.ascontiguousarray(weight[window], self.dtype)
+                places.append((H, at, window, own))
+        places.sort(key=lambda place: -_pixels(place[2]))
+        kept = sum(0 if weight is None else weight.nbytes for *_, weight in places)
+        room = max(0, self._limit - kept - self._beside(len(places)))
+        try:
+            return self._built(places, anchors[0], method, room // len(places))
+        except InputError:
+            if len(places) == 1:
+                raise
+        # each takes all the room, one after the other: planes cannot be kept
+        parts = self._built(places, anchors[0], method, room)
+        least = _together([p.projector.forecast().chosen for p in parts], kept, self._beside(len(parts))).memory_bytes
+        if least > self._limit:
+            raise InputError.expected(
+                f"memory limit for the projection of {len(parts)} regions",
+                f"at least {format_bytes(least)}",
+                format_bytes(self._limit),
+                "raise it, or take a smaller image region",
+            )
+        return parts
+
+    def _built(self, places: Sequence[_Place], first: tuple[int, ...], method: str, share: int) -> list[_Part]:
+        """Return the projectors of regions, each within ``share`` bytes."""
+        parts: list[_Part] = []
+        for H, at, window, weight in places:
+            top, left = window[0].start, window[1].start
+            size = (window[0].stop - top, window[1].stop - left)
+            own = Projector(
+                H,
+                size,
+                (at[0] - top, at[1] - left),
+                # what is quickest of the largest one: a name says how all are projected
+                parts[0].projector.method if parts else method,
+                memory_limit=share,
+                workers=self._workers,
+                phases=self._phases_of(at, first),
+                **self._settings,
+            )
+            parts.append(_Part(own, window, weight))
+        return parts
+
+    def _beside(self, parts: int) -> int:
+        """Return the bytes of a projection that one region alone does not need: a weighted plane, and a sum."""
+        return 0 if parts == 1 else 3 * self._grid.pixels * self.dtype.itemsize
+
+    def _phases_of(self, anchor: tuple[int, ...], first: tuple[int, ...]) -> NDArray[np.bool_] | None:
+        """Return the mask of phases, which are counted from the first H's anchor, as counted from another's."""
+        if self._phases is None:
+            return None
+        return np.roll(self._phases, (first[0] - anchor[0], first[1] - anchor[1]), axis=(0, 1))
+
+    def _total(self) -> ProjectionForecast:
+        """Return what all regions cost together; they are projected one after the other."""
+        each = [part.projector.forecast() for part in self._parts]
+        if len(each) == 1:
+            return each[0]
+        weights = sum(0 if part.weight is None else part.weight.nbytes for part in self._parts)
+        beside = self._beside(len(each))
+        chosen = _together([one.chosen for one in each], weights, beside)
+        names = [{option.method: option for option in one.options} for one in each]
+        common = [name for name in names[0] if all(name in own for own in names)]
+        options = [_together([own[name] for own in names], weights, beside) for name in common]
+        options = [chosen if option.method == chosen.method else option for option in options]
+        return ProjectionForecast(chosen, None, None, tuple(options), self._limit)
+
+    # -- what it is ------------------------------------------------------------------------------------
+    @property
+    def regions(self) -> int:
+        """How many regions have a part in the image."""
+        return len(self._parts)
+
+    @property
+    def rounding(self) -> float:
+        """Error of a projected value relative to the largest one; smaller values are not to be divided by."""
+        return max(part.projector.rounding for part in self._parts)
+
+    def operand_bytes(self) -> int:
+        """Return the bytes of the planes that are prepared and kept, and of the weights."""
+        weights = sum(0 if part.weight is None else part.weight.nbytes for part in self._parts)
+        return weights + sum(part.projector.operand_bytes() for part in self._parts)
+
+    # -- the pair --------------------------------------------------------------------------------------
+    def forward(self, volume: ArrayLike) -> NDArray[Any]:
+        """Return the image ``(Y, X)`` of ``volume`` ``(nz, Y, X)``."""
+        data = self._checked(volume, "volume (z, y, x)", self.volume_shape)
+        if len(self._parts) == 1 and self._parts[0].weight is None:
+            return self._parts[0].projector.forward(data)
+        image = np.zeros(self.image_shape, self.dtype)
+        for part in self._parts:
+            image[part.window] += part.projector.forward_planes(part.seen(iter(enumerate(data))))
+        return image
+
+    def adjoint(self, image: ArrayLike) -> NDArray[Any]:
+        """Return the back projection ``(nz, Y, X)`` of ``image`` ``(Y, X)``."""
+        data = self._checked(image, "image (y, x)", self.image_shape)
+        if len(self._parts) == 1 and self._parts[0].weight is None:
+            return self._parts[0].projector.adjoint(data)
+        out = np.zeros(self.volume_shape, self.dtype)
+        for part in self._parts:
+            for z, plane in enumerate(part.projector.adjoint_planes(np.ascontiguousarray(data[part.window]))):
+                out[z][part.window] += plane if part.weight is None else plane * part.weight
+        return out
+
+    def _subset(self, phases: NDArray[np.bool_]) -> FieldProjector:
+        part = object.__new__(FieldProjector)
+        part.__dict__.update(self.__dict__)
+        part._phases, part._subsets = phases, {}
+        first = self._grid.anchor
+        part._parts = []
+        for own in self._parts:
+            at = tuple(a + s.start for a, s in zip(own.projector.grid.anchor, own.window, strict=True))
+            mask = part._phases_of(at, first)
+            assert mask is not None
+            part._parts.append(replace(own, projector=own.projector.subset(mask)))
+        return part
+
+    def iter_prepare(self) -> Work[None]:
+        """Prepare all planes that can be kept; else the first projection does."""
+        clock = Clock("preparing planes of H", len(self._parts) * self.volume_shape[0])
+        done = 0
+        for part in self._parts:
+            for _ in part.projector.iter_prepare():
+                done += 1
+                yield clock.at(done)
+
+    def __reduce__(self) -> Any:
+        """Travel to another process as what it is made of again: each H as it travels, and the settings."""
+        settings = self._settings | {"memory_limit": self._limit, "workers": self._workers, "phases": self._phases}
+        at = tuple(a + d for a, d in zip(self._matrices[0].anchor, self._moved, strict=True))
+        return partial(FieldProjector, self._matrices, self.image_shape, at, self.method, **settings), ()
+
+    def __repr__(self) -> str:
+        """Return size, regions and method in a line."""
+        return f"<FieldProjector {self.volume_shape} -> {self.image_shape}, {self.regions} regions, {self.method}>"
+
+
+def _check_together(matrices: Sequence[Any]) -> None:
+    """Raise `InputError` unless there are matrices, all of one period and the same planes, that say where they lie."""
+    if not matrices:
+        raise InputError.expected("regions of the field", "one H or more", "none", "give one")
+    first = matrices[0]
+    for k, H in enumerate(matrices):
+        what = f"H of region {getattr(H, 'region', '') or k + 1}"
+        if not hasattr(H, "anchor"):
+            raise InputError.expected(what, "a PSFMatrix, which says where it lies", type(H).__name__, "make one of it")
+        if tuple(H.shape[:3]) != tuple(first.shape[:3]):
+            wanted = f"{first.shape[0]} planes of {first.shape[1]} x {first.shape[2]} positions, as the first"
+            got = f"{H.shape[0]} of {H.shape[1]} x {H.shape[2]}"
+            raise InputError.expected(what, wanted, got, "measure all regions by one plan")
+        if not np.allclose(H.depths, first.depths, rtol=1e-3, atol=1e-6):
+            raise InputError.expected(what, f"depths {list(first.depths)}", list(H.depths), "give H of the same planes")
+
+
+def _window(weight: NDArray[Any], cutout: tuple[int, int]) -> tuple[slice, slice]:
+    """Return where patterns of voxels with a weight reach within the image."""
+    found = []
+    for axis, size in enumerate(cutout):
+        used = np.flatnonzero(weight.any(axis=1 - axis))
+        reach = (size - 1) // 2
+        found.append(slice(max(0, int(used[0]) - reach), min(weight.shape[axis], int(used[-1]) + reach + 1)))
+    return found[0], found[1]
+
+
+def _pixels(window: tuple[slice, slice]) -> int:
+    return int(np.prod([s.stop - s.start for s in window]))
+
+
+def _together(costs: Sequence[Cost], weights: int, beside: int) -> Cost:
+    """Return the cost of projections one after the other; ``weights`` are kept, ``beside`` is taken in each."""
+    resident = all(cost.resident for cost in costs)
+    kept = [cost.operand_bytes for cost in costs if cost.resident]
+    # where some planes are prepared anew each time, those that are kept still take their room
+    more = 0 if resident else sum(kept) + weights
+    return Cost(
+        costs[0].method,
+        sum(cost.prepare_s for cost in costs),
+        sum(cost.forward_s for cost in costs),
+        sum(cost.adjoint_s for cost in costs),
+        sum(cost.operand_bytes for cost in costs) + weights,
+        max(cost.scratch_bytes for cost in costs) + beside + more,
+        max(cost.prepare_bytes for cost in costs),
+        resident,
+    )

@@ -1,0 +1,168 @@
+"""Volumes as OME-Zarr: what other programs read there, and what is refused."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lfcal.errors import FileFormatError, InputError, StorageError
+from lfcal.files import replace_store
+from lfcal.reconstruct.facts import VolumeFacts
+from lfcal.reconstruct.ome_zarr import open_ome_zarr
+from lfcal.reconstruct.volumes import load_volume, save_volume, write_volumes
+
+zarr: Any = pytest.importorskip("zarr", reason="zarr is not installed")
+
+VOLUME = np.random.default_rng(0).random((3, 8, 9), np.float32)
+DEPTHS = (-5983.0, 0.5, 11079.0)
+
+
+def image_of(path: Path) -> dict[str, Any]:
+    """Return what the folder says, as plain JSON: readers of any language see this."""
+    (image,) = json.loads((path / ".zattrs").read_text())["multiscales"]
+    return dict(image)
+
+
+def test_sizes_and_uneven_depths_are_told(tmp_path: Path) -> None:
+    path = tmp_path / "v.ome.zarr"
+    save_volume(path, VOLUME, depths_um=DEPTHS, voxel_um=(27.37, 25.5), details={"solver": "µ"})
+    image = image_of(path)
+    assert image["version"] == "0.4" and image["name"] == "v"
+    assert [(axis["name"], axis["type"], axis.get("unit")) for axis in image["axes"]] == [
+        ("t", "time", None),
+        *((name, "space", "micrometer") for name in "zyx"),
+    ]
+    (level,) = image["datasets"]
+    scale, start = level["coordinateTransformations"]
+    assert scale == {"type": "scale", "scale": [1.0, 8531.0, 27.37, 25.5]}
+    assert start == {"type": "translation", "translation": [0.0, -5983.0, 0.0, 0.0]}
+    own = json.loads((path / ".zattrs").read_text())["lfcal"]
+    assert own == {"version": 1, "details": {"solver": "µ"}, "depths_um": list(DEPTHS)}
+    stored = zarr.open_array(path / level["path"], mode="r")
+    assert stored.shape == (1, 3, 8, 9) and stored.metadata.zarr_format == 2
+    np.testing.assert_array_equal(load_volume(path), VOLUME)
+    assert [p.name for p in tmp_path.iterdir()] == ["v.ome.zarr"]
+
+
+def test_pieces_are_planes_that_any_reader_unpacks(tmp_path: Path) -> None:
+    """By hand, as a reader of another language would: zlib, little-endian float32, names t/z/y/x."""
+    import zlib
+
+    save_volume(tmp_path / "v.zarr", VOLUME)
+    said = json.loads((tmp_path / "v.zarr" / "0" / ".zarray").read_text())
+    assert said["compressor"]["id"] == "zlib" and said["filters"] is None
+    assert said["dimension_separator"] == "/" and said["dtype"] == "<f4" and said["chunks"] == [1, 1, 8, 9]
+    piece = zlib.decompress((tmp_path / "v.zarr" / "0" / "0" / "2" / "0" / "0").read_bytes())
+    np.testing.assert_array_equal(np.frombuffer(piece, "<f4").reshape(8, 9), VOLUME[2])
+
+
+def test_large_planes_are_several_pieces(tmp_path: Path) -> None:
+    volume = np.zeros((1, 1100, 5), np.float32)
+    volume[0, 1050, 3] = 2
+    save_volume(tmp_path / "v.zarr", volume)
+    assert json.loads((tmp_path / "v.zarr" / "0" / ".zarray").read_text())["chunks"] == [1, 1, 1024, 5]
+    # empty ones, too, are there: what is not there is lost
+    assert sorted(p.name for p in (tmp_path / "v.zarr" / "0" / "0" / "0").iterdir()) == ["0", "1"]
+    np.testing.assert_array_equal(load_volume(tmp_path / "v.zarr"), volume)
+
+
+def test_a_series_with_times_and_a_place(tmp_path: Path) -> None:
+    series = np.random.default_rng(1).random((4, 3, 8, 9), np.float32)
+    facts = VolumeFacts(np.array([4.0, 0.0, -1.0]), (2.0, 3.0), {}, (-8.0, -12.0), [0.0, 0.5, 1.0, 1.5])
+    with write_volumes(tmp_path / "t.ome.zarr", series.shape, facts) as add:
+        for volume in series:
+            add(volume)
+    image = image_of(tmp_path / "t.ome.zarr")
+    assert image["axes"][0] == {"name": "t", "type": "time", "unit": "second"}
+    scale, start = image["datasets"][0]["coordinateTransformations"]
+    assert scale["scale"] == [0.5, 2.5, 2.0, 3.0]
+    # planes from far to near: where they lie is told plane by plane alone
+    assert start["translation"] == [0.0, 0.0, -8.0, -12.0]
+    array, _, own = open_ome_zarr(tmp_path / "t.ome.zarr")
+    np.testing.assert_array_equal(array[...], series)
+    assert own["depths_um"] == [4.0, 0.0, -1.0] and own["times_s"] == [0.0, 0.5, 1.0, 1.5]
+    with pytest.raises(InputError, match="a volume"):
+        load_volume(tmp_path / "t.ome.zarr")
+
+
+def test_what_nobody_knows_is_not_told(tmp_path: Path) -> None:
+    save_volume(tmp_path / "v.zarr", VOLUME)
+    image = image_of(tmp_path / "v.zarr")
+    assert not any("unit" in axis for axis in image["axes"])
+    assert image["datasets"][0]["coordinateTransformations"] == [{"type": "scale", "scale": [1.0] * 4}]
+
+
+def test_one_of_version_0_5_is_read(tmp_path: Path) -> None:
+    group = zarr.open_group(tmp_path / "new.zarr", mode="w", zarr_format=3)
+    stored = group.create_array("s0", shape=(1, *VOLUME.shape), chunks=(1, 1, 8, 9), dtype="<f4")
+    stored[0] = VOLUME
+    axes = [{"name": name} for name in "tzyx"]
+    group.attrs["ome"] = {"version": "0.5", "multiscales": [{"axes": axes, "datasets": [{"path": "s0"}]}]}
+    np.testing.assert_array_equal(load_volume(tmp_path / "new.zarr"), VOLUME)
+
+
+def test_what_is_no_image_or_damaged_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "empty.zarr").mkdir()
+    with pytest.raises(FileFormatError, match="an OME-Zarr image"):
+        load_volume(tmp_path / "empty.zarr")
+    with pytest.raises(StorageError, match="no such file or folder"):
+        load_volume(tmp_path / "none.zarr")
+    path = tmp_path / "v.zarr"
+    save_volume(path, VOLUME)
+    piece = path / "0" / "0" / "1" / "0" / "0"
+    piece.write_bytes(piece.read_bytes()[:20])
+    with pytest.raises(FileFormatError, match="intact pieces"):
+        load_volume(path)
+    said = json.loads((path / "0" / ".zarray").read_text())
+    (path / "0" / ".zarray").write_text(json.dumps(said | {"shape": [1, 10**6, 10**6, 10**6]}))
+    with pytest.raises(FileFormatError, match="bytes on disk"):
+        load_volume(path)
+
+
+def test_a_folder_of_other_files_is_never_replaced(tmp_path: Path) -> None:
+    path = tmp_path / "mine.zarr"
+    path.mkdir()
+    (path / "notes.txt").write_text("mine")
+    with pytest.raises(StorageError, match="a folder of other files; choose another name"):
+        save_volume(path, VOLUME)
+    assert (path / "notes.txt").read_text() == "mine"
+
+
+def test_whole_or_not_at_all(tmp_path: Path) -> None:
+    path = tmp_path / "v.zarr"
+    save_volume(path, VOLUME)
+    with pytest.raises(RuntimeError, match="stop"), write_volumes(path, (2, 3, 8, 9), VolumeFacts()) as add:
+        add(VOLUME)
+        raise RuntimeError("stop")
+    np.testing.assert_array_equal(load_volume(path), VOLUME)
+    save_volume(path, 2 * VOLUME)
+    np.testing.assert_array_equal(load_volume(path), 2 * VOLUME)
+    assert [p.name for p in tmp_path.iterdir()] == ["v.zarr"]
+
+
+def test_one_that_was_killed_between_two_names_is_put_back(tmp_path: Path) -> None:
+    path, aside = tmp_path / "v.zarr", tmp_path / ".v.zarr.before"
+    save_volume(path, VOLUME)
+    path.rename(aside)
+    (tmp_path / ".v.zarr.999999999.part").mkdir()
+    with pytest.raises(RuntimeError, match="stop"), replace_store(path):
+        np.testing.assert_array_equal(load_volume(path), VOLUME)
+        raise RuntimeError("stop")
+    assert [p.name for p in tmp_path.iterdir()] == ["v.zarr"]
+    shutil.copytree(path, aside)
+    save_volume(path, 2 * VOLUME)
+    np.testing.assert_array_equal(load_volume(path), 2 * VOLUME)
+    assert [p.name for p in tmp_path.iterdir()] == ["v.zarr"]
+
+
+def test_without_the_library_one_line_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "zarr", None)
+    with pytest.raises(InputError, match=r"OME-Zarr needs the library zarr; pip install 'lfcal\[zarr\]'$"):
+        save_volume(tmp_path / "v.ome.zarr", VOLUME)
+    assert not list(tmp_path.iterdir())
