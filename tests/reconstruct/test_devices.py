@@ -77,7 +77,7 @@ def test_within_a_tolerance_the_same_is_projected_as_on_the_processor(image, sig
     assert np.abs(there.adjoint(f) - back).max() <= 1e-13 * np.abs(back).max()
 
 
-@settings(max_examples=25, derandomize=True, deadline=None)
+@settings(max_examples=15, derandomize=True, deadline=None)
 @given(
     image=st.tuples(st.integers(1, 18), st.integers(1, 18)),
     period=st.tuples(st.integers(1, 6), st.integers(1, 6)),
@@ -166,7 +166,7 @@ def test_planes_are_kept_there_or_moved_or_prepared_anew(method):
     kept = on(1 << 30).prepare()
     use = kept.forecast().device
     assert use.kept and use.memory_bytes <= use.free and kept._operand(0).there
-    assert kept.operand_bytes() <= 1.2 * use.operand_bytes
+    assert use.operand_bytes / 1.5 <= kept.operand_bytes() <= 1.5 * use.operand_bytes
     assert run_memory(kept, choice).matrix == 0  # of the processor's memory
     moved = kept
     while moved.forecast().device.kept:  # fewer tiles may fit where more did not
@@ -175,8 +175,10 @@ def test_planes_are_kept_there_or_moved_or_prepared_anew(method):
     assert not moved.prepare()._operand(0).there and cost.resident
     assert use.memory_bytes <= use.free and "moved each time" in str(moved.forecast())
     assert run_memory(moved, choice).matrix == cost.operand_bytes > 0
-    anew = on(use.free, cost.memory_bytes - 1)
-    assert not anew.forecast().chosen.resident and not anew.prepare().operand_bytes()
+    anew = moved
+    while anew.forecast().chosen.resident:
+        anew = on(use.free, anew.forecast().chosen.memory_bytes - 1)
+    assert not anew.prepare().operand_bytes()
     truth = kept.forward(g)
     for P in (moved, anew):
         assert np.abs(P.forward(g) - truth).max() <= 1e-5 * truth.max()
@@ -184,6 +186,17 @@ def test_planes_are_kept_there_or_moved_or_prepared_anew(method):
         on(1000)
     with pytest.raises(InputError, match="memory limit for the projection"):
         on(1 << 30, 1000)
+
+
+def test_planes_beyond_what_was_foretold_stay_with_the_processor():
+    H = lenslet_psf(3, 5, 15)
+    P = Projector(H, (30, 30), method="sparse", dtype=np.float64)
+    device = replace(NUMPY, room=1 << 20)
+    engine = DeviceSparse(P.grid, DOUBLE, Placement(device, kept=True, room=(1 << 20) - 1))
+    operands = [engine.prepare(plane) for plane in H]
+    assert not any(operand.there for operand in operands)
+    g = np.random.default_rng(0).random(P.volume_shape)
+    assert np.allclose(engine.forward(zip(operands, g, strict=True)), P.forward(g), rtol=0, atol=1e-12)
 
 
 def test_forecast_takes_the_quickest_that_fits_there():

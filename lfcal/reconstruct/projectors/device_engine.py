@@ -85,7 +85,9 @@ class DeviceEngine(ABC):
         """Return the operand of one plane of H, ``(ny, nx, nt, ns)``, on the device where it is kept there."""
         arrays, facts = self.prepared(plane)
         operand = DeviceOperand(arrays, sum(array.nbytes for array in arrays), False, facts)
-        return self._there(operand) if self.placement.kept else operand
+        # entries are foretold from a few positions: where they are more than that, the last planes stay here
+        fits = self.device.free_bytes() - operand.nbytes > self.placement.room
+        return self._there(operand) if self.placement.kept and fits else operand
 
     def operand_bytes(self, operand: DeviceOperand) -> int:
         """Return the bytes of an operand's arrays."""

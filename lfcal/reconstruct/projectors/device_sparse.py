@@ -20,8 +20,8 @@ from lfcal.reconstruct.projectors.sparse import Sparse, SparseOperand
 
 __all__ = ["DeviceSparse", "Slices", "sparse_bytes"]
 
-ROWS = 64
-"""Rows to a slice, sorted by length: those of a slice differ little."""
+ROWS, EVEN = 64, 0.85
+"""Most rows to a slice, sorted by length, and the least length of one beside the longest of its slice."""
 
 
 def sparse_bytes(grid: Grid, itemsize: int) -> int:
@@ -92,9 +92,12 @@ class DeviceSparse(DeviceEngine):
         order = order[: int(np.count_nonzero(counts))]
         rows, values, slices = [], [], []
         number, begin = self._gathered(entries.offset), 0
-        for k in range(0, len(order), ROWS):
+        k = 0
+        while k < len(order):
+            most = int(counts[order[k]])
             own = order[k : k + ROWS]
-            most = int(counts[own[0]])
+            own = own[counts[own] >= EVEN * most]
+            k += len(own)
             inside = np.arange(most) < counts[own][:, None]
             at = np.where(inside, entries.start[own][:, None] + np.arange(most), 0)
             rows.append(np.where(inside, number[at], 0).ravel())
