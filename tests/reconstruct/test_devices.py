@@ -33,9 +33,12 @@ TORCH = pytest.mark.skipif(
     importlib.util.find_spec("torch") is None or importlib.util.find_spec("array_api_compat") is None,
     reason="PyTorch is not installed",
 )
+STRICT = pytest.mark.skipif(
+    importlib.util.find_spec("array_api_strict") is None, reason="array-api-strict is not installed"
+)
 LIBRARIES = [
     "numpy",
-    "array_api_strict",
+    pytest.param("array_api_strict", marks=STRICT),
     pytest.param("torch", marks=TORCH),
 ]
 

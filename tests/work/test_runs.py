@@ -13,9 +13,9 @@ from lfcal.files import only_writer
 from lfcal.progress import Progress, drain
 from lfcal.work import iter_run, read_run
 from lfcal.work.executors.processes import Processes, TaskFailed, WorkerLost
-from lfcal.work.numbers import numbered, worker_number
 from lfcal.work.executors.threads import Threads
 from lfcal.work.journal import JOURNAL
+from lfcal.work.numbers import numbered, worker_number
 from lfcal.work.runs import check_begun, discard
 from tests.work.tasks import unit
 
