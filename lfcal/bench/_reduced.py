@@ -8,11 +8,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import typer
 from numpy.typing import NDArray
 
 from lfcal.camera import ScanPlan, preset
 from lfcal.checks import check_number
 from lfcal.reconstruct import Projector
+from lfcal.reconstruct.projectors.device import ArrayDevice, find_device
 from lfcal.simulate import simulate_psf
 
 __all__ = ["WithinRow", "run_reduced", "show_reduced"]
@@ -29,6 +31,8 @@ class WithinRow:
     ----------
     tolerance
         Asked for; 0 is exact.
+    device
+        Where it is projected.
     prepare_s, forward_s, adjoint_s
         Seconds of the quickest of some runs, of the same plane in the same process.
     operand_bytes
@@ -47,10 +51,16 @@ class WithinRow:
     operand_bytes: int
     error: tuple[float, float]
     worst: float
+    device: str = "cpu"
 
 
-def run_reduced(side: int, tolerances: Sequence[float], workers: int) -> list[WithinRow]:
-    """Return the exact projection of a simulated plane and those within ``tolerances``, run in turns."""
+def run_reduced(
+    side: int, tolerances: Sequence[float], workers: int, device: str | ArrayDevice = "auto"
+) -> list[WithinRow]:
+    """Return the exact projection of a simulated plane and those within ``tolerances``, run in turns.
+
+    On the processor, and beside it on ``device``, where ``auto`` finds one.
+    """
     for tolerance in tolerances:
         check_number("tolerance of the projection", tolerance, above=0, below=1)
     camera = preset(CAMERA)
@@ -58,26 +68,28 @@ def run_reduced(side: int, tolerances: Sequence[float], workers: int) -> list[Wi
     rng = np.random.default_rng(0)
     g, f = rng.random((1, side, side), np.float32), rng.random((side, side), np.float32)
     points = [tuple(place) for place in rng.integers(side // 4, 3 * side // 4, (6, 2)).tolist()]
+    found = find_device(device) if isinstance(device, str) else device
     made = []
-    for tolerance in (0.0, *tolerances):
-        method = "reduced" if tolerance else "direct"
-        start = time.perf_counter()
-        P = Projector(H, (side, side), method=method, tolerance=tolerance, workers=workers).prepare()
-        made.append((tolerance, P, time.perf_counter() - start))
-    best = {tolerance: [np.inf, np.inf] for tolerance, _, _ in made}
+    for place in ("cpu", *(() if found is None else (found,))):
+        for tolerance in (0.0, *tolerances):
+            method = "reduced" if tolerance else "direct"
+            start = time.perf_counter()
+            P = Projector(H, (side, side), method=method, tolerance=tolerance, workers=workers, device=place).prepare()
+            made.append((tolerance, P, time.perf_counter() - start))
+    best = [[np.inf, np.inf] for _ in made]
     for _ in range(REPEATS):  # in turns: what else the machine does meets all alike
-        for tolerance, P, _ in made:
+        for (_, P, _), least in zip(made, best, strict=True):
             for k, run in enumerate((lambda P=P: P.forward(g), lambda P=P: P.adjoint(f))):
-                best[tolerance][k] = min(best[tolerance][k], _seconds(run))
+                least[k] = min(least[k], _seconds(run))
     exact = made[0][1]
     truth = exact.forward(g), exact.adjoint(f)
     spots = [exact.forward(_point(side, place)) for place in points]
     rows = []
-    for tolerance, P, prepared in made:
+    for (tolerance, P, prepared), (ahead, back) in zip(made, best, strict=True):
         error = _l1(P.forward(g), truth[0]), _l1(P.adjoint(f), truth[1])
-        ahead, back = best[tolerance]
         worst = max(_l1(P.forward(_point(side, at)), spot) for at, spot in zip(points, spots, strict=True))
-        rows.append(WithinRow(tolerance, P.method, prepared, ahead, back, P.operand_bytes(), error, worst))
+        name = "cpu" if P.device is None else P.device.name
+        rows.append(WithinRow(tolerance, P.method, prepared, ahead, back, P.operand_bytes(), error, worst, name))
     return rows
 
 
@@ -91,6 +103,7 @@ def show_reduced(rows: Sequence[WithinRow], side: int) -> None:
         [
             f"{100 * row.tolerance:g} %" if row.tolerance else "exact",
             row.method,
+            row.device,
             seconds(row.prepare_s),
             seconds(row.forward_s),
             seconds(row.adjoint_s),
@@ -103,6 +116,7 @@ def show_reduced(rows: Sequence[WithinRow], side: int) -> None:
     headers = [
         "within",
         "method",
+        "device",
         "set-up",
         "forward",
         "adjoint",
@@ -112,6 +126,8 @@ def show_reduced(rows: Sequence[WithinRow], side: int) -> None:
     ]
     title = f"a plane of an R29 at v = {VIRTUAL_DEPTH:g}, 95 x 55 positions, image {side} x {side}"
     print_table(headers, cells, title=title)
+    if all(row.device == "cpu" for row in rows):
+        typer.echo("no accelerator took part: none was found that PyTorch or CuPy can use")
 
 
 def _point(side: int, place: tuple[int, ...]) -> NDArray[np.float32]:

@@ -52,6 +52,9 @@ def command(
     tolerance: str = typer.Option(
         "", "--tolerance", help="With --r29: a simulated plane instead, exactly and within these shares: 0.002,0.005."
     ),
+    device: str = typer.Option(
+        "auto", "--device", help="With --tolerance: what takes part beside the processor: cpu, cuda, cuda:1 or auto."
+    ),
     folder: FolderOption = None,
     workers: WorkersOption = None,
     json: JsonOption = False,
@@ -73,7 +76,7 @@ def command(
 
         if not r29:
             raise InputError.expected("--tolerance", "the R29 problem", "another one", "give --r29, too")
-        within = run_reduced(side, parse_depths(tolerance, lengths=False), count)
+        within = run_reduced(side, parse_depths(tolerance, lengths=False), count, device)
         print_json({"side": side, "workers": count, "rows": within}) if json else show_reduced(within, side)
         return
     if r29:

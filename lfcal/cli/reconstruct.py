@@ -68,6 +68,11 @@ def command(
         "--within",
         help="Share of the light that projections may miss: 0.005 is several times quicker; 0 is exact.",
     ),
+    device: str = typer.Option(
+        "auto",
+        "--device",
+        help="Where to project: cpu; cuda, or cuda:1, with PyTorch or CuPy; auto: an accelerator where there is one.",
+    ),
     dark: Path | None = typer.Option(None, "--dark", help="Dark frame, or a folder of them to average."),
     white: Path | None = typer.Option(None, "--white", help="White frame, or a folder of them to average."),
     resample: bool = typer.Option(
@@ -169,6 +174,7 @@ def command(
             tolerance=within,
             memory_limit=room(),
             workers=workers,
+            device=device,
         )
         if forecast or out is None:
             show_forecast(P, choice, len(task.frames), warm=warm, json=json)
@@ -188,7 +194,7 @@ def command(
             with saved() as save:
                 results = _solve(task, P, cleaner(dark, white, view), view, save)
         else:
-            results = _solve_in_units(task, P, shared, out, run, saved, room)
+            results = _solve_in_units(task, P, shared, out, run, saved, (room, device))
     _show_results(P, volume, results, targets, json)
 
 
@@ -238,7 +244,8 @@ class _Task:
     def details(self, P: Projector) -> dict[str, Any]:
         """Return what is written into the volume about how it was made."""
         anchor = tuple(at - self.choice.margin for at in P.grid.anchor)
-        return {"solver": asdict(self.choice), "method": P.method, "within": P.tolerance, "anchor": anchor}
+        known = {"solver": asdict(self.choice), "method": P.method, "within": P.tolerance, "anchor": anchor}
+        return known if P.device is None else {**known, "device": P.device.name}
 
 
 def _solve(task: _Task, P: Projector, clean: Cleaner, view: Resampling | None, save: Save) -> tuple[FrameResult, ...]:
@@ -264,13 +271,19 @@ def _solve(task: _Task, P: Projector, clean: Cleaner, view: Resampling | None, s
 
 
 def _solve_in_units(
-    task: _Task, P: Projector, shared: Settings, out: Path, run: RunChoice, saved: Saved, room: Callable[..., int]
+    task: _Task,
+    P: Projector,
+    shared: Settings,
+    out: Path,
+    run: RunChoice,
+    saved: Saved,
+    where: tuple[Callable[..., int], str],
 ) -> tuple[FrameResult, ...]:
     """Reconstruct frame by frame, each volume in a file that stays until all are there and ``saved``.
 
-    ``room`` gives what projections may take where processes ``share`` the memory.
+    ``where``: what gives the memory of projections where processes ``share`` it, and the device that was asked for.
     """
-    from lfcal.cli.reconstruct_units import frame_units, iter_collect
+    from lfcal.cli.reconstruct_units import device_hints, frame_units, iter_collect
     from lfcal.errors import InputError
     from lfcal.threads import worker_count
     from lfcal.work import iter_made
@@ -279,7 +292,8 @@ def _solve_in_units(
         raise InputError.expected("--warm", "--executor threads", run.executor, "each frame needs the one before it")
     # each process has an H of its own
     share = 1 if run.executor == "threads" else worker_count(run.workers)
-    hints = {"projection": P.method, "memory": room(share=share)}
+    room, asked = where
+    hints = {"projection": P.method, "memory": room(share=share), **device_hints(P.device, asked, share)}
     units = frame_units(task.frames, shared, task.choice, out, hints, warm=task.warm)
     results: list[FrameResult] = []
     names = [frame.name for frame in task.frames]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -33,7 +34,7 @@ def show_forecast(P: Projector, choice: SolverChoice, frames: int, *, warm: bool
     total = total_seconds(P, choice, frames)
     if json:
         known = {"memory": memory, "memory_bytes": memory.total, "seconds": total}
-        print_json({"forecast": found.chosen, "options": found.options, **known})
+        print_json({"forecast": found.chosen, "options": found.options, "device": _device(P), **known})
         return
     rows = [
         [
@@ -51,6 +52,13 @@ def show_forecast(P: Projector, choice: SolverChoice, frames: int, *, warm: bool
     some = f"{_iterations(choice)} iterations" + (" (it stops by itself)" if choice.auto else "")
     typer.echo(f"{frames} frames, {some}: about {format_seconds(total)}{beyond}")
     typer.echo(f"memory {memory}")
+    if P.device is not None:
+        typer.echo(f"{P.device.name}: {found.device}")
+
+
+def _device(P: Projector) -> dict[str, Any] | None:
+    use = P.forecast().device
+    return None if P.device is None or use is None else {"name": P.device.name, **asdict(use)}
 
 
 def _iterations(choice: SolverChoice) -> int:

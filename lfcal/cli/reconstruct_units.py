@@ -7,7 +7,7 @@ import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,12 +23,13 @@ if TYPE_CHECKING:
 
     from lfcal.cli.reconstruct_saving import Saved
     from lfcal.progress import Work
+    from lfcal.reconstruct.projectors.device import ArrayDevice
     from lfcal.reconstruct.projectors.projector import Projector
     from lfcal.reconstruct.resample import Resampling
     from lfcal.reconstruct.series import FrameResult
     from lfcal.reconstruct.solvers.choice import SolverChoice
 
-__all__ = ["Settings", "do_frame", "frame_units", "iter_collect"]
+__all__ = ["Settings", "device_for", "device_hints", "do_frame", "frame_units", "iter_collect"]
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,7 @@ def frame_units(
 ) -> list[Unit]:
     """Return a unit for each frame; with ``warm`` each begins with the volume of the one before it.
 
-    ``hints`` are the method of projection that is quickest here, and the memory it may use.
+    ``hints`` are the method of projection that is quickest here, the memory it may use, and `device_hints`.
     """
     shared = {"settings": settings.plain(), "choice": asdict(choice)}
     units: list[Unit] = []
@@ -109,7 +110,8 @@ def do_frame(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None
     image = read_frame(Path(arguments["file"]), arguments["page"])
     settings = Settings.of(arguments["settings"])
     choice = SolverChoice(**arguments["choice"])
-    how = (arguments["projection"], arguments["memory"], workers, choice.margin)
+    place = device_for(arguments.get("device", "cpu"), arguments.get("device_room"))
+    how = (arguments["projection"], arguments["memory"], workers, choice.margin, place)
     tool = _tool_for(settings, image.shape, how)
     initial = load_volume(arguments["initial"]) if arguments["initial"] else None
     if not choice.solver.in_parts:
@@ -140,13 +142,38 @@ class _Tool:
 _HELD: Held[_Tool] = Held(lambda tool: tool.files.close())
 
 
-def _tool_for(settings: Settings, shape: tuple[int, ...], how: tuple[str, int, int, int]) -> _Tool:
-    """Return what frames of ``shape`` need; ``how``: method of projection, memory, threads and margin."""
+How = tuple[str, int, int, int, "ArrayDevice | None"]
+"""Method of projection, memory, threads, margin and device."""
+
+
+def device_hints(device: ArrayDevice | None, asked: str, processes: int) -> dict[str, Any]:
+    """Return the device of a run's frames, which ``asked`` named, and the memory that each process may take there."""
+    from lfcal.reconstruct.projectors.device import device_count
+
+    if device is None:
+        return {}
+    one = ":" in asked  # else each worker takes one of them, by its number
+    share = processes if one else -(-processes // max(1, device_count(device.library)))
+    room = None if share == 1 else device.free_bytes() // share
+    return {"device": asked if one else "cuda", "device_room": room}
+
+
+def device_for(text: str, room: int | None) -> ArrayDevice | None:
+    """Return the device of this worker, with the memory that it may take there."""
+    from lfcal.reconstruct.projectors.device import find_device
+    from lfcal.work.numbers import worker_number
+
+    found = find_device(text, worker=worker_number())
+    return None if found is None else replace(found, room=room)
+
+
+def _tool_for(settings: Settings, shape: tuple[int, ...], how: How) -> _Tool:
+    """Return what frames of ``shape`` need."""
     key = (json.dumps(settings.plain(), sort_keys=True), stamp_of(settings.inputs), shape, how)
     return _HELD.get(key, lambda: _made(settings, shape, how))
 
 
-def _made(settings: Settings, shape: tuple[int, ...], how: tuple[str, int, int, int]) -> _Tool:
+def _made(settings: Settings, shape: tuple[int, ...], how: How) -> _Tool:
     from lfcal.cli.reconstruct_frames import cleaner
     from lfcal.cli.reconstruct_grid import anchor_of, view_of, wide
     from lfcal.cli.reconstruct_regions import open_regions, projector_of
@@ -167,6 +194,7 @@ def _made(settings: Settings, shape: tuple[int, ...], how: tuple[str, int, int, 
             tolerance=settings.within,
             memory_limit=how[1],
             workers=how[2],
+            device="cpu" if how[4] is None else how[4],
         )
         return _Tool(projector, view, cleaner(settings.dark, settings.white, view), stack.pop_all())
 

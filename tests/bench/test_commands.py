@@ -15,6 +15,7 @@ from lfcal.bench import multiplex as multiplex_bench
 from lfcal.bench import reconstruct as reconstruct_bench
 from lfcal.cli import main
 from lfcal.psf import PSFMatrix, save
+from lfcal.reconstruct.projectors.device import ArrayDevice
 from tests.reconstruct.oracles import lenslet_psf
 
 
@@ -165,6 +166,13 @@ def test_projection_within_tolerances(bench: Bench, monkeypatch: pytest.MonkeyPa
     assert exact["worst"] == 0 and 0 < coarse["worst"] <= 0.05 and fine["worst"] <= 0.005
     assert coarse["operand_bytes"] < exact["operand_bytes"]
     assert "times quicker" in " ".join(bench(*options).split())
+    assert "no accelerator took part" in " ".join(bench(*options, "--device", "cpu").split())
+    # the processor's memory stands in for that of an accelerator
+    monkeypatch.setattr(_reduced, "find_device", lambda text: ArrayDevice("numpy"))
+    rows = bench.json(*options, "--device", "cuda")["rows"]
+    assert [row["device"] for row in rows] == ["cpu"] * 3 + ["cpu (numpy)"] * 3
+    assert rows[3]["error"][0] < 1e-6 and rows[5]["error"] == pytest.approx(rows[2]["error"], rel=1e-2)
+    assert "no accelerator" not in bench(*options, "--device", "cuda")
     assert "expected the R29 problem" in bench("project", "--tolerance", "0.005", code=2)
     assert "tolerance of the projection" in bench("project", "--r29", "--tolerance", "2", code=2)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,8 +13,11 @@ import h5py
 import numpy as np
 import pytest
 
+from lfcal.cli.reconstruct_units import device_for, device_hints
 from lfcal.psf import PSFMatrix, save
-from lfcal.reconstruct import Projector, SolverChoice, reconstruct
+from lfcal.reconstruct import Projector, SolverChoice, load_volume, reconstruct
+from lfcal.reconstruct.projectors import device as devices
+from lfcal.work.numbers import numbered
 from tests.cli.conftest import Run
 from tests.reconstruct.oracles import lenslet_psf
 
@@ -90,6 +94,59 @@ def test_method_workers_and_precision(lfcal: Callable[..., Run], folder: Path, t
     assert errors["double"] < 1e-7 < errors["single"] < 1e-4 and errors["slow"] < 1e-4
 
 
+def test_device(lfcal: Callable[..., Run], folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a device the same volume is found, the file says by what, and the forecast tells the memory there."""
+    files = (folder / "H.h5", folder / "frame.png", "--solver", "rl", "--margin", 0, "--iterations", 3)
+    words = ("reconstruct", *files)
+    done = lfcal(*words, "--out", tmp_path / "cpu.h5", "--device", "cpu")
+    assert done.code == 0 and "; device" not in done.err
+    monkeypatch.setattr(devices, "device_count", lambda library: 0)
+    done = lfcal(*words, "--out", tmp_path / "none.h5", "--device", "cuda")
+    assert done.code == 2 and "PyTorch or CuPy" in done.err and len(done.err.strip().splitlines()) == 1
+    assert not (tmp_path / "none.h5").exists()
+    # the processor's memory stands in for that of an accelerator
+    monkeypatch.setattr(
+        "lfcal.reconstruct.projectors.device_choice.find_device", lambda text: devices.ArrayDevice("numpy")
+    )
+    done = lfcal(*words, "--out", tmp_path / "there.h5", "--device", "cuda")
+    assert done.code == 0, done.err
+    volumes = [load_volume(tmp_path / name) for name in ("cpu.h5", "there.h5")]
+    np.testing.assert_allclose(volumes[1], volumes[0], rtol=1e-4, atol=1e-4 * volumes[0].max())
+    with h5py.File(tmp_path / "there.h5") as file:
+        assert json.loads(str(file.attrs["details"]))["device"] == "cpu (numpy)"
+    done = lfcal(*words, "--forecast", "--device", "cuda")
+    assert done.code == 0 and "cpu (numpy): device " in done.out
+    done = lfcal(*words, "--forecast", "--device", "cuda", "--json")
+    assert done.json["device"]["kept"] is True  # type: ignore[index, call-overload]
+
+
+def test_frames_of_a_series_on_the_device_of_their_worker(
+    lfcal: Callable[..., Run], folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def find(text: str, *, worker: int = 0) -> devices.ArrayDevice:
+        asked.append((text, worker))
+        return devices.ArrayDevice("numpy")
+
+    monkeypatch.setattr(devices, "find_device", find)
+    monkeypatch.setattr("lfcal.reconstruct.projectors.device_choice.find_device", find)
+    (tmp_path / "frames").mkdir()
+    for name in ("a", "b"):
+        shutil.copy(folder / "frame.png", tmp_path / "frames" / f"{name}.png")
+    done = lfcal(
+        "reconstruct", folder / "H.h5", "--batch", tmp_path / "frames", "--out", tmp_path / "v", "--format", ".npy",
+        "--solver", "rl", "--iterations", 2, "--executor", "threads", "--device", "auto",
+    )  # fmt: skip
+    assert done.code == 0, done.err
+    assert asked == [("auto", 0), ("cuda", 0), ("cuda", 0)]
+    with numbered(3):
+        assert device_for("cuda", 1000) == devices.ArrayDevice("numpy", room=1000)
+    assert asked[-1] == ("cuda", 3)
+    two = device_hints(devices.ArrayDevice("numpy", room=900), "cuda:1", 3)
+    assert two == {"device": "cuda:1", "device_room": 300} and device_hints(None, "auto", 3) == {}
+
+
 def test_left_alone_it_stops_by_itself_and_says_why(lfcal: Callable[..., Run], folder: Path, tmp_path: Path) -> None:
     words = ("reconstruct", folder / "H.h5", folder / "frame.png", "--iterations", "auto")
     done = lfcal(*words, "--out", tmp_path / "v.h5")
@@ -115,6 +172,7 @@ def test_left_alone_it_stops_by_itself_and_says_why(lfcal: Callable[..., Run], f
         (("--margin", "wide"), "a number of pixels, or auto"),
         (("--tolerance", -1), "tolerance"),
         (("--workers", 0), "--workers"),
+        (("--device", "gpu"), "auto, cpu, cuda or cuda:NUMBER"),
     ],
 )
 def test_values_that_make_no_sense_are_refused(

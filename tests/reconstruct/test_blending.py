@@ -18,6 +18,7 @@ from lfcal.psf import PSFMatrix
 from lfcal.reconstruct import FieldProjector, Projector, SolverChoice, reconstruct
 from lfcal.reconstruct.memory import run_memory
 from lfcal.reconstruct.projectors.blending import field_weights, place_weights
+from lfcal.reconstruct.projectors.device import ArrayDevice
 from tests.fit.field_common import LAW, camera
 from tests.reconstruct.oracles import dense, lenslet_psf
 
@@ -327,3 +328,29 @@ def test_every_kind_of_solver_takes_it(solver: str) -> None:
     plane, row, column = np.unravel_index(result.volume.argmax(), volume.shape)
     assert plane == 0 and abs(row - 10) <= 1 and abs(column - 15) <= 1
     assert result.history[-1].residual < result.history[0].residual
+
+
+# -- on a device -------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("count", [1, 3])
+def test_regions_share_a_device(count: int) -> None:
+    """With numpy in the place of an accelerator's library."""
+    matrices = regions(count)
+    there = FieldProjector(matrices, SHAPE, dtype=np.float64, device=ArrayDevice("numpy"))
+    here = FieldProjector(matrices, SHAPE, dtype=np.float64, method=there.method)
+    assert there.device is not None and here.device is None
+    volume = np.random.default_rng(0).random(here.volume_shape)
+    np.testing.assert_allclose(there.forward(volume), here.forward(volume), rtol=1e-9)
+    image = np.random.default_rng(1).random(SHAPE)
+    np.testing.assert_allclose(there.adjoint(image), here.adjoint(image), rtol=1e-9)
+    use = there.forecast().device
+    assert use is not None and use.memory_bytes <= use.free
+    again = pickle.loads(pickle.dumps(there))
+    np.testing.assert_array_equal(again.forward(volume), there.forward(volume))
+
+
+def test_auto_takes_the_processor_where_regions_have_no_room_on_the_device(monkeypatch: pytest.MonkeyPatch) -> None:
+    small = ArrayDevice("numpy", room=1000)
+    monkeypatch.setattr("lfcal.reconstruct.projectors.field_projector.find_device", lambda text: small)
+    assert FieldProjector(regions(2), SHAPE, device="auto").device is None
+    with pytest.raises(InputError, match="memory of cpu"):
+        FieldProjector(regions(2), SHAPE, device="cuda")

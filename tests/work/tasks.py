@@ -13,6 +13,7 @@ from lfcal.errors import InputError, StorageError
 from lfcal.files import replace_whole
 from lfcal.progress import Clock, Work
 from lfcal.work import Unit
+from lfcal.work.numbers import worker_number
 
 
 def unit(name: str, task: str = "write", inputs: tuple[str, ...] = (), **arguments: Any) -> Unit:
@@ -30,6 +31,13 @@ def write(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]:
         with Path(seen).open("a") as file:
             file.write(f"{os.getpid()} {workers} {os.environ.get('LFCAL_WORKERS')}\n")
     yield clock.at(2)
+
+
+def count(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]:
+    """Write the number of the worker."""
+    yield Clock("counting", 1).at(0)
+    with replace_whole(out) as part:
+        part.write_text(str(worker_number()))
 
 
 def refuse(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]:

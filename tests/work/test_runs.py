@@ -15,6 +15,7 @@ from lfcal.work import iter_run, read_run
 from lfcal.work.executors.processes import Processes, TaskFailed, WorkerLost
 from lfcal.work.executors.threads import Threads
 from lfcal.work.journal import JOURNAL
+from lfcal.work.numbers import numbered, worker_number
 from lfcal.work.runs import check_begun, discard
 from tests.work.tasks import unit
 
@@ -117,6 +118,25 @@ def test_a_unit_whose_worker_always_ends_is_given_up(folder: Path, tmp_path: Pat
         drain(iter_run(units, folder, Processes(1), attempts=2))
     assert read_run(folder).units[0].state == "failed"
     assert [path.name for path in folder.iterdir()] == [JOURNAL]
+
+
+def test_each_process_has_a_number_and_hands_it_on(folder: Path, tmp_path: Path) -> None:
+    units = [unit("a", "count"), unit("b", "count")]
+    assert [part.read_text() for part in drain(iter_run(units, folder, Processes(2)))] == ["0", "1"]
+    ends = unit("c", "die", times=1, marks=str(tmp_path / "marks"))
+    parts = drain(iter_run([ends, unit("d", "count"), unit("e", "count")], folder, Processes(1)))
+    assert [part.read_text() for part in parts[1:]] == ["0", "0"]
+    assert drain(iter_run([unit("f", "count")], folder, Threads(1)))[0].read_text() == "0"
+
+
+def test_names_give_numbers_that_stay() -> None:
+    with numbered("tcp://10.0.0.1:4000"):
+        first = worker_number()
+    with numbered("tcp://10.0.0.1:4000"), numbered(2):
+        assert worker_number() == 2
+    with numbered("tcp://10.0.0.1:4000"):
+        assert worker_number() == first > 0
+    assert worker_number() == 0
 
 
 def test_faults_in_processes_are_told(folder: Path) -> None:

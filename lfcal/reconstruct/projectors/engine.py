@@ -8,7 +8,9 @@ from typing import Any, Protocol
 
 from numpy.typing import NDArray
 
-__all__ = ["Cost", "Engine"]
+from lfcal.units import format_bytes
+
+__all__ = ["Cost", "DeviceUse", "Engine"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +54,38 @@ class Cost:
         if self.resident:
             return self.operand_bytes + max(self.scratch_bytes, self.prepare_bytes)
         return self.scratch_bytes + self.prepare_bytes
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceUse:
+    """What a projection takes of the memory of a device.
+
+    Attributes
+    ----------
+    operand_bytes
+        Prepared planes that are there at once.
+    room
+        Working memory, by which steps are planned.
+    free
+        Bytes that were free there before.
+    kept
+        Whether all prepared planes stay there; else they are moved there in every projection, one at a time.
+    """
+
+    operand_bytes: int
+    room: int
+    free: int
+    kept: bool
+
+    @property
+    def memory_bytes(self) -> int:
+        """Most bytes in use there."""
+        return self.operand_bytes + self.room
+
+    def __str__(self) -> str:
+        """Return it as part of a line."""
+        used, free = format_bytes(self.memory_bytes), format_bytes(self.free)
+        return f"device {used} of {free}" + ("" if self.kept else ", planes moved each time")
 
 
 class Engine(Protocol):

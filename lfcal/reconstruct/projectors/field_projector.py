@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from lfcal.errors import InputError
 from lfcal.progress import Clock, Work
 from lfcal.reconstruct.projectors.blending import field_weights
-from lfcal.reconstruct.projectors.engine import Cost
+from lfcal.reconstruct.projectors.device import ArrayDevice, find_device
+from lfcal.reconstruct.projectors.engine import Cost, DeviceUse
 from lfcal.reconstruct.projectors.forecast import ProjectionForecast
 from lfcal.reconstruct.projectors.grid import Grid
 from lfcal.reconstruct.projectors.planes import PlaneReader
@@ -64,8 +65,8 @@ class FieldProjector(Projector):
         H of each region, of one period and the same planes; cutouts may differ. Where a region lies is said by its
         ``anchor``: its middle is half a period from there, as the scan it was measured by. Patterns of neighbouring
         regions must not be displaced: the array's pitch is to be that of the period to less than a pixel between them.
-    image_shape, method, dtype, threshold, tolerance, memory_limit, workers, phases
-        As of `Projector`; phases are those of the first H.
+    image_shape, method, dtype, threshold, tolerance, memory_limit, workers, phases, device
+        As of `Projector`; phases are those of the first H, and the regions share the memory of a device.
     anchor
         The pixel of the image at which position (0, 0) of the first H is imaged, by default its own anchor; the other
         regions lie as far from it as their anchors say.
@@ -89,6 +90,7 @@ class FieldProjector(Projector):
         memory_limit: int | None = None,
         workers: int | None = None,
         phases: ArrayLike | None = None,
+        device: str | ArrayDevice = "cpu",
     ) -> None:
         self._matrices = tuple(matrices)
         _check_together(self._matrices)
@@ -109,10 +111,33 @@ class FieldProjector(Projector):
         self._workers, self._requested = worker_count(workers), method
         self._limit = free_memory() // 2 if memory_limit is None else int(memory_limit)
         middles = [(a[0] + (period[0] - 1) / 2, a[1] + (period[1] - 1) / 2) for a in anchors]
-        self._parts = self._made(anchors, field_weights(middles, shape), method)
+        self._parts = self._placed(device, anchors, field_weights(middles, shape), method)
+        self._device = self._parts[0].projector.device
         self._engine = self._parts[0].projector._engine
         self._forecast = self._total()
         self._operands, self._subsets, self._lock = {}, {}, threading.RLock()
+
+    def _placed(
+        self,
+        device: str | ArrayDevice,
+        anchors: Sequence[tuple[int, ...]],
+        weights: Sequence[NDArray[Any]],
+        method: str,
+    ) -> list[_Part]:
+        """Return the parts on a device; with ``auto`` on the processor where that has no room for them."""
+        found = find_device(device) if isinstance(device, str) else device
+        if found is None:
+            return self._made(anchors, weights, method)
+        several = sum(bool(weight.any()) for weight in weights)
+        shared = found if several == 1 else replace(found, room=found.free_bytes() // several)
+        try:
+            self._settings["device"] = shared
+            return self._made(anchors, weights, method)
+        except InputError:
+            if device != "auto":
+                raise
+            self._settings["device"] = "cpu"
+            return self._made(anchors, weights, method)
 
     def _made(self, anchors: Sequence[tuple[int, ...]], weights: Sequence[NDArray[Any]], method: str) -> list[_Part]:
         """Return the parts of regions that weigh anything in the image, the largest first."""
@@ -184,7 +209,16 @@ class FieldProjector(Projector):
         common = [name for name in names[0] if all(name in own for own in names)]
         options = [_together([own[name] for own in names], weights, beside) for name in common]
         options = [chosen if option.method == chosen.method else option for option in options]
-        return ProjectionForecast(chosen, None, None, tuple(options), self._limit)
+        there = [one.device for one in each if one.device is not None]
+        device = None
+        if there:
+            device = DeviceUse(
+                sum(use.operand_bytes for use in there),
+                max(use.room for use in there),
+                sum(use.free for use in there),
+                all(use.kept for use in there),
+            )
+        return ProjectionForecast(chosen, None, None, tuple(options), self._limit, device)
 
     # -- what it is ------------------------------------------------------------------------------------
     @property
@@ -248,7 +282,9 @@ class FieldProjector(Projector):
 
     def __reduce__(self) -> Any:
         """Travel to another process as what it is made of again: each H as it travels, and the settings."""
-        settings = self._settings | {"memory_limit": self._limit, "workers": self._workers, "phases": self._phases}
+        own = {"memory_limit": self._limit, "workers": self._workers, "phases": self._phases}
+        device = "cpu" if self._device is None else replace(self._device, room=None)
+        settings = self._settings | own | {"device": device}
         at = tuple(a + d for a, d in zip(self._matrices[0].anchor, self._moved, strict=True))
         return partial(FieldProjector, self._matrices, self.image_shape, at, self.method, **settings), ()
 

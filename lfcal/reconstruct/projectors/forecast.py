@@ -13,7 +13,7 @@ import numpy as np
 from lfcal.errors import InputError
 from lfcal.reconstruct.projectors import rates
 from lfcal.reconstruct.projectors.direct import WINDOW_BYTES, cells_at_once, rows_at_once, rows_together
-from lfcal.reconstruct.projectors.engine import Cost
+from lfcal.reconstruct.projectors.engine import Cost, DeviceUse
 from lfcal.reconstruct.projectors.grid import Grid
 from lfcal.reconstruct.projectors.nodes import Nodes
 from lfcal.reconstruct.projectors.planes import PlaneReader
@@ -21,7 +21,16 @@ from lfcal.reconstruct.projectors.reduction import quickest_spacing
 from lfcal.reconstruct.projectors.tiles import TilePlan
 from lfcal.units import format_bytes, format_seconds
 
-__all__ = ["METHODS", "REDUCED", "Problem", "ProjectionForecast", "forecast", "reading_seconds"]
+__all__ = [
+    "METHODS",
+    "PAIRS",
+    "REDUCED",
+    "Problem",
+    "ProjectionForecast",
+    "forecast",
+    "reading_seconds",
+    "tile_counts",
+]
 
 METHODS = ("polyphase", "direct", "sparse", "fft")
 """Ways to project that are exact."""
@@ -93,6 +102,8 @@ class ProjectionForecast:
         Forecasts of all methods looked at.
     memory_limit
         Bytes a projection may use.
+    device
+        What is taken of the device, where it is not the processor.
     """
 
     chosen: Cost
@@ -100,6 +111,7 @@ class ProjectionForecast:
     band: int | None
     options: tuple[Cost, ...]
     memory_limit: int
+    device: DeviceUse | None = None
 
     def __str__(self) -> str:
         """Return the forecast as one line."""
@@ -108,7 +120,7 @@ class ProjectionForecast:
         return (
             f"{cost.method}: set-up {format_seconds(cost.prepare_s)}, forward {format_seconds(cost.forward_s)}, "
             f"adjoint {format_seconds(cost.adjoint_s)}, memory {format_bytes(cost.memory_bytes)} "
-            f"of {format_bytes(self.memory_limit)}{kept}"
+            f"of {format_bytes(self.memory_limit)}{kept}" + ("" if self.device is None else f"; {self.device}")
         )
 
 
@@ -296,7 +308,7 @@ def _polyphase(problem: Problem, limit: int) -> list[Option]:
     dft = rates.gemm_seconds(2 * length, 2 * length, 2 * grid.phases, problem.dtype.str, workers)
     flops_s = 8 * length * length * 2 * grid.phases / dft
     options: list[Option] = []
-    down, across = (_tile_counts(c, r) for c, r in zip(grid.cells, grid.reach, strict=True))
+    down, across = (tile_counts(c, r) for c, r in zip(grid.cells, grid.reach, strict=True))
     for counts in itertools.product(down, across):
         plan = TilePlan(grid, counts)
         transform = plan.transform_flops(grid.phases) / flops_s + 2.5 * plan.scratch_bytes(1) / copies
@@ -322,7 +334,7 @@ def _polyphase(problem: Problem, limit: int) -> list[Option]:
     return options
 
 
-def _tile_counts(cells: int, reach: int) -> list[int]:
+def tile_counts(cells: int, reach: int) -> list[int]:
     """Return numbers of tiles worth trying along an axis of ``cells``."""
     # sizes grow by sqrt(2): finer steps change the estimate by less than its error
     sizes = {max(1, round(max(1, reach) * 2 ** (k / 2))) for k in range(-2, 16)}

@@ -13,13 +13,14 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from lfcal.checks import check_number
 from lfcal.errors import InputError
 from lfcal.progress import Clock, Work, drain
+from lfcal.reconstruct.projectors.device import ArrayDevice
+from lfcal.reconstruct.projectors.device_choice import engine_on, forecast_on
 from lfcal.reconstruct.projectors.direct import Direct
 from lfcal.reconstruct.projectors.engine import Engine
 from lfcal.reconstruct.projectors.forecast import (
     REDUCED,
     Problem,
     ProjectionForecast,
-    forecast,
     reading_seconds,
 )
 from lfcal.reconstruct.projectors.grid import Grid
@@ -71,6 +72,9 @@ class Projector:
         Threads; by default all processors.
     phases
         ``(ny, nx)`` mask of the image phases in use: other pixels of the image are zero, and ignored.
+    device
+        ``"cpu"``; ``"cuda"`` or ``"cuda:1"``, an accelerator that PyTorch or CuPy can use; ``"auto"``, the accelerator
+        where there is one and the problem fits there; or an `ArrayDevice`. Volumes and images stay numpy arrays.
 
     Raises
     ------
@@ -91,6 +95,7 @@ class Projector:
         memory_limit: int | None = None,
         workers: int | None = None,
         phases: ArrayLike | None = None,
+        device: str | ArrayDevice = "cpu",
     ) -> None:
         check_number("tolerance of the projection", tolerance, at_least=0, below=1)
         if method == REDUCED and tolerance == 0:
@@ -107,7 +112,7 @@ class Projector:
         self._workers = worker_count(workers)
         self._requested = method
         self._limit = free_memory() // 2 if memory_limit is None else int(memory_limit)
-        self._forecast = forecast(self._problem(method), method, self._limit)
+        self._device, self._forecast = forecast_on(device, self._problem(method), method, self._limit)
         self._engine = self._build()
         self._operands: dict[int, Any] = {}
         self._lock = threading.RLock()
@@ -143,6 +148,11 @@ class Projector:
     def method(self) -> str:
         """Name of the method in use."""
         return self._engine.name
+
+    @property
+    def device(self) -> ArrayDevice | None:
+        """Where projections are computed; None for the processor."""
+        return self._device
 
     @property
     def memory_limit(self) -> int:
@@ -231,6 +241,7 @@ class Projector:
             "memory_limit": self._limit,
             "workers": self._workers,
             "phases": self._phases,
+            "device": "cpu" if self._device is None else self._device,
         }
         made = partial(Projector, self._reader.H, self.image_shape, self._grid.anchor, self.method, **settings)
         return made, ()
@@ -258,6 +269,9 @@ class Projector:
 
     def _build(self) -> Engine:
         chosen = self._forecast
+        if self._device is not None:
+            common = (self.dtype, self._workers, self._phases)
+            return engine_on(self._device, chosen, self._grid, common, self._tolerance)
         small = chosen.chosen.pair_s < SMALL_S * self.volume_shape[0]
         args = (self.dtype, 1 if small else self._workers, self._phases)
         if chosen.plan is not None:

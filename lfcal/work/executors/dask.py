@@ -13,6 +13,7 @@ from lfcal.progress import drain
 from lfcal.threads import bounded_threads, worker_count
 from lfcal.work.executors.base import Event, ExecutorKind, What
 from lfcal.work.executors.processes import MOMENT, WorkerLost, news
+from lfcal.work.numbers import numbered
 from lfcal.work.unit import Job
 
 __all__ = ["EXECUTOR", "Dask", "do"]
@@ -25,9 +26,10 @@ def do(job: Job) -> tuple[str, str, dict[str, Any]]:
     """Do a unit on a worker; return what happened, the worker's address, and what else an `Event` tells of it."""
     from distributed import get_worker
 
-    here, began = str(get_worker().address), time.perf_counter()
+    worker, began = get_worker(), time.perf_counter()
+    here = str(worker.address)
     try:
-        with bounded_threads(1):
+        with bounded_threads(1), numbered(worker.name):
             seal = drain(job.steps(1))
     except Exception as error:
         what, told = news(error)

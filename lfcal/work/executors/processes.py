@@ -16,6 +16,7 @@ from lfcal.errors import LfcalError, StorageError
 from lfcal.progress import Progress, drain
 from lfcal.threads import bounded_threads, worker_count
 from lfcal.work.executors.base import Event, ExecutorKind, What
+from lfcal.work.numbers import numbered
 from lfcal.work.unit import Job
 
 __all__ = ["EXECUTOR", "Processes", "WorkerLost", "news"]
@@ -47,12 +48,12 @@ def news(error: Exception) -> tuple[What, Exception]:
     return What.FAILED, TaskFailed(f"{type(error).__name__} at {where}: {error}")
 
 
-def _serve(link: Connection) -> None:
-    """Do the units that come through ``link``, until it is closed; the main function of a worker."""
+def _serve(link: Connection, number: int) -> None:
+    """Do the units that come through ``link``, until it is closed; the main function of the worker of a number."""
     # Ctrl-C reaches every process of a terminal: it is for the first alone, which ends the others
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    with bounded_threads(1), suppress(EOFError, BrokenPipeError):
+    with bounded_threads(1), numbered(number), suppress(EOFError, BrokenPipeError):
         while True:
             job: Job = link.recv()
             try:
@@ -87,10 +88,11 @@ def _end_with_parent() -> None:
 class _Worker:
     """One process, and the unit that it has."""
 
-    def __init__(self) -> None:
+    def __init__(self, number: int) -> None:
         context = multiprocessing.get_context("spawn")
+        self.number = number
         self.link, theirs = context.Pipe()
-        self.process = context.Process(target=_serve, args=(theirs,), daemon=True)
+        self.process = context.Process(target=_serve, args=(theirs, number), daemon=True)
         self.process.start()
         theirs.close()
         self.job: Job | None = None
@@ -143,7 +145,7 @@ class Processes:
         found = []
         idle = deque(worker for worker in self._team if worker.job is None)
         while self._waiting and (idle or len(self._team) < self.workers):
-            worker = idle.popleft() if idle else _Worker()
+            worker = idle.popleft() if idle else _Worker(self._free_number())
             if worker not in self._team:
                 self._team.append(worker)
             try:
@@ -154,6 +156,11 @@ class Processes:
             worker.job = self._waiting.popleft()
             found.append(Event(worker.job, What.STARTED, worker.name))
         return found
+
+    def _free_number(self) -> int:
+        """Return the least number that no process has: one that ended hands on its own."""
+        taken = {worker.number for worker in self._team}
+        return min(set(range(len(taken) + 1)) - taken)
 
     def _heard(self, worker: _Worker) -> Event:
         job = worker.job

@@ -57,6 +57,14 @@ def test_a_cluster_of_this_machine(tmp_path: Path) -> None:
     assert parts[0].read_text() == "a"
 
 
+def test_workers_have_numbers(scheduler: str, tmp_path: Path) -> None:
+    units = [unit(f"plane {k}", "count") for k in range(6)]
+    parts = drain(iter_run(units, tmp_path / "run", Dask(None, scheduler)))
+    assert {part.read_text() for part in parts} <= {"0", "1"}
+    numbers = {u.worker: part.read_text() for u, part in zip(read_run(tmp_path / "run").units, parts, strict=True)}
+    assert len(set(numbers.values())) == len(numbers)
+
+
 def test_nobody_answers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lfcal.work.executors.dask.REACHED", 0.3)
     with pytest.raises(InputError, match=r"an answer from tcp://127\.0\.0\.1:9"):

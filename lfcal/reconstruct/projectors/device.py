@@ -1,0 +1,227 @@
+"""Where arrays of a projector lie: a device by the library that computes on it, through the array API standard.
+
+PyTorch and CuPy are reached by array-api-compat (https://data-apis.org/array-api); numpy and array-api-strict, with
+the processor's memory, do the same arithmetic where there is no accelerator.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import sys
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import InputError
+from lfcal.system import free_memory
+
+__all__ = ["DEVICES", "ArrayDevice", "check_arithmetic", "device_count", "find_device"]
+
+DEVICES = "auto, cpu, cuda or cuda:NUMBER"
+"""What `find_device` takes."""
+
+LIBRARIES = ("torch", "cupy")
+"""Libraries that compute on accelerators, as they are tried."""
+
+
+@dataclass(frozen=True)
+class ArrayDevice:
+    """A device: travels to other processes as the few words that it is.
+
+    Attributes
+    ----------
+    library
+        ``torch``, ``cupy``, ``numpy`` or ``array_api_strict``.
+    index
+        Number of the accelerator; None for the processor.
+    room
+        Bytes that may be taken there; by default all that is free.
+    """
+
+    library: str
+    index: int | None = None
+    room: int | None = None
+
+    @property
+    def xp(self) -> Any:
+        """The library's namespace of the array API standard."""
+        return _namespace(self.library)
+
+    @property
+    def name(self) -> str:
+        """As ``--device`` has it, and by which library."""
+        return f"{self.text} ({self.library})"
+
+    @property
+    def text(self) -> str:
+        """As ``--device`` has it."""
+        return "cpu" if self.index is None else f"cuda:{self.index}"
+
+    @property
+    def place(self) -> Any:
+        """The library's own word for the device; None where there is one alone."""
+        if self.library == "cupy":
+            return self.xp.cuda.Device(self.index or 0)
+        return self.text if self.library == "torch" else None
+
+    def active(self) -> AbstractContextManager[Any]:
+        """Return what makes this device the one that new arrays of the library lie on."""
+        found: AbstractContextManager[Any] = self.place if self.library == "cupy" else nullcontext()
+        return found
+
+    def free_bytes(self) -> int:
+        """Return the memory that may be taken now, as the library tells it, its own reserve included."""
+        if self.library == "torch" and self.index is not None:
+            cuda = importlib.import_module("torch").cuda
+            reserve = cuda.memory_reserved(self.index) - cuda.memory_allocated(self.index)
+            free = int(cuda.mem_get_info(self.index)[0] + reserve)
+        elif self.library == "cupy":
+            with self.active():
+                free = int(self.place.mem_info[0] + self.xp.get_default_memory_pool().free_bytes())
+        else:
+            free = free_memory()
+        return free if self.room is None else min(free, self.room)
+
+    # -- arrays ----------------------------------------------------------------------------------------
+    def dtype(self, dtype: Any) -> Any:
+        """Return the library's type of that name."""
+        return getattr(self.xp, np.dtype(dtype).name)
+
+    def moved(self, array: NDArray[Any]) -> Any:
+        """Return a numpy array on the device; it must not be written to, where both share memory."""
+        # PyTorch takes neither arrays that are read-only nor those that run backwards
+        return self.xp.asarray(np.require(array, requirements=("C", "W")), device=self.place)
+
+    def zeros(self, shape: tuple[int, ...], dtype: Any) -> Any:
+        """Return zeros of the numpy type ``dtype`` on the device."""
+        return self.xp.zeros(shape, dtype=self.dtype(dtype), device=self.place)
+
+    def fetched(self, array: Any) -> NDArray[Any]:
+        """Return an array of the device as numpy's, one that may be written to."""
+        if self.library == "torch":
+            return np.array(array.cpu().numpy())
+        if self.library == "cupy":
+            return np.asarray(array.get())
+        return np.array(np.from_dlpack(array))
+
+
+@lru_cache(maxsize=8)
+def _namespace(library: str) -> Any:
+    name = f"array_api_compat.{library}" if library in LIBRARIES else library
+    return importlib.import_module(name)
+
+
+def device_count(library: str) -> int:
+    """Return how many accelerators a library of `LIBRARIES` can compute on; 0 where it is not installed."""
+    if importlib.util.find_spec(library) is None or importlib.util.find_spec("array_api_compat") is None:
+        return 0
+    try:
+        if library == "torch":
+            cuda = importlib.import_module("torch").cuda
+            return int(cuda.device_count()) if cuda.is_available() else 0
+        return int(importlib.import_module("cupy").cuda.runtime.getDeviceCount())
+    except Exception:  # whatever a library raises that was built for another driver: it is of no use here
+        return 0
+
+
+def find_device(text: str, *, worker: int = 0) -> ArrayDevice | None:
+    """Return the device that ``--device`` names; None for the processor.
+
+    Parameters
+    ----------
+    text
+        ``cpu``; ``cuda``, an accelerator, that of the worker's number where there are several; ``cuda:1``, this one;
+        ``auto``, as ``cuda`` where an accelerator is present that computes correctly, else the processor.
+    worker
+        Number of this process among those that share the work.
+
+    Raises
+    ------
+    InputError
+        If the text is none of these, or no such accelerator can be used.
+    """
+    kind, _, number = text.partition(":")
+    if kind not in ("auto", "cpu", "cuda") or (number and kind != "cuda") or (":" in text and not number.isdecimal()):
+        raise InputError.expected("device", DEVICES, repr(text), "choose one")
+    # a library of this size is not loaded for nothing
+    if kind == "cpu" or (kind == "auto" and not _driver_present()):
+        return None
+    for library in LIBRARIES:
+        if count := device_count(library):
+            index = int(number) if number else worker % count
+            if index >= count:
+                raise InputError.expected("device", f"a number below {count}", text, "choose another")
+            return _trusted(ArrayDevice(library, index), must=kind == "cuda")
+    if kind == "auto":
+        return None
+    raise InputError.expected(
+        f"device {text}",
+        "an accelerator and PyTorch or CuPy that can use it",
+        _lacking(),
+        "pip install 'lfcal[gpu]' and torch or cupy, or choose cpu",
+    )
+
+
+def check_arithmetic(device: ArrayDevice) -> None:
+    """Check products, transforms and gathering in single precision, as the engines use them, against numpy.
+
+    Raises
+    ------
+    InputError
+        If values are off by more than rounding, as where products are taken in a shorter format.
+    """
+    xp, rng = device.xp, np.random.default_rng(0)
+    a, b = (rng.random((3, 64, 64), np.float32) for _ in range(2))
+    which = rng.integers(0, 64, 40).astype(np.int32)
+    with device.active():
+        there, other = device.moved(a), device.moved(b)
+        spectra = xp.fft.rfftn(there, s=(64, 3), axes=(1, 0))
+        found = {
+            "products": (xp.matmul(there, other), np.matmul(a, b)),
+            "transforms": (xp.fft.irfftn(spectra, s=(64, 3), axes=(1, 0)), a),
+            "gathering": (xp.take(there, device.moved(which), axis=1), a[:, which]),
+        }
+        for what, (values, truth) in found.items():
+            error = float(np.abs(device.fetched(values) - truth).max() / truth.max())
+            if not error < 1e-5:
+                raise InputError.expected(
+                    f"{what} on {device.name}", "numpy's to 1e-5", f"{error:.1g} off", "allow no shorter formats there"
+                )
+
+
+def _trusted(device: ArrayDevice, *, must: bool) -> ArrayDevice | None:
+    """Return a device that computes correctly; where it does not raise, or return None unless it ``must``."""
+    try:
+        check_arithmetic(device)
+    except InputError:
+        if must:
+            raise
+        return None
+    except Exception as error:  # libraries raise errors of their own where driver and device do not match
+        if not must:
+            return None
+        said = f"{type(error).__name__}: {error}"
+        raise InputError.expected(device.name, "an accelerator that works", said, "choose cpu") from error
+    return device
+
+
+def _driver_present() -> bool:
+    """Return whether this machine has what accelerators are reached through; they may still be of no use."""
+    if sys.platform == "win32":
+        return Path(r"C:\Windows\System32\nvcuda.dll").exists()
+    # of NVIDIA, of AMD, and of Windows from inside its Linux
+    return any(Path("/dev").glob("nvidia[0-9]*")) or Path("/dev/kfd").exists() or Path("/dev/dxg").exists()
+
+
+def _lacking(libraries: Sequence[str] = LIBRARIES) -> str:
+    if importlib.util.find_spec("array_api_compat") is None:
+        return "array-api-compat is not installed"
+    found = [library for library in libraries if importlib.util.find_spec(library) is not None]
+    return f"{' and '.join(found)} without one" if found else "neither library"
