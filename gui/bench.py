@@ -219,8 +219,7 @@ def live_frames(scale: float = 1.0, seconds: float = 4.0) -> dict[str, Any]:
             busy.append(time.thread_time() - before)
         else:
             time.sleep(0.0005)
-    total, worked = time.perf_counter() - start, time.process_time() - worked
-    seen = drawn[0] - shown
+    total, worked, seen = time.perf_counter() - start, time.process_time() - worked, drawn[0] - shown
     jobs.close()
     view.close()
     return {
