@@ -50,14 +50,14 @@ class AssembledPlane:
 
 @dataclass(frozen=True, slots=True)
 class AssemblyProgress(Progress):
-    """How far H is, and what is there of the plane at work.
+    """How far H is, and what is there of it: of all planes, for a record may be the last that somebody looks at.
 
     Attributes
     ----------
     plane
-        Number of the plane.
+        Number of the plane at work.
     energy
-        ``(ny, nx)`` sum of each of its patterns (counts); not-a-number where there is none yet.
+        ``(nz, ny, nx)`` sum of each pattern (counts); not-a-number where there is none yet.
     """
 
     plane: int = field(kw_only=True)
@@ -103,6 +103,7 @@ class Assembly:
         self.missing, self.repeated = (_positions(mask) for mask in (self._counts == 0, self._counts > 1))
         _check_complete(shape, self._counts, self.missing, self.repeated, strict)
         self._gatherer = Gatherer(source, infos, cutout, _drift_of(drift, len(source)))
+        self._energy = np.full(shape, np.nan)
         self.padded, self.residual_px = _check_windows(self._gatherer, self._order)
 
     @property
@@ -181,7 +182,7 @@ class Assembly:
             If a frame is not finite, or the plane holds no light.
         """
         recorded = self._counts[z]
-        plane = _Gathered(recorded, self.cutout.shape)
+        plane = _Gathered(recorded, self.cutout.shape, self._energy[z])
         first, done = z * recorded.size, before
         row = partial(plane.fill_row, self._gatherer, self._order, self._starts[first : first + recorded.size + 1])
         with ThreadPoolExecutor(worker_count(workers)) as pool:
@@ -190,7 +191,7 @@ class Assembly:
                 for count in results:
                     done += count
                     at = clock.at(done)
-                    energy = plane.energy.copy()
+                    energy = self._energy.copy()
                     yield AssemblyProgress(at.done, at.total, at.stage, at.seconds, plane=z, energy=energy)
             except BaseException:
                 pool.shutdown(cancel_futures=True)
@@ -220,11 +221,11 @@ class Assembly:
 class _Gathered:
     """One plane while it is gathered: ``(ny, nx)`` patterns and their facts."""
 
-    def __init__(self, recorded: NDArray[np.int64], cutout: tuple[int, int]) -> None:
+    def __init__(self, recorded: NDArray[np.int64], cutout: tuple[int, int], energy: NDArray[np.float64]) -> None:
         shape = recorded.shape
         self.recorded, self.cutout = recorded, cutout
         self.values = np.zeros((*shape, *cutout), np.float32)
-        self.energy = np.full(shape, np.nan)
+        self.energy = energy
         self.saturated = np.full(shape, -1, np.int32)
         self.noise = np.full((*shape, 2), np.nan, np.float32)
         self.spread = np.full(shape, np.nan, np.float32)

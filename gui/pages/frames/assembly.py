@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -50,23 +50,27 @@ def notes_of(report: AssemblyReport) -> tuple[str, ...]:
 
 @dataclass
 class Filling:
-    """H as it fills: of each plane the light of the patterns ``(ny, nx)`` so far; not-a-number: not there yet."""
+    """H as it fills: the plane at work, and the light of the patterns ``(nz, ny, nx)``; not-a-number: not there yet."""
 
     plane: int | None = None
-    energies: dict[int, NDArray[np.float64]] = field(default_factory=dict)
+    energy: NDArray[np.float64] | None = None
 
     def take(self, record: Progress | None) -> bool:
         """Take what a record of the assembly shows; return whether that is news."""
         energy = getattr(record, "energy", None)
-        if energy is None or energy is self.energies.get(record.plane):  # type: ignore[union-attr]
+        if energy is None or energy is self.energy:
             return False
-        self.plane = int(record.plane)  # type: ignore[union-attr]
-        self.energies[self.plane] = energy
+        self.plane, self.energy = int(record.plane), energy  # type: ignore[union-attr]
         return True
+
+    def light(self, z: int) -> NDArray[np.float64] | None:
+        """Return the light of the patterns of plane ``z``; None: nothing of it is there."""
+        found = None if self.energy is None else self.energy[z]
+        return found if found is not None and np.isfinite(found).any() else None
 
     def words(self, z: int, count: int, *, under_way: bool) -> str:
         """Return how far plane ``z`` of ``count`` planes is; empty where nothing is known."""
-        energy = self.energies.get(z)
+        energy = self.light(z)
         if energy is None:
             return ""
         there = int(np.isfinite(energy).sum())

@@ -300,7 +300,7 @@ class Page(BasePage):
             z = self.filling.plane if self._assembling and self.filling.plane is not None else self.position.z
             frames = self.opened.frames[z]
             words = self.filling.words(z, len(self.opened.frames), under_way=bool(self._assembling))
-            self.panel.show_map(frames >= 0, self.filling.energies.get(z), words)
+            self.panel.show_map(frames >= 0, self.filling.light(z), words)
 
     def _fill(self, job: Job) -> None:
         """Show H as it fills: each position as soon as its pattern is there."""
