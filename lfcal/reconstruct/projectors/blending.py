@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, Delaunay
 
 from lfcal.errors import InputError
 
@@ -48,6 +47,9 @@ def place_weights(middles: Sequence[Pair], points: F8) -> F8:
     InputError
         If two regions lie at one place.
     """
+    # the window looks at pages without it
+    from scipy.spatial import ConvexHull, Delaunay
+
     places = np.asarray(middles, np.float64)
     _check_apart(places)
     if len(places) == 1:

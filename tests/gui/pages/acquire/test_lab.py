@@ -95,7 +95,7 @@ def test_a_sitting_by_the_large_buttons_and_their_keys(
     assert page.setup.station is None and not page.setup.connecting, "what is not shown is not pressed"
     qtbot.keyClick(page, Qt.Key.Key_F11)
     assert panel.bar.isVisible() and current_theme() is NIGHT and NIGHT.text in page.styleSheet()
-    assert page.panel.record.map.graphics.backgroundBrush().color().name() == NIGHT.plot
+    assert page.panel.record.pictures.map.graphics.backgroundBrush().color().name() == NIGHT.plot
     assert shown(page, "next") == "Next: Connect\nF9" and shown(page, "start") == "Start\nF6"
     qtbot.keyClick(page, Qt.Key.Key_F9)
     qtbot.waitUntil(lambda: page.setup.station is not None, timeout=GUARD_MS)
