@@ -121,7 +121,7 @@ def command(
         withheld_points,
     )
     from lfcal.cli.orientation import check_choice
-    from lfcal.cli.runs import run_choice, run_kept
+    from lfcal.cli.runs import may_replace, run_choice, run_kept
     from lfcal.fit import iter_fit_camera
     from lfcal.fit.files import fit_dict
     from lfcal.fit.setup import called_for, with_given
@@ -175,19 +175,21 @@ def command(
         wanted = Regions(hybrid, validate, validate_on, known_object, scene)
         made = wanted.outputs(out, sources)
         read = (camera, plan, dark, white, validate_on, known_object, scene)
-        _check_regions(out, sources, *read, more=made, no_h=no_h, force=force)
+        places = [] if hybrid or no_h else [out / name / MODEL for name in names_of(sources)]
+        again = force or any(may_replace(place, resume=resume, force=force) for place in places)
+        _check_regions(out, sources, *read, more=made, no_h=no_h, force=again)
         recipe = CorrectionRecipe(dark=dark, black_level=black_level, white=white or "")
         start = load_camera(camera) if camera else None
         how = Reading(start, positions, parse_noise(noise), plan, recipe, orientation)
         begin = chosen if effects else None
-        places = [] if hybrid or no_h else [out / name / MODEL for name in names_of(sources)]
         runs = [run_choice(place, *by_whom, resume=resume, force=force) for place in places]
         run = next((one for one in runs if one is not None), None)
         fit_regions(sources, how, groups, begin, out, wanted, with_h=not no_h, workers=workers, json=json, run=run)
         return
     more = VALIDATION if validate or validate_on else ()
+    again = may_replace(out / MODEL, resume=resume, force=force)
     _check_before(
-        out, source, camera, plan, dark, white, validate_on, known_object, scene, more=more, no_h=no_h, force=force
+        out, source, camera, plan, dark, white, validate_on, known_object, scene, more=more, no_h=no_h, force=again
     )
     run = None if hybrid or no_h else run_choice(out / MODEL, *by_whom, resume=resume, force=force)
     recipe = CorrectionRecipe(dark=dark, black_level=black_level, white=white or "")

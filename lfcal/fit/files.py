@@ -136,11 +136,12 @@ def iter_write_model(
     compression: str = "gzip",
     workers: int | None = None,
     run: RunChoice | None = None,
+    keep: bool = False,
 ) -> Work[Path]:
     """Write H of the fitted camera to a file, one plane in memory at a time; yields progress in rows.
 
     Closing it leaves nothing half-written. ``provenance`` is kept beside the fit's own. With ``run`` each plane is a
-    unit of long work, see `lfcal.fit.model_units`.
+    unit of long work, whose files stay with ``keep``, see `lfcal.fit.model_units`.
 
     Raises
     ------
@@ -149,7 +150,7 @@ def iter_write_model(
     """
     writing = _writer(fit, out, provenance, compression, workers)
     if run is not None:
-        yield from iter_model_units(fit, writing, compression, run=run)
+        yield from iter_model_units(fit, writing, compression, run=run, keep=keep)
         return Path(out)
     with writing as writer:
         yield from fit.iter_planes(writer.write_plane, workers)

@@ -25,7 +25,9 @@ from lfcal.work import RunChoice, Unit, iter_made
 __all__ = ["do_plane", "iter_model_units"]
 
 
-def iter_model_units(fit: Fit, writer: PSFWriter, compression: str, *, run: RunChoice) -> Work[None]:
+def iter_model_units(
+    fit: Fit, writer: PSFWriter, compression: str, *, run: RunChoice, keep: bool = False
+) -> Work[None]:
     """Write H of the fitted camera by its ``writer``, not yet entered, plane by plane.
 
     Parameters
@@ -36,6 +38,8 @@ def iter_model_units(fit: Fit, writer: PSFWriter, compression: str, *, run: RunC
         Writes H, with that compression.
     run
         By whom, and what becomes of an earlier run.
+    keep
+        As in `lfcal.work.iter_made`.
 
     Raises
     ------
@@ -60,7 +64,7 @@ def iter_model_units(fit: Fit, writer: PSFWriter, compression: str, *, run: RunC
         for z in range(fit.planned.shape[0])
     ]
     title = f"H of the fitted camera, {writer.path.name}"
-    yield from iter_made(units, writer.path, run, partial(iter_join, writer=writer), title=title)
+    yield from iter_made(units, writer.path, run, partial(iter_join, writer=writer), title=title, keep=keep)
 
 
 def do_plane(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]:

@@ -22,7 +22,8 @@ from lfcal.fit.report import iter_fit_report, report_files
 from lfcal.fit.result import Fit
 from lfcal.progress import Work
 from lfcal.psf import PSFMatrix
-from lfcal.work import RunChoice
+from lfcal.work import RunChoice, parts_folder
+from lfcal.work.runs import discard
 
 __all__ = ["CAMERA", "EFFECTS", "MODEL", "NUMBERS", "REPORT", "Written", "fit_outputs", "iter_write_fit"]
 
@@ -87,7 +88,10 @@ def iter_write_fit(
         summary = yield from work
         written.append(folder / MODEL)
     elif with_h:
-        written.append((yield from iter_write_model(fit, folder / MODEL, provenance=known, workers=workers, run=run)))
+        work_of_h = iter_write_model(
+            fit, folder / MODEL, provenance=known, workers=workers, run=run, keep=run is not None
+        )
+        written.append((yield from work_of_h))
     notes = () if summary is None else (str(summary),)
     written.append((yield from iter_fit_report(fit, measured, folder / REPORT, str(known.get("source", "")), notes)))
     texts = {
@@ -102,4 +106,7 @@ def iter_write_fit(
     for name, text in texts.items():
         write_text(folder / name, text)
         written.append(folder / name)
+    if run is not None:
+        # killed until here, it goes on from the planes that are made
+        discard(parts_folder(folder / MODEL))
     return Written(written, summary)

@@ -79,6 +79,7 @@ def iter_made(
     join: Callable[[tuple[Path, ...]], Work[None]],
     *,
     title: str,
+    keep: bool = False,
 ) -> Work[None]:
     """Do units and join their files to ``out``; yields progress over both.
 
@@ -94,6 +95,8 @@ def iter_made(
         By whom, and what becomes of an earlier run.
     join
         Makes ``out`` of the units' files, in order, whole or not at all.
+    keep
+        Leave the units' files when ``out`` is there: more belongs to it, and who writes that discards them.
 
     Raises
     ------
@@ -105,4 +108,5 @@ def iter_made(
     parts = yield from iter_begun(units, out, run, title=title)
     note_joining(parts_folder(out))
     yield from join(parts)
-    discard(parts_folder(out))
+    if not keep:
+        discard(parts_folder(out))

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lfcal.errors import StorageError
 from lfcal.fit import Fit
 from lfcal.fit.files import iter_write_model
 from lfcal.progress import drain
@@ -68,6 +69,26 @@ def test_the_command(lfcal: Lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert run.code == 0, run.err
     assert contents(tmp_path / "one" / "H.h5") == contents(tmp_path / "two" / "H.h5")
     assert not parts_folder(tmp_path / "two" / "H.h5").exists()
+
+
+def test_a_fit_that_ended_after_h_goes_on(lfcal: Lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its report was not there yet; it asked for --force, as if H were somebody else's."""
+    save(few_patterns(), tmp_path / "few.h5")
+    monkeypatch.chdir(tmp_path)
+    words = ("fit", "few.h5", "--unknowns", "geometry", "--workers", 1, "-o", "fit")
+    with monkeypatch.context() as full:
+
+        def fails(*_: object) -> object:
+            raise StorageError("no space left")
+            yield
+
+        full.setattr("lfcal.fit.writing.iter_fit_report", fails)
+        assert "no space left" in lfcal(*words, "--executor", "threads").err
+    assert (tmp_path / "fit" / "H.h5").exists() and parts_folder(tmp_path / "fit" / "H.h5").exists()
+    assert lfcal(*words).code == 2
+    run = lfcal(*words, "--resume")
+    assert run.code == 0, run.err
+    assert (tmp_path / "fit" / "fit.json").exists() and not parts_folder(tmp_path / "fit" / "H.h5").exists()
 
 
 def test_what_has_no_units_is_refused(lfcal: Lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
