@@ -19,10 +19,15 @@ from PySide6.QtWidgets import QGraphicsGridLayout, QSizePolicy
 from gui.models.display import colour_table, shades
 from gui.theme import current_theme
 
-__all__ = ["ColourBar", "bar_table"]
+__all__ = ["ColourBar", "bar_table", "theme_table"]
 
 VALUES_PX = 45
 """Room for the numbers beside an upright bar."""
+
+
+def theme_table(colour_map: str) -> NDArray[np.uint8]:
+    """Return the colours ``(256, 4)`` of a picture in the theme in use: in the dark of a lab from black to red."""
+    return colour_table(colour_map, red=current_theme().red)
 
 
 def bar_table(colour_map: str, scale: str, levels: tuple[float, float]) -> NDArray[np.uint8]:

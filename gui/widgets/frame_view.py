@@ -12,10 +12,11 @@ from PySide6.QtCore import QEvent, QPointF, QRectF, QTimer, Signal
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from gui.jobs import Jobs
-from gui.models.display import Display, colour_table
+from gui.models.display import Display
 from gui.models.frame_view import Tile, lattice_points, render_tile, visible_tile
-from gui.theme import TYPE_COLOURS, current_theme
+from gui.theme import TYPE_COLOURS
 from gui.widgets.blank import Blank
+from gui.widgets.colour_bar import theme_table
 from gui.widgets.measured import Measured
 from gui.widgets.picture_menu import offer_menu
 from gui.widgets.plots import style_axes, theme_plot
@@ -174,7 +175,7 @@ class FrameView(Measured, QWidget):
 
     def _show(self, result: tuple[Tile, NDArray[np.uint8]]) -> None:
         tile, picture = result
-        table = colour_table(self._display.colour_map, red=current_theme().red)
+        table = theme_table(self._display.colour_map)
         self.item.setImage(picture, levels=(0, 255), lut=table, autoLevels=False)
         self.item.setRect(
             QRectF(

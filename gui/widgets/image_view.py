@@ -12,10 +12,10 @@ from PySide6.QtCore import QEvent, QPointF, QRectF, Qt, Signal
 from PySide6.QtGui import QPen
 from PySide6.QtWidgets import QGraphicsItem, QVBoxLayout, QWidget
 
-from gui.models.display import Display, colour_table, levels_of, to_uint8
+from gui.models.display import Display, levels_of, to_uint8
 from gui.theme import current_theme
 from gui.widgets.blank import Blank
-from gui.widgets.colour_bar import ColourBar, bar_table
+from gui.widgets.colour_bar import ColourBar, bar_table, theme_table
 from gui.widgets.measured import Measured
 from gui.widgets.picture_menu import offer_menu, save_picture
 from gui.widgets.pixel_axis import count_pixels, pixel_axes
@@ -133,7 +133,7 @@ class ImageView(Measured, QWidget):
             return
         shown = self.contrast or levels or self._display.levels or levels_of(image, signed=self._signed)
         data = to_uint8(image, self._display, shown)
-        table = colour_table(self._display.colour_map, red=current_theme().red)
+        table = theme_table(self._display.colour_map)
         self.item.setImage(data, levels=(0, 255), lut=table, autoLevels=False)
         rows, columns = image.shape
         rect = QRectF(origin[1] - step / 2, origin[0] - step / 2, columns * step, rows * step)

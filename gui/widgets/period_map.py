@@ -11,8 +11,8 @@ from PySide6.QtCore import QEvent, QObject, QRectF, Qt, Signal
 from PySide6.QtGui import QMouseEvent
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
-from gui.models.display import colour_table, levels_of
-from gui.theme import current_theme
+from gui.models.display import levels_of
+from gui.widgets.colour_bar import theme_table
 from gui.widgets.picture_menu import offer_menu
 from gui.widgets.pixel_axis import count_pixels, pixel_axes
 from gui.widgets.plots import style_axes, theme_plot
@@ -63,9 +63,7 @@ class PeriodMap(QWidget):
         """Show ``values`` ``(ny, nx)``; positions with ``recorded`` 0 are crossed out."""
         data = np.asarray(values, float)
         self._shape = (data.shape[0], data.shape[1])
-        self.item.setImage(
-            data, levels=levels_of(data), lut=colour_table("cividis", red=current_theme().red), autoLevels=False
-        )
+        self.item.setImage(data, levels=levels_of(data), lut=theme_table("cividis"), autoLevels=False)
         ny, nx = self._shape
         rect = QRectF(-0.5, -0.5, nx, ny)
         self.item.setRect(rect)
@@ -85,7 +83,7 @@ class PeriodMap(QWidget):
             self.item.setLookupTable(self._table())
 
     def _table(self) -> NDArray[np.uint8]:
-        return colour_table("cividis", red=current_theme().red)
+        return theme_table("cividis")
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Follow the pointer while its button is held."""

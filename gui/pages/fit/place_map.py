@@ -9,10 +9,9 @@ import pyqtgraph as pg
 from PySide6.QtCore import QRectF, Signal
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
-from gui.models.display import colour_table
 from gui.pages.fit.model_run import Found, Place
 from gui.theme import current_theme
-from gui.widgets.colour_bar import ColourBar
+from gui.widgets.colour_bar import ColourBar, theme_table
 from gui.widgets.picture_menu import offer_menu
 from gui.widgets.pixel_axis import count_pixels, pixel_axes
 from gui.widgets.plots import style_axes, theme_plot
@@ -20,6 +19,7 @@ from gui.widgets.plots import style_axes, theme_plot
 __all__ = ["PlaceMap"]
 
 SYMBOLS = {"fitted": "o", "kept aside": "s", "left out": "x"}
+COLOURS = "viridis"
 LEAST = (0.8, 1.5)
 """χ² at the ends of the colours, at least: what noise alone scatters is no pattern."""
 
@@ -49,10 +49,10 @@ class PlaceMap(QWidget):
         self.plot.setMouseEnabled(False, False)
         style_axes(self.plot, "source x (px)", "source y (px)")
         self.bar = ColourBar(LEAST, label="χ²")
-        self.bar.set_colours(TABLE)
         self.graphics.addItem(self.bar, row=0, col=1)
         self.places: tuple[Place, ...] = ()
         self._tips: dict[Place, str] = {}
+        self._shown: tuple[Found, int] | None = None
         self.dots = pg.ScatterPlotItem(hoverable=True, tip=lambda x, y, data: self._tips[data])
         self.dots.sigClicked.connect(self._clicked)
         self.ring = pg.ScatterPlotItem(size=19, symbol="o", brush=None)
@@ -64,6 +64,7 @@ class PlaceMap(QWidget):
 
     def show_plane(self, found: Found, z: int) -> None:
         """Show the patterns of a plane; colours mean the same in all planes."""
+        self._shown = (found, z)
         ny, nx = found.measured.plan.period
         self.places = tuple(place for place in found.places if place[0] == z)
         self._tips = {
@@ -72,12 +73,11 @@ class PlaceMap(QWidget):
         kept = [value for place, value in found.chi2.items() if found.fate(place) != "left out"]
         levels = (min(LEAST[0], *kept), max(LEAST[1], *kept)) if kept else LEAST
         self.bar.set_levels(levels)
-        theme = current_theme()
-        spots = []
+        theme, table, spots = current_theme(), theme_table(COLOURS), []
         for place in self.places:
             fate = found.fate(place)
             share = (found.chi2[place] - levels[0]) / (levels[1] - levels[0])
-            colour = theme.bad if fate == "left out" else tuple(TABLE[round(255 * float(np.clip(share, 0, 1)))])
+            colour = theme.bad if fate == "left out" else tuple(table[round(255 * float(np.clip(share, 0, 1)))])
             spot = {"pos": (place[2], place[1]), "data": place, "size": 10, "symbol": SYMBOLS[fate]}
             spots.append({**spot, "brush": pg.mkBrush(colour), "pen": pg.mkPen(theme.muted, width=0.6)})
         self.dots.setData(spots)
@@ -90,7 +90,7 @@ class PlaceMap(QWidget):
 
     def clear(self) -> None:
         """Show nothing."""
-        self.places, self._tips = (), {}
+        self.places, self._tips, self._shown = (), {}, None
         self.dots.setData([])
         self.show_place(None)
 
@@ -98,11 +98,11 @@ class PlaceMap(QWidget):
         """Take the colours of the theme in use."""
         theme_plot(self.graphics, self.plot)
         self.bar.apply_theme()
+        self.bar.set_colours(theme_table(COLOURS))
+        if self._shown is not None:
+            self.show_plane(*self._shown)
         self.ring.setPen(pg.mkPen(current_theme().accent, width=2))
 
     def _clicked(self, _: Any, spots: Any, *__: Any) -> None:
         if len(spots):
             self.chosen.emit(spots[0].data())
-
-
-TABLE = colour_table("viridis")

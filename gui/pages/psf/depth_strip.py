@@ -11,9 +11,10 @@ from PySide6.QtCore import QPointF, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QIcon, QImage, QPainter, QPen, QPixmap, QPolygonF
 from PySide6.QtWidgets import QDialog, QLabel, QListWidget, QListWidgetItem, QVBoxLayout, QWidget
 
-from gui.models.display import Display, colour_table, levels_of, to_uint8
+from gui.models.display import Display, levels_of, to_uint8
 from gui.pages.psf.model_aperture import aperture_tip
 from gui.theme import style_sheet
+from gui.widgets.colour_bar import theme_table
 from lfcal.units import format_length
 
 if TYPE_CHECKING:
@@ -71,7 +72,7 @@ class Tile:
 def to_pixmap(image: NDArray[Any], side: int, colour_map: str = "viridis") -> QPixmap:
     """Return ``image`` as a square picture of ``side`` points."""
     data = to_uint8(image, Display(), levels_of(image))
-    rgba = np.ascontiguousarray(colour_table(colour_map)[data])
+    rgba = np.ascontiguousarray(theme_table(colour_map)[data])
     picture = QImage(rgba.data, rgba.shape[1], rgba.shape[0], 4 * rgba.shape[1], QImage.Format.Format_RGBA8888)
     return QPixmap.fromImage(picture.copy()).scaled(
         side, side, Qt.AspectRatioMode.KeepAspectRatio, Qt.TransformationMode.SmoothTransformation

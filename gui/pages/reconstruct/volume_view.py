@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from PySide6.QtCore import QRectF, Qt, Signal
 from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel, QSlider, QVBoxLayout, QWidget
 
-from gui.models.display import COLOUR_MAPS, colour_table, to_uint8
+from gui.models.display import COLOUR_MAPS, to_uint8
 from gui.pages.reconstruct.model_volume import VolumeIntent, VolumePicture, resolve
-from gui.widgets.colour_bar import ColourBar, bar_table
+from gui.widgets.colour_bar import ColourBar, bar_table, theme_table
 from gui.widgets.measured_part import MeasuredPart, entries_at
 from gui.widgets.picture_menu import offer_menu
 from gui.widgets.plots import style_axes, theme_plot
@@ -191,6 +191,7 @@ class VolumeView(QWidget):
         """Take the colours of the theme in use."""
         theme_plot(self.graphics, self.xy, self.xz, self.yz)
         self.bar.apply_theme()
+        self._show()
 
     # -- inside ----------------------------------------------------------------------------------------
     def _change(self, **changes: Any) -> None:
@@ -205,7 +206,7 @@ class VolumeView(QWidget):
             return
         intent = self.intent
         picture = self.picture = resolve(intent, self._volume, self._whole)
-        table = colour_table(intent.display.colour_map)
+        table = theme_table(intent.display.colour_map)
         for name, image, levels in (
             ("xy", picture.xy, picture.levels),
             ("xz", picture.xz, picture.side_levels),

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from PySide6.QtCore import QRectF
 from PySide6.QtWidgets import QLabel, QVBoxLayout, QWidget
 
-from gui.models.display import Display, colour_table, levels_of, to_uint8
+from gui.models.display import Display, levels_of, to_uint8
 from gui.pages.simulate.model_influence import Influence
 from gui.theme import current_theme
-from gui.widgets.colour_bar import ColourBar, bar_table
+from gui.widgets.colour_bar import ColourBar, bar_table, theme_table
 from gui.widgets.measured_part import MeasuredPart, entries_at
 from gui.widgets.picture_menu import offer_menu
 from gui.widgets.plots import style_axes, theme_plot
@@ -88,9 +88,6 @@ class InfluenceView(QWidget):
                 part.take(None)
             return
         pictures = (influence.without, influence.with_it, influence.difference)
-        if before is None:
-            for bar, name in zip(self.bars, MAPS[1:], strict=True):
-                bar.set_colours(bar_table(name, "linear", (0.0, 1.0)))
         common = levels_of(np.stack(pictures[:2]))
         levels = (common, common, levels_of(pictures[2], signed=True))
         for k, (picture, ends) in enumerate(zip(pictures, levels, strict=True)):
@@ -112,7 +109,7 @@ class InfluenceView(QWidget):
     def _show(self, k: int, picture: NDArray[Any], levels: tuple[float, float], influence: Influence) -> None:
         display = Display(colour_map=MAPS[k])
         data = to_uint8(picture, display, levels)
-        self.items[k].setImage(data, levels=(0, 255), lut=colour_table(MAPS[k]), autoLevels=False)
+        self.items[k].setImage(data, levels=(0, 255), lut=theme_table(MAPS[k]), autoLevels=False)
         row, column = influence.origin
         rows, columns = picture.shape
         self.items[k].setRect(QRectF(column - 0.5, row - 0.5, columns, rows))
@@ -125,5 +122,9 @@ class InfluenceView(QWidget):
         theme_plot(self.graphics, *self.plots)
         for plot in self.plots:
             plot.titleLabel.setText(plot.titleLabel.text, color=theme.text, size="9pt")
-        for bar in self.bars:
+        for bar, name in zip(self.bars, MAPS[1:], strict=True):
             bar.apply_theme()
+            bar.set_colours(bar_table(name, "linear", (0.0, 1.0)))
+        for item, name in zip(self.items, MAPS, strict=True):
+            if item.image is not None:
+                item.setLookupTable(theme_table(name))

@@ -14,7 +14,7 @@ from gui.models.project import ProjectState
 from gui.pages.reconstruct.model import ReconstructSettings
 from gui.pages.reconstruct.page import Page
 from gui.pages.reconstruct.volume_view import VolumeView
-from gui.theme import DARK, LIGHT, apply_theme
+from gui.theme import DARK, LIGHT, NIGHT, apply_theme
 from lfcal.reconstruct.solvers.choice import SolverChoice
 from lfcal.reconstruct.volumes import load_volume
 from tests.gui.conftest import OpenPage
@@ -195,3 +195,17 @@ def test_it_fits_small_screens_and_both_themes(page: Page, context: Context, qap
     context.theme_changed.emit()
     apply_theme(qapp, LIGHT)
     context.theme_changed.emit()
+
+
+def test_a_volume_is_red_where_all_is_red(qapp: QApplication, qtbot: QtBot) -> None:
+    apply_theme(qapp, LIGHT)
+    view = VolumeView()
+    qtbot.addWidget(view)
+    view.set_volume(np.random.default_rng(0).random((3, 8, 9)).astype(np.float32))
+    before = view.items["xy"].lut.copy()
+    apply_theme(qapp, NIGHT)
+    view.apply_theme()
+    assert all(not item.lut[:, 1:3].any() and item.lut[:, 0].any() for item in view.items.values())
+    apply_theme(qapp, LIGHT)
+    view.apply_theme()
+    np.testing.assert_array_equal(view.items["xy"].lut, before)
