@@ -106,6 +106,7 @@ def test_progress_says_the_error(whole: Whole) -> None:
     assert whole.notes == [str(step) for step in whole.seen]
 
 
+@pytest.mark.long
 def test_after_a_crash_it_goes_on_from_what_is_recorded(tmp_path: Path) -> None:
     with pytest.raises(AcquisitionStopped):
         adapted(tmp_path, faults="times out@12*99")

@@ -46,6 +46,7 @@ def alike(one: Any, two: Any) -> bool:
     return bool(one == two) or (isinstance(one, float) and math.isnan(one) and math.isnan(two))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("executor", ["threads", "processes", "dask"])
 def test_the_same_report_by_whoever(lfcal: Lfcal, H: Path, executor: str) -> None:
     if executor == "dask":

@@ -28,7 +28,8 @@ def test_smooth_spots_are_moved_the_right_way(monkeypatch: pytest.MonkeyPatch) -
     assert 0 < errors["cubic"] < errors["linear"] < 0.85 * errors["nearest"]
 
 
-def test_seconds_are_those_of_all_positions(subject: Subject) -> None:
+def test_seconds_are_those_of_all_positions(subject: Subject, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(interpolation, "SHIFTS", ((0.5, 0.5),))
     curve = measure_curve(PLACES.get("interpolation"), subject, 100)
     for rung in curve.rungs:
         assert rung.cost == pytest.approx(27 * rung.others["pattern (ms)"] / 1e3)

@@ -37,6 +37,7 @@ def test_the_same_files_as_in_one_process(scheduler: str, tmp_path: Path) -> Non
     assert all(u.worker.startswith("tcp://") and u.seconds >= 0 for u in state.units)
 
 
+@pytest.mark.long
 def test_a_worker_that_is_killed(scheduler: str, tmp_path: Path) -> None:
     seen = tmp_path / "seen"
     units = [unit(f"plane {k}", text=f"{k}", seen=str(seen)) for k in range(3)]
