@@ -65,6 +65,8 @@ class Job:
         One line in words, and the trace to copy, when failed.
     taken
         What it does as a step of the sitting's history, None if it is none.
+    before_s
+        Seconds of its parts that were over before that of the last progress, each with a clock of its own.
     """
 
     number: int
@@ -78,6 +80,7 @@ class Job:
     details: str = ""
     taken: Taken | None = field(default=None, repr=False)
     started: float = field(default_factory=time.monotonic)
+    before_s: float = 0.0
 
     @property
     def active(self) -> bool:
@@ -86,11 +89,12 @@ class Job:
 
     def ended_words(self) -> str:
         """Return how it ended, with the time it took."""
-        took = "" if self.progress is None else format_seconds(self.progress.seconds)
+        seconds = self.before_s + (0.0 if self.progress is None else self.progress.seconds)
+        took = "" if self.progress is None else format_seconds(seconds)
         if self.state is JobState.FAILED:
             return f"failed: {self.error}"
         if self.state is JobState.CANCELLED:
-            return f"stopped after {took}" if self.progress is not None and self.progress.seconds else "stopped"
+            return f"stopped after {took}" if seconds else "stopped"
         return f"done in {took}" if took else "done"
 
 
@@ -112,6 +116,7 @@ class Jobs(QObject):
         self._numbers = itertools.count(1)
         self._jobs: dict[int, Job] = {}
         self._logs: dict[int, JobLog] = {}
+        self._before_s: dict[int, float] = {}
         self._newest: dict[int, Progress] = {}  # put there by the threads of jobs, taken out by the window's
         self._told: dict[int, float] = {}
         self._stops: dict[int, threading.Event] = {}
@@ -173,7 +178,7 @@ class Jobs(QObject):
             self._follow(number, work, log)
 
     def _follow(self, number: int, work: Callable[[], Work[Any]], log: JobLog) -> None:
-        stop = self._stops[number]
+        stop, last = self._stops[number], 0.0
         try:
             running = work()
             try:
@@ -182,6 +187,9 @@ class Jobs(QObject):
                     log.follow(record)
                     if stop.is_set():
                         raise Cancelled("stopped")
+                    if record.seconds < last:  # another clock
+                        self._before_s[number] = self._before_s.get(number, 0.0) + last
+                    last = record.seconds
                     self._newest[number] = record
             except StopIteration as end:
                 self._queue.put(("done", (number, end.value)))
@@ -342,7 +350,7 @@ class Jobs(QObject):
     def _end(self, number: int, join_s: float = 5, **changes: Any) -> None:
         if not self._jobs[number].active:  # it was abandoned before
             return
-        job = self._change(number, **changes)
+        job = self._change(number, before_s=self._before_s.pop(number, 0.0), **changes)
         self._log_end(job)
         self._opening.discard(number)
         self._left.discard(number)

@@ -78,6 +78,22 @@ def test_a_job_s_log_is_read_copied_and_saved(jobs: Jobs, qtbot: QtBot, tmp_path
     assert row.show_log() is view
 
 
+def test_a_job_of_several_clocks_took_as_long_as_all_of_them(jobs: Jobs, qtbot: QtBot) -> None:
+    """An inspection, whose last part is a moment, was done in microseconds."""
+
+    def parts() -> Any:
+        yield Progress(1, 2, "compare", 1.0)
+        yield Progress(2, 2, "compare", 2.0)
+        yield Progress(1, 1, "judge", 0.0)
+        yield Progress(1, 1, "judge", 0.5)
+
+    panel = JobPanel(jobs)
+    qtbot.addWidget(panel)
+    number = jobs.start("Inspect H.h5", "quality", parts)
+    qtbot.waitUntil(lambda: not jobs.busy, timeout=GUARD_MS)
+    assert panel.row(number).status.text() == "done in 2.5 s"
+
+
 def test_a_log_grows_while_it_is_read_and_tells_of_stopping(jobs: Jobs, qtbot: QtBot) -> None:
     go_on = threading.Event()
 

@@ -112,7 +112,7 @@ class EffectPanel(QWidget):
     def show_plan(self, plan: ScanPlan) -> None:
         """Offer planes and positions of a plan; the middle ones where the plan is another."""
         planes = [
-            f"{z + 1}: {format_length(depth)}, v = {plan.camera.virtual_depth(depth):.3g}"
+            f"{z}: {format_length(depth)}, v = {plan.camera.virtual_depth(depth):.3g}"
             for z, depth in enumerate(plan.depths_um)
         ]
         ny, nx = plan.period
