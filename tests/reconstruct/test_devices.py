@@ -19,7 +19,7 @@ from lfcal.reconstruct.projectors.device import ArrayDevice, check_arithmetic, f
 from lfcal.reconstruct.projectors.device_choice import forecast_on
 from lfcal.reconstruct.projectors.device_direct import DeviceDirect
 from lfcal.reconstruct.projectors.device_engine import Placement
-from lfcal.reconstruct.projectors.device_forecast import ON_DEVICES, device_rates
+from lfcal.reconstruct.projectors.device_forecast import ON_DEVICES, DeviceRates, device_rates
 from lfcal.reconstruct.projectors.device_polyphase import DevicePolyphase
 from lfcal.reconstruct.projectors.device_sparse import DeviceSparse
 from lfcal.reconstruct.projectors.tiles import TilePlan
@@ -158,7 +158,8 @@ def test_a_solver_ends_at_the_same_volume():
 
 # -- memory ------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("method", ON_DEVICES)
-def test_planes_are_kept_there_or_moved_or_prepared_anew(method):
+def test_planes_are_kept_there_or_moved_or_prepared_anew(method, monkeypatch):
+    with_rates(monkeypatch, 1e10, 1e10, 1e9)
     H = np.tile(lenslet_psf(2, 7, 31).astype(np.float32), (12, 1, 1, 1, 1))
     g, choice = np.random.default_rng(0).random((24, 60, 60)), SolverChoice("rl")
 
@@ -189,6 +190,24 @@ def test_planes_are_kept_there_or_moved_or_prepared_anew(method):
         on(1000)
     with pytest.raises(InputError, match="memory limit for the projection"):
         on(1 << 30, 1000)
+
+
+def test_a_slower_plan_is_taken_where_the_processor_has_no_room_for_the_quickest(monkeypatch):
+    """It was refused, with what the quickest would take."""
+    with_rates(monkeypatch, 1.5e8, 1.4e9, 1.9e9)
+    H = np.tile(lenslet_psf(2, 7, 31).astype(np.float32), (12, 1, 1, 1, 1))
+    device, costs = replace(NUMPY, room=1 << 30), []
+    quickest = Projector(H, (60, 60), method="polyphase", device=device).forecast()
+    device = replace(NUMPY, room=quickest.device.operand_bytes)
+    for limit in (1 << 30, 1_000_000):
+        costs.append(Projector(H, (60, 60), method="polyphase", device=device, memory_limit=limit).forecast().chosen)
+    assert costs[1].memory_bytes <= 1_000_000 < costs[0].memory_bytes and costs[1].pair_s > costs[0].pair_s
+
+
+def with_rates(monkeypatch, *rates):
+    """Plans hang on them: those of this machine, in this moment, would make another plan each time."""
+    found = DeviceRates(*rates)
+    monkeypatch.setattr("lfcal.reconstruct.projectors.device_forecast.device_rates", lambda *_: found)
 
 
 def test_planes_beyond_what_was_foretold_stay_with_the_processor():

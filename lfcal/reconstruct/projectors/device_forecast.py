@@ -137,16 +137,18 @@ def device_forecast(problem: Problem, method: str, memory_limit: int, device: Ar
             format_bytes(free),
             "take a smaller image region, --within 0.005, or --device cpu",
         )
-    found = [(_placed(o, problem, rates, free, memory_limit), o) for o in fitting]
-    (cost, use), chosen = min(found, key=lambda f: f[0][0].prepare_s + PAIRS * f[0][0].pair_s)
-    by_method = {f[0][0].method: f[0][0] for f in sorted(found, key=lambda f: -f[0][0].pair_s)}
-    if cost.memory_bytes > memory_limit:
+    placed = [(_placed(o, problem, rates, free, memory_limit), o) for o in fitting]
+    found = [one for one in placed if one[0][0].memory_bytes <= memory_limit]
+    if not found:
+        least = min(cost.memory_bytes for (cost, _), _ in placed)
         raise InputError.expected(
             "memory limit for the projection",
-            f"at least {format_bytes(cost.memory_bytes)}",
+            f"at least {format_bytes(least)}",
             format_bytes(memory_limit),
             "raise it, or take a smaller image region",
         )
+    (cost, use), chosen = min(found, key=lambda f: f[0][0].prepare_s + PAIRS * f[0][0].pair_s)
+    by_method = {f[0][0].method: f[0][0] for f in sorted(found, key=lambda f: -f[0][0].pair_s)}
     return ProjectionForecast(cost, chosen.plan, None, tuple(by_method.values()), memory_limit, use)
 
 
