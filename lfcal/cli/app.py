@@ -30,6 +30,7 @@ ORDER = (
     "fit",
     "trend",
     "transpose",
+    "reduce",
     "export",
     "reconstruct",
     "multiplex",

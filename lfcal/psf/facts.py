@@ -49,6 +49,9 @@ class Facts:
         number for one plane; NaN where none is stated.
     origin
         Where each pattern comes from, as numbers of `Origin`; None: all are measured.
+    bound
+        ``(…, 3)``, per plane: the largest share (L1) of its own that any pattern lacks since H was stored within a
+        tolerance, by cutting, by rounding and by both (see `lfcal.psf.steps`); NaN where H was not.
     """
 
     recorded: NDArray[np.uint16] | None = None
@@ -58,6 +61,7 @@ class Facts:
     valid: NDArray[np.uint8] | None = None
     error: NDArray[np.float64] | None = None
     origin: NDArray[np.uint8] | None = None
+    bound: NDArray[np.float64] | None = None
 
     @classmethod
     def of(cls, positions: tuple[int, ...], cutout: tuple[int, int], **values: ArrayLike | None) -> Facts:
@@ -77,6 +81,7 @@ class Facts:
             "valid": ((*positions, packed_bytes(cutout)), np.uint8),
             "error": (lead, np.float64),
             "origin": (positions, np.uint8),
+            "bound": ((*lead, 3), np.float64),
         }
         checked = {name: fitting(name, value, *form[name]) for name, value in values.items() if value is not None}
         return cls(**checked)

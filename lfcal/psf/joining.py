@@ -12,7 +12,7 @@ from lfcal.errors import FileFormatError
 from lfcal.h5.file import H5File
 from lfcal.progress import Clock, Work
 from lfcal.psf.layout import StoredPlane
-from lfcal.psf.opening import facts_in, scaling_of
+from lfcal.psf.opening import facts_in, scaling_of, steps_in
 from lfcal.psf.store import PSFWriter
 
 __all__ = ["iter_join"]
@@ -51,10 +51,11 @@ def _stored(file: H5File) -> StoredPlane:
     shape = data.shape
     scale, offset = scaling_of(data, 1)
     facts = facts_in(file, "", (1, shape[1], shape[2], shape[3], shape[4]), {})
-    uncertainty, steps = None, 1.0
+    uncertainty, wide = None, 1.0
     if "uncertainty" in file:
         uncertainty = file.dataset("uncertainty")
-        steps = float(scaling_of(uncertainty, 1)[0][0])
+        wide = float(scaling_of(uncertainty, 1)[0][0])
+    steps = steps_in(file, "", shape)
     return StoredPlane(
         data,
         float(scale[0]),
@@ -65,5 +66,6 @@ def _stored(file: H5File) -> StoredPlane:
         float(file.values("error", (1,), kinds="f")[0]),
         replace(facts, error=None).plane(0),
         uncertainty,
-        steps,
+        wide,
+        None if steps is None else (steps[0][0], steps[1][0]),
     )

@@ -20,6 +20,7 @@ from lfcal.errors import InputError
 from lfcal.h5.dataset import H5Data
 from lfcal.psf.chunk_codec import copy_plane, parallel_write
 from lfcal.psf.facts import Facts, stacked
+from lfcal.psf.steps import bound_after, stepped_plane
 from lfcal.threads import for_each_chunk
 
 if TYPE_CHECKING:
@@ -56,6 +57,7 @@ class MatrixHeader:
     dtype: np.dtype[Any]
     compression: str
     workers: int | None
+    store_tolerance: float | None = None
 
     def __post_init__(self) -> None:
         """Check what an H file can hold."""
@@ -85,6 +87,8 @@ class StoredPlane:
         Of its positions; the error is not among them.
     uncertainty, uncertainty_scale
         Standard deviations of its entries in steps of the scale; None: none are stated.
+    steps
+        Step and zero of each pattern ``(ny, nx)``, of an H in whole steps.
     """
 
     data: H5Data
@@ -97,6 +101,7 @@ class StoredPlane:
     facts: Facts
     uncertainty: H5Data | None = None
     uncertainty_scale: float = 1.0
+    steps: tuple[NDArray[np.float32], NDArray[np.uint16]] | None = None
 
 
 class MatrixGroup:
@@ -116,12 +121,18 @@ class MatrixGroup:
         self._uncertainty: Any = None
         self._uncertain = np.zeros(nz, bool)
         self._uncertainty_scale = np.ones(nz)
+        self._step = np.ones(header.shape[:3] if self._in_steps else 0, np.float32)
+        self._zero = np.zeros(self._step.shape, np.uint16)
         self._data = self._create_dataset("H", header.dtype)
 
     @property
     def lacking(self) -> list[int]:
         """Planes that were not written yet."""
         return np.flatnonzero(~self._written).tolist()
+
+    @property
+    def _in_steps(self) -> bool:
+        return self._header.store_tolerance is not None
 
     def _create_dataset(self, name: str, dtype: np.dtype[Any]) -> Any:
         header = self._header
@@ -153,6 +164,9 @@ class MatrixGroup:
             raise InputError.expected(
                 f"plane {z}", "finite values", "NaN or infinity", "find the frame and record it again"
             )
+        if self._header.store_tolerance is not None:
+            self._write_steps(z, plane, facts, self._header.store_tolerance)
+            return
         self._used[z] = _used_window(sums)
         convert, error = self._rounding(z, plane)
         # the sums in the file are those of the values in the file
@@ -161,6 +175,21 @@ class MatrixGroup:
         parallel_write(self._data, z, plane, convert=convert, checksums=each, workers=self._header.workers)
         self._checksum[z] = zlib.crc32(each.data)
         self._note(z, facts, error)
+        self._written[z] = True
+
+    def _write_steps(self, z: int, plane: NDArray[Any], facts: Facts, tolerance: float) -> None:
+        """Write plane ``z`` in whole steps, within a tolerance."""
+        from lfcal.psf.transpose import depth_sum
+
+        workers = self._header.workers
+        found = stepped_plane(plane, tolerance, what=f"plane {z}", workers=workers)
+        self._step[z], self._zero[z] = found.step, found.zero
+        self._sums[z] = depth_sum(found.values(workers), workers=workers)
+        self._used[z] = _used_window(self._sums[z])
+        each = np.zeros(plane.shape[:2], "<u4")
+        parallel_write(self._data, z, found.stored, checksums=each, workers=workers)
+        self._checksum[z] = zlib.crc32(each.data)
+        self._note(z, facts, found.error, bound_after(facts.bound, found.bound))
         self._written[z] = True
 
     def note(self, provenance: Mapping[str, Any]) -> None:
@@ -201,6 +230,10 @@ class MatrixGroup:
         self._scale[z], self._offset[z] = stored.scale, stored.offset
         self._sums[z], self._used[z], self._error[z] = stored.sums, stored.used, stored.error
         self._checksum[z], self._facts[z] = stored.checksum, stored.facts
+        if (stored.steps is None) == self._in_steps:
+            raise InputError.expected(f"plane {z}", "values stored as the others", "another way", "write it anew")
+        if stored.steps is not None:
+            self._step[z], self._zero[z] = stored.steps
         if stored.uncertainty is not None:
             if self._uncertainty is None:
                 self._uncertainty = self._create_dataset("uncertainty", np.dtype(np.uint16))
@@ -216,8 +249,12 @@ class MatrixGroup:
             parallel_write(self._uncertainty, z, none, workers=self._header.workers)
         self._uncertainty.attrs["scale"] = self._uncertainty_scale
 
-    def _note(self, z: int, facts: Facts, rounding: float) -> None:
+    def _note(self, z: int, facts: Facts, rounding: float, bound: NDArray[np.float64] | None = None) -> None:
         known = facts.known()
+        if bound is not None:
+            known["bound"] = bound
+        elif rounding > 0:  # what is rounded to a scale of the plane has no bound for each pattern
+            known.pop("bound", None)
         stated = known.pop("error", None)
         errors = [e for e in (rounding, np.nan if stated is None else float(stated)) if np.isfinite(e)]
         # an error that nobody knows is not that of the rounding alone, where there is none
@@ -271,6 +308,9 @@ class MatrixGroup:
         group.create_dataset("depths", data=header.depths).attrs["unit"] = "um"
         for name, values in stacked(self._facts).known().items():
             group.create_dataset(name, data=values, compression="gzip")
+        if self._in_steps:
+            group.create_dataset("step", data=self._step, compression="gzip")
+            group.create_dataset("zero", data=self._zero, compression="gzip")
         group.create_dataset("used_window", data=self._used).attrs["columns"] = "t_first,t_last,s_first,s_last"
         group.create_dataset("checksum", data=self._checksum).attrs["rule"] = CHECKSUM_RULE
         group.create_dataset("error", data=self._error).attrs["measure"] = "sum |error| / sum |H| of the plane"

@@ -25,12 +25,13 @@ from lfcal.psf.facts import Facts
 from lfcal.psf.layout import CENTRE_RULE, plane_checksum
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.planes import DatasetPlanes, FilePlanes, Planes, ScaledPlanes
-from lfcal.psf.store import FORMAT, REGIONS, VERSION
+from lfcal.psf.steps import SteppedPlanes
+from lfcal.psf.store import FORMAT, REGIONS, STEPPED_VERSION, VERSION
 
-__all__ = ["facts_in", "open_psf", "opening_notes", "regions_of", "scaling_of"]
+__all__ = ["facts_in", "open_psf", "opening_notes", "regions_of", "scaling_of", "steps_in"]
 
 
-VERSIONS = (1, VERSION)
+VERSIONS = (1, VERSION, STEPPED_VERSION)
 """Versions of the format that are read; what version 1 does not hold is unknown."""
 
 
@@ -117,7 +118,7 @@ def _check_format(file: H5File) -> int:
         )
     version = attributes.integer("version")
     if version not in VERSIONS:
-        raise FileFormatError.expected(str(file.path), f"version {VERSION} or older", version, "update lfcal")
+        raise FileFormatError.expected(str(file.path), f"version {VERSIONS[-1]} or older", version, "update lfcal")
     return version
 
 
@@ -144,8 +145,9 @@ def _matrix_of(file: H5File, group: str) -> PSFMatrix:
     sums = f"{prefix}depth_sum"
     scale, offset = scaling_of(data, shape[0])
     anchor = attributes.numbers("anchor", (2,))
+    steps = steps_in(file, prefix, data.shape)
     return PSFMatrix(
-        data,
+        data if steps is None else SteppedPlanes(DatasetPlanes(data), *steps),
         depths=_depths(file, prefix, shape[0]),
         camera=Camera.from_json(camera) if camera is not None else None,
         anchor=(0.0, 0.0) if anchor is None else (float(anchor[0]), float(anchor[1])),
@@ -185,6 +187,30 @@ def scaling_of(data: H5Data, planes: int) -> tuple[NDArray[np.float64], NDArray[
     return scale, offset
 
 
+def steps_in(
+    file: H5File, prefix: str, shape: tuple[int, ...]
+) -> tuple[NDArray[np.float32], NDArray[np.uint16]] | None:
+    """Return step and zero of every pattern ``(nz, ny, nx)`` of an H in whole steps; None: its values are no steps.
+
+    Raises
+    ------
+    FileFormatError
+        If they are not there in a file that needs them, or give values that are not finite.
+    """
+    data = file.dataset(f"{prefix}H")
+    if _check_format(file) < STEPPED_VERSION:
+        return None
+    where, remedy = f"{file.path}:/{prefix}step", "take the file from its source again"
+    if f"{prefix}step" not in file or f"{prefix}zero" not in file or data.dtype != np.uint16:
+        raise FileFormatError.expected(where, "steps of uint16 patterns, step and zero", f"{data.dtype} alone", remedy)
+    step = file.values(f"{prefix}step", shape[:3], kinds="f", finite=True).astype(np.float32)
+    zero = file.values(f"{prefix}zero", shape[:3], kinds="u").astype(np.uint16)
+    largest = np.float64(step) * np.maximum(zero, np.iinfo(np.uint16).max - np.int64(zero))
+    if not ((step > 0) & (largest <= np.finfo(np.float32).max)).all():
+        raise FileFormatError.expected(where, "steps above 0 that give finite values", f"{step.min():g}", remedy)
+    return step, zero
+
+
 def _check_conventions(file: H5File, attributes: Attributes) -> None:
     """Raise where the file says that it counts otherwise than lfcal does."""
     for key, wanted in (("matrix", ("H", "HT")), ("axes", (",".join(AXES),)), ("centre", (CENTRE_RULE,))):
@@ -203,7 +229,16 @@ def _provenance(file: H5File, attributes: Attributes) -> dict[str, Any]:
     return found
 
 
-_KINDS = {"recorded": "iu", "saturated": "iu", "noise": "f", "spread": "f", "valid": "u", "error": "f", "origin": "u"}
+_KINDS = {
+    "recorded": "iu",
+    "saturated": "iu",
+    "noise": "f",
+    "spread": "f",
+    "valid": "u",
+    "error": "f",
+    "origin": "u",
+    "bound": "f",
+}
 """Kinds of numbers of each fact, as numpy's ``dtype.kind``."""
 
 

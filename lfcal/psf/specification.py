@@ -22,13 +22,13 @@ SCHEMA = Path(__file__).parent / "schema" / "lfcal-psf-2.schema.json"
 
 @cache
 def schema() -> dict[str, Any]:
-    """Return the schema of version 2."""
+    """Return the schema of versions 2 and 3."""
     found: dict[str, Any] = json.loads(SCHEMA.read_text(encoding="utf-8"))
     return found
 
 
 def deviations_of(file: H5File) -> list[str]:
-    """Return each deviation of an H file of version 2 from the specification, a line each that names the place."""
+    """Return each deviation of an H file of version 2 or 3 from the specification, a line each that names the place."""
     unread: list[str] = []
     description = describe(file, unread)
     found = list(deviations(description, schema()))

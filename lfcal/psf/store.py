@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
@@ -10,7 +11,7 @@ from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from lfcal.axes import check_psf_shape
 from lfcal.camera import Camera
@@ -23,10 +24,12 @@ from lfcal.psf.facts import Facts
 from lfcal.psf.layout import STORED_TYPES, MatrixGroup, MatrixHeader, StoredPlane
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.nexus import mark_default_plot
+from lfcal.psf.steps import bits_at_most, check_store_tolerance
 
 __all__ = [
     "FORMAT",
     "REGIONS",
+    "STEPPED_VERSION",
     "STORED_TYPES",
     "VERSION",
     "PSFWriter",
@@ -35,12 +38,15 @@ __all__ = [
     "save",
     "save_regions",
     "store_plane",
+    "stored_bytes",
     "stored_type",
     "writer_of",
 ]
 
 FORMAT = "lfcal-psf"
 VERSION = 2
+STEPPED_VERSION = 3
+"""Version of a file within a tolerance, whose patterns have steps of their own; all else is as in version 2."""
 REGIONS = "regions"
 """Group of the matrices of further regions of the field, by name."""
 
@@ -69,6 +75,9 @@ class PSFWriter:
         The planes are those of HT.
     workers
         Threads that compress; None takes every processor.
+    store_tolerance
+        In place of ``dtype``: the share (L1) that every pattern may lack; see `lfcal.psf.steps`. What each plane lacks
+        at most is stated as its ``bound``.
 
     Raises
     ------
@@ -92,11 +101,16 @@ class PSFWriter:
         transposed: bool = False,
         region: str = "",
         workers: int | None = None,
+        store_tolerance: float | None = None,
     ) -> None:
         self.path = Path(path)
         self.shape = check_psf_shape(shape)
         if dtype not in STORED_TYPES:
             raise InputError.expected("stored type", " or ".join(STORED_TYPES), dtype, "choose one of these")
+        if transposed and store_tolerance is not None:
+            raise InputError.expected(
+                "matrix within a tolerance", "H, whose patterns it bounds", "HT", "store H: HT is a view of it"
+            )
         self._header = MatrixHeader(
             self.shape,
             np.asarray(np.arange(self.shape[0]) if depths is None else depths, np.float64),
@@ -105,18 +119,20 @@ class PSFWriter:
             dict(provenance or {}),
             transposed,
             region,
-            np.dtype(dtype),
+            np.dtype(dtype if store_tolerance is None else np.uint16),
             compression,
             workers,
+            None if store_tolerance is None else check_store_tolerance(store_tolerance),
         )
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
         """Create the scratch file beside the target."""
-        nbytes = int(np.prod(self.shape, dtype=np.int64)) * self._header.dtype.itemsize
+        nbytes = stored_bytes(self.shape, self._header.dtype, self._header.compression, self._header.store_tolerance)
         require_space(self.path.parent, nbytes, what=self.path.name)
         try:
-            self._file = self._stack.enter_context(_new_file(self.path))
+            version = VERSION if self._header.store_tolerance is None else STEPPED_VERSION
+            self._file = self._stack.enter_context(_new_file(self.path, version))
             self._matrix = MatrixGroup(self._file, self._header)
         except BaseException as error:
             self._stack.__exit__(type(error), error, error.__traceback__)
@@ -173,10 +189,20 @@ class PSFWriter:
 
 
 @contextmanager
-def _new_file(path: Path) -> Iterator[Any]:
+def _new_file(path: Path, version: int = VERSION) -> Iterator[Any]:
     with new_h5(path) as file:
-        file.attrs.update({"format": FORMAT, "version": VERSION})
+        file.attrs.update({"format": FORMAT, "version": version})
         yield file
+
+
+def stored_bytes(
+    shape: tuple[int, ...], dtype: DTypeLike, compression: str = "gzip", store_tolerance: float | None = None
+) -> int:
+    """Return the bytes that an H file takes at most, about."""
+    size = int(np.prod(shape, dtype=np.int64))
+    if store_tolerance is None:
+        return size * np.dtype(dtype).itemsize
+    return math.ceil(size * (16 if compression == "none" else bits_at_most(store_tolerance)) / 8)
 
 
 def store_plane(data: Any, z: int, plane: NDArray[Any], *, workers: int | None = None) -> None:
@@ -202,6 +228,7 @@ def writer_of(
     transposed: bool | None = None,
     region: str | None = None,
     provenance: Mapping[str, Any] | None = None,
+    store_tolerance: float | None = None,
 ) -> PSFWriter:
     """Return what writes ``matrix``, or what is made of it, to a file, not yet entered.
 
@@ -219,6 +246,7 @@ def writer_of(
         transposed=matrix.is_transposed if transposed is None else transposed,
         region=matrix.region if region is None else region,
         workers=workers,
+        store_tolerance=store_tolerance,
     )
 
 
@@ -229,11 +257,13 @@ def iter_save(
     dtype: str | None = None,
     compression: str = "gzip",
     workers: int | None = None,
+    store_tolerance: float | None = None,
 ) -> Work[Path]:
-    """Write ``matrix`` (H, or the view ``H.T``) to an H file, one plane in memory at a time."""
+    """Write ``matrix`` (H, or the view ``H.T``) to an H file, one plane in memory at a time; see `PSFWriter`."""
     check_other_file(matrix.path, path)
     clock = Clock("write planes", len(matrix))
-    with writer_of(matrix, path, dtype=dtype, compression=compression, workers=workers) as writer:
+    how: dict[str, Any] = {"dtype": dtype, "compression": compression, "store_tolerance": store_tolerance}
+    with writer_of(matrix, path, workers=workers, **how) as writer:
         yield clock.at(0)
         for z in range(len(matrix)):
             stated = matrix.stated_uncertainty
@@ -255,9 +285,11 @@ def save(
     dtype: str | None = None,
     compression: str = "gzip",
     workers: int | None = None,
+    store_tolerance: float | None = None,
 ) -> Path:
     """Write ``matrix`` to an H file; see `iter_save`."""
-    return drain(iter_save(matrix, path, dtype=dtype, compression=compression, workers=workers))
+    how: dict[str, Any] = {"dtype": dtype, "compression": compression, "store_tolerance": store_tolerance}
+    return drain(iter_save(matrix, path, workers=workers, **how))
 
 
 def save_regions(matrices: Mapping[str, PSFMatrix], path: str | os.PathLike[str]) -> Path:

@@ -18,8 +18,9 @@ from lfcal.h5.file import H5File
 from lfcal.progress import Clock, Work, drain
 from lfcal.psf.chunk_codec import parallel_read
 from lfcal.psf.layout import plane_checksum
-from lfcal.psf.opening import open_psf, regions_of
+from lfcal.psf.opening import open_psf, regions_of, steps_in
 from lfcal.psf.specification import deviations_of
+from lfcal.psf.steps import plane_of_steps
 from lfcal.psf.store import REGIONS, VERSION, facts_of
 from lfcal.psf.transpose import depth_sum
 
@@ -101,7 +102,7 @@ def iter_verify(path: str | os.PathLike[str], *, workers: int | None = None) -> 
     source = Path(path)
     regions = regions_of(source)
     with H5File(source) as file:
-        strays = deviations_of(file) if file.attributes().integer("version") == VERSION else []
+        strays = deviations_of(file) if file.attributes().integer("version") >= VERSION else []
     found: list[DamagedPlane] = []
     planes = missing = 0
     compared = True
@@ -139,12 +140,13 @@ def verify(path: str | os.PathLike[str], *, workers: int | None = None) -> Matri
 
 
 class _Stored(NamedTuple):
-    """What a file of version 2 says of its planes: checksums, sums over all positions, scale and offset."""
+    """What a file of version 2 says of its planes: checksums, sums over all positions, how values are stored."""
 
     checksum: NDArray[np.uint32]
     depth_sum: NDArray[np.float64]
     scale: NDArray[np.float64]
     offset: NDArray[np.float64]
+    steps: tuple[NDArray[np.float32], NDArray[np.uint16]] | None
 
     @classmethod
     def of(cls, file: H5File, prefix: str, data: H5Data) -> _Stored:
@@ -159,11 +161,13 @@ class _Stored(NamedTuple):
                 (data.attributes.numbers("offset", (1, planes)), 0.0),
             )
         )
-        return cls(checksum, sums, scale, offset)
+        return cls(checksum, sums, scale, offset, steps_in(file, prefix, data.shape))
 
     def sums_agree(self, z: int, plane: NDArray[Any], workers: int | None) -> bool:
         """Return whether the stored sum of plane ``z`` is that of its patterns, to rounding."""
         count = plane.shape[0] * plane.shape[1]
+        if self.steps is not None:
+            plane = plane_of_steps(plane, self.steps[0][z], self.steps[1][z], workers)
         found = depth_sum(plane, workers) * self.scale[z] + count * self.offset[z]
         return bool(np.allclose(found, self.depth_sum[z], rtol=0, atol=1e-5 * float(np.abs(found).max()) + 1e-300))
 

@@ -38,6 +38,7 @@ COMMANDS = (
     ("fit",),
     ("trend",),
     ("transpose",),
+    ("reduce",),
     ("export",),
     ("reconstruct",),
     ("demo",),
@@ -123,6 +124,7 @@ def test_force_replaces_through_a_link(lfcal: Lfcal, place: Path, name: str) -> 
     [
         ("transpose H.h5 -o H.h5", "H.h5"),
         ("transpose H.h5 -o link.h5", "H.h5"),
+        ("reduce H.h5 -o H.h5", "H.h5"),
         ("export H.h5 -o H.h5", "H.h5"),
         ("reconstruct H.h5 frame.tif -o H.h5", "H.h5"),
         ("reconstruct H.h5 frame.tif -o frame.tif", "frame.tif"),

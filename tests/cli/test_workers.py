@@ -35,6 +35,7 @@ COMPUTING = (
     ("compare",),
     ("fit",),
     ("transpose",),
+    ("reduce",),
     ("export",),
     ("reconstruct",),
     ("demo",),
@@ -83,7 +84,7 @@ def seen(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
 @pytest.mark.few(5)
 @pytest.mark.parametrize("how", ["--workers", WORKERS])
-@pytest.mark.parametrize("name", ["transpose", "export mat", "reconstruct npy", "white", "camera sensor"])
+@pytest.mark.parametrize("name", ["transpose", "reduce", "export mat", "reconstruct npy", "white", "camera sensor"])
 def test_pools_and_libraries_keep_to_it(
     lfcal: Lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seen: list[int], how: str, name: str
 ) -> None:

@@ -55,6 +55,7 @@ WRITERS = {
     "fit": Writer("fit fit.h5 --unknowns geometry -o out", "out/H.h5", 8000),
     "trend": Writer("trend fits -o out.png", "out.png", 3000),
     "transpose": Writer("transpose H.h5 -o out.h5", "out.h5", 60_000),
+    "reduce": Writer("reduce H.h5 -o out.h5", "out.h5", 8000),
     "export npy": Writer("export H.h5 -o out.npy", "out.npy", 60_000),
     "export h5": Writer("export H.h5 -o out.h5", "out.h5", 60_000),
     "export mat": Writer("export H.h5 -o out.mat", "out.mat", 60_000),

@@ -27,7 +27,7 @@ from tests.work.kills import kill_until_whole
 pytestmark = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="finds workers by /proc")
 
 KILLS = 3
-"""Of each command by each executor, of the run and of its workers in turn; 45 in all."""
+"""Of each command by each executor, of the run and of its workers in turn; 60 in all."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +43,7 @@ CASES = {
     "simulate": Case("simulate plan.json --tolerance 0.1", "out.h5", 3),
     "assemble": Case("assemble scan.json --keep-pedestal --orientation as-is", "out.h5", 3),
     "transpose": Case("transpose H.h5", "out.h5", 6),
+    "reduce": Case("reduce H.h5", "out.h5", 6),
     "reconstruct": Case("reconstruct H.h5 --batch frames.tif -n 4 --solver rl", "out", 6),
 }
 if find_spec("zarr"):

@@ -1,0 +1,90 @@
+"""``lfcal reduce``: H file to a smaller one, within a tolerance."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import typer
+
+from lfcal.cli.options import (
+    CompressionOption,
+    ExecutorOption,
+    ForceOption,
+    JsonOption,
+    MatrixArgument,
+    ResumeOption,
+    SchedulerOption,
+    WorkersOption,
+)
+
+RATE = 50e6
+"""Bytes of H that are read, rounded and written in a second of processor time, about."""
+
+
+def register(app: typer.Typer) -> None:
+    """Add ``reduce`` to the app."""
+    app.command("reduce")(command)
+
+
+def command(
+    source: MatrixArgument,
+    *,
+    out: Path = typer.Option(..., "--out", "-o", help="H file to write (.h5)."),
+    tolerance: float = typer.Option(0.005, "--tolerance", help="Share (L1) of itself that every pattern may lack."),
+    compression: CompressionOption = "gzip",
+    workers: WorkersOption = None,
+    executor: ExecutorOption = "",
+    scheduler: SchedulerOption = "",
+    resume: ResumeOption = False,
+    force: ForceOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Store H in a fraction of its bytes, each pattern within a tolerance that the file states as its bound.
+
+    Example: `lfcal reduce H.h5 -o small.h5 --tolerance 0.005`
+    """
+    import time
+
+    from lfcal.cli.console import print_json, report, run_work
+    from lfcal.cli.outputs import check_output
+    from lfcal.cli.runs import may_replace, run_choice, run_kept
+    from lfcal.psf import iter_save, open_psf, regions_of
+    from lfcal.psf.reduce_units import iter_reduce_units
+    from lfcal.psf.steps import check_store_tolerance
+    from lfcal.units import format_bytes, format_seconds
+
+    check_store_tolerance(tolerance)
+    check_output(out, source, force=may_replace(out, resume=resume, force=force))
+    start = time.perf_counter()
+    with open_psf(source) as matrix:
+        if source.suffix.lower() == ".h5" and len(names := regions_of(source)) > 1:
+            report(f"note: of {len(names)} regions of the field {matrix.region or 'the first'} alone is written")
+        run = run_choice(out, executor, scheduler, workers, resume=resume, force=force, seconds=matrix.nbytes / RATE)
+        if run is None:
+            work = iter_save(matrix, out, compression=compression, workers=workers, store_tolerance=tolerance)
+            run_work(work, quiet=json)
+        else:
+            run_kept(iter_reduce_units(matrix, out, tolerance, run=run, compression=compression), out, quiet=json)
+        shape, before = matrix.shape, source.stat().st_size
+    seconds = time.perf_counter() - start
+    with open_psf(out) as made:
+        bound = made.facts.known()["bound"]
+    nbytes = out.stat().st_size
+    if json:
+        print_json(
+            {
+                "out": out,
+                "shape": shape,
+                "tolerance": tolerance,
+                "bound": bound,
+                "bytes": nbytes,
+                "source_bytes": before,
+                "seconds": seconds,
+            }
+        )
+        return
+    entries = 8 * nbytes / made.size
+    typer.echo(
+        f"{out}: H {shape}, {format_bytes(before)} to {format_bytes(nbytes)} ({entries:.1f} bits an entry) in "
+        f"{format_seconds(seconds)}; no pattern lacks more than {100 * bound[:, 2].max():.3g} %"
+    )

@@ -1,0 +1,89 @@
+"""Compiled loops over single patterns: their light by row and column, and their values in whole steps."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.compiled import njit
+
+__all__ = ["error_of_step", "light_by_line", "values_of_steps", "write_steps"]
+
+
+@njit(error_model="numpy")
+def light_by_line(pattern: NDArray[Any], rows: NDArray[Any], columns: NDArray[Any]) -> tuple[float, float, float]:
+    """Fill ``rows`` (nt,) and ``columns`` (ns,) with sums of sizes of ``pattern`` (nt, ns).
+
+    Returns
+    -------
+    tuple of float
+        Sum of all sizes, lowest and highest value.
+    """
+    rows[:] = 0
+    columns[:] = 0
+    low, high, total = np.inf, -np.inf, 0.0
+    for t in range(pattern.shape[0]):
+        line = pattern[t]
+        for s in range(pattern.shape[1]):
+            size = abs(line[s])
+            low, high = min(low, line[s]), max(high, line[s])
+            rows[t] += size
+            columns[s] += size
+        total += rows[t]
+    return total, low, high
+
+
+@njit(error_model="numpy")
+def error_of_step(pattern: NDArray[Any], window: tuple[int, int, int, int], step: float) -> float:
+    """Return the sum of what values within ``window`` (first and last row, column) lack in whole steps."""
+    error, each = 0.0, 1 / step
+    for t in range(window[0], window[1] + 1):
+        line, lacking = pattern[t], 0.0
+        for s in range(window[2], window[3] + 1):
+            lacking += abs(line[s] - np.rint(line[s] * each) * step)
+        error += lacking
+    return error
+
+
+@njit(error_model="numpy")
+def write_steps(
+    pattern: NDArray[Any], window: tuple[int, int, int, int], step: float, zero: int, out: NDArray[Any]
+) -> tuple[float, float, float, int]:
+    """Fill ``out`` (nt, ns), uint16, with the steps of ``pattern`` from ``zero`` on; beside ``window`` all are zero.
+
+    Returns
+    -------
+    float, float, float, int
+        Sum of the sizes beside the window; of what values in it lack, as they are read back; of the sizes there; and
+        how many steps do not fit.
+    """
+    narrow, beside, error, total, lost = np.float32(step), 0.0, 0.0, 0.0, 0
+    each = 1 / step
+    for t in range(pattern.shape[0]):
+        line, to = pattern[t], out[t]
+        within = window[0] <= t <= window[1]
+        for s in range(pattern.shape[1]):
+            total += abs(line[s])
+            if not (within and window[2] <= s <= window[3]):
+                to[s] = zero
+                beside += abs(line[s])
+                continue
+            count = np.rint(line[s] * each)
+            if not 0 <= count + zero <= 65535:
+                lost += 1
+                count = min(max(count, -zero), 65535 - zero)
+            to[s] = np.uint16(count + zero)
+            # as `values_of_steps` reads it
+            error += abs(line[s] - np.float64(np.float32(count) * narrow))
+    return beside, error, total, lost
+
+
+@njit(error_model="numpy")
+def values_of_steps(stored: NDArray[Any], step: NDArray[Any], zero: NDArray[Any], out: NDArray[Any]) -> None:
+    """Fill ``out`` ``(n, pixels)`` with ``(stored - zero) * step``, float32; ``step`` and ``zero`` are ``(n,)``."""
+    for k in range(stored.shape[0]):
+        line, to, by, nothing = stored[k], out[k], step[k], np.int32(zero[k])
+        for p in range(stored.shape[1]):
+            to[p] = np.float32(np.int32(line[p]) - nothing) * by

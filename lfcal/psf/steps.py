@@ -1,0 +1,261 @@
+"""Patterns in whole steps, each pattern with a step of its own: what an H file within a tolerance holds.
+
+What a pattern loses is the light beside its plane's window and what its values lack as whole steps. Both are measured
+on the values as they are read back, as shares (L1) of the pattern. Since an image is a sum of patterns,
+|(H - Hs) g|_1 is at most the largest share times the sum of g_v |H_v|_1 over all voxels v, for any g that is nowhere
+negative: the sense in which `lfcal.reconstruct.Projector` takes its tolerance.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import InputError
+from lfcal.psf._step_kernels import error_of_step, light_by_line, values_of_steps, write_steps
+from lfcal.psf.planes import Planes, TransposedPlanes
+from lfcal.threads import for_each_chunk
+
+__all__ = [
+    "SteppedPlane",
+    "SteppedPlanes",
+    "bits_at_most",
+    "bound_after",
+    "check_store_tolerance",
+    "plane_of_steps",
+    "stepped_plane",
+]
+
+MOST = 65535
+"""Steps that a stored value has at most."""
+
+CUT = 0.1
+"""Share of the tolerance that is spent on light beside the window, where it spares rows or columns."""
+
+CLOSE = 0.97
+"""Share of what rounding may lack from which on no larger step is looked for."""
+
+TRIALS = 24
+"""Steps that are tried at most; five do nearly always."""
+
+
+@dataclass(frozen=True, eq=False)
+class SteppedPlane:
+    """A plane of H in whole steps: value = (stored - zero) * step.
+
+    Attributes
+    ----------
+    stored
+        ``(ny, nx, nt, ns)``, uint16.
+    step, zero
+        ``(ny, nx)``, float32 and uint16.
+    cut, rounding
+        ``(ny, nx)``: what each pattern lacks beside the window and in it, as shares (L1) of its own.
+    error
+        What all patterns lack together, as a share of the plane.
+    """
+
+    stored: NDArray[np.uint16]
+    step: NDArray[np.float32]
+    zero: NDArray[np.uint16]
+    cut: NDArray[np.float64]
+    rounding: NDArray[np.float64]
+    error: float
+
+    @property
+    def bound(self) -> NDArray[np.float64]:
+        """Largest share that a pattern lacks: by cutting, by rounding, and of both together ``(3,)``."""
+        return np.array([self.cut.max(), self.rounding.max(), (self.cut + self.rounding).max()])
+
+    def values(self, workers: int | None = None) -> NDArray[np.float32]:
+        """Return the plane as it is read back."""
+        return plane_of_steps(self.stored, self.step, self.zero, workers)
+
+
+def check_store_tolerance(tolerance: float) -> float:
+    """Return a tolerance of storage; raises `InputError` unless it lies between 0 and 1."""
+    if not 0 < tolerance < 1:
+        raise InputError.expected("tolerance of storage", "a share above 0 and below 1", tolerance, "0.005 is 0.5 %")
+    return float(tolerance)
+
+
+def bits_at_most(tolerance: float) -> float:
+    """Return the bits an entry takes at most, whatever H holds: those of a Laplacian, and two to spare.
+
+    Of all values of a mean size b a Laplacian's have the most entropy, log2(2 e b) bits; steps that lack
+    tolerance * b in the mean are 4 * tolerance * b wide. High and low bytes are compressed apart, which costs a bit.
+    """
+    return min(16.0, math.log2(math.e / 2 / tolerance) + 2)
+
+
+def bound_after(before: NDArray[np.float64] | None, bound: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the bound (cut, rounding, both) of values within ``bound`` of those that were within ``before`` of H.
+
+    What was left has patterns of at most ``1 + before`` times the light of H's.
+    """
+    if before is None or not np.isfinite(before).all():
+        return bound
+    found: NDArray[np.float64] = before + bound * (1 + before[2])
+    return found
+
+
+def stepped_plane(
+    plane: NDArray[Any], tolerance: float, *, what: str = "plane", workers: int | None = None
+) -> SteppedPlane:
+    """Return ``plane`` ``(ny, nx, nt, ns)`` in the largest steps that keep every pattern within ``tolerance`` (L1).
+
+    Raises
+    ------
+    InputError
+        If it holds NaN or infinity, or 65535 steps of a pattern are not fine enough.
+    """
+    limit = check_store_tolerance(tolerance)
+    ny, nx, nt, ns = plane.shape
+    rows, columns = np.zeros((ny, nx, nt)), np.zeros((ny, nx, ns))
+    total, low, high = np.zeros((ny, nx)), np.zeros((ny, nx)), np.zeros((ny, nx))
+
+    def look(start: int, stop: int) -> None:
+        for y in range(start, stop):
+            for x in range(nx):
+                pattern = np.ascontiguousarray(plane[y, x], np.float64)
+                total[y, x], low[y, x], high[y, x] = light_by_line(pattern, rows[y, x], columns[y, x])
+
+    for_each_chunk(look, ny, workers)
+    if not np.isfinite(total).all():
+        y, x = np.argwhere(~np.isfinite(total))[0].tolist()
+        raise InputError.expected(
+            f"{what}, position ({y}, {x})", "finite values", "NaN or infinity", "find the frame and record it again"
+        )
+    window = (*_used(rows, total, CUT * limit / 4), *_used(columns, total, CUT * limit / 4))
+    stored = np.empty(plane.shape, np.uint16)
+    step, zero = np.ones((ny, nx), np.float32), np.zeros((ny, nx), np.uint16)
+    cut, rounding = np.zeros((ny, nx)), np.zeros((ny, nx))
+
+    def write(start: int, stop: int) -> None:
+        for y in range(start, stop):
+            for x in range(nx):
+                pattern = np.ascontiguousarray(plane[y, x], np.float64)
+                ends = float(low[y, x]), float(high[y, x])
+                width, nothing = _step(pattern, window, ends, float(total[y, x]), limit)
+                step[y, x], zero[y, x] = width, nothing
+                beside, lacking, light, lost = write_steps(pattern, window, width, nothing, stored[y, x])
+                if light > 0:
+                    cut[y, x], rounding[y, x] = beside / light, lacking / light
+                if lost or cut[y, x] + rounding[y, x] > limit:
+                    raise InputError.expected(
+                        f"{what}, position ({y}, {x}), tolerance of storage",
+                        f"what {MOST} steps of float32 can keep",
+                        f"{100 * limit:.3g} %",
+                        "take a larger tolerance, or store it as float32",
+                    )
+
+    for_each_chunk(write, ny, workers)
+    light = float(total.sum())
+    error = float(((cut + rounding) * total).sum()) / light if light > 0 else 0.0
+    return SteppedPlane(stored, step, zero, cut, rounding, error)
+
+
+def _used(lines: NDArray[np.float64], total: NDArray[np.float64], share: float) -> tuple[int, int]:
+    """Return the first and last of ``lines`` ``(ny, nx, n)`` outside of which no pattern has more than ``share``.
+
+    Of either side; nothing is cut from a pattern without light.
+    """
+    allowed = (share * total)[..., None]
+    inside = ((np.cumsum(lines, axis=-1) > allowed) & (total > 0)[..., None]).any(axis=(0, 1))
+    back = ((np.cumsum(lines[..., ::-1], axis=-1) > allowed) & (total > 0)[..., None]).any(axis=(0, 1))
+    return (int(inside.argmax()), lines.shape[-1] - 1 - int(back.argmax())) if inside.any() else (0, -1)
+
+
+def _step(
+    pattern: NDArray[np.float64],
+    window: tuple[int, int, int, int],
+    ends: tuple[float, float],
+    total: float,
+    tolerance: float,
+) -> tuple[float, int]:
+    """Return the largest step, as float32, that keeps a pattern within ``tolerance``, and how many lie below 0.
+
+    By the error of a few steps, each guessed from the last two: it grows like a power of the step.
+    """
+    low, high = min(ends[0], 0.0), max(ends[1], 0.0)
+    if total == 0 or window[1] < window[0]:
+        return 1.0, 0
+    inner = pattern[window[0] : window[1] + 1, window[2] : window[3] + 1]
+    # values are read back as float32, whose rounding is part of what is measured
+    room = max(0.0, (tolerance - 2e-7) * total - max(0.0, total - float(np.abs(inner).sum())))
+    # the widest error of a step is half of it, in the mean a quarter
+    finest = (high - low) / (MOST - 1)
+    step = max(finest, 4 * room / inner.size)
+    good, bad, last = finest, math.inf, (0.0, 0.0)
+    for _ in range(TRIALS):
+        step = float(np.float32(step))
+        if not 0 < step < math.inf:
+            break
+        found = error_of_step(pattern, window, step)
+        good, bad = (max(good, step), bad) if found <= room else (good, min(bad, step))
+        if CLOSE * room <= found <= room or bad <= finest:
+            break
+        power = 1.0
+        if last[0] > 0 < found and last[1] != found and last[0] != step:
+            power = float(np.clip(math.log(found / last[1]) / math.log(step / last[0]), 0.3, 3))
+        last = (step, found)
+        guess = step * (0.985 * room / found) ** (1 / power) if found > 0 else 16 * step
+        # between what is good and what is not, once both are known
+        step = guess if good < guess < bad else math.sqrt(good * bad) if math.isfinite(bad) else 4 * good
+        if (math.isfinite(bad) and bad < 1.001 * good) or step > 4 * (high - low):
+            break
+    narrow = float(np.float32(good))
+    return (narrow, _zero(-round(low / narrow), round(high / narrow))) if narrow > 0 else (1.0, 0)
+
+
+def _zero(below: int, above: int) -> int:
+    """Return what is stored for 0, so that ``below`` steps fit below it and ``above`` above it.
+
+    In the middle of a byte's range where there is room: noise about 0 then has one high byte, which takes no room.
+    """
+    if below <= 0:
+        return 0
+    middle = -(-(below - 128) // 256) * 256 + 128
+    return max(0, min(middle if 0 < middle <= MOST - above else below, MOST))
+
+
+def plane_of_steps(
+    stored: NDArray[np.uint16], step: NDArray[np.float32], zero: NDArray[np.uint16], workers: int | None = None
+) -> NDArray[np.float32]:
+    """Return the values of a plane ``(ny, nx, nt, ns)`` in whole steps."""
+    ny, nx = stored.shape[:2]
+    out = np.empty(stored.shape, np.float32)
+    counts, values = stored.reshape(ny, nx, -1), out.reshape(ny, nx, -1)
+
+    def rows(start: int, stop: int) -> None:
+        for y in range(start, stop):
+            values_of_steps(counts[y], step[y], zero[y], values[y])
+
+    for_each_chunk(rows, ny, workers)
+    return out
+
+
+class SteppedPlanes:
+    """Planes stored in whole steps: value = (stored - zero[z, y, x]) * step[z, y, x], as float32."""
+
+    def __init__(self, base: Planes, step: NDArray[np.float32], zero: NDArray[np.uint16]) -> None:
+        self.base, self.step, self.zero = base, step, zero
+        self.shape = base.shape
+        self.dtype: np.dtype[Any] = np.dtype(np.float32)
+
+    def plane(self, z: int) -> NDArray[Any]:
+        """Return plane ``z`` as float32."""
+        return plane_of_steps(self.base.plane(z), self.step[z], self.zero[z])
+
+    def cutout(self, z: int, y: int, x: int) -> NDArray[Any]:
+        """Return one pattern as float32."""
+        pattern = self.base.cutout(z, y, x)[None, None]
+        return plane_of_steps(pattern, self.step[z, y : y + 1, x : x + 1], self.zero[z, y : y + 1, x : x + 1], 1)[0, 0]
+
+    def transposed(self) -> Planes:
+        """Return the planes of the transposed matrix: each of its patterns is of many steps."""
+        return TransposedPlanes(self)

@@ -1,0 +1,103 @@
+"""``lfcal reduce``: H within a tolerance, file to file, in units and after a stop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lfcal.progress import drain
+from lfcal.psf import PSFMatrix, open_psf, save, save_regions
+from lfcal.psf.transpose_file import iter_transpose_file
+from lfcal.work import parts_folder
+from tests.cli.conftest import Run
+from tests.cli.test_units import interrupted
+from tests.psf.test_joining import contents
+from tests.psf.test_reduced_file import matrix
+
+Lfcal = Callable[..., Run]
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a folder, the current one, with an H of which much is known."""
+    monkeypatch.chdir(tmp_path)
+    save(matrix(), tmp_path / "H.h5")
+    return tmp_path
+
+
+@pytest.mark.parametrize("tolerance", [0.05, 0.005])
+def test_within_the_tolerance_and_smaller(lfcal: Lfcal, place: Path, tolerance: float) -> None:
+    run = lfcal("reduce", "H.h5", "-o", "small.h5", "--tolerance", tolerance)
+    assert run.code == 0 and "small.h5: H (2, 5, 5, 15, 15), " in run.out and "no pattern lacks more than" in run.out
+    with open_psf(place / "H.h5") as H, open_psf(place / "small.h5") as small:
+        lacking = np.abs(small[:].astype(float) - H[:]).sum(axis=(3, 4))
+        assert (lacking <= tolerance * np.abs(H[:].astype(float)).sum(axis=(3, 4))).all() and lacking.any()
+    assert (place / "small.h5").stat().st_size < (place / "H.h5").stat().st_size
+
+
+def test_json(lfcal: Lfcal, place: Path) -> None:
+    run = lfcal("reduce", "H.h5", "--out", "small.h5", "--compression", "none", "--workers", 1, "--json")
+    found = run.json
+    assert isinstance(found, dict) and found["tolerance"] == 0.005
+    bound = np.array(found["bound"])
+    assert bound.shape == (2, 3) and 0 < bound[:, 2].max() <= 0.005
+    assert found["bytes"] == (place / "small.h5").stat().st_size > 2 * 2 * 25 * 225
+
+
+@pytest.mark.parametrize("executor", ["threads", "processes"])
+def test_the_same_file_in_units(lfcal: Lfcal, place: Path, executor: str) -> None:
+    assert lfcal("reduce", "H.h5", "-o", "one.h5").code == 0
+    run = lfcal("reduce", "H.h5", "-o", "two.h5", "--executor", executor, "--workers", 2)
+    assert run.code == 0, run.err
+    assert contents(place / "one.h5") == contents(place / "two.h5")
+    assert not parts_folder(place / "two.h5").exists()
+    other = lfcal("reduce", "H.h5", "-o", "o.h5", "--executor", "threads", "--scheduler", "tcp://a:1")
+    assert other.code == 2 and "an executor that has one (dask)" in other.err
+
+
+def test_what_an_earlier_run_left(lfcal: Lfcal, place: Path) -> None:
+    words = ("reduce", "H.h5", "-o", "out.h5")
+    interrupted(place / "out.h5")
+    refused = lfcal(*words)
+    assert refused.code == 2 and "--resume goes on with them, --force begins anew" in refused.err
+    assert lfcal(*words, "--resume").code == 0
+    assert not parts_folder(place / "out.h5").exists()
+    interrupted(place / "out.h5")
+    assert lfcal(*words, "--force").code == 0
+    assert not parts_folder(place / "out.h5").exists()
+
+
+def test_a_refused_plane_keeps_those_that_are_done(lfcal: Lfcal, place: Path) -> None:
+    bad = matrix()[:].copy()
+    bad[0] = 0  # which any steps hold
+    save(PSFMatrix(bad), place / "bad.h5")
+    words = ("reduce", "bad.h5", "-o", "out.h5", "--tolerance", 1e-6, "--executor", "threads", "--workers", 1)
+    run = lfcal(*words)
+    assert run.code == 2 and "position (0, 0), tolerance of storage: expected what 65535 steps" in run.err
+    assert "kept: 1 of 2 units in out.h5.parts; --resume goes on with them" in run.err
+    assert not (place / "out.h5").exists()
+
+
+@pytest.mark.parametrize("tolerance", ["0", "1", "-0.1", "nan"])
+def test_a_tolerance_is_a_share(lfcal: Lfcal, place: Path, tolerance: str) -> None:
+    run = lfcal("reduce", "H.h5", "-o", "out.h5", "--tolerance", tolerance)
+    assert run.code == 2 and run.err.count("\n") == 1
+    assert "expected a share above 0 and below 1" in run.err and "0.005 is 0.5 %" in run.err
+
+
+@pytest.mark.parametrize("more", [(), ("--executor", "threads")])
+def test_ht_is_refused(lfcal: Lfcal, place: Path, more: tuple[str, ...]) -> None:
+    with open_psf(place / "H.h5") as H:
+        drain(iter_transpose_file(H, place / "HT.h5"))
+    run = lfcal("reduce", "HT.h5", "-o", "out.h5", *more)
+    assert run.code == 2 and "got HT; store H: HT is a view of it" in run.err
+    assert not (place / "out.h5").exists() and not parts_folder(place / "out.h5").exists()
+
+
+def test_regions_left_out_are_named(lfcal: Lfcal, place: Path) -> None:
+    save_regions({"middle": matrix(), "edge": matrix()}, place / "R.h5")
+    run = lfcal("reduce", "R.h5", "-o", "out.h5")
+    assert run.code == 0 and "note: of 2 regions of the field middle alone is written" in run.err
