@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -69,6 +70,11 @@ def command(
         "--progressive",
         help="In passes: H is whole after the first and better after each; Ctrl-C keeps it.",
     ),
+    store_tolerance: float | None = typer.Option(
+        None,
+        "--store-tolerance",
+        help="Share (L1) that every pattern may lack in the file, as of lfcal reduce: 0.005.",
+    ),
     plan_only: bool = typer.Option(False, "--plan-only", help="Only show which effects matter and what they cost."),
     force: ForceOption = False,
     json: JsonOption = False,
@@ -77,6 +83,7 @@ def command(
 
     Example: `lfcal simulate bench --virtual-depths 3,4 -o H.h5`
     """
+    from lfcal.psf.steps import check_store_tolerance
     from lfcal.simulate import effects as known
     from lfcal.simulate import plan_effects
     from lfcal.simulate.effects.described import parse_effects
@@ -101,6 +108,11 @@ def command(
         raise InputError("output: give -o H.h5 for the matrix or --frames DIR for a session, or --plan-only")
     if progressive and out is None:
         raise InputError("--progressive: expected a matrix, got frames; frames are made once, leave it out")
+    if store_tolerance is not None:
+        if progressive or out is None:
+            other = "--progressive" if progressive else "--frames"
+            raise InputError(f"{other}: expected no --store-tolerance, got one; leave one of them out")
+        check_store_tolerance(store_tolerance)
     in_units = executor or scheduler or resume
     if in_units and (progressive or out is None):
         other = "--progressive" if progressive else "--frames"
@@ -108,7 +120,7 @@ def command(
     for row in found.rows:
         if row.setting == "on" and not row.on:  # what was asked for by name is not left out without a word
             report(f"note: {row.name}: {row.reason}")
-    task = _Task(planned, found, level, tolerance, json)
+    task = _Task(planned, found, level, tolerance, json, store_tolerance)
     if out is not None:
         runner = _Runner(out, executor, scheduler, workers, resume, force)
         made = _write_h(task, runner, choose if progressive else None)
@@ -130,6 +142,7 @@ class _Task:
     level: str
     tolerance: float
     quiet: bool
+    store_tolerance: float | None = None
 
 
 def _show(found: EffectSelection, planned: ScanPlan, json: bool) -> None:
@@ -239,7 +252,10 @@ def _memory(task: _Task, run: RunChoice | None, workers: int | None) -> int:
     # each process has a plane and engines of its own
     threads, processes = (workers, 1) if alone else (1, worker_count(workers))
     plan, tolerance = task.planned, task.tolerance
-    return processes * predict_bytes(plan, task.found, task.level, tolerance=tolerance, to_file=True, workers=threads)
+    one = predict_bytes(plan, task.found, task.level, tolerance=tolerance, to_file=True, workers=threads)
+    if task.store_tolerance is not None:  # a plane in steps, and as it is read back
+        one += math.prod(plan.shape[1:]) * 6
+    return processes * one
 
 
 def _in_units(task: _Task, out: Path, run: RunChoice) -> Work[Any]:
@@ -256,6 +272,7 @@ def _in_units(task: _Task, out: Path, run: RunChoice) -> Work[Any]:
         tolerance=task.tolerance,
         out=out,
         provenance={"plan": plan.to_dict()},
+        store_tolerance=task.store_tolerance,
     )
 
 
@@ -266,9 +283,11 @@ def _simulation(
     from lfcal.simulate import iter_refine_psf, iter_simulate_psf
 
     plan = task.planned
-    how = {"tolerance": task.tolerance, "out": out, "workers": workers, "provenance": {"plan": plan.to_dict()}}
+    how: dict[str, Any] = {"tolerance": task.tolerance, "out": out, "workers": workers}
+    how["provenance"] = {"plan": plan.to_dict()}
     if choose is None:
-        return iter_simulate_psf(plan.camera, plan, task.found, task.level, **how)  # type: ignore[arg-type]
+        how["store_tolerance"] = task.store_tolerance
+        return iter_simulate_psf(plan.camera, plan, task.found, task.level, **how)
 
     def tell(matrix: PSFMatrix) -> None:
         worst = 100 * max(float(error) for error in matrix.facts.known()["error"])
@@ -276,17 +295,19 @@ def _simulation(
         if not task.quiet:
             report(f"{whole[-1]}; Ctrl-C keeps it")
 
-    return iter_refine_psf(plan.camera, plan, choose, task.level, on_pass=tell, **how)  # type: ignore[arg-type]
+    return iter_refine_psf(plan.camera, plan, choose, task.level, on_pass=tell, **how)
 
 
 def _tell_error(errors: Sequence[float], task: _Task) -> None:
     """Say what every plane reached: what is left out, as estimated, and the computation, as a few positions show."""
-    asked = f"{100 * task.tolerance:.3g} % asked for"
-    over = [z for z, error in enumerate(errors) if error > task.tolerance]
+    limit = task.tolerance + (task.store_tolerance or 0)
+    asked = f"{100 * limit:.3g} % asked for"
+    over = [z for z, error in enumerate(errors) if error > limit]
     if not task.quiet:
         lowest, highest = 100 * min(errors), 100 * max(errors)
         reached = f"{highest:.2g} %" if highest < 1.1 * lowest else f"{lowest:.2g} to {highest:.2g} %"
-        report(f"error of what is left out and of the computation: {reached} ({asked})")
+        what = "of what is left out and of the computation" if task.store_tolerance is None else "with that of storage"
+        report(f"error {what}: {reached} ({asked})")
     if over:
         worst = max(over, key=lambda z: errors[z])
         more = "nothing finer is computed" if task.level == "auto" else "--level auto takes what they need"

@@ -3,7 +3,7 @@
 - ``matrix``: `PSFMatrix`, lazy, with its transposed view; ``planes`` is where its values come from, ``facts`` what is
   known of its positions, ``travel`` how it goes to another process
 - ``opening``, ``store``, ``layout``: the H file; ``chunk_codec`` compresses it on all processors, ``nexus`` tells
-  viewers what to plot
+  viewers what to plot; ``steps`` stores it within a tolerance
 - ``specification``, ``json_schema``: an H file held against the published schema of its format
 - ``cutout``, ``gather``, ``assembly``, ``assemble``, ``assemble_plan``, ``pedestal``: frames to H with the shifting
   cutout

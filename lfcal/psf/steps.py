@@ -253,8 +253,9 @@ class SteppedPlanes:
 
     def cutout(self, z: int, y: int, x: int) -> NDArray[Any]:
         """Return one pattern as float32."""
-        pattern = self.base.cutout(z, y, x)[None, None]
-        return plane_of_steps(pattern, self.step[z, y : y + 1, x : x + 1], self.zero[z, y : y + 1, x : x + 1], 1)[0, 0]
+        step, zero = (values[z, y : y + 1, x : x + 1] for values in (self.step, self.zero))
+        found: NDArray[Any] = plane_of_steps(self.base.cutout(z, y, x)[None, None], step, zero, 1)[0, 0]
+        return found
 
     def transposed(self) -> Planes:
         """Return the planes of the transposed matrix: each of its patterns is of many steps."""

@@ -102,7 +102,7 @@ def iter_verify(path: str | os.PathLike[str], *, workers: int | None = None) -> 
     source = Path(path)
     regions = regions_of(source)
     with H5File(source) as file:
-        strays = deviations_of(file) if file.attributes().integer("version") >= VERSION else []
+        strays = deviations_of(file) if (file.attributes().integer("version") or 0) >= VERSION else []
     found: list[DamagedPlane] = []
     planes = missing = 0
     compared = True

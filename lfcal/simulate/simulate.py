@@ -163,7 +163,12 @@ class Simulation:
         return PlaneTask(self.plan, z, chosen, self.level, share, self.budget.tolerance - share, self.sampling)
 
     def writer(
-        self, out: str | os.PathLike[str], dtype: str, compression: str, provenance: Mapping[str, Any] | None
+        self,
+        out: str | os.PathLike[str],
+        dtype: str,
+        compression: str,
+        provenance: Mapping[str, Any] | None,
+        store_tolerance: float | None = None,
     ) -> PSFWriter:
         """Return what writes this H to a file, with what it can be simulated again from; not yet entered."""
         plan = self.plan
@@ -177,6 +182,7 @@ class Simulation:
             compression=compression,
             provenance={**self.provenance(), **(provenance or {})},
             workers=self.workers,
+            store_tolerance=store_tolerance,
         )
 
     def provenance(self) -> dict[str, Any]:
@@ -208,6 +214,7 @@ def iter_simulate_psf(
     compression: str = "gzip",
     workers: int | None = None,
     provenance: Mapping[str, Any] | None = None,
+    store_tolerance: float | None = None,
 ) -> Work[PSFMatrix]:
     """Simulate H as `simulate_psf`; yields progress in rows, and closing it leaves nothing half-written."""
     work = Simulation(camera, plan, effects, level, tolerance, sampling, workers)
@@ -222,7 +229,7 @@ def iter_simulate_psf(
         return PSFMatrix(
             whole, depths=plan.depths_um, camera=camera, anchor=plan.anchor, provenance=details, facts=facts
         )
-    with work.writer(out, dtype, compression, provenance) as writer:
+    with work.writer(out, dtype, compression, provenance, store_tolerance) as writer:
         plane = np.empty(plan.shape[1:], np.float32)
         for z in range(plan.shape[0]):
             # The buffer of one plane is used for all: a file of any size takes the memory of one.
@@ -253,6 +260,7 @@ def simulate_psf(
     compression: str = "gzip",
     workers: int | None = None,
     provenance: Mapping[str, Any] | None = None,
+    store_tolerance: float | None = None,
 ) -> PSFMatrix:
     """Return H of ``camera`` for a scan plan, by simulation.
 
@@ -286,6 +294,9 @@ def simulate_psf(
         Threads over source rows; None takes all processors.
     provenance
         Further provenance to keep in the file; plain JSON types.
+    store_tolerance
+        In a file, in place of ``dtype``: the share (L1) that each pattern may lack beside what was computed; see
+        `PSFWriter`.
 
     Returns
     -------
@@ -314,6 +325,7 @@ def simulate_psf(
             compression=compression,
             workers=workers,
             provenance=provenance,
+            store_tolerance=store_tolerance,
         )
     )
 

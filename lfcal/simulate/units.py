@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 import os
 from collections.abc import Iterable, Mapping
 from functools import partial
@@ -20,7 +19,7 @@ from lfcal.progress import Work
 from lfcal.psf import PSFMatrix, open_psf
 from lfcal.psf.facts import Facts
 from lfcal.psf.joining import iter_join
-from lfcal.psf.store import PSFWriter
+from lfcal.psf.store import PSFWriter, stored_bytes
 from lfcal.simulate.effects import CATALOGUE
 from lfcal.simulate.effects.base import Effect
 from lfcal.simulate.effects.described import effect_from
@@ -44,12 +43,13 @@ def iter_simulate_units(
     dtype: str = "float32",
     compression: str = "gzip",
     provenance: Mapping[str, Any] | None = None,
+    store_tolerance: float | None = None,
 ) -> Work[PSFMatrix]:
     """Simulate H into a file, each plane in a file of its own until all are there; values as of `simulate_psf`.
 
     Parameters
     ----------
-    camera, plan, effects, level, tolerance, sampling, out, dtype, compression, provenance
+    camera, plan, effects, level, tolerance, sampling, out, dtype, compression, provenance, store_tolerance
         As in `simulate_psf`; effects are those of the catalogue.
     run
         By whom, and what becomes of an earlier run.
@@ -61,16 +61,16 @@ def iter_simulate_units(
     """
     work = Simulation(camera, plan, effects, level, tolerance, sampling, run.workers)
     target = Path(out)
-    require_space(target.parent, math.prod(plan.shape) * np.dtype(dtype).itemsize, what=target.name)
-    stored = {"dtype": dtype, "compression": compression}
+    require_space(target.parent, stored_bytes(plan.shape, dtype, compression, store_tolerance), what=target.name)
+    stored = {"dtype": dtype, "compression": compression, "store_tolerance": store_tolerance}
     units = [unit_of(work.task(z), stored) for z in range(plan.shape[0])]
-    writer = work.writer(target, dtype, compression, provenance)
+    writer = work.writer(target, dtype, compression, provenance, store_tolerance)
     yield from iter_made(units, target, run, partial(iter_join, writer=writer), title=f"simulate {target.name}")
     return open_psf(target)
 
 
-def unit_of(task: PlaneTask, stored: Mapping[str, str]) -> Unit:
-    """Return the unit that computes a plane, stored as ``stored`` says (dtype, compression)."""
+def unit_of(task: PlaneTask, stored: Mapping[str, Any]) -> Unit:
+    """Return the unit that computes a plane, stored as ``stored`` says (dtype, compression, store_tolerance)."""
     sampling = None if task.sampling is None else dataclasses.asdict(task.sampling)
     arguments = {
         "plan": task.plan.to_dict(),
@@ -113,7 +113,7 @@ def do_plane(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None
     """Compute one plane and write it to an H file of its own: the task of a unit."""
     values = dict(arguments)
     plan = ScanPlan.from_dict(values["plan"])
-    stored = {key: values[key] for key in ("dtype", "compression")}
+    stored = {key: values[key] for key in ("dtype", "compression", "store_tolerance") if key in values}
     effects = effects_told(values["effects"])
     sampling = None if values["sampling"] is None else Sampling(**values["sampling"])
     task = PlaneTask(plan, values["z"], effects, values["level"], values["tolerance"], values["left_out"], sampling)

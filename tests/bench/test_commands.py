@@ -279,3 +279,27 @@ def test_work_by_executors(bench: Bench, tmp_path: Path) -> None:
     assert "2 units" in said and "64 workers by forecast: 2 units of " in said
     assert "dask or processes or threads" in bench("work", "bench", "--executors", "magic", code=2)
     assert not list(tmp_path.iterdir())
+
+
+def test_storage(bench: Bench, tmp_path: Path) -> None:
+    (tmp_path / "old.png").write_bytes(b"old")
+    assert "exists" in bench("storage", "--chart", tmp_path / "old.png", code=2)
+    assert "a share above 0 and below 1" in bench("storage", "--tolerances", "2", code=2)
+    options = ("--virtual-depths", "2,2.5", "--tolerances", "0.02,0.005", "--repeats", 1, "--folder", tmp_path)
+    found = bench.json("storage", "bench", *options, "--planes", 11, "--chart", tmp_path / "storage.png")
+    rows = found["rows"]
+    assert len(rows) == 8 and (tmp_path / "storage.png").stat().st_size > 5000
+    for row in rows:
+        assert row["write_s"] > 0 and row["read_s"] > 0
+        # an image of much light errs less than its worst voxel
+        assert row["error"] <= row["worst"] + 1e-9
+        if row["tolerance"]:
+            assert row["tolerance"] / 2 < row["bound"] <= row["tolerance"]
+            assert row["worst"] == pytest.approx(row["bound"], rel=1e-4)
+    assert len(found["forecast_bytes"]) == 4
+    exact, small = (found["forecast_bytes"][name] for name in ("float32", "within 0.5 %"))
+    assert small < exact / 3
+    (many,) = (row["bytes"] for row in rows if row["depth"] == 2.5 and row["tolerance"] == 0.005)
+    assert small < 11 * many, "planes of less light take less"
+    assert "11 planes, within 2 %" in bench("storage", *options, "--planes", 11, "--force", "--workers", 1)
+    assert {path.name for path in tmp_path.iterdir()} == {"old.png", "storage.png"}, "no H is left"

@@ -12,7 +12,7 @@ from lfcal.progress import drain
 from lfcal.psf import PSFMatrix, open_psf, save, save_regions
 from lfcal.psf.transpose_file import iter_transpose_file
 from lfcal.work import parts_folder
-from tests.cli.conftest import Run
+from tests.cli.conftest import Run, small_plan
 from tests.cli.test_units import interrupted
 from tests.psf.test_joining import contents
 from tests.psf.test_reduced_file import matrix
@@ -101,3 +101,21 @@ def test_regions_left_out_are_named(lfcal: Lfcal, place: Path) -> None:
     save_regions({"middle": matrix(), "edge": matrix()}, place / "R.h5")
     run = lfcal("reduce", "R.h5", "-o", "out.h5")
     assert run.code == 0 and "note: of 2 regions of the field middle alone is written" in run.err
+
+
+@pytest.mark.parametrize("more", [(), ("--executor", "threads", "--workers", 1)])
+def test_simulated_into_a_small_file(lfcal: Lfcal, place: Path, more: tuple[object, ...]) -> None:
+    """As simulated in full and reduced afterwards, and what storage lacks is no miss of the simulation."""
+    (place / "plan.json").write_text(small_plan().to_json())
+    words = ("simulate", "plan.json", "--level", "geometric", "-o")
+    assert lfcal(*words, "full.h5").code == 0
+    assert lfcal("reduce", "full.h5", "-o", "reduced.h5", "--tolerance", 0.01).code == 0
+    run = lfcal(*words, "small.h5", "--store-tolerance", 0.01, *more)
+    assert run.code == 0, run.err
+    assert "error with that of storage: " in run.err and "(4 % asked for)" in run.err
+    two, one = (contents(place / name) for name in ("reduced.h5", "small.h5"))
+    assert one == two
+    for other in (("--progressive", "-o", "o.h5"), ("--frames", "frames")):
+        refused = lfcal("simulate", "plan.json", *other, "--store-tolerance", 0.01)
+        assert refused.code == 2 and "expected no --store-tolerance, got one; leave one of them out" in refused.err
+    assert lfcal(*words, "o.h5", "--store-tolerance", 2).code == 2
