@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from lfcal.reconstruct.projectors.device_engine import DeviceEngine, DeviceOperand, Placement
 from lfcal.reconstruct.projectors.grid import Grid
-from lfcal.reconstruct.projectors.nodes import Nodes
-from lfcal.reconstruct.projectors.planes import trim
+from lfcal.reconstruct.projectors.nodes import Nodes, source_places
+from lfcal.reconstruct.projectors.planes import centre_of, runs_of_rows, trim
 
 __all__ = ["DeviceDirect", "direct_bytes"]
 
@@ -60,10 +60,8 @@ class DeviceDirect(DeviceEngine):
         nodes: Nodes | None = None,
     ) -> None:
         super().__init__(grid, dtype, placement)
-        ny, nx = grid.period
         self.regular = nodes is None
-        at = (np.arange(ny), np.arange(nx)) if nodes is None else (nodes.y.at, nodes.x.at)
-        self.at_y, self.at_x = at[0].tolist(), at[1].tolist()
+        self.at_y, self.at_x = (at.tolist() for at in source_places(grid.period, nodes))
         self.phases = phases
         # sums of a product are in another order on each device
         self.rounding = 20 * float(np.finfo(dtype).eps)
@@ -107,13 +105,13 @@ class DeviceDirect(DeviceEngine):
                 rows = self._folded(xp.reshape(windows, (stop - first, cells_x, run.height, width)))
                 top = run.top + first * ny
                 image[top : top + rows.shape[0], : rows.shape[1]] += rows
-        return self.grid.unpack(image, before=_centre(patterns))
+        return self.grid.unpack(image, before=centre_of(patterns))
 
     def cells_of(self, patterns: Any, image: Any) -> Any:
         """Return the patterns' products with ``image``, ``(rows, lattice cells, columns)``: transpose of `image_of`."""
         xp, (ny, nx), (cells_y, cells_x) = self.device.xp, self.grid.period, self.grid.cells
         height, across = self._padded_shape(patterns)
-        before = _centre(patterns)
+        before = centre_of(patterns)
         after = (height - cells_y * ny - before[0], across - cells_x * nx - before[1])
         padded = self.packed(image, before, after)
         cells = self.device.zeros((patterns.shape[0], cells_y * cells_x, patterns.shape[1]), self.dtype)
@@ -146,7 +144,7 @@ class DeviceDirect(DeviceEngine):
             group = slice(start, min(start + together, len(self.at_y)))
             laid = self._laid(patterns[group, :, :, :])
             down = [y - self.at_y[start] for y in self.at_y[group]]
-            for low, high in self._rows(nt + down[-1], self.at_y[start] - (nt - 1) // 2):
+            for low, high in runs_of_rows(self.phases, nt + down[-1], self.at_y[start] - (nt - 1) // 2):
                 run = _Run(group, tuple(d - low for d in down), self.at_y[start] + low, high - low)
                 band = self.device.zeros((len(down), len(self.at_x), run.height, laid.shape[3]), self.dtype)
                 for g, row in enumerate(run.down):
@@ -172,15 +170,6 @@ class DeviceDirect(DeviceEngine):
         )
         flat = xp.reshape(longer, (rows, columns * (size + 1)))[:, : columns * size]
         return xp.reshape(flat, (rows, columns, nt, width))
-
-    def _rows(self, height: int, first: int) -> Iterator[tuple[int, int]]:
-        """Yield runs of window rows that fall onto selected image phases, row 0 onto ``first``."""
-        if self.phases is None:
-            yield 0, height
-            return
-        wanted = np.asarray(self.phases.any(axis=1))[(first + np.arange(height)) % self.grid.period[0]]
-        edges = np.flatnonzero(np.diff(np.concatenate(([0], wanted.astype(np.int8), [0]))))
-        yield from ((int(start), int(stop)) for start, stop in edges.reshape(-1, 2))
 
     def _blocks(self, height: int, width: int) -> Iterator[tuple[int, int]]:
         """Yield runs of lattice rows whose windows fit into the room there is."""
@@ -216,7 +205,3 @@ class DeviceDirect(DeviceEngine):
         windows = xp.stack([cells[:, :, k : k + across, :] for k in range(reach_x)], axis=3)
         windows = xp.reshape(windows, (down, height, across, reach_x * nx))[:, :, :, :width]
         return xp.reshape(xp.permute_dims(windows, (0, 2, 1, 3)), (down * across, height * width))
-
-
-def _centre(patterns: Any) -> tuple[int, int]:
-    return (patterns.shape[2] - 1) // 2, (patterns.shape[3] - 1) // 2

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from lfcal.reconstruct.projectors._kernels import Tiling, gather_windows, lay_patterns, overlap_add
 from lfcal.reconstruct.projectors.grid import Grid
-from lfcal.reconstruct.projectors.nodes import Nodes
-from lfcal.reconstruct.projectors.planes import trim
+from lfcal.reconstruct.projectors.nodes import Nodes, source_places
+from lfcal.reconstruct.projectors.planes import centre_of, runs_of_rows, trim
 from lfcal.threads import for_each_chunk, one_blas_thread, worker_count
 
 __all__ = ["WINDOW_BYTES", "Direct", "cells_at_once", "rows_at_once", "rows_together"]
@@ -79,8 +79,7 @@ class Direct:
     ) -> None:
         self.grid = grid
         self.nodes = nodes
-        ny, nx = grid.period
-        self.sources = (np.arange(ny), np.arange(nx)) if nodes is None else (nodes.y.at, nodes.x.at)
+        self.sources = source_places(grid.period, nodes)
         self.dtype = dtype
         self.workers = worker_count(workers)
         self.rounding = float(np.finfo(dtype).tiny)
@@ -118,7 +117,7 @@ class Direct:
         # threads over groups of rows, each with an image of its own: BLAS's threads on top would only queue
         with one_blas_thread():
             for image in for_each_chunk(work, len(groups), self.workers, parts_per_worker=1):
-                total += self.grid.unpack(image, before=_centre(operand))
+                total += self.grid.unpack(image, before=centre_of(operand))
         return total
 
     def adjoint(self, image: NDArray[Any], operands: Iterable[NDArray[Any]]) -> Iterator[NDArray[Any]]:
@@ -132,7 +131,7 @@ class Direct:
 
     def cells_of(self, operand: NDArray[Any], image: NDArray[Any]) -> NDArray[Any]:
         """Return the patterns' products with ``image``, ``(rows, lattice cells, columns)``: transpose of `image_of`."""
-        packed = self.grid.pack(image, self.dtype, before=_centre(operand), after=_centre(operand))
+        packed = self.grid.pack(image, self.dtype, before=centre_of(operand), after=centre_of(operand))
         cells = np.zeros((len(operand), self.grid.cells[0] * self.grid.cells[1], operand.shape[1]), self.dtype)
         groups = self._groups(operand)
 
@@ -215,22 +214,10 @@ class Direct:
 
     def _row_runs(self, height: int, first: int, step: int) -> Iterator[slice]:
         """Yield runs of at most ``step`` window rows that fall onto selected image phases, row 0 onto ``first``."""
-        if self.phases is None:
-            yield from (slice(t, min(t + step, height)) for t in range(0, height, step))
-            return
-        ny = self.grid.period[0]
-        used = np.asarray(self.phases.any(axis=1))
-        wanted = used[(first + np.arange(height)) % ny]
-        # ends of the runs of wanted rows, with a row that is not wanted on either side
-        edges = np.flatnonzero(np.diff(np.concatenate(([0], wanted.astype(np.int8), [0]))))
-        for start, stop in edges.reshape(-1, 2):
-            yield from (slice(t, min(t + step, int(stop))) for t in range(int(start), int(stop), step))
+        for start, stop in runs_of_rows(self.phases, height, first):
+            yield from (slice(t, min(t + step, stop)) for t in range(start, stop, step))
 
     def _blocks(self, cells: int, window: tuple[int, ...]) -> Iterator[tuple[int, int]]:
         """Yield runs of lattice cells whose windows fill `WINDOW_BYTES`."""
         step = cells_at_once(window[0], window[1], self.dtype.itemsize)
         yield from ((k, min(k + step, cells)) for k in range(0, cells, step))
-
-
-def _centre(operand: NDArray[Any]) -> tuple[int, int]:
-    return (operand.shape[2] - 1) // 2, (operand.shape[3] - 1) // 2

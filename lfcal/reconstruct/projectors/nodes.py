@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["AxisNodes", "Nodes"]
+__all__ = ["AxisNodes", "Nodes", "source_places"]
 
 Ints = NDArray[np.int64]
 
@@ -129,6 +129,11 @@ class Nodes:
         rows = np.matmul(columns, self.x.shares.astype(values.dtype)).reshape(cells_y, my, -1)
         out: NDArray[Any] = np.matmul(self.y.shares.T.astype(values.dtype), _with_next(rows))
         return out.reshape(cells_y * self.y.period, -1)
+
+
+def source_places(period: tuple[int, int], nodes: Nodes | None) -> tuple[Ints, Ints]:
+    """Return rows and columns of the positions that have patterns: those of nodes, or all."""
+    return (np.arange(period[0]), np.arange(period[1])) if nodes is None else (nodes.y.at, nodes.x.at)
 
 
 def _carried(sums: NDArray[Any]) -> NDArray[Any]:

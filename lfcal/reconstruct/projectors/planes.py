@@ -14,7 +14,7 @@ from lfcal.axes import check_psf_shape
 from lfcal.errors import InputError
 from lfcal.reconstruct.projectors.reduction import sampled_share
 
-__all__ = ["PlaneReader", "trim"]
+__all__ = ["PlaneReader", "centre_of", "runs_of_rows", "trim"]
 
 
 @dataclass(frozen=True)
@@ -114,3 +114,21 @@ def trim(plane: NDArray[Any]) -> NDArray[Any]:
         sizes.append((c, int(np.abs(used - c).max()) if used.size else 0))
     (ct, ht), (cs, hs) = sizes
     return plane[:, :, ct - ht : ct + ht + 1, cs - hs : cs + hs + 1]
+
+
+def centre_of(patterns: Any) -> tuple[int, int]:
+    """Return the middle pixel of patterns ``(…, …, nt, ns)``, arrays of a device as well."""
+    return (patterns.shape[2] - 1) // 2, (patterns.shape[3] - 1) // 2
+
+
+def runs_of_rows(phases: NDArray[np.bool_] | None, height: int, first: int) -> list[tuple[int, int]]:
+    """Return runs (start, stop) of ``height`` rows that fall onto selected image phases, row 0 onto phase ``first``.
+
+    ``phases`` ``(ny, nx)``; None: all are.
+    """
+    if phases is None:
+        return [(0, height)]
+    wanted = np.asarray(phases.any(axis=1))[(first + np.arange(height)) % len(phases)]
+    # ends of the runs of wanted rows, with a row that is not wanted on either side
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], wanted.astype(np.int8), [0]))))
+    return [(int(start), int(stop)) for start, stop in edges.reshape(-1, 2)]
