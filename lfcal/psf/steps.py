@@ -253,8 +253,8 @@ class SteppedPlanes:
 
     def cutout(self, z: int, y: int, x: int) -> NDArray[Any]:
         """Return one pattern as float32."""
-        step, zero = (values[z, y : y + 1, x : x + 1] for values in (self.step, self.zero))
-        found: NDArray[Any] = plane_of_steps(self.base.cutout(z, y, x)[None, None], step, zero, 1)[0, 0]
+        pattern, at = self.base.cutout(z, y, x)[None, None], (z, slice(y, y + 1), slice(x, x + 1))
+        found: NDArray[Any] = plane_of_steps(pattern, self.step[at], self.zero[at], 1)[0, 0]
         return found
 
     def transposed(self) -> Planes:
