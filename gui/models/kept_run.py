@@ -1,0 +1,53 @@
+"""What is kept of work in units that ended early: the files of those that are done, beside what they make. No Qt."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass
+
+from lfcal.errors import InputError, LfcalError
+from lfcal.work import RunState, parts_folder, read_run
+from lfcal.work.runs import discard
+
+__all__ = ["KeptRun"]
+
+
+@dataclass(frozen=True)
+class KeptRun:
+    """The units of a run; see `gui.models.job.Keeping`.
+
+    Attributes
+    ----------
+    out
+        What they make.
+    """
+
+    out: str
+
+    def look(self) -> str:
+        """Return how many units are done; where none is, their folder goes."""
+        try:
+            state = read_run(parts_folder(self.out))
+        except InputError:  # it ended before it began
+            return ""
+        if state.running:  # another window's, or a command's
+            return ""
+        if self.counts(state):
+            return f"{state.count('done')} of {len(state.units)} {_kind(state)}"
+        with suppress(LfcalError):
+            self.discard()
+        return ""
+
+    def counts(self, state: RunState) -> bool:
+        """Return whether something of a run is worth keeping."""
+        return bool(state.count("done"))
+
+    def discard(self) -> None:
+        """Remove the units' files."""
+        discard(parts_folder(self.out))
+
+
+def _kind(state: RunState) -> str:
+    """Return what the units are: units called ``"plane 0003"`` are planes."""
+    kinds = {unit.name.rsplit(" ", 1)[0] for unit in state.units}
+    return f"{kinds.pop()}s" if len(kinds) == 1 else "units"
