@@ -4,12 +4,35 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 
 from lfcal.errors import InputError, LfcalError
-from lfcal.work import RunState, parts_folder, read_run
+from lfcal.work import RunChoice, RunState, parts_folder, read_run
 from lfcal.work.runs import discard
+from lfcal.work.unit import stamp_of
 
-__all__ = ["KeptRun"]
+__all__ = ["KeptRun", "going_on", "stamp_of_files"]
+
+
+def going_on() -> RunChoice:
+    """Return how the window does units: in its process, from where an earlier run of the same was stopped."""
+    return RunChoice("threads", begun="resume")
+
+
+def stamp_of_files(*places: str, but: str) -> str:
+    """Return what tells the files of folders and lists from what they were before; ``but`` is what is made of them.
+
+    Of a recorded session only what was recorded counts: what is made of it often lies beside that.
+    """
+    from lfcal.cli.outputs import RECORDINGS, files_of
+
+    made, found = Path(but).absolute(), set()
+    for place in places:
+        files = [path.absolute() for path in files_of(place) if path.is_file()]
+        if place and (Path(place) / "session.json").is_file():
+            files = [path for path in files if path.name.startswith((*RECORDINGS, "session"))]
+        found |= set(files)
+    return stamp_of(sorted(str(path) for path in found - {made}))
 
 
 @dataclass(frozen=True)
