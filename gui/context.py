@@ -117,7 +117,7 @@ class Context(QObject):
                 self.message.emit(f"{path} is whole; the project it was made for is no longer open")
 
         def ended(job: Job) -> None:
-            if on_end is not None:
+            if on_end is not None and self.project.begun == begun:
                 on_end(job)
             if path in (self.state.psf, self.state.reference):
                 self.matrices.want(path)

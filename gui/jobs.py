@@ -23,13 +23,16 @@ from gui.models.job_log import JobLog, notes_of
 from gui.workers import wait_for
 from lfcal.progress import Work
 
-__all__ = ["JOBS_S", "LOADS_S", "Job", "JobState", "Jobs"]
+__all__ = ["JOBS_S", "LOADS_S", "WAITS", "Job", "JobState", "Jobs"]
 
 TELL_S = 0.03
 """Between two records of a job that are told (s)."""
 
 JOBS_S = 30.0
 """How long closing waits for jobs, which clean up behind themselves (s)."""
+
+WAITS = "waits for its turn; Jobs shows the order"
+"""What a page says of its job that waits."""
 
 
 class Jobs(Background):

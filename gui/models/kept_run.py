@@ -8,6 +8,7 @@ from pathlib import Path
 
 from lfcal.errors import InputError, LfcalError
 from lfcal.work import RunChoice, RunState, parts_folder, read_run
+from lfcal.work.journal import PASS, read_events
 from lfcal.work.runs import discard
 from lfcal.work.unit import stamp_of
 
@@ -55,15 +56,14 @@ class KeptRun:
             return ""
         if state.running:  # another window's, or a command's
             return ""
-        if self.counts(state):
-            return f"{state.count('done')} of {len(state.units)} {_kind(state)}"
+        which = state.title.rpartition(", ")[2]  # "simulate H.h5, pass 2 of 4"
+        if state.count("done") or PASS in read_events(parts_folder(self.out)):
+            return f"{state.count('done')} of {len(state.units)} {_kind(state)}" + (
+                f" of {which}" * which.startswith(f"{PASS} ")
+            )
         with suppress(LfcalError):
             self.discard()
         return ""
-
-    def counts(self, state: RunState) -> bool:
-        """Return whether something of a run is worth keeping."""
-        return bool(state.count("done"))
 
     def discard(self) -> None:
         """Remove the units' files."""
@@ -72,5 +72,5 @@ class KeptRun:
 
 def _kind(state: RunState) -> str:
     """Return what the units are: units called ``"plane 0003"`` are planes."""
-    kinds = {unit.name.rsplit(" ", 1)[0] for unit in state.units}
+    kinds = {unit.name.rsplit(" ", 1)[0] for unit in state.units} or {"plane"}
     return f"{kinds.pop()}s" if len(kinds) == 1 else "units"

@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import ClassVar, NamedTuple
 
 from gui.models.settings import PageSettings
-from lfcal.psf import PSFMatrix
-from lfcal.psf.export import ExportOptions, export_files, export_notes
+from lfcal.progress import Work
+from lfcal.psf import PSFMatrix, open_psf
+from lfcal.psf.export import ExportOptions, export_files, export_notes, iter_export
 from lfcal.psf.lens_centre import lens_centre_of
 
-__all__ = ["KINDS", "Choice", "ExportIntent", "ExportSettings"]
+__all__ = ["KINDS", "Choice", "ExportIntent", "ExportSettings", "iter_exported"]
 
 KINDS = (
     (".mat", "MATLAB v7.3, for deconvolution codes"),
@@ -146,6 +147,12 @@ class ExportSettings(PageSettings):
         if self.suffix != ".h5":
             return intent
         return replace(intent, suffix=self.suffix, sixteen=self.sixteen, compress=self.compress)
+
+
+def iter_exported(psf: str, intent: ExportIntent, path: str) -> Work[Path]:
+    """Write the H of a file as it was asked for; opened for itself, as the window may close its own meanwhile."""
+    with open_psf(psf) as H:
+        return (yield from iter_export(intent.matrix(H), path, **intent.options.given()))
 
 
 def _settled(intent: ExportIntent) -> ExportIntent:

@@ -278,15 +278,12 @@ class Page(BasePage):
             self.context.start_writing(title, "simulate", path, work, self._simulated, taken=taken)
             return
         passes = Passes(plan, settings, path, verdict)
-        number = self.context.start_writing(title, "simulate", path, passes.work, self._simulated, taken=taken)
 
         def ended(job: Job) -> None:
-            if job.number == number:
-                self.context.jobs.finished.disconnect(ended)
-                if job.state is not JobState.DONE and passes.whole:  # the last whole pass stays
-                    self._take(path, f"kept {path}, {passes.whole}")
+            if job.state is not JobState.DONE and passes.whole:  # the last whole pass stays
+                self._take(path, f"kept {path}, {passes.whole}")
 
-        self.context.jobs.finished.connect(ended)
+        self.context.start_writing(title, "simulate", path, passes.work, self._simulated, on_end=ended, taken=taken)
 
     def _simulated(self, matrix: Any) -> None:
         path = matrix.path

@@ -326,7 +326,17 @@ def test_a_simulation_in_passes_that_is_stopped_keeps_the_last_whole_h(
     go_on.set()
     idle(context.jobs, qtbot)
     assert any(words.startswith(f"kept {out}, whole within") for words in said)
-    assert context.state.reference == str(out) and [path.name for path in tmp_path.iterdir()] == ["H.h5"]
+    assert context.state.reference == str(out)
     with open_psf(out) as kept:
         assert 0.05 < float(np.max(kept.facts.known()["error"])) <= 0.5
         assert kept.provenance["simulated"]["tolerance"] == pytest.approx(1 / 6)
+    context.matrices.forget(str(out))
+    kept_words = context.jobs.jobs()[0].kept
+    assert kept_words.endswith(" of pass 3 of 3") and context.jobs.jobs()[0].number == job.number
+    context.jobs.go_on(job.number)
+    idle(context.jobs, qtbot)
+    assert context.jobs.jobs()[0].state is JobState.DONE and [path.name for path in tmp_path.iterdir()] == ["H.h5"]
+    stages = [line.words for line in context.jobs.log(job.number).lines() if line.kind == "stage"]
+    assert sum(line.startswith("pass 2 of 3, join planes") for line in stages) == 1, "what was whole is not made again"
+    with open_psf(out) as done:
+        assert float(np.max(done.facts.known()["error"])) <= 0.05
