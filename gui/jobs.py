@@ -133,7 +133,7 @@ class Jobs(Background):
         self._timer.start()
         running = self._running[number] = JobThread(number, asked, self._logs[number], self._ended)
         running.start()
-        self._change(number, state=JobState.RUNNING)
+        self._change(number, state=JobState.RUNNING, started=time.monotonic())
 
     def log(self, number: int) -> JobLog:
         """Return what a job did and said so far."""

@@ -61,6 +61,8 @@ class Job:
         What is kept of its work where it ended early, empty if nothing: it can go on, or that is discarded.
     taken
         What it does as a step of the sitting's history, None if it is none.
+    started
+        When it began, or was asked for where it waits (s, `time.monotonic`).
     before_s
         Seconds of its parts that were over before that of the last progress, each with a clock of its own.
     """

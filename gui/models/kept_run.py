@@ -57,10 +57,9 @@ class KeptRun:
         if state.running:  # another window's, or a command's
             return ""
         which = state.title.rpartition(", ")[2]  # "simulate H.h5, pass 2 of 4"
+        of_which = f" of {which}" if which.startswith(f"{PASS} ") else ""
         if state.count("done") or PASS in read_events(parts_folder(self.out)):
-            return f"{state.count('done')} of {len(state.units)} {_kind(state)}" + (
-                f" of {which}" * which.startswith(f"{PASS} ")
-            )
+            return f"{state.count('done')} of {len(state.units)} {_kind(state)}{of_which}"
         with suppress(LfcalError):
             self.discard()
         return ""

@@ -249,7 +249,7 @@ class Page(BasePage):
             self.context.jobs.cancel(self._job)
 
     def _job_changed(self, job: Job) -> None:
-        if job.number == self._job and job.state is JobState.RUNNING and job.progress is not None:
+        if job.number == self._job and job.state is JobState.RUNNING:
             self._show_running(job)
         elif job.page == "acquire" and (not job.active or job.progress is None):
             self._show_buttons()

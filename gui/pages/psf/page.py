@@ -12,6 +12,7 @@ from PySide6.QtWidgets import QFileDialog
 
 from gui.base_page import BasePage
 from gui.context import Context
+from gui.models.kept_run import KeptRun
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
 from gui.pages.psf import takes
@@ -216,6 +217,7 @@ class Page(BasePage):
             "psf",
             lambda: iter_exported(psf, intent, path),
             lambda out: self.context.message.emit(f"exported {out}"),
+            keeping=KeptRun(path),
             needs=(psf,),
             taken=self.context.taken("psf", f"Export {Path(path).name}", path, partial(step, state, path, intent)),
         )
