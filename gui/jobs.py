@@ -140,8 +140,8 @@ class Jobs(Background):
         return self._logs[number]
 
     def cancel(self, number: int) -> None:
-        """Ask a job to stop, which cleans up behind itself; one that waits does so no longer."""
-        if not self._jobs[number].active:
+        """Ask a job to stop, which cleans up behind itself; one that waits does so no longer. Of none (0): nothing."""
+        if number not in self._jobs or not self._jobs[number].active:
             return
         running = self._running.get(number)
         if running is None:
@@ -189,7 +189,7 @@ class Jobs(Background):
     # -- what is kept of jobs that ended early ---------------------------------------------------------
     def go_on(self, number: int) -> None:
         """Go on with a job that ended early, as it was asked for, when it is its turn."""
-        if not self._jobs[number].kept or number not in self._asked:
+        if number not in self._asked or not self._jobs[number].kept:
             return
         self._logs[number].go_on()
         ended = self._jobs[number]
