@@ -71,8 +71,7 @@ class JobRow(HeadedCard):
         self.go_on.setVisible(bool(job.kept))
         self.go_on.setEnabled(True)
         self._show_button()
-        kept = f" {job.kept} are kept." if job.kept and job.error else ""
-        self.error.setText(job.error + kept)
+        self.error.setText(job.error)
         self.error.setVisible(bool(job.error))
 
     def _place(self) -> int:
@@ -89,10 +88,12 @@ class JobRow(HeadedCard):
         if job.state is JobState.RUNNING and record is not None:
             eta = record.eta_seconds
             left = f", about {format_seconds(eta)} to go" if eta is not None and record.done < record.total else ""
-            return f"{record.stage} {record.count}".rstrip() + left
+            # of work in units the stage is that of one of them, the count that of all
+            count = f", {record.count} done" if record.per > 1 else f" {record.count}".rstrip()
+            return record.stage + count + left
         if job.state in (JobState.DONE, JobState.CANCELLED):
             return job.ended_words() + self._warned()
-        return job.state.value
+        return job.state.value + (f"; {job.kept} are kept" if job.kept else "")
 
     def _warned(self) -> str:
         count = self._jobs.log(self._job.number).warned

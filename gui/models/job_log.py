@@ -125,7 +125,8 @@ class JobLog:
 
 
 def _far(record: Progress) -> str:
-    return record.stage + (f": {record.count}" if record.count else "")
+    done = " done" if record.per > 1 else ""
+    return record.stage + (f": {record.count}{done}" if record.count else "")
 
 
 def notes_of(result: Any) -> tuple[str, ...]:

@@ -180,6 +180,23 @@ def test_rows_of_the_queue_are_whole_in_a_small_window(
     idle(window.jobs, qtbot)
 
 
+def test_work_in_units_says_which_one_and_how_many_are_done(jobs: Jobs, qtbot: QtBot) -> None:
+    open_gate = threading.Event()
+
+    def work() -> Any:
+        while not open_gate.wait(0.001):
+            yield Progress(2400, 40_000, "assemble plane 2", 1.0, per=1000)
+
+    panel = JobPanel(jobs)
+    qtbot.addWidget(panel)
+    number = jobs.start("Assemble H.h5", "frames", work)
+    qtbot.waitUntil(lambda: jobs.jobs()[0].progress is not None, timeout=GUARD_MS)
+    assert panel.row(number).status.text().startswith("assemble plane 2, 2 of 40 done, about ")
+    assert "now: assemble plane 2: 2 of 40 done" in jobs.log(number).text()
+    open_gate.set()
+    idle(jobs, qtbot)
+
+
 def test_places_in_the_line() -> None:
     line = Line()
     assert line.next() is None and not line.move(1, 1)

@@ -146,9 +146,8 @@ def test_an_assembling_that_fails_keeps_its_planes(
     idle(context.jobs, qtbot)
     job = context.jobs.jobs()[0]
     row = panel.row(job.number)
-    assert job.state is JobState.FAILED and row.error.text() == (
-        "H.h5: the disk is full; make room 1 of 2 planes are kept."
-    )
+    assert job.state is JobState.FAILED and row.status.text() == "failed; 1 of 2 planes are kept"
+    assert row.error.text() == "H.h5: the disk is full; make room"
     assert not out.exists() and not list(parts_folder(out).glob("*.part*"))
     door.error = None
     door.open.set()
