@@ -11,6 +11,8 @@ from gui.jobs import Job, Jobs, JobState
 from gui.matrices import Matrices
 from gui.models.fitted import FittedCamera
 from gui.models.history import History, Taken
+from gui.models.job import Keeping
+from gui.models.kept_run import KeptRun
 from gui.models.page import PAGES
 from gui.models.project import Project, ProjectState
 from gui.models.step import Step, step_of
@@ -97,20 +99,40 @@ class Context(QObject):
         on_done: Callable[[Any], None] | None = None,
         on_failed: Callable[[Job], None] | None = None,
         *,
+        on_end: Callable[[Job], None] | None = None,
+        keeping: Keeping | None = None,
         taken: Taken | None = None,
     ) -> int:
-        """Run a job that writes the H file ``path``; closed meanwhile, it is read anew when the job has ended."""
-        self.forget(path)
-        number = self.jobs.start(title, page, work, on_done, on_failed, taken=taken)
+        """Run a job that writes the H file ``path``, in units that are kept where it ends early.
+
+        The file is closed when the job begins, and read anew when it has ended. A project that was begun meanwhile
+        takes nothing of it: then ``on_done`` is not called.
+        """
+        begun = self.project.begun
+
+        def done(result: Any) -> None:
+            if self.project.begun == begun and on_done is not None:
+                on_done(result)
+            elif self.project.begun != begun:
+                self.message.emit(f"{path} is whole; the project it was made for is no longer open")
 
         def ended(job: Job) -> None:
-            if job.number == number:
-                self.jobs.finished.disconnect(ended)
-                if path in (self.state.psf, self.state.reference):
-                    self.matrices.want(path)
+            if on_end is not None and self.project.begun == begun:
+                on_end(job)
+            if path in (self.state.psf, self.state.reference):
+                self.matrices.want(path)
 
-        self.jobs.finished.connect(ended)
-        return number
+        return self.jobs.start(
+            title,
+            page,
+            work,
+            done,
+            on_failed,
+            on_end=ended,
+            before=lambda: self.forget(path),
+            keeping=keeping or KeptRun(path),
+            taken=taken,
+        )
 
     def taken(
         self, page: str, title: str, out: str = "", step: Callable[[], Step] | None = None, *, draft: bool = False

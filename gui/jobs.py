@@ -1,104 +1,41 @@
-"""What the window does in threads: long work as jobs, quick computations, files that are opened.
+"""Long work as jobs, each in a thread of its own; heavy ones run one after the other, in a queue.
 
-Stale results are dropped. Threads never touch Qt. They put records into a queue; a timer in the window's thread takes
-them out and emits signals there.
+Threads never touch Qt: they leave their records, and a timer in the window's thread looks at these and emits signals.
 """
 
 from __future__ import annotations
 
 import itertools
-import queue
 import threading
 import time
-import traceback
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from enum import Enum
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 from typing import Any
 
-from PySide6.QtCore import QObject, QTimer, Signal
+from PySide6.QtCore import QObject, Signal
 
-from gui.garbage import Collector
-from gui.loads import Loads
+from gui.background import LOADS_S, Background
+from gui.job_line import Line
+from gui.job_thread import Asked, JobThread
 from gui.models.history import Taken
-from gui.models.job_log import JobLog, notes_of, warnings_to
-from gui.workers import Workers, keep, wait_for, words_of
-from lfcal.errors import Cancelled
-from lfcal.progress import Progress, Work
-from lfcal.units import format_seconds
+from gui.models.job import Job, JobState, Keeping
+from gui.models.job_log import JobLog, notes_of
+from gui.workers import wait_for
+from lfcal.progress import Work
 
-__all__ = ["JOBS_S", "Job", "JobState", "Jobs"]
+__all__ = ["JOBS_S", "LOADS_S", "WAITS", "Job", "JobState", "Jobs"]
 
-POLL_MS = 8
 TELL_S = 0.03
 """Between two records of a job that are told (s)."""
 
-JOBS_S, COMPUTATIONS_S, LOADS_S = 30.0, 5.0, 1.0
-"""How long closing waits for jobs, which clean up behind themselves, for computations, and for files (s)."""
+JOBS_S = 30.0
+"""How long closing waits for jobs, which clean up behind themselves (s)."""
+
+WAITS = "waits for its turn; Jobs shows the order"
+"""What a page says of its job that waits."""
 
 
-class JobState(Enum):
-    """State of a job, with the word shown for it."""
-
-    WAITING = "waiting"
-    RUNNING = "running"
-    DONE = "done"
-    CANCELLED = "stopped"
-    FAILED = "failed"
-
-
-@dataclass(frozen=True)
-class Job:
-    """What the window knows of a piece of long work.
-
-    Attributes
-    ----------
-    number, title, page
-        Identity; ``page`` is the key of the page it belongs to.
-    state, progress
-        How far it is.
-    result
-        What it returned, for those who are told of its end; it is not remembered.
-    stopping
-        Whether it was asked to stop; it may take a while to clean up.
-    error, details
-        One line in words, and the trace to copy, when failed.
-    taken
-        What it does as a step of the sitting's history, None if it is none.
-    before_s
-        Seconds of its parts that were over before that of the last progress, each with a clock of its own.
-    """
-
-    number: int
-    title: str
-    page: str
-    state: JobState = JobState.WAITING
-    progress: Progress | None = None
-    result: Any = None
-    stopping: bool = False
-    error: str = ""
-    details: str = ""
-    taken: Taken | None = field(default=None, repr=False)
-    started: float = field(default_factory=time.monotonic)
-    before_s: float = 0.0
-
-    @property
-    def active(self) -> bool:
-        """Whether the job waits or runs."""
-        return self.state in (JobState.WAITING, JobState.RUNNING)
-
-    def ended_words(self) -> str:
-        """Return how it ended, with the time it took."""
-        seconds = self.before_s + (0.0 if self.progress is None else self.progress.seconds)
-        took = "" if self.progress is None else format_seconds(seconds)
-        if self.state is JobState.FAILED:
-            return f"failed: {self.error}"
-        if self.state is JobState.CANCELLED:
-            return f"stopped after {took}" if seconds else "stopped"
-        return f"done in {took}" if took else "done"
-
-
-class Jobs(QObject):
+class Jobs(Background):
     """Run `lfcal.progress.Work` in threads; report in the window's thread."""
 
     changed = Signal(object)
@@ -107,33 +44,18 @@ class Jobs(QObject):
     finished = Signal(object)
     """A `Job` that is done, stopped or failed."""
 
-    trouble = Signal(str)
-    """Why a computation failed whose caller did not ask to be told."""
+    queued = Signal()
+    """Other jobs wait than before, or in another order."""
 
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
-        self._queue: queue.SimpleQueue[tuple[str, Any]] = queue.SimpleQueue()
         self._numbers = itertools.count(1)
         self._jobs: dict[int, Job] = {}
         self._logs: dict[int, JobLog] = {}
-        self._before_s: dict[int, float] = {}
-        self._newest: dict[int, Progress] = {}  # put there by the threads of jobs, taken out by the window's
-        self._told: dict[int, float] = {}
-        self._stops: dict[int, threading.Event] = {}
-        self._threads: dict[int, threading.Thread] = {}
-        self._callbacks: dict[int, tuple[Callable[[Any], None] | None, Callable[[Job], None] | None]] = {}
-        self._workers = Workers(2, "lfcal-compute")
-        self._opening: set[int] = set()
-        self._left: set[int] = set()
+        self._asked: dict[int, Asked] = {}  # of jobs that are at work, wait, or can go on
+        self._running: dict[int, JobThread] = {}
+        self._line = Line()
         self._abandoned: list[threading.Thread] = []
-        self._loads = Loads(lambda call: self._queue.put(("call", call)))
-        self._generation: dict[str, int] = {}
-        self._pending: dict[str, int] = {}
-        self._timer = QTimer(self)
-        self._timer.setInterval(POLL_MS)
-        self._timer.timeout.connect(self._take)
-        self._closed = False
-        self._collector = Collector(self)  # threads must not destroy widgets
 
     # -- long work -------------------------------------------------------------------------------------
     def start(
@@ -144,79 +66,102 @@ class Jobs(QObject):
         on_done: Callable[[Any], None] | None = None,
         on_failed: Callable[[Job], None] | None = None,
         *,
+        on_end: Callable[[Job], None] | None = None,
+        before: Callable[[], None] | None = None,
         abandon: bool = False,
         leave: bool = False,
+        at_once: bool = False,
+        keeping: Keeping | None = None,
+        needs: Iterable[str] = (),
         taken: Taken | None = None,
     ) -> int:
-        """Run ``work()`` in a thread of its own; return the job's number.
+        """Run ``work()`` in a thread of its own, when it is its turn; return the job's number.
 
-        ``abandon``: until its first record it only opens files, so that stopping it then need not wait for it.
-        ``leave``: it writes nothing at all and may compute for long between two records; stopping never waits for it.
-        ``taken``: what enters the history if it ends well.
+        Parameters
+        ----------
+        title, page
+            What it is called, and the page it belongs to.
+        work, on_done, on_failed, on_end, before
+            As in `gui.job_thread.Asked`.
+        abandon
+            Until its first record it only opens files, so that stopping it then need not wait for it.
+        leave
+            It writes nothing at all and may compute for long between two records; stopping never waits for it.
+        at_once
+            It does not wait for other jobs: it is short, or uses devices that do not wait.
+        keeping
+            What it keeps where it ends early.
+        needs
+            Files that it reads; where one is another when its turn comes, it fails and says so.
+        taken
+            What enters the history if it ends well.
         """
         number = next(self._numbers)
-        job = Job(number, title, page, taken=taken)
-        self._jobs[number] = job
+        stamps = Asked.stamps(needs)
+        asked = Asked(work, on_done, on_failed, on_end, before, abandon, leave, at_once, keeping, stamps)
+        if keeping is not None:
+            self._take_over(keeping)
+        self._jobs[number] = Job(number, title, page, taken=taken)
         step = None if taken is None else taken.step
         self._logs[number] = JobLog(title, "" if step is None else step.shell())
-        self._stops[number] = threading.Event()
-        self._callbacks[number] = (on_done, on_failed)
-        if abandon:
-            self._opening.add(number)
-        if leave:
-            self._left.add(number)
-        thread = threading.Thread(target=self._run, args=(number, work), name=f"lfcal-job-{number}", daemon=True)
-        self._threads[number] = thread
-        self._timer.start()
-        self.changed.emit(job)
-        thread.start()
+        self._asked[number] = asked
+        self._enter(number)
         return number
 
-    def _run(self, number: int, work: Callable[[], Work[Any]]) -> None:
-        log = self._logs[number]
-        with warnings_to(lambda words: log.say("warning", words)):
-            self._follow(number, work, log)
+    def _enter(self, number: int) -> None:
+        """Let a job begin, or wait for its turn."""
+        if self._asked[number].at_once:
+            self.changed.emit(self._jobs[number])
+            self._begin(number)
+            return
+        self._line.add(number)
+        self.changed.emit(self._jobs[number])
+        self._advance()
+        self.queued.emit()
 
-    def _follow(self, number: int, work: Callable[[], Work[Any]], log: JobLog) -> None:
-        stop, last = self._stops[number], 0.0
-        try:
-            running = work()
-            try:
-                while True:
-                    record = next(running)
-                    log.follow(record)
-                    if stop.is_set():
-                        raise Cancelled("stopped")
-                    if record.seconds < last:  # another clock
-                        self._before_s[number] = self._before_s.get(number, 0.0) + last
-                    last = record.seconds
-                    self._newest[number] = record
-            except StopIteration as end:
-                self._queue.put(("done", (number, end.value)))
-            finally:
-                running.close()
-        except Cancelled:
-            self._queue.put(("cancelled", (number,)))
-        except BaseException as error:
-            keep(f"job {number}", error)
-            self._queue.put(("failed", (number, words_of(error), traceback.format_exc())))
+    def _advance(self) -> None:
+        """Begin the next job of the queue if none is at work."""
+        number = None if self._closed else self._line.next()
+        if number is not None:
+            self._begin(number)
+            self.queued.emit()
+
+    def _begin(self, number: int) -> None:
+        asked = self._asked[number]
+        if asked.before is not None:
+            asked.before()
+        self._timer.start()
+        running = self._running[number] = JobThread(number, asked, self._logs[number], self._ended)
+        running.start()
+        self._change(number, state=JobState.RUNNING, started=time.monotonic())
 
     def log(self, number: int) -> JobLog:
         """Return what a job did and said so far."""
         return self._logs[number]
 
     def cancel(self, number: int) -> None:
-        """Ask a job to stop; it cleans up behind itself."""
-        if number in self._stops:
-            if not self._stops[number].is_set():
-                self._logs[number].say("stop", "asked to stop")
-            self._stops[number].set()
-            opening = number in self._opening and self._jobs[number].progress is None
-            if opening or number in self._left:
-                self._abandoned.append(self._threads[number])
-                self._end(number, join_s=0, state=JobState.CANCELLED)
-            elif not self._jobs[number].stopping:
-                self._change(number, stopping=True)
+        """Ask a job to stop, which cleans up behind itself; one that waits does so no longer. Of none (0): nothing."""
+        if number not in self._jobs or not self._jobs[number].active:
+            return
+        running = self._running.get(number)
+        if running is None:
+            self._logs[number].say("stop", "waits no longer")
+            self._end(number, state=JobState.CANCELLED)
+            return
+        if not running.stop.is_set():
+            self._logs[number].say("stop", "asked to stop")
+        running.stop.set()
+        opening = running.asked.abandon and self._jobs[number].progress is None
+        if opening or running.asked.leave:
+            self._abandoned.append(running.thread)
+            self._end(number, join_s=0, state=JobState.CANCELLED)
+        elif not self._jobs[number].stopping:
+            self._change(number, stopping=True)
+
+    def cancel_all(self) -> None:
+        """Ask all jobs to stop; those that wait first, or the next would begin."""
+        for number in (*self._line.waiting, *self._running):
+            self.cancel(number)
 
     def jobs(self) -> list[Job]:
         """Return all jobs since the start, newest first."""
@@ -229,117 +174,76 @@ class Jobs(QObject):
     @property
     def busy(self) -> bool:
         """Whether a job or a computation is at work, or its result waits to be shown."""
-        at_work = bool(self._loads) or any(self._pending.values())
-        return at_work or any(job.active for job in self._jobs.values())
+        return super().busy or any(job.active for job in self._jobs.values())
 
-    # -- quick computations ----------------------------------------------------------------------------
-    def compute(
-        self,
-        group: str,
-        function: Callable[[], Any],
-        on_result: Callable[[Any], None],
-        on_error: Callable[[str], None] | None = None,
-    ) -> None:
-        """Compute in the background; only the newest request of a ``group`` reports.
+    # -- the queue -------------------------------------------------------------------------------------
+    def waiting(self) -> tuple[int, ...]:
+        """Return the numbers of the jobs that wait, the next one first."""
+        return self._line.waiting
 
-        While one request of the group is being computed, at most one more waits: the newest.
-        """
-        if self._closed:
+    def move(self, number: int, by: int) -> None:
+        """Let a job that waits be done so many places later, or earlier where negative."""
+        if self._line.move(number, by):
+            self.queued.emit()
+
+    # -- what is kept of jobs that ended early ---------------------------------------------------------
+    def go_on(self, number: int) -> None:
+        """Go on with a job that ended early, as it was asked for, when it is its turn."""
+        if number not in self._asked or not self._jobs[number].kept:
             return
-        generation = self._next(group)
-        self._workers.submit(lambda: self._compute(group, generation, function, on_result, on_error))
-        self._pending[group] = self._pending.get(group, 0) + 1
-        self._timer.start()
+        self._logs[number].go_on()
+        ended = self._jobs[number]
+        self._jobs[number] = Job(number, ended.title, ended.page, taken=ended.taken)
+        self._enter(number)
 
-    def _next(self, group: str) -> int:
-        self._generation[group] = self._generation.get(group, 0) + 1
-        return self._generation[group]
-
-    def _compute(
-        self,
-        group: str,
-        generation: int,
-        function: Callable[[], Any],
-        on_result: Callable[[Any], None],
-        on_error: Callable[[str], None] | None,
-    ) -> None:
-        if self._generation.get(group) != generation or self._closed:
-            self._queue.put(("stale", group))
+    def discard(self, number: int) -> None:
+        """Free what is kept of a job that ended early; where that fails, the job says why."""
+        asked = self._asked.get(number)
+        if asked is None or asked.keeping is None or not self._jobs[number].kept:
             return
-        try:
-            self._queue.put(("result", (group, generation, on_result, function())))
-        except BaseException as error:
-            keep(group, error)
-            self._queue.put(("error", (group, generation, on_error, words_of(error))))
 
-    # -- opening files ---------------------------------------------------------------------------------
-    def load(
-        self,
-        group: str,
-        function: Callable[[], Any],
-        on_result: Callable[[Any], None],
-        on_error: Callable[[str], None] | None = None,
-        discard: Callable[[Any], None] | None = None,
-    ) -> None:
-        """Open something in a thread of its own, which a disk that does not answer may keep for ever.
+        def gone(_: None) -> None:
+            if self._jobs[number].kept:
+                self._forget_kept(number)
 
-        Only the newest request of a ``group`` reports. It waits for an earlier one unless that is dropped; what comes
-        too late is handed to ``discard``.
-        """
-        if not self._closed:
-            self._loads.start(group, function, on_result, on_error or self.trouble.emit, discard)
-            self._timer.start()
+        def refused(words: str) -> None:
+            self._change(number, error=words)
 
-    def loading(self, group: str) -> bool:
-        """Return whether something of the group is being opened."""
-        return group in self._loads
+        self.compute(f"discard {number}", asked.keeping.discard, gone, refused)
 
-    def drop(self, group: str) -> None:
-        """Wait no longer for what is being opened."""
-        self._loads.drop(group)
+    def _take_over(self, keeping: Keeping) -> None:
+        """Let earlier jobs that made the same forget what they kept: it is the new one's."""
+        for number, asked in list(self._asked.items()):
+            if asked.keeping is not None and asked.keeping.out == keeping.out and self._jobs[number].kept:
+                self._forget_kept(number)
+
+    def _forget_kept(self, number: int) -> None:
+        del self._asked[number]
+        self._change(number, kept="")
 
     # -- the window's thread ---------------------------------------------------------------------------
-    def _take(self) -> None:
-        while True:
-            try:
-                kind, data = self._queue.get_nowait()
-            except queue.Empty:
-                break
-            if kind in ("done", "cancelled", "failed"):  # how far it came, and how long a short job took
-                self._tell(data[0], ended=kind == "done")
-            self._handle(kind, data)
-        for number in tuple(self._newest):
-            if time.monotonic() - self._told.get(number, 0.0) > TELL_S:
-                self._tell(number)
-        if not self.busy:
-            self._timer.stop()
+    def _look(self) -> None:
+        for running in tuple(self._running.values()):
+            if time.monotonic() - running.told > TELL_S:
+                self._tell(running)
 
-    def _tell(self, number: int, *, ended: bool = False) -> None:
+    def _tell(self, running: JobThread) -> None:
         """Tell the newest record of a job; it is never dropped: the next may be long in coming."""
-        record = self._newest.pop(number, None)
-        if record is None or not self._jobs[number].active:
-            return
-        self._told[number] = time.monotonic()
-        state = self._jobs[number].state if ended else JobState.RUNNING
-        self._change(number, state=state, progress=record)
+        record = running.take()
+        if record is not None:
+            running.told = time.monotonic()
+            self._change(running.number, progress=record)
 
-    def _handle(self, kind: str, data: Any) -> None:
-        if kind == "call":
-            data()
-        elif kind in ("result", "error"):
-            group, generation, callback, value = data
-            self._pending[group] -= 1
-            if self._generation.get(group) == generation and not self._closed:
-                (callback or self.trouble.emit)(value)
-        elif kind == "stale":
-            self._pending[data] -= 1
-        elif kind == "done":
-            self._end(data[0], state=JobState.DONE, result=data[1])
-        elif kind == "cancelled":
-            self._end(data[0], state=JobState.CANCELLED)
-        elif kind == "failed":
-            number, words, details = data
-            self._end(number, state=JobState.FAILED, error=words, details=details)
+    def _ended(self, number: int, changes: dict[str, Any]) -> None:
+        """Take how a job ended from its thread."""
+
+        def take() -> None:
+            running = self._running.get(number)
+            if running is not None:  # else it was abandoned before
+                self._tell(running)  # how far it came, and how long a short job took
+                self._end(number, **changes)
+
+        self.hand_over(take)
 
     def _change(self, number: int, **changes: Any) -> Job:
         job = replace(self._jobs[number], **changes)
@@ -348,26 +252,33 @@ class Jobs(QObject):
         return job
 
     def _end(self, number: int, join_s: float = 5, **changes: Any) -> None:
-        if not self._jobs[number].active:  # it was abandoned before
-            return
-        job = self._change(number, before_s=self._before_s.pop(number, 0.0), **changes)
+        running = self._running.pop(number, None)
+        self._line.leave(number)
+        job = self._change(number, before_s=0.0 if running is None else running.before_s, **changes)
         self._log_end(job)
-        self._opening.discard(number)
-        self._left.discard(number)
-        self._threads.pop(number).join(join_s)
-        self._stops.pop(number)
-        on_done, on_failed = self._callbacks.pop(number)
-        # jobs are remembered as long as the window; what they made is not
+        if running is not None:
+            running.thread.join(join_s)
+        # what can go on is remembered as it was asked for; what jobs made is not
+        asked = self._asked[number] if job.kept else self._asked.pop(number)
         self._jobs[number] = replace(job, result=None)
         if self._closed:
             return
         try:
-            if job.state is JobState.DONE and on_done is not None:
-                on_done(job.result)
-            elif job.state is JobState.FAILED and on_failed is not None:
-                on_failed(job)
+            self._report(job, asked)
         finally:  # whoever waits for the end hears of it, whatever its result met with
             self.finished.emit(job)
+            self._advance()
+            self.queued.emit()
+
+    def _report(self, job: Job, asked: Asked) -> None:
+        try:
+            if job.state is JobState.DONE and asked.on_done is not None:
+                asked.on_done(job.result)
+            elif job.state is JobState.FAILED and asked.on_failed is not None:
+                asked.on_failed(job)
+        finally:
+            if asked.on_end is not None:
+                asked.on_end(job)
 
     def _log_end(self, job: Job) -> None:
         log = self._logs[job.number]
@@ -380,11 +291,9 @@ class Jobs(QObject):
     def close(self, wait_s: float = JOBS_S) -> None:
         """Stop everything and wait for the threads, for jobs at most ``wait_s``; nothing reports afterwards."""
         self._closed = True
-        for stop in self._stops.values():
-            stop.set()
-        wait_for([thread for number, thread in self._threads.items() if number not in self._left], wait_s)
-        wait_for([*self._abandoned, *(self._threads[number] for number in self._left)], LOADS_S)
-        self._loads.close(LOADS_S)
-        self._workers.close(COMPUTATIONS_S)
-        self._timer.stop()
-        self._collector.close()
+        running = list(self._running.values())
+        for one in running:
+            one.stop.set()
+        wait_for([one.thread for one in running if not one.asked.leave], wait_s)
+        wait_for([*self._abandoned, *(one.thread for one in running if one.asked.leave)], LOADS_S)
+        super().close()

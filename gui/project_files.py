@@ -24,6 +24,28 @@ KIND = "lfcal projects (*.lfcal)"
 BUTTONS = QMessageBox.StandardButton
 
 
+LISTED = 8
+"""Jobs that are named before the user is asked whether to stop them."""
+
+
+def stop_words(jobs: Jobs) -> str:
+    """Return what leaving stops, with the question whether to; empty where nothing is at work or waits."""
+    active = {job.number: job.title for job in jobs.jobs() if job.active}
+    waiting = [number for number in jobs.waiting() if number in active]
+    groups = {"At work": [active[number] for number in active if number not in waiting]}
+    groups["Waiting, and not begun then"] = [active[number] for number in waiting]
+    parts = []
+    for head, titles in groups.items():
+        more = [f"and {len(titles) - LISTED} more"] if len(titles) > LISTED else []
+        if titles:
+            parts.append("\n".join((f"{head}:", *titles[:LISTED], *more)))
+    if not parts:
+        return ""
+    ask = f"Stop {'it' if len(active) == 1 else 'them'}? What a recording has counted as done stays."
+    kept = "Whole planes of an H stay beside its file: begin it again under the same name to go on."
+    return "\n\n".join((*parts, f"{ask} {kept}"))
+
+
 class ProjectFiles(QObject):
     """What the menu does with project files.
 
@@ -217,17 +239,14 @@ class ProjectFiles(QObject):
     # -- leaving ---------------------------------------------------------------------------------------
     def may_leave(self) -> bool:
         """Ask about jobs at work and unsaved work; return whether to go on. Jobs stop when all is answered."""
-        at_work = [job for job in self.jobs.jobs() if job.active]
-        if at_work:
-            names = "\n".join(job.title for job in at_work[:8])
-            words = f"At work:\n{names}\n\nStop it? What a recording has counted as done stays."
+        words = stop_words(self.jobs)
+        if words:
             choices = BUTTONS.Yes | BUTTONS.No
             if QMessageBox.question(self._window, "Jobs are running", words, choices, BUTTONS.No) != BUTTONS.Yes:
                 return False
         if not self._may_lose_changes():
             return False
-        for job in at_work:
-            self.jobs.cancel(job.number)
+        self.jobs.cancel_all()
         return True
 
     def _may_lose_changes(self) -> bool:

@@ -78,7 +78,7 @@ class VerifyDialog(QDialog):
         self._redo = ()
         self.found.setPlainText("reading …")
         self._number = self.context.jobs.start(
-            f"Verify {Path(text).name}", "verify", lambda: _work(Path(text)), self._done, self._failed
+            f"Verify {Path(text).name}", "verify", lambda: _work(Path(text)), self._done, self._failed, at_once=True
         )
         self._enable()
 

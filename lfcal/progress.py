@@ -30,6 +30,8 @@ class Progress:
         Wall time since the work began.
     note
         Something worth a line, or empty.
+    per
+        Units of ``done`` and ``total`` in one that people count: a run of few long units moves in thousandths of them.
     """
 
     done: int
@@ -37,11 +39,17 @@ class Progress:
     stage: str
     seconds: float = 0.0
     note: str = ""
+    per: int = 1
 
     @property
     def fraction(self) -> float:
         """Finished share in [0, 1]."""
         return min(1.0, self.done / self.total) if self.total > 0 else 0.0
+
+    @property
+    def count(self) -> str:
+        """How far it is as people count it; empty where the total is not known."""
+        return f"{self.done // self.per} of {self.total // self.per}" if self.total else ""
 
     @property
     def eta_seconds(self) -> float | None:

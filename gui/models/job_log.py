@@ -103,6 +103,11 @@ class JobLog:
             self.say("trace", line)
         self._over = True
 
+    def go_on(self) -> None:
+        """Go on with what had ended."""
+        self._over, self._latest = False, None
+        self.say("begin", "goes on")
+
     def lines(self) -> tuple[Said, ...]:
         """Return the lines so far."""
         with self._lock:
@@ -120,7 +125,8 @@ class JobLog:
 
 
 def _far(record: Progress) -> str:
-    return record.stage + (f": {record.done} of {record.total}" if record.total else "")
+    done = " done" if record.per > 1 else ""
+    return record.stage + (f": {record.count}{done}" if record.count else "")
 
 
 def notes_of(result: Any) -> tuple[str, ...]:

@@ -153,6 +153,8 @@ class Project:
         self._future: list[tuple[str, ProjectState]] = []
         self._listeners: list[Listener] = []
         self._hold: Hold | None = None
+        self.begun = 0
+        """Projects that were begun here: who waits for long knows whether it is still the same."""
 
     # -- state -----------------------------------------------------------------------------------------
     @property
@@ -271,6 +273,7 @@ class Project:
 
     def start(self, state: ProjectState, path: Path | None = None, saved: ProjectState | None = None) -> None:
         """Begin with ``state``: nothing to undo; unsaved if its file holds something else (``saved``)."""
+        self.begun += 1
         self._past.clear()
         self._future.clear()
         self.release()

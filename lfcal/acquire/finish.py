@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -40,6 +40,7 @@ def iter_assemble_session(
     recipe: CorrectionRecipe | None = None,
     settings: AssemblySettings | None = None,
     skip_damaged: bool = False,
+    make: Callable[..., Work[AssemblyReport]] = iter_assemble_plan,
 ) -> Work[AssemblyReport]:
     """Assemble H from a session, also from planes that are complete while others are being recorded.
 
@@ -57,6 +58,8 @@ def iter_assemble_session(
         As in `lfcal.psf.iter_assemble_plan`.
     skip_damaged
         Leave damaged frames out, and name them in report and file, instead of refusing the session.
+    make
+        Makes H of upright frames, called as `lfcal.psf.iter_assemble_plan` is: plane by plane, for one that goes on.
 
     Raises
     ------
@@ -70,7 +73,7 @@ def iter_assemble_session(
         view = corrected_view(frames, recipe or CorrectionRecipe(), source.plan)
         turn, lie = yield from iter_upright(view, source.plan)
         upright = oriented(view, turn, source.plan.camera.sensor.shape)
-        return (yield from iter_assemble_plan(upright, source.plan, out, settings, provenance=lie))
+        return (yield from make(upright, source.plan, out, settings, provenance=lie))
 
 
 class Packed(NamedTuple):

@@ -1,17 +1,13 @@
-"""H from frames in units of a plane each: many at a time, and whole after a kill.
+"""H from frames in units of a plane each: how other processes open the same frames.
 
-What is found from many frames is found once, by the command itself: damaged frames, which way up they are, the
-cutout. Defect pixels are searched for again in each process. A unit is a whole plane, no part of one: the scale of
-its samples is that of its brightest, and planes are joined as they are stored.
+Defect pixels are searched for again in each process; what else is found from many frames, the command finds itself.
 """
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
-from functools import partial
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,21 +17,18 @@ from lfcal.camera import ScanPlan
 from lfcal.cli.channels import Part, open_colour, parts_of
 from lfcal.cli.outputs import files_of
 from lfcal.cli.scan_frames import ScanFrames
-from lfcal.files import require_space
 from lfcal.frames import CorrectionRecipe, Frames, FrameSource, corrected_view, named_orientation, oriented
 from lfcal.frames.damage import SelectedSource
 from lfcal.frames.half_cell import with_partners
 from lfcal.plain import plain
-from lfcal.progress import Clock, Work
-from lfcal.psf import open_psf
-from lfcal.psf.assemble_plan import AssemblySettings, find_plan_cutout, known_of
+from lfcal.progress import Work
+from lfcal.psf import assemble_units
+from lfcal.psf.assemble_plan import AssemblySettings, find_plan_cutout
+from lfcal.psf.assemble_units import AssemblyTool, iter_one_plane
 from lfcal.psf.assembly import Assembly
 from lfcal.psf.assembly_report import AssemblyReport
 from lfcal.psf.filling import Fill
-from lfcal.psf.joining import iter_join
-from lfcal.psf.store import PSFWriter
-from lfcal.work import RunChoice, Unit, iter_made
-from lfcal.work.held import Held
+from lfcal.work import RunChoice
 from lfcal.work.unit import stamp_of
 
 __all__ = ["PartFrames", "do_plane", "iter_assemble_units"]
@@ -116,19 +109,6 @@ def _nobody(colour: str) -> Frames:
     raise AssertionError(f"frames of {colour} are open")
 
 
-@dataclass(frozen=True, eq=False)
-class _Tool:
-    """What the planes of an H share, made once in each process."""
-
-    source: Frames
-    plan: ScanPlan
-    assembly: Assembly
-    fill: Fill | None
-
-
-_HELD: Held[_Tool] = Held(lambda tool: tool.source.close())
-
-
 def iter_assemble_units(
     view: FrameSource,
     part: Part,
@@ -159,49 +139,19 @@ def iter_assemble_units(
     InputError, FileFormatError, StorageError
         As that does, and `lfcal.work.iter_made`; the planes that are done stay for the next run.
     """
-    plan = part.plan
-    cutout = find_plan_cutout(view, plan, settings)
-    assembly = Assembly(view, plan.shape[:3], cutout, strict=settings.strict)
-    found = replace(settings, cutout=cutout.shape, keep_pedestal=True, workers=None)
-    shared = {"part": same.plain(), "settings": plain(found), "stamp": stamp_of(same.inputs(part.source))}
-    history = assembly.history(known_of(view, plan, provenance))
-    stored: dict[str, Any] = {"dtype": settings.dtype, "compression": settings.compression}
-    writer = assembly.writer(
-        part.out, history, depths=plan.depths_um, camera=plan.camera, workers=settings.workers, **stored
+    told = {"part": same.plain(), "stamp": stamp_of(same.inputs(part.source))}
+    task = f"{__name__}:{do_plane.__name__}"
+    return assemble_units.iter_assemble_units(
+        view, part.plan, part.out, settings, told=told, run=run, task=task, provenance=provenance, fill=fill
     )
-    # before any plane is made: each is a file of its own until all are there
-    require_space(part.out.parent, int(np.prod(writer.shape)) * np.dtype(settings.dtype).itemsize, what=part.out.name)
-    units = [Unit(f"plane {z:04d}", f"{__name__}:{do_plane.__name__}", shared | {"z": z}) for z in range(plan.shape[0])]
-    join = partial(iter_join, writer=writer)
-    with _HELD.lent(_key(shared), _Tool(part.source, plan, assembly, fill)):
-        yield from iter_made(units, part.out, run, join, title=f"assemble {part.out.name}")
-    return assembly.report(open_psf(part.out))
 
 
 def do_plane(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]:
     """Assemble one plane into an H file of its own: the task of a unit."""
-    shared = {key: value for key, value in arguments.items() if key != "z"}
-    tool = _HELD.get(_key(shared), lambda: _made(shared, workers))
-    z, plan, settings = int(arguments["z"]), tool.plan, arguments["settings"]
-    clock = Clock(f"assemble plane {z + 1} of {plan.shape[0]}", tool.assembly.frames_of(z))
-    yield clock.at(0)
-    made = yield from tool.assembly.iter_plane(z, clock, fill=tool.fill, workers=workers)
-    with PSFWriter(
-        out,
-        (1, *made.values.shape),
-        depths=[plan.depths_um[z]],
-        dtype=settings["dtype"],
-        compression=settings["compression"],
-        workers=workers,
-    ) as writer:
-        writer.write_plane(0, made.values, facts=made.facts, uncertainty=made.uncertainty)
+    return iter_one_plane(arguments, out, workers, _made)
 
 
-def _key(shared: Mapping[str, Any]) -> str:
-    return json.dumps(shared, sort_keys=True)
-
-
-def _made(shared: Mapping[str, Any], workers: int) -> _Tool:
+def _made(shared: Mapping[str, Any], workers: int) -> AssemblyTool:
     same = PartFrames.of(shared["part"])
     given = shared["settings"]
     settings = AssemblySettings(**{**given, "cutout": tuple(given["cutout"]), "workers": workers})
@@ -213,7 +163,8 @@ def _made(shared: Mapping[str, Any], workers: int) -> _Tool:
             from lfcal.fit.stored import Filler, read_fit
 
             fill = Filler(read_fit(same.fill), plan, workers)
-        return _Tool(raw, plan, Assembly(view, plan.shape[:3], cutout, strict=settings.strict), fill)
+        assembly = Assembly(view, plan.shape[:3], cutout, strict=settings.strict)
+        return AssemblyTool(plan, assembly, fill, raw.close)
     except BaseException:
         raw.close()
         raise

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from lfcal.cli import multiplex_figures as pictures
-from lfcal.cli.console import print_json, print_table, run_work
+from lfcal.cli.console import print_json, print_table, report, run_work
 from lfcal.cli.options import Chi2Option, ForceOption, GainOption, JsonOption, PresetOption, WorkersOption
 from lfcal.cli.outputs import check_output, check_outputs
 from lfcal.errors import InputError
@@ -18,7 +18,9 @@ from lfcal.multiplex.naming import modulator_of
 if TYPE_CHECKING:
     from lfcal.lattice import LatticeFit
     from lfcal.multiplex import Modulator
+    from lfcal.multiplex.search import Frontier, SearchProgress
     from lfcal.multiplex.summary import ModulatorNumbers
+    from lfcal.progress import Work
 
 __all__ = ["register"]
 
@@ -281,14 +283,40 @@ def search(
         raise InputError.expected("chi^2", "--chi2 or --camera", "neither", "say for which camera to search")
     if what != "filters" and not what.isdigit():
         raise InputError.expected("search", "filters or a mask's size", repr(what), "for example 11")
-    frontier = (
-        filter_set_frontier(ratio) if what == "filters" else run_work(iter_mask_frontier(int(what), ratio), quiet=json)
-    )
+    if what == "filters":
+        _show_found(filter_set_frontier(ratio), out, json=json)
+        return
+    kept: list[SearchProgress] = []
+    try:
+        frontier = run_work(_kept(iter_mask_frontier(int(what), ratio), kept), quiet=json)
+    except BaseException:  # stopped: the best so far is what it was run for
+        if kept and kept[-1].done:
+            report(f"stopped after {kept[-1].count} searches; the best found so far:")
+            _show_found(kept[-1].found, out, json=json, stopped=True)
+        raise
+    _show_found(frontier, out, json=json)
+
+
+def _kept(work: Work[Frontier], kept: list[SearchProgress]) -> Work[Frontier]:
+    """Pass on a search, and keep its newest record."""
+    try:
+        while True:
+            record: Any = next(work)
+            kept[:] = [record]
+            yield record
+    except StopIteration as end:
+        found: Frontier = end.value
+        return found
+    finally:
+        work.close()
+
+
+def _show_found(frontier: Frontier, out: Path | None, *, json: bool, stopped: bool = False) -> None:
     if out is not None:
         from lfcal.multiplex.drawing import save_frontier
 
         save_frontier(frontier, out)
-    pictures.show_frontier(frontier, json=json)
+    pictures.show_frontier(frontier, json=json, stopped=stopped)
 
 
 def filters(

@@ -73,8 +73,8 @@ def write_tiff(path: Path, planes: NDArray[Any]) -> None:
     tiff_file.write_tiff(path, planes.astype(np.float32), metadata=None)
 
 
-def show_frontier(frontier: Frontier, *, json: bool) -> None:
-    """Print the efficient candidates and the best at the camera's chi^2."""
+def show_frontier(frontier: Frontier, *, json: bool, stopped: bool = False) -> None:
+    """Print the efficient candidates and the best at the camera's chi^2, also of a search that was ``stopped``."""
     import numpy as np
 
     best = int(np.argmax(frontier.chosen))
@@ -96,6 +96,7 @@ def show_frontier(frontier: Frontier, *, json: bool) -> None:
                 "candidates": len(frontier.modulators),
                 "frontier": rows,
                 "best": frontier.best.matrix,
+                "stopped": stopped,
             }
         )
         return

@@ -15,7 +15,7 @@ from pathlib import Path
 from lfcal.errors import InputError
 from lfcal.files import check_writable
 
-__all__ = ["TABLES", "check_output", "check_outputs", "files_of"]
+__all__ = ["RECORDINGS", "TABLES", "check_output", "check_outputs", "files_of"]
 
 TABLES = frozenset({".csv", ".tsv", ".txt", ".dat", ".json"})
 """Suffixes of manifests and plans, which are read from a folder with its frames."""

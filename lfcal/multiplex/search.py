@@ -17,9 +17,17 @@ from lfcal.multiplex.colour_filters import CFA_PATTERNS, FILTERS, cfa
 from lfcal.multiplex.masks import MASKS, mask, mask_at_distance, mask_pattern
 from lfcal.multiplex.modulator import Modulator, modulator_from_matrix
 from lfcal.multiplex.noise import amplification, snr_gain
-from lfcal.progress import Clock, Work, drain
+from lfcal.progress import Clock, Progress, Work, drain
 
-__all__ = ["Frontier", "best_filter_set", "best_mask", "filter_set_frontier", "iter_mask_frontier", "mask_frontier"]
+__all__ = [
+    "Frontier",
+    "SearchProgress",
+    "best_filter_set",
+    "best_mask",
+    "filter_set_frontier",
+    "iter_mask_frontier",
+    "mask_frontier",
+]
 
 Array = NDArray[np.float64]
 
@@ -221,20 +229,41 @@ def _known(size: int) -> list[str]:
     return fits
 
 
+@dataclass(frozen=True, slots=True)
+class SearchProgress(Progress):
+    """How far a search is, and what it found so far: it may be stopped at any record.
+
+    Attributes
+    ----------
+    found
+        The known masks, and those searched so far.
+    """
+
+    found: Frontier = field(kw_only=True, compare=False, repr=False)
+
+
 def iter_mask_frontier(
     size: int, chi2: float, *, points: int = 7, starts: int = 3, rng: np.random.Generator | None = None
 ) -> Work[Frontier]:
-    """Search mask by mask; parameters and result as in `mask_frontier`."""
+    """Search mask by mask; parameters and result as in `mask_frontier`, progress as `SearchProgress`."""
     random = rng or np.random.default_rng(0)
     ratios = [0.0, *np.logspace(-2, 3, max(0, points - 2)), math.inf, chi2]
     clock = Clock("masks", len(ratios))
     found = [mask(kind, size) for kind in _known(size)]
+
+    def so_far() -> Frontier:
+        usable = [m for m in found if math.isfinite(amplification(m))]
+        return _frontier(usable, mask("pinhole", size), chi2)
+
+    def at(k: int, note: str = "") -> SearchProgress:
+        now = clock.at(k, note)
+        return SearchProgress(now.done, now.total, now.stage, now.seconds, note, found=so_far())
+
     for k, ratio in enumerate(ratios):
-        yield clock.at(k, f"chi^2 = {ratio:.3g}")
+        yield at(k, f"chi^2 = {ratio:.3g}")
         found.append(best_mask(size, float(ratio), starts=starts, rng=random))
-    yield clock.at(len(ratios))
-    usable = [m for m in found if math.isfinite(amplification(m))]
-    return _frontier(usable, mask("pinhole", size), chi2)
+    yield at(len(ratios))
+    return so_far()
 
 
 def mask_frontier(

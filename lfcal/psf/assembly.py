@@ -104,6 +104,8 @@ class Assembly:
         _check_complete(shape, self._counts, self.missing, self.repeated, strict)
         self._gatherer = Gatherer(source, infos, cutout, _drift_of(drift, len(source)))
         self._energy = np.full(shape, np.nan)
+        self.filled: tuple[int, NDArray[np.float64]] | None = None
+        """The plane at work here, and the light of all patterns so far, as in `AssemblyProgress`; None: none yet."""
         self.padded, self.residual_px = _check_windows(self._gatherer, self._order)
 
     @property
@@ -191,8 +193,8 @@ class Assembly:
                 for count in results:
                     done += count
                     at = clock.at(done)
-                    energy = self._energy.copy()
-                    yield AssemblyProgress(at.done, at.total, at.stage, at.seconds, plane=z, energy=energy)
+                    self.filled = z, self._energy.copy()
+                    yield AssemblyProgress(at.done, at.total, at.stage, at.seconds, plane=z, energy=self.filled[1])
             except BaseException:
                 pool.shutdown(cancel_futures=True)
                 raise

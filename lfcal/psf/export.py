@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lfcal.errors import InputError
 from lfcal.files import check_other_file, replace_whole, require_space, storage_errors
@@ -19,11 +20,22 @@ from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.store import iter_save
 from lfcal.psf.tiff_export import iter_write_tiff, tiff_files
 
-__all__ = ["WRITERS", "ExportOptions", "export", "export_files", "export_notes", "iter_export"]
+__all__ = [
+    "WRITERS",
+    "ExportOptions",
+    "check_export",
+    "export",
+    "export_files",
+    "export_notes",
+    "iter_export",
+    "iter_write_npy",
+]
 
 
-def iter_write_npy(matrix: PSFMatrix, path: str | os.PathLike[str]) -> Work[Path]:
-    """Write an ``.npy`` file that numpy can memory-map, one plane at a time.
+def iter_write_npy(
+    matrix: PSFMatrix, path: str | os.PathLike[str], read: Callable[[int], NDArray[Any]] | None = None
+) -> Work[Path]:
+    """Write an ``.npy`` file that numpy can memory-map, one plane at a time; ``read`` gives planes made elsewhere.
 
     It is written, not mapped: a map onto a disk that fills up ends the process instead of raising an error.
     """
@@ -33,7 +45,7 @@ def iter_write_npy(matrix: PSFMatrix, path: str | os.PathLike[str]) -> Work[Path
     with storage_errors(target), replace_whole(target) as part, part.open("wb") as file:
         file.write(npy_header(matrix.shape, matrix.dtype))
         for z in range(len(matrix)):
-            file.write(np.ascontiguousarray(matrix.plane(z), matrix.dtype).data)
+            file.write(np.ascontiguousarray((read or matrix.plane)(z), matrix.dtype).data)
             yield clock.at(z + 1)
     return target
 
@@ -143,16 +155,22 @@ def iter_export(
     InputError
         For an unknown suffix, or an option that its format does not use.
     """
+    options = ExportOptions(compress, dtype, include_transpose, rows_first, lens_centred, interpolation, position)
+    suffix = check_export(matrix, path, options)
+    return WRITERS[suffix].write(matrix, path, options)
+
+
+def check_export(matrix: PSFMatrix, path: str | os.PathLike[str], options: ExportOptions) -> str:
+    """Return the format's suffix; raises `InputError` as `iter_export`."""
     suffix = Path(path).suffix.lower()
     if suffix not in WRITERS:
         raise InputError.expected("export format", " ".join(WRITERS), suffix or "no suffix", "name the file so")
-    options = ExportOptions(compress, dtype, include_transpose, rows_first, lens_centred, interpolation, position)
     for name in options.given():
         if name not in WRITERS[suffix].uses:
             used = ", ".join(sorted(WRITERS[suffix].uses)) or "none"
             raise InputError.expected(f"options of {suffix} files", used, name, "leave it out")
     check_other_file(matrix.path, path)
-    return WRITERS[suffix].write(matrix, path, options)
+    return suffix
 
 
 def export(

@@ -15,7 +15,7 @@ from lfcal.psf.layout import StoredPlane
 from lfcal.psf.opening import facts_in, scaling_of, steps_in
 from lfcal.psf.store import PSFWriter
 
-__all__ = ["iter_join"]
+__all__ = ["iter_join", "stored_plane"]
 
 
 def iter_join(parts: Sequence[Path], writer: PSFWriter) -> Work[None]:
@@ -40,11 +40,12 @@ def iter_join(parts: Sequence[Path], writer: PSFWriter) -> Work[None]:
         yield clock.at(0)
         for z, path in enumerate(parts):
             with H5File(path) as file:
-                writer.adopt_plane(z, _stored(file))
+                writer.adopt_plane(z, stored_plane(file))
             yield clock.at(z + 1)
 
 
-def _stored(file: H5File) -> StoredPlane:
+def stored_plane(file: H5File) -> StoredPlane:
+    """Return the plane of an H file of one alone, as it is stored."""
     data = file.dataset("H")
     if data.ndim != 5 or data.shape[0] != 1:
         raise FileFormatError.expected(data.where, "one plane", data.shape, "remove it and begin again")

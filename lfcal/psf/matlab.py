@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,7 +27,18 @@ from lfcal.psf.store import store_plane
 from lfcal.psf.transpose import depth_sum
 from lfcal.psf.voxels import voxel_um
 
-__all__ = ["COLUMNS_FIRST", "ROWS_FIRST", "MatOptions", "crop_index", "iter_write_mat", "mat_header", "mat_notes"]
+__all__ = [
+    "COLUMNS_FIRST",
+    "ROWS_FIRST",
+    "MatOptions",
+    "create_mat_data",
+    "crop_index",
+    "iter_write_mat",
+    "mat_header",
+    "mat_notes",
+    "mat_plane",
+    "mat_written",
+]
 
 COLUMNS_FIRST, ROWS_FIRST = "stxyz", "tsyxz"
 """Axes of H as MATLAB counts them, in the variable ``axisOrder``."""
@@ -94,7 +106,16 @@ class MatOptions:
     interpolation: str = "nearest"
 
 
-def iter_write_mat(matrix: PSFMatrix, path: str | os.PathLike[str], options: MatOptions | None = None) -> Work[Path]:
+StoreMatPlane = Callable[[str, int, Any], tuple[int, int]]
+"""Puts plane ``z`` of ``H`` or ``Ht`` into its open dataset; returns its `crop_index`."""
+
+
+def iter_write_mat(
+    matrix: PSFMatrix,
+    path: str | os.PathLike[str],
+    options: MatOptions | None = None,
+    store: StoreMatPlane | None = None,
+) -> Work[Path]:
     """Write H and what the codes want to know of it to a MATLAB v7.3 file, streaming.
 
     The file holds ``H``, ``Ht``, ``Nnum``, ``CAindex``, ``x3objspace`` (m), ``axisOrder``, ``cutout``, and, where H
@@ -108,6 +129,8 @@ def iter_write_mat(matrix: PSFMatrix, path: str | os.PathLike[str], options: Mat
         The file; it appears whole or not at all.
     options
         How; None: the defaults.
+    store
+        Puts planes into the file that were made elsewhere; None: they are made here.
 
     Raises
     ------
@@ -121,28 +144,34 @@ def iter_write_mat(matrix: PSFMatrix, path: str | os.PathLike[str], options: Mat
     """
     options = options or MatOptions()
     small = _small(matrix, options)
-    written = _as_written(matrix, options)
+    written = mat_written(matrix, options)
     target = Path(path)
     copies = 2 if options.include_transpose else 1
     require_space(target.parent, written.nbytes * copies, what=target.name)
     clock = Clock("write MATLAB file", len(matrix) * copies)
+
+    def own(name: str, z: int, data: Any) -> tuple[int, int]:
+        plane, crop = mat_plane(written, options, name, z)
+        store_plane(data, z, plane)
+        return crop
+
+    store = store or own
     # libver keeps to formats that MATLAB's older HDF5 reads
     with new_h5(target, header=mat_header(), libver=("earliest", "v110")) as file:
         done, crops = 0, []
-        for name, one in (("H", written), ("Ht", written.T))[:copies]:
-            data = _create(file, name, one, options)
-            for z in range(len(one)):
-                plane = one.plane(z)
-                if one is written:
-                    crops.append(crop_index(depth_sum(plane)))
-                store_plane(data, z, plane.transpose(1, 0, 3, 2) if options.rows_first else plane)
+        for name in ("H", "Ht")[:copies]:
+            data = create_mat_data(file, name, written, options)
+            for z in range(len(written)):
+                crop = store(name, z, data)
+                if name == "H":
+                    crops.append(crop)
                 done += 1
                 yield clock.at(done)
         _write_small(file, {**small, "CAindex": np.array(crops, np.float64).T})  # MATLAB sees (nz, 2)
     return target
 
 
-def _as_written(matrix: PSFMatrix, options: MatOptions) -> PSFMatrix:
+def mat_written(matrix: PSFMatrix, options: MatOptions) -> PSFMatrix:
     """Return H lens-centred, where that is asked for, and with a square cutout."""
     lens = lens_centre_of(matrix)
     if options.lens_centred and lens is not None:
@@ -154,9 +183,17 @@ def _as_written(matrix: PSFMatrix, options: MatOptions) -> PSFMatrix:
     return PSFMatrix(PlacedPlanes(matrix.planes, (side, side)), transposed=matrix.is_transposed)
 
 
-def _create(file: Any, name: str, matrix: PSFMatrix, options: MatOptions) -> Any:
+def mat_plane(written: PSFMatrix, options: MatOptions, name: str, z: int) -> tuple[NDArray[Any], tuple[int, int]]:
+    """Return plane ``z`` of ``H`` or ``Ht`` in its order in the file, and its `crop_index`; see `mat_written`."""
+    plane = (written if name == "H" else written.T).plane(z)
+    crop = crop_index(depth_sum(plane)) if name == "H" else (0, 0)
+    return plane.transpose(1, 0, 3, 2) if options.rows_first else plane, crop
+
+
+def create_mat_data(file: Any, name: str, matrix: PSFMatrix, options: MatOptions, planes: int | None = None) -> Any:
+    """Make the dataset of ``H`` or ``Ht``, or of some ``planes`` of it that is stored alike."""
     # HDF5's row-major (z, y, x, t, s) is MATLAB's column-major (s, t, x, y, z): the axes turn round by themselves
-    shape = matrix.shape
+    shape = (planes or len(matrix), *matrix.shape[1:])
     if options.rows_first:
         shape = (shape[0], shape[2], shape[1], shape[4], shape[3])
     storage: dict[str, Any] = {}

@@ -16,7 +16,9 @@ from lfcal.progress import Progress, Work
 from lfcal.psf import PSFMatrix, open_psf
 from lfcal.psf.facts import Facts
 from lfcal.psf.store import PSFWriter
+from lfcal.simulate.pass_units import PassUnits, kept_errors
 from lfcal.simulate.simulate import EffectsLike, Simulation
+from lfcal.work import RunChoice
 
 __all__ = ["Pass", "iter_refine_psf", "passes_for"]
 
@@ -68,12 +70,12 @@ def iter_refine_psf(
     workers: int | None = None,
     provenance: Mapping[str, Any] | None = None,
     on_pass: Callable[[PSFMatrix], None] | None = None,
+    run: RunChoice | None = None,
 ) -> Work[PSFMatrix]:
     """Simulate H into a file in passes; yields progress in rows.
 
     After each pass the file holds a whole H, each plane labelled with the error that it reached; it takes the place of
-    the one before at once. Closing the generator stops: what the last whole pass wrote stays, and what was begun after
-    it is dropped.
+    the one before at once. Closing the generator stops: what the last whole pass wrote stays.
 
     Parameters
     ----------
@@ -85,6 +87,9 @@ def iter_refine_psf(
         H file to write.
     on_pass
         Called with the H of each pass, opened from the file; it is closed when the next pass has its own.
+    run
+        Do each pass in units of a plane: those that are done stay where it is stopped, and the next run goes on with
+        them. Effects are those of the catalogue then. None: what was begun after a whole pass is dropped.
 
     Returns
     -------
@@ -99,17 +104,25 @@ def iter_refine_psf(
     path = Path(out)
     chosen = effects if callable(effects) else lambda _: effects
     passes = passes_for(tolerance, level)
+    works = [Simulation(camera, plan, chosen(p.tolerance), p.level, p.tolerance, None, workers) for p in passes]
+    units = None if run is None else PassUnits(path, run, {"dtype": dtype, "compression": compression})
+    marks = [""] * len(works) if units is None else units.marks(works)
+    there = 0 if units is None else units.done(marks)
     held: PSFMatrix | None = None
     try:
-        for number, one in enumerate(passes, 1):
-            work = Simulation(camera, plan, chosen(one.tolerance), one.level, one.tolerance, None, workers)
-            writing = work.writer(path, dtype, compression, provenance)
-            yield from _pass(work, writing, held, f"pass {number} of {len(passes)}")
+        held = open_psf(path) if there else None
+        for number in range(there + 1, len(works) + 1):
+            work, mark = works[number - 1], marks[number - 1]
+            name, writing = f"pass {number} of {len(works)}", work.writer(path, dtype, compression, provenance)
+            steps = _pass(work, writing, held) if units is None else units.iter_pass(work, writing, held, mark, name)
+            yield from _noted(steps, name, _note(held))
             if held is not None:
                 held.close()
             held = open_psf(path)
             if on_pass is not None:
                 on_pass(held)
+        if units is not None:
+            units.finish()
     except BaseException:
         if held is not None:
             held.close()
@@ -118,31 +131,32 @@ def iter_refine_psf(
     return held
 
 
-def _pass(work: Simulation, writing: PSFWriter, before: PSFMatrix | None, stage: str) -> Work[None]:
+def _note(held: PSFMatrix | None) -> str:
+    return "" if held is None else f"H so far within {100 * float(np.max(held.facts.known()['error'])):.2g} %"
+
+
+def _pass(work: Simulation, writing: PSFWriter, before: PSFMatrix | None) -> Work[None]:
     """Write every plane: computed, or copied from ``before`` where that keeps the tolerance already."""
-    plan, tolerance = work.plan, work.budget.tolerance
-    errors = None if before is None else before.facts.known()["error"]
-    note = "" if errors is None else f"H so far within {100 * float(np.max(errors)):.2g} %"
+    plan, errors = work.plan, kept_errors(before, work.budget.tolerance)
     with writing as writer:
         plane = np.empty(plan.shape[1:], np.float32)
         for z in range(plan.shape[0]):
-            if before is not None and errors is not None and float(errors[z]) <= tolerance:
+            if z in errors and before is not None:
                 plane[:] = before.plane(z)
-                error = float(errors[z])
+                error = errors[z]
             else:
                 plane[:] = 0
-                error = yield from _noted(work.plane(z, plane), stage, note)
+                error = yield from work.plane(z, plane)
             writer.write_plane(z, plane, facts=Facts.of(plan.period, plan.cutout, error=error))
 
 
-def _noted(work: Work[float], stage: str, note: str) -> Work[float]:
-    """Pass on the progress of one plane under the pass's name."""
+def _noted(work: Work[None], stage: str, note: str) -> Work[None]:
+    """Pass on the progress of a pass under its name."""
     try:
         while True:
             record: Progress = next(work)
-            yield replace(record, stage=f"{stage}, {record.stage}", note=record.note or note)
-    except StopIteration as stop:
-        error: float = stop.value
-        return error
+            yield replace(record, stage=f"{stage}, {record.stage}", note="; ".join(filter(None, (note, record.note))))
+    except StopIteration:
+        return
     finally:
         work.close()

@@ -20,9 +20,12 @@ from lfcal.errors import InputError, LfcalError
 from lfcal.files import read_text, storage_errors
 from lfcal.system import is_alive
 
-__all__ = ["JOURNAL", "Journal", "RunState", "UnitState", "read_events", "read_run", "read_seals"]
+__all__ = ["JOURNAL", "PASS", "Journal", "RunState", "UnitState", "read_events", "read_notes", "read_run", "read_seals"]
 
 JOURNAL = "run.jsonl"
+
+PASS = "pass"
+"""What it says when a run of several passes has written one of them whole."""
 
 
 class Journal:
@@ -137,6 +140,12 @@ def read_events(folder: Path) -> list[str]:
     """Return what has happened in ``folder``, one word for each line of its journal; nothing where there is none."""
     path = folder / JOURNAL
     return [str(r["event"]) for r in _records(read_text(path).splitlines())] if path.exists() else []
+
+
+def read_notes(folder: Path, event: str) -> list[dict[str, Any]]:
+    """Return all that the journal in ``folder`` says of an event, in order; nothing where there is no journal."""
+    path = folder / JOURNAL
+    return [r for r in _records(read_text(path).splitlines()) if r["event"] == event] if path.exists() else []
 
 
 def read_run(folder: Path, now: float | None = None) -> RunState:

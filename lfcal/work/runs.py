@@ -198,7 +198,7 @@ class _Run:
         whole = sum(share == 1.0 for share in self.shares)
         fair = lasted * done / (done - kept) if done > kept else lasted
         note = f"{whole} of {total} done" + (f"; {kept:.0f} by an earlier run" if kept else "")
-        return Progress(round(1000 * done), 1000 * total, self.stage, fair, note)
+        return Progress(round(1000 * done), 1000 * total, self.stage, fair, note, per=1000)
 
     def _heard(self, event: Event) -> None:
         job, number = event.job, event.job.number

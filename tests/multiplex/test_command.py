@@ -225,3 +225,32 @@ def test_benchmark(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixtur
     assert [r["name"] for r in rows] == ["demosaic, cubic", "31 x 31 views, linear", "31 x 31 views, cubic"]
     assert all(r["ratio"] > 0 and r["bound"] == 5 for r in rows)
     assert mask("lenslet", 31).count == 961
+
+
+@pytest.mark.parametrize("told", [False, True])
+def test_a_search_that_is_stopped_shows_the_best_so_far_and_says_so(
+    lfcal,  # noqa: F811
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    told: bool,
+) -> None:
+    from lfcal.errors import Cancelled
+    from lfcal.multiplex import search
+
+    real, made = search.best_mask, []
+
+    def stopped(*args, **how):
+        if len(made) == 2:
+            raise Cancelled("stopped")
+        made.append(args)
+        return real(*args, **how)
+
+    monkeypatch.setattr(search, "best_mask", stopped)
+    words = ("--json",) if told else ()
+    done = lfcal("multiplex", "search", 3, "--chi2", 1, "-o", tmp_path / "found.png", *words)
+    assert done.code == 130 and "stopped after 2 of 8 searches; the best found so far" in done.err
+    assert cv2.imread(str(tmp_path / "found.png")).std() > 5
+    if told:
+        assert done.json["stopped"] and done.json["frontier"] and done.json["best"]
+    else:
+        assert "best mask" in done.out

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -69,3 +70,14 @@ def test_bad_searches() -> None:
     ):
         with pytest.raises(InputError):
             call()
+
+
+def test_a_search_has_its_best_so_far_at_every_record() -> None:
+    records: list[Any] = list(iter_mask_frontier(3, 0.5, points=3, starts=1))
+    gains = [float(record.found.chosen.max()) for record in records]
+    assert gains == sorted(gains) and [len(r.found.modulators) for r in records][-1] == len(
+        mask_frontier(3, 0.5, points=3, starts=1).modulators
+    )
+    known = {m.name for m in records[0].found.modulators}
+    assert "pinhole" in known and not any("best" in name for name in known)
+    assert any("best" in m.name for m in records[1].found.modulators)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtWidgets import QWidget
-
 from gui.context import Context
+from gui.jobs import Job
+from gui.models.filling import Filling
+from gui.pages.acquire.model_assembly import iter_assembly
 from gui.pages.acquire.model_stills import recipe_of
+from gui.pages.acquire.record_panel import RecordPanel
 from gui.pages.acquire.step import assembled
 from gui.saving import ask_target, may_replace
 
@@ -16,10 +19,22 @@ __all__ = ["Afterwards"]
 
 
 class Afterwards:
-    """Jobs on the session of a project; dialogs belong to ``panel``."""
+    """Jobs on the session of a project; dialogs belong to ``panel``, which shows H as it fills."""
 
-    def __init__(self, context: Context, panel: QWidget) -> None:
+    def __init__(self, context: Context, panel: RecordPanel, recording: Callable[[], bool]) -> None:
         self.context, self.panel = context, panel
+        self._recording, self.filling = recording, Filling()
+        context.jobs.changed.connect(self._fill)
+
+    def _fill(self, job: Job) -> None:
+        """Show H as it fills, unless the map is that of a session that is being recorded."""
+        if job.page != "acquire" or not self.filling.follows(job.number, job.progress):
+            return
+        if not job.active or self._recording():
+            self.panel.show_filling(None)
+        elif self.filling.take(job.progress) and self.filling.plane is not None:
+            z = self.filling.plane
+            self.panel.show_filling(self.filling.light(z), self.filling.short_words(z))
 
     def open_plane(self, z: int) -> None:
         """Assemble a complete plane beside the recording and show it, while others are being recorded."""
@@ -42,15 +57,13 @@ class Afterwards:
             self._assemble(out, page="fit", found=found)
 
     def _assemble(self, out: Path, planes: list[int] | None = None, *, page: str = "psf", found: Any = None) -> None:
-        from lfcal.acquire.finish import iter_assemble_session
-
         folder = Path(self.context.state.recording)
         recipe = recipe_of(folder)
         self.context.start_writing(
             f"Assemble {out.name}",
             "acquire",
             str(out),
-            lambda: iter_assemble_session(folder, out, planes=planes, recipe=recipe),
+            lambda: iter_assembly(folder, out, planes, recipe),
             lambda report: self._assembled(report, page, found),
             taken=self.context.taken(
                 "acquire", f"Assemble {out.name}", step=lambda: assembled(str(folder), str(out), planes, recipe)

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import (
@@ -254,6 +256,11 @@ class RecordPanel(QWidget):
         self.alarms.setVisible(bool(words))
         self.told.emit()
         self.open_plane.setEnabled(picture.complete)
+
+    def show_filling(self, light: NDArray[np.float64] | None, words: str = "") -> None:
+        """Show H in the place of the map while it is assembled; None: what was recorded again."""
+        if self._drawn is not None:
+            self._drawn.show_filling(light, words)
 
     def show_error(self, curve: ErrorCurve | None) -> None:
         """Show the error of H in the place of the depth-plane sum, or that again."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from PySide6.QtWidgets import QGridLayout, QLabel, QStackedWidget, QWidget
 
 from gui.jobs import Jobs
@@ -21,7 +22,7 @@ from lfcal.acquire.preview import LiveFrame
 
 __all__ = ["RecordPictures"]
 
-SUM = "Depth-plane sum"
+MAP, SUM = "Period map", "Depth-plane sum"
 
 FLOORS = {"energy": 1.0, "residual": 0.1, "saturated": 1.0}
 """The least the curves' axes span, so that noise about zero is not blown up."""
@@ -32,11 +33,13 @@ class RecordPictures(QWidget):
 
     def __init__(self, jobs: Jobs) -> None:
         super().__init__()
+        self._picture: RecordPicture | None = None
+        self._light: NDArray[np.float64] | None = None
         self.map = PeriodMap()
         self.map.setToolTip("Positions of one period in this plane; dark: not recorded yet")
         self.map.cross.hide()
         self.frame = FrameView(jobs, "acquire record frame")
-        style_axes(self.frame.plot, "column in the region read (px)", "row (px)")
+        style_axes(self.frame.plot, "column in region (px)", "row (px)")
         self.depth_sum = ImageView(value_label="10³ counts")
         self.depth_sum.setToolTip("Sum of the plane's cutouts so far: it becomes the shape of the aperture")
         self.third = QStackedWidget()
@@ -59,8 +62,8 @@ class RecordPictures(QWidget):
         grid = QGridLayout(self)
         grid.setContentsMargins(0, 0, 0, 0)
         grid.setSpacing(8)
-        titles = [QLabel(title) for title in ("Period map", "Current frame", SUM)]
-        _, self.frame_title, self.third_title = titles
+        titles = [QLabel(title) for title in (MAP, "Current frame", SUM)]
+        self.map_title, self.frame_title, self.third_title = titles
         for k, (title, view) in enumerate(zip(titles, (self.map, self.frame, self.third), strict=True)):
             panel, column = card(title)
             view.setMinimumSize(120, 104)
@@ -86,15 +89,29 @@ class RecordPictures(QWidget):
 
     def show_picture(self, picture: RecordPicture) -> None:
         """Show map, sum and curves."""
-        values = picture.values
-        if not np.isfinite(values).any():
-            values = np.where(picture.recorded, 1.0, np.nan) if picture.recorded.any() else np.zeros(values.shape)
-        self.map.set_values(values)
+        self._picture = picture
+        self._show_map()
         self.depth_sum.set_image(picture.depth_sum / 1e3, name="depth_sum")
         for k, (key, (x, y)) in enumerate(picture.curves.items()):
             self.curves[key].set_curve(key, x, y, colour=LINES[k])
             top = float(y.max(initial=0.0))
             self.curves[key].plot.setYRange(0.0, 1.05 * max(top, FLOORS[key]), padding=0)
+
+    def _show_map(self) -> None:
+        """Show H while it fills, and else what was recorded."""
+        if self._light is not None:
+            self.map.set_values(self._light)
+        elif self._picture is not None:
+            values, recorded = self._picture.values, self._picture.recorded
+            if not np.isfinite(values).any():
+                values = np.where(recorded, 1.0, np.nan) if recorded.any() else np.zeros(values.shape)
+            self.map.set_values(values)
+
+    def show_filling(self, light: NDArray[np.float64] | None, words: str) -> None:
+        """Show the light ``(ny, nx)`` of the patterns of a plane of H that is being assembled; None: none is."""
+        self._light = light
+        self.map_title.setText(MAP if light is None else words)
+        self._show_map()
 
     def show_error(self, curve: ErrorCurve | None) -> None:
         """Show the error of H in the place of the depth-plane sum, or that again."""

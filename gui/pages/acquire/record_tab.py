@@ -50,7 +50,7 @@ class RecordTab(QObject):
         self.context, self.setup, self.panel = context, setup, panel
         self.recorder: Recorder | None = None
         self.folder = FolderState()
-        self.after = Afterwards(context, panel)
+        self.after = Afterwards(context, panel, lambda: self.recording)
         self._job, self._lamp = 0, ""
         self.poll_timer = QTimer(self)
         self.poll_timer.setInterval(POLL_MS)
@@ -247,6 +247,7 @@ class RecordTab(QObject):
                 lambda: recorder.work(station),
                 self._recorded,
                 self._failed,
+                at_once=True,
                 taken=self.context.taken("acquire", f"Record {folder.name}", str(folder), recorded),
             )
         )

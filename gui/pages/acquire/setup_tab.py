@@ -244,7 +244,12 @@ class SetupTab(QObject):
         title = {name: text for name, text, _ in (*FINDINGS, *KINDS)}[key]
         self.panel.show_result(key, MEASURING)
         self._job = self.context.jobs.start(
-            title, "acquire", work, done, lambda job: self.panel.show_result(key, f"<b>{job.error}</b>", good=False)
+            title,
+            "acquire",
+            work,
+            done,
+            lambda job: self.panel.show_result(key, f"<b>{job.error}</b>", good=False),
+            at_once=True,
         )
         self._changed()
 

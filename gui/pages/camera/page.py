@@ -190,6 +190,7 @@ class Page(BasePage):
             self._show_check,
             self._check_failed,
             abandon=True,
+            at_once=True,
         )
 
     def _show_check(self, found: Checked) -> None:

@@ -147,6 +147,7 @@ class SensorDialog(QDialog):
             self.show_found,
             self._failed,
             abandon=True,
+            at_once=True,
         )
 
     def _job_changed(self, job: Job) -> None:

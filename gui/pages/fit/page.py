@@ -10,7 +10,7 @@ from typing import Any
 
 from gui.base_page import BasePage
 from gui.context import Context
-from gui.jobs import Job, JobState
+from gui.jobs import WAITS, Job, JobState
 from gui.models.fitted import FittedCamera
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
@@ -237,9 +237,11 @@ class Page(BasePage):
         self._kept = kept = Kept()
         taken = self.context.taken("fit", title, draft=True)
         self._said, self._used = ("", False), None
-        self._job = self.context.jobs.start(title, "fit", lambda: work(kept), abandon=True, leave=True, taken=taken)
+        jobs, needs = self.context.jobs, () if self._stamp is None else (self._stamp[0],)
+        self._job = jobs.start(title, "fit", lambda: work(kept), abandon=True, leave=True, needs=needs, taken=taken)
         self._show_buttons()
-        self.panel.show_running("Fitting: reading H …", None, ())
+        waits = self._job in jobs.waiting()
+        self.panel.show_running(WAITS if waits else "Fitting: reading H …", None, ())
 
     def stop(self) -> None:
         """Stop the fit; what was found before stays."""

@@ -130,6 +130,8 @@ class Opened:
         The plan they were recorded by: a recorded session brings its own.
     interpolation
         How cutouts between pixels are taken; empty: as the plan needs.
+    folder, chosen
+        What was opened, and how.
     """
 
     source: FrameSource
@@ -138,6 +140,8 @@ class Opened:
     frames: NDArray[np.int64]
     plan: ScanPlan
     interpolation: str = ""
+    folder: str = ""
+    chosen: FrameSettings = FrameSettings()
 
     def place(self, position: Position) -> Position:
         """Return the position nearest to ``position`` that the plan has."""
@@ -218,7 +222,7 @@ def open_imported(folder: str, settings: FrameSettings, plan: ScanPlan) -> Opene
     for index in range(len(raw)):
         table[raw.info(index).position] = index
     view = turned(corrected, own, settings.orientation)
-    return Opened(raw, view, delivered, table, own, settings.interpolation)
+    return Opened(raw, view, delivered, table, own, settings.interpolation, folder, settings)
 
 
 @dataclass(frozen=True, eq=False)

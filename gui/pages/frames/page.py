@@ -12,9 +12,10 @@ from PySide6.QtWidgets import QFileDialog
 from gui.base_page import BasePage
 from gui.context import Context
 from gui.jobs import Job
+from gui.models.filling import Filling
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
-from gui.pages.frames.assembly import Filling, iter_assembly, notes_of
+from gui.pages.frames.assembly import iter_assembly, notes_of
 from gui.pages.frames.import_dialog import ImportDialog
 from gui.pages.frames.model import (
     FrameSettings,
@@ -54,7 +55,7 @@ class Page(BasePage):
         self.position = Position(0, 0, 0)
         self.filling = Filling()
         """H as it fills while it is assembled."""
-        self._assembling = 0
+        self._assembling = False
         self.tool_button(
             "Open frames …",
             "A folder of frames with a manifest, or the folder of a recorded session",
@@ -299,15 +300,14 @@ class Page(BasePage):
         if self.opened is not None:
             z = self.filling.plane if self._assembling and self.filling.plane is not None else self.position.z
             frames = self.opened.frames[z]
-            words = self.filling.words(z, len(self.opened.frames), under_way=bool(self._assembling))
+            words = self.filling.words(z, len(self.opened.frames), under_way=self._assembling)
             self.panel.show_map(frames >= 0, self.filling.light(z), words)
 
     def _fill(self, job: Job) -> None:
         """Show H as it fills: each position as soon as its pattern is there."""
-        if job.number != self._assembling:
+        if job.page != self.spec.key or not self.filling.follows(job.number, job.progress):
             return
-        if not job.active:
-            self._assembling = 0
+        self._assembling = job.active
         if self.filling.take(job.progress) or not job.active:
             self._show_map()
 
@@ -334,8 +334,8 @@ class Page(BasePage):
         path = path or ask_target(self, "Assemble H", "H.h5", "H file (*.h5)")
         if not path:
             return
-        opened, title, self.filling = self.opened, f"Assemble {Path(path).name}", Filling()
-        self._assembling = self.context.start_writing(
+        opened, title = self.opened, f"Assemble {Path(path).name}"
+        self.context.start_writing(
             title,
             "frames",
             path,

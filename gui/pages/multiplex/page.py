@@ -169,6 +169,7 @@ class Page(BasePage):
                 "multiplex",
                 lambda: iter_reconstruct(settings, sensor),
                 lambda found: self._reconstructed(request, found),
+                at_once=True,
             )
         else:
             self.context.jobs.compute(

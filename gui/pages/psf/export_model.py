@@ -6,12 +6,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar, NamedTuple
 
+from gui.models.kept_run import going_on
 from gui.models.settings import PageSettings
+from lfcal.progress import Work
 from lfcal.psf import PSFMatrix
 from lfcal.psf.export import ExportOptions, export_files, export_notes
 from lfcal.psf.lens_centre import lens_centre_of
 
-__all__ = ["KINDS", "Choice", "ExportIntent", "ExportSettings"]
+__all__ = ["KINDS", "Choice", "ExportIntent", "ExportSettings", "iter_exported"]
 
 KINDS = (
     (".mat", "MATLAB v7.3, for deconvolution codes"),
@@ -146,6 +148,17 @@ class ExportSettings(PageSettings):
         if self.suffix != ".h5":
             return intent
         return replace(intent, suffix=self.suffix, sixteen=self.sixteen, compress=self.compress)
+
+
+def iter_exported(psf: str, intent: ExportIntent, path: str) -> Work[Path]:
+    """Write the H of a file as it was asked for; opened for itself, as the window may close its own meanwhile.
+
+    Planes that are done stay where it is stopped; called again it goes on from them.
+    """
+    from lfcal.psf.export_units import iter_export_units
+
+    turned = intent.transposed and intent.suffix != ".mat"
+    return iter_export_units(psf, path, intent.options, turned=turned, run=going_on())
 
 
 def _settled(intent: ExportIntent) -> ExportIntent:

@@ -12,11 +12,12 @@ from PySide6.QtWidgets import QFileDialog
 
 from gui.base_page import BasePage
 from gui.context import Context
+from gui.models.kept_run import KeptRun
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
 from gui.pages.psf import takes
 from gui.pages.psf.export_dialog import ExportDialog
-from gui.pages.psf.export_model import ExportIntent, ExportSettings
+from gui.pages.psf.export_model import ExportIntent, ExportSettings, iter_exported
 from gui.pages.psf.model import (
     LoadedPlane,
     PlaneData,
@@ -209,16 +210,15 @@ class Page(BasePage):
             self._start_export(path, intent)
 
     def _start_export(self, path: str, intent: ExportIntent) -> None:
-        from lfcal.psf import iter_export
-
-        H = self.matrix
-        assert H is not None
-        options, state = intent.options.given(), self.context.state
+        state = self.context.state
+        psf = state.psf
         self.context.jobs.start(
             f"Export {Path(path).name}",
             "psf",
-            lambda: iter_export(intent.matrix(H), path, **options),
+            lambda: iter_exported(psf, intent, path),
             lambda out: self.context.message.emit(f"exported {out}"),
+            keeping=KeptRun(path),
+            needs=(psf,),
             taken=self.context.taken("psf", f"Export {Path(path).name}", path, partial(step, state, path, intent)),
         )
 

@@ -153,6 +153,7 @@ class Comparing:
             lambda: iter_compare(asked, kept),
             abandon=True,
             leave=True,
+            needs=(asked.first[0], asked.second[0]),
             taken=self._taken(asked),
         )
         self._show_buttons()
@@ -193,6 +194,7 @@ class Comparing:
             lambda: iter_compared(asked, found, chosen),
             lambda page: self._context.message.emit(f"report written: {page}"),
             abandon=True,
+            needs=(asked.first[0], asked.second[0]),
             taken=self._taken(asked, chosen),
         )
 

@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QFileDialog
 
 from gui.base_page import BasePage
 from gui.context import Context
-from gui.jobs import Job, JobState
+from gui.jobs import WAITS, Job, JobState
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
 from gui.models.stamp import Stamp, stamp_of
@@ -174,8 +174,15 @@ class Page(BasePage):
         self.notice.clear()
         self.show_empty(f"Inspecting {asked.name} …", {"Stop (Esc)": self.stop})
         self._job = self.context.jobs.start(
-            f"Inspect {asked.name}", "quality", lambda: iter_judge(asked, kept), abandon=True, leave=True
+            f"Inspect {asked.name}",
+            "quality",
+            lambda: iter_judge(asked, kept),
+            abandon=True,
+            leave=True,
+            needs=(asked.stamp[0],),
         )
+        if self._job in self.context.jobs.waiting() and self.empty is not None:
+            self.empty.label.setText(f"Inspect {asked.name}: {WAITS}")
         self._show_buttons()
 
     def begin(self) -> None:
@@ -276,6 +283,7 @@ class Page(BasePage):
             lambda page: self.context.message.emit(f"report written: {page}"),
             lambda job: self.notice.refuse(job.error),
             abandon=True,
+            needs=(psf,),
             taken=self.context.taken("quality", "Report", folder),
         )
 

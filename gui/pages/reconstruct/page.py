@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QFileDialog
 
 from gui.base_page import BasePage
 from gui.context import Context
-from gui.jobs import Job, JobState
+from gui.jobs import WAITS, Job, JobState
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
 from gui.pages.reconstruct import model as view
@@ -279,16 +279,19 @@ class Page(BasePage):
         """End after the iteration under way."""
         if self.solving is not None:
             self.solving.stop()
+        if self._job in self.context.jobs.waiting():
+            self.context.jobs.cancel(self._job)
 
     def _run(self) -> None:
         solving, count = self.solving, self.settings.iterations
         assert solving is not None
         title = f"Reconstruct by {solving.settings.solver}"
         taken = self.context.taken("reconstruct", title, draft=True)
-        self._job = self.context.jobs.start(
-            title, "reconstruct", lambda: solving.work(count), abandon=True, taken=taken
+        jobs, needs = self.context.jobs, (solving.psf,)
+        self._job = jobs.start(
+            title, "reconstruct", lambda: solving.work(count), abandon=True, needs=needs, taken=taken
         )
-        self.panel.show_status("setting up …", None)
+        self.panel.show_status(WAITS if self._job in jobs.waiting() else "setting up …", None)
         self._show_controls()
 
     def _job_changed(self, job: Job) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from gui.models.kept_run import going_on
 from gui.pages.simulate.model import SimulateSettings
 from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
@@ -230,19 +231,23 @@ def read_terms(effect: str, magnitude: Magnitude, rows: Sequence[Sequence[str]])
 
 
 def iter_simulation(plan: ScanPlan, settings: SimulateSettings, path: str, verdict: Verdict | None = None) -> Work[Any]:
-    """Simulate H of ``plan`` into the file ``path``; asks the planner first unless ``verdict`` is its answer."""
-    from lfcal.simulate.simulate import iter_simulate_psf
+    """Simulate H of ``plan`` into the file ``path``; asks the planner first unless ``verdict`` is its answer.
+
+    Planes that are done stay where it is stopped; called again it goes on from them.
+    """
+    from lfcal.simulate.units import iter_simulate_units
 
     if verdict is None or not verdict.fits(plan, settings):
         verdict = verdict_of(plan, settings)
     found = verdict.found
     # the selection, not its effects: what is left out uses its part of the tolerance
     return (
-        yield from iter_simulate_psf(
+        yield from iter_simulate_units(
             plan.camera,
             plan,
             found,
             settings.level,
+            run=going_on(),
             tolerance=settings.tolerance,
             out=path,
             provenance={"plan": plan.to_dict(), "effect_sources": sources_of(settings, found)},

@@ -23,7 +23,16 @@ if TYPE_CHECKING:
     from lfcal.simulate.effects.base import Effect
     from lfcal.simulate.sensor.camera_source import SimulatedCamera
 
-__all__ = ["Frame", "FrameBench", "FrameQuestion", "check_folder", "frame_question", "iter_session", "write_frame"]
+__all__ = [
+    "Frame",
+    "FrameBench",
+    "FrameQuestion",
+    "KeptFrames",
+    "check_folder",
+    "frame_question",
+    "iter_session",
+    "write_frame",
+]
 
 PEAK = 0.8
 """Share of the full well that the brightest pixel of a plane reaches."""
@@ -180,13 +189,23 @@ def write_frame(frame: Frame, path: Path, part: Path) -> None:
 
 
 def check_folder(folder: Path) -> None:
-    """Raise `InputError` unless a session may be written to ``folder``: frames of two would be read as one."""
+    """Raise `InputError` unless a session may be written to ``folder``: frames of two would be read as one.
+
+    One that was stopped may be gone on with.
+    """
+    from lfcal.simulate.sensor.session import unfinished
+
+    if unfinished(folder) is not None:
+        return
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError.expected(str(folder), "a new or empty folder", "one with files in it", "choose another")
 
 
 def iter_session(plan: ScanPlan, settings: SimulateSettings, folder: str, verdict: Verdict | None = None) -> Work[int]:
-    """Write the frames of the whole plan; asks the planner first unless ``verdict`` is its answer."""
+    """Write the frames of the whole plan; asks the planner first unless ``verdict`` is its answer.
+
+    Frames that are written stay where it is stopped; called again it goes on from them.
+    """
     from lfcal.simulate.sensor.camera_source import SimulatedCamera
     from lfcal.simulate.sensor.session import iter_write_session
 
@@ -194,4 +213,29 @@ def iter_session(plan: ScanPlan, settings: SimulateSettings, folder: str, verdic
     if verdict is None or not verdict.fits(plan, settings):
         verdict = verdict_of(plan, settings)
     source = SimulatedCamera(plan, verdict.frames, level=settings.level, tolerance=settings.tolerance, peak=PEAK)
-    return (yield from iter_write_session(source, folder))
+    return (yield from iter_write_session(source, folder, resume=True))
+
+
+@dataclass(frozen=True)
+class KeptFrames:
+    """The frames of a session that was stopped; see `gui.models.job.Keeping`."""
+
+    out: str
+
+    def look(self) -> str:
+        """Return how many frames are written; where none is, nothing stays."""
+        from lfcal.simulate.sensor.session import unfinished
+
+        found = unfinished(self.out)
+        if found is None:
+            return ""
+        if found[0]:
+            return f"{found[0]} of {found[1]} frames"
+        self.discard()
+        return ""
+
+    def discard(self) -> None:
+        """Remove the frames."""
+        from lfcal.simulate.sensor.session import discard_unfinished
+
+        discard_unfinished(self.out)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from gui.models.kept_run import going_on
 from gui.pages.simulate.model import SimulateSettings
 from gui.pages.simulate.model_effects import Verdict, sources_of, verdict_of
 from lfcal.camera import ScanPlan
@@ -52,6 +53,7 @@ class Passes:
                 out=self.path,
                 provenance={"plan": plan.to_dict(), "effect_sources": sources_of(settings, last)},
                 on_pass=self._wrote,
+                run=going_on(),
             )
         )
 

@@ -21,7 +21,7 @@ from gui.models.project import ProjectState
 from gui.pages.simulate.model import SimulateSettings, depth_of, preview, preview_words
 from gui.pages.simulate.model_effects import Verdict, iter_simulation, verdict_of
 from gui.pages.simulate.model_files import read_settings, settings_text
-from gui.pages.simulate.model_frames import Frame, FrameBench, check_folder, frame_question, iter_session
+from gui.pages.simulate.model_frames import Frame, FrameBench, KeptFrames, check_folder, frame_question, iter_session
 from gui.pages.simulate.model_influence import Influence, Influences, influence_question
 from gui.pages.simulate.model_passes import Passes
 from gui.pages.simulate.panel import SimulatePanel
@@ -278,15 +278,12 @@ class Page(BasePage):
             self.context.start_writing(title, "simulate", path, work, self._simulated, taken=taken)
             return
         passes = Passes(plan, settings, path, verdict)
-        number = self.context.start_writing(title, "simulate", path, passes.work, self._simulated, taken=taken)
 
         def ended(job: Job) -> None:
-            if job.number == number:
-                self.context.jobs.finished.disconnect(ended)
-                if job.state is not JobState.DONE and passes.whole:  # the last whole pass stays
-                    self._take(path, f"kept {path}, {passes.whole}")
+            if job.state is not JobState.DONE and passes.whole:  # the last whole pass stays
+                self._take(path, f"kept {path}, {passes.whole}")
 
-        self.context.jobs.finished.connect(ended)
+        self.context.start_writing(title, "simulate", path, passes.work, self._simulated, on_end=ended, taken=taken)
 
     def _simulated(self, matrix: Any) -> None:
         path = matrix.path
@@ -316,6 +313,7 @@ class Page(BasePage):
             "simulate",
             lambda: iter_session(plan, settings, folder, verdict),
             lambda count: self.context.message.emit(f"{count} frames, dark and white frames written to {folder}"),
+            keeping=KeptFrames(folder),
         )
 
     def ladder(self) -> None:

@@ -10,12 +10,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal import __version__
 from lfcal.errors import InputError
-from lfcal.files import replace_whole, require_space
+from lfcal.files import read_text, replace_whole, require_space, storage_errors
+from lfcal.plain import plain
 from lfcal.progress import Clock, Work, drain
 from lfcal.simulate.sensor.camera_source import SimulatedCamera
 
-__all__ = ["frame_name", "iter_write_session", "truth_of", "write_session"]
+__all__ = [
+    "UNFINISHED",
+    "discard_unfinished",
+    "frame_name",
+    "iter_write_session",
+    "truth_of",
+    "unfinished",
+    "write_session",
+]
 
 
 def frame_name(source: SimulatedCamera, index: int) -> str:
@@ -34,10 +44,22 @@ def truth_of(source: SimulatedCamera) -> dict[str, Any]:
     }
 
 
+UNFINISHED = "unfinished.json"
+"""File of a session that is being written: which one it is, gone when all of it is there."""
+
+PICTURES = ("frames/z*_y*_x*.png", "dark/dark_*.png", "white/white_*.png")
+
+
 def iter_write_session(
-    source: SimulatedCamera, folder: str | os.PathLike[str], *, darks: int = 8, whites: int = 4
+    source: SimulatedCamera, folder: str | os.PathLike[str], *, darks: int = 8, whites: int = 4, resume: bool = False
 ) -> Work[int]:
-    """Write `write_session`; yields progress in frames."""
+    """Write `write_session`; yields progress in frames. With ``resume`` frames that an earlier run wrote are kept.
+
+    Raises
+    ------
+    InputError
+        As `write_session`, and where ``resume`` finds the frames of another session.
+    """
     if source.dtype != np.uint16:
         raise InputError.expected("frames", "whole numbers", "float32", "add the effect quantisation")
     out = Path(folder)
@@ -45,10 +67,12 @@ def iter_write_session(
     require_space(out, 2 * rows * columns * (len(source) + darks + whites), what="the session")
     clock = Clock("write frames", len(source) + darks + whites)
     manifest = ["file,z,y,x"]
+    _begin(source, out, darks + whites, resume)
     yield clock.at(0)
     for index in range(len(source)):
         name = frame_name(source, index)
-        _write_png(out / "frames" / name, source.read(index))
+        if not (resume and (out / "frames" / name).exists()):  # each is there whole, or not at all
+            _write_png(out / "frames" / name, source.read(index))
         manifest.append(f"{name},{','.join(map(str, source.position(index)))}")
         yield clock.at(index + 1)
     for k in range(darks):
@@ -61,7 +85,51 @@ def iter_write_session(
     _write_text(out / "camera.json", source.camera.to_json())
     _write_text(out / "plan.json", source.plan.to_json())
     _write_text(out / "truth.json", json.dumps(truth_of(source), indent=2))
+    (out / UNFINISHED).unlink()
     return len(source)
+
+
+def _begin(source: SimulatedCamera, out: Path, others: int, resume: bool) -> None:
+    """Say in the folder which session is being written; raises `InputError` where another was begun."""
+    told = {
+        "frames": len(source),
+        "others": others,
+        "lfcal": __version__,
+        "tolerance": source.tolerance,
+        "peak": source.peak,
+        "simulated": source.metadata["simulated"],
+        "plan": source.plan.to_dict(),
+    }
+    mark, text = out / UNFINISHED, json.dumps(plain(told), sort_keys=True)
+    if resume and mark.exists() and read_text(mark).strip() != text:
+        raise InputError.expected(
+            str(out), "frames of the same session", "those of another, unfinished", "choose another folder"
+        )
+    if not (resume and mark.exists()):
+        _write_text(mark, text)
+
+
+def unfinished(folder: str | os.PathLike[str]) -> tuple[int, int] | None:
+    """Return frames written and in all of a session that was stopped; None where there is none."""
+    out = Path(folder)
+    if not (out / UNFINISHED).is_file():
+        return None
+    total = int(json.loads(read_text(out / UNFINISHED))["frames"])
+    return sum(1 for _ in out.glob(PICTURES[0])), total
+
+
+def discard_unfinished(folder: str | os.PathLike[str]) -> None:
+    """Remove what a session that was stopped has written."""
+    out = Path(folder)
+    if unfinished(out) is None:
+        return
+    with storage_errors(out):
+        for path in (path for pattern in PICTURES for path in out.glob(pattern)):
+            path.unlink()
+        for name in ("frames", "dark", "white"):
+            if (out / name).is_dir() and not any((out / name).iterdir()):
+                (out / name).rmdir()
+        (out / UNFINISHED).unlink()
 
 
 def write_session(source: SimulatedCamera, folder: str | os.PathLike[str], *, darks: int = 8, whites: int = 4) -> int:

@@ -25,9 +25,11 @@ from gui.pages.simulate.model import SimulateSettings
 from gui.pages.simulate.model_passes import Passes
 from gui.theme import DARK, LIGHT, apply_theme
 from lfcal.camera import Marks
+from lfcal.errors import StorageError
 from lfcal.frames import open_frames
 from lfcal.psf import open_psf
 from lfcal.simulate.effects import Coma
+from lfcal.simulate.sensor import session
 from tests.gui.pages.simulate.test_model import small_plan
 from tests.gui.waiting import GUARD_MS, idle
 
@@ -326,7 +328,70 @@ def test_a_simulation_in_passes_that_is_stopped_keeps_the_last_whole_h(
     go_on.set()
     idle(context.jobs, qtbot)
     assert any(words.startswith(f"kept {out}, whole within") for words in said)
-    assert context.state.reference == str(out) and [path.name for path in tmp_path.iterdir()] == ["H.h5"]
+    assert context.state.reference == str(out)
     with open_psf(out) as kept:
         assert 0.05 < float(np.max(kept.facts.known()["error"])) <= 0.5
         assert kept.provenance["simulated"]["tolerance"] == pytest.approx(1 / 6)
+    context.matrices.forget(str(out))
+    kept_words = context.jobs.jobs()[0].kept
+    assert kept_words.endswith(" of pass 3 of 3") and context.jobs.jobs()[0].number == job.number
+    context.jobs.go_on(job.number)
+    idle(context.jobs, qtbot)
+    assert context.jobs.jobs()[0].state is JobState.DONE and [path.name for path in tmp_path.iterdir()] == ["H.h5"]
+    stages = [line.words for line in context.jobs.log(job.number).lines() if line.kind == "stage"]
+    assert sum(line.startswith("pass 2 of 3, join planes") for line in stages) == 1, "what was whole is not made again"
+    with open_psf(out) as done:
+        assert float(np.max(done.facts.known()["error"])) <= 0.05
+
+
+def test_frames_of_a_session_that_is_stopped_are_kept_and_it_goes_on_to_the_same(
+    page: Any, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    context, folder, real = page.context, tmp_path / "session", session._write_png
+    written: list[Path] = []
+    full = True
+
+    def write(path: Path, frame: Any) -> None:
+        if full and len(written) == 3:
+            raise StorageError(f"{path}: the disk is full; make room")
+        real(path, frame)
+        written.append(path)
+
+    monkeypatch.setattr(session, "_write_png", write)
+    page.simulate_frames(str(folder))
+    idle(context.jobs, qtbot)
+    job = context.jobs.jobs()[0]
+    count = context.state.plan.n_positions
+    assert job.state is JobState.FAILED and job.kept == f"3 of {count} frames"
+    full = False
+    context.jobs.go_on(job.number)
+    idle(context.jobs, qtbot)
+    assert len(written) == len(set(written)), "no frame is made twice"
+    page.simulate_frames(str(tmp_path / "whole"))
+    idle(context.jobs, qtbot)
+
+    def contents(of: Path) -> dict[str, bytes]:
+        return {str(path.relative_to(of)): path.read_bytes() for path in of.rglob("*") if path.is_file()}
+
+    assert contents(folder) == contents(tmp_path / "whole") and not (folder / session.UNFINISHED).exists()
+    full, written[:] = True, written[:2]
+    page.simulate_frames(str(tmp_path / "third"))
+    idle(context.jobs, qtbot)
+    job = context.jobs.jobs()[0]
+    assert job.kept == f"1 of {count} frames"
+    context.jobs.discard(job.number)
+    idle(context.jobs, qtbot)
+    assert not list((tmp_path / "third").iterdir())
+    page.simulate_frames(str(tmp_path / "third"))
+    idle(context.jobs, qtbot)
+    assert not context.jobs.jobs()[0].kept and not list((tmp_path / "third").iterdir()), "nothing was written"
+
+
+def test_frames_of_another_session_are_not_gone_on_with(page: Any, qtbot: QtBot, tmp_path: Path) -> None:
+    folder = tmp_path / "session"
+    folder.mkdir()
+    (folder / session.UNFINISHED).write_text('{"frames": 5}')
+    page.simulate_frames(str(folder))
+    idle(page.context.jobs, qtbot)
+    job = page.context.jobs.jobs()[0]
+    assert job.state is JobState.FAILED and "frames of the same session" in job.error

@@ -1,0 +1,45 @@
+"""H from a recorded session, as ``lfcal assemble`` makes it. No Qt."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gui.models.kept_run import going_on, stamp_of_files
+from lfcal.plain import plain
+from lfcal.progress import Work
+
+if TYPE_CHECKING:
+    from lfcal.frames import CorrectionRecipe
+    from lfcal.psf import AssemblyReport
+
+__all__ = ["iter_assembly"]
+
+
+def iter_assembly(
+    folder: Path, out: Path, planes: list[int] | None, recipe: CorrectionRecipe | None
+) -> Work[AssemblyReport]:
+    """Assemble H of a session: single planes at once, for more may be recorded meanwhile, and all of it in units.
+
+    Planes that are done stay where it is stopped; called again it goes on from them.
+
+    Raises
+    ------
+    InputError
+        As `lfcal.acquire.finish.iter_assemble_session`.
+    """
+    from lfcal.acquire.finish import iter_assemble_session
+    from lfcal.psf.assemble_units import iter_assemble_units
+
+    if planes is not None:
+        return (yield from iter_assemble_session(folder, out, planes=planes, recipe=recipe))
+    frames = () if recipe is None else (str(recipe.dark), str(recipe.white))
+    told = {
+        "session": str(folder.absolute()),
+        "recipe": None if recipe is None else plain(asdict(recipe)),
+        "stamp": stamp_of_files(str(folder), *frames, but=str(out)),
+    }
+    make = partial(iter_assemble_units, told=told, run=going_on())
+    return (yield from iter_assemble_session(folder, out, recipe=recipe, make=make))

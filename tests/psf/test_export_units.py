@@ -1,0 +1,95 @@
+"""Exports in units: the same file as without, and after a stop the rest of it alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+import lfcal.psf.export_units as export_units
+from lfcal.camera import preset
+from lfcal.errors import InputError, StorageError
+from lfcal.progress import drain
+from lfcal.psf import PSFMatrix, open_psf, save
+from lfcal.psf.export import ExportOptions, iter_export
+from lfcal.psf.export_units import iter_export_units
+from lfcal.work import RunChoice, parts_folder
+from tests.psf.test_joining import contents
+
+GO_ON = RunChoice("threads", 1, begun="resume")
+
+WAYS = [
+    (".h5", ExportOptions(), False),
+    (".h5", ExportOptions(dtype="uint16", compress=False), True),
+    (".npy", ExportOptions(), False),
+    (".npy", ExportOptions(), True),
+    (".mat", ExportOptions(), False),
+    (".mat", ExportOptions(compress=False, include_transpose=False, rows_first=True), False),
+    (".mat", ExportOptions(lens_centred=True, interpolation="cubic"), False),
+    (".tif", ExportOptions(), False),
+]
+
+
+@pytest.fixture
+def psf(tmp_path: Path) -> Path:
+    values = np.random.default_rng(5).random((3, 4, 6, 7, 9)).astype(np.float32)
+    path = tmp_path / "H.h5"
+    save(PSFMatrix(values, depths=[10.0, 30.0, 45.0], camera=preset("bench"), anchor=(100.0, 90.0)), path)
+    return path
+
+
+def stored(path: Path) -> Any:
+    """Return what is in a file; the head of a MATLAB file tells the time."""
+    return contents(path) if h5py.is_hdf5(path) else path.read_bytes()
+
+
+def straight(psf: Path, path: Path, options: ExportOptions, turned: bool) -> Any:
+    with open_psf(psf) as H:
+        drain(iter_export(H.T if turned else H, path, **options.given()))
+    return stored(path)
+
+
+@pytest.mark.parametrize(("suffix", "options", "turned"), WAYS)
+def test_the_same_file_in_units_and_without(
+    psf: Path, tmp_path: Path, suffix: str, options: ExportOptions, turned: bool
+) -> None:
+    expected = straight(psf, tmp_path / f"one{suffix}", options, turned)
+    out = tmp_path / f"two{suffix}"
+    assert drain(iter_export_units(psf, out, options, turned=turned, run=RunChoice("threads", 1))) == out
+    assert stored(out) == expected and not parts_folder(out).exists()
+
+
+@pytest.mark.parametrize(("suffix", "options", "turned"), WAYS[:-1:2])
+def test_it_goes_on_with_what_was_done(
+    psf: Path, tmp_path: Path, suffix: str, options: ExportOptions, turned: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    expected = straight(psf, tmp_path / f"one{suffix}", options, turned)
+    out, made, real = tmp_path / f"two{suffix}", list[str](), export_units.do_plane
+    full = True
+
+    def task(arguments: Any, path: Path, workers: int) -> Any:
+        if full and made:
+            raise StorageError("two: the disk is full; make room")
+        made.append(f"{arguments['name']}{arguments['z']}")
+        return (yield from real(arguments, path, workers))
+
+    monkeypatch.setattr(export_units, "do_plane", task)
+    task.__name__ = "do_plane"
+    with pytest.raises(StorageError, match="disk is full"):
+        drain(iter_export_units(psf, out, options, turned=turned, run=GO_ON))
+    assert made == ["H0"] and not out.exists()
+    full = False
+    drain(iter_export_units(psf, out, options, turned=turned, run=GO_ON))
+    assert len(made) == len(set(made)) and stored(out) == expected and not parts_folder(out).exists()
+
+
+def test_what_an_export_refuses_is_refused_before_anything_is_made(psf: Path, tmp_path: Path) -> None:
+    for path, options in ((tmp_path / "x.foo", ExportOptions()), (tmp_path / "x.npy", ExportOptions(compress=True))):
+        with pytest.raises(InputError):
+            drain(iter_export_units(psf, path, options, run=GO_ON))
+    with pytest.raises(InputError):
+        drain(iter_export_units(psf, psf, run=GO_ON))
+    assert [path.name for path in tmp_path.iterdir()] == ["H.h5"]
