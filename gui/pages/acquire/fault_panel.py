@@ -35,7 +35,7 @@ class FaultPanel(QWidget):
         super().__init__(parent)
         self._faults: list[Fault] = []
         self._connected = False
-        self.kind = choice_box(KINDS, "What goes wrong")
+        self.kind = choice_box(KINDS, "What shall go wrong, to rehearse what the recording does about it")
         self.kind.setAccessibleName("kind of fault")
         self.kind.currentIndexChanged.connect(lambda _: self._count())
         self.at, self.times = QSpinBox(), QSpinBox()
@@ -52,6 +52,7 @@ class FaultPanel(QWidget):
         self.remove.clicked.connect(self._remove)
         self.list = QListWidget()
         self.list.setAccessibleName("faults of the simulator")
+        self.list.setToolTip("What will go wrong, and when; mark one to take it away")
         self.list.setMaximumHeight(84)
         self.list.currentRowChanged.connect(lambda _: self._enable())
         self.hint = QLabel(HINT)

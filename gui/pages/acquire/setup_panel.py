@@ -144,7 +144,8 @@ class SetupPanel(QWidget):
         for key, title, tip in offered:
             button, use, result = QPushButton(title), QPushButton("Use"), QLabel("")
             button.setToolTip(tip)
-            use.setToolTip("Take this into the plan; undo takes it back")
+            use.setToolTip(f"Take what was found into the plan: {title.lower()}; undo takes it back")
+            use.setAccessibleName(f"Use: {title}")
             use.hide()
             result.setWordWrap(True)
             result.setTextFormat(Qt.TextFormat.RichText)

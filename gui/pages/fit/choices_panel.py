@@ -71,6 +71,7 @@ class ChoicesPanel(QWidget):
         self.way.currentIndexChanged.connect(lambda _: self.edited.emit("auto", self.way.currentData() == "auto"))
         self.groups = QListWidget()
         self.groups.setAccessibleName("groups of unknowns")
+        self.groups.setToolTip("Tick what may differ from the description; what is left out is taken from it as it is")
         for name, title, _ in group_rows():
             item = QListWidgetItem(title)
             item.setData(NAME, name)

@@ -110,16 +110,20 @@ class FramesPanel(QWidget):
     def _bar(self) -> QHBoxLayout:
         row = QHBoxLayout()
         self.lattice_box = QCheckBox("Lattice")
-        self.lattice_box.setToolTip("Micro-image centres of the described camera, coloured by lens type")
+        self.lattice_box.setToolTip(
+            "Micro-image centres of the described camera, coloured by lens type; they lie on the images if it is right"
+        )
         self.before_box = QCheckBox("Before correction")
-        self.before_box.setToolTip("Show the frame as it was recorded")
+        self.before_box.setToolTip("Show the frame as it was recorded, to see what the corrections do")
         self.lattice_box.toggled.connect(self.lattice_toggled.emit)
         self.before_box.toggled.connect(self.before_toggled.emit)
-        self.scale_box = choice_box(SCALES, "How intensity becomes colour (L: log, G: gamma)")
+        self.scale_box = choice_box(SCALES, "Gamma and log bring out faint light beside the spot (L: log, G: gamma)")
+        self.scale_box.setAccessibleName("scaling of colours")
         self.scale_box.currentIndexChanged.connect(
             lambda _: self._set_display(Display(scale=self.scale_box.currentData()))
         )
         whole, self.follow = QPushButton("Whole frame"), QPushButton("Follow cutout")
+        whole.setToolTip("See where in the frame the image lies; the cutout is no longer followed")
         self.follow.setCheckable(True)
         self.follow.setToolTip("Zoom to the cutout, and keep it in view as it moves along with the point")
         whole.clicked.connect(self._show_whole)
@@ -159,11 +163,12 @@ class FramesPanel(QWidget):
 
     def _plane_line(self) -> QHBoxLayout:
         self.plane_slider = QSlider(Qt.Orientation.Horizontal)
-        self.plane_slider.setToolTip("Depth plane (page up, page down)")
+        self.plane_slider.setAccessibleName("depth plane")
+        self.plane_slider.setToolTip("Depth plane whose positions the map shows (page up, page down)")
         self.plane_slider.valueChanged.connect(self.plane_asked.emit)
         self.play_button = QPushButton("Play")
         self.play_button.setCheckable(True)
-        self.play_button.setToolTip("Step through the positions (space)")
+        self.play_button.setToolTip("Step through all positions: the image has to move steadily, without jumps (space)")
         self.play_button.toggled.connect(self._play)
         row = QHBoxLayout()
         row.addWidget(QLabel("Plane"))
@@ -192,7 +197,7 @@ class FramesPanel(QWidget):
         self.manifest.setPlaceholderText("manifest.csv in the folder")
         self.manifest.setToolTip("A manifest that lies elsewhere: file, z, y, x, and exposure where it differs")
         for key, edit in (("pattern", self.pattern), ("manifest", self.manifest)):
-            edit.setAccessibleName(key)
+            edit.setAccessibleName({"pattern": "file names"}.get(key, key))
             edit.editingFinished.connect(lambda key=key, edit=edit: self.setting_chosen.emit(key, edit.text().strip()))
         self.interpolation = choice_box(WAYS, "How a cutout that lies between pixels is taken")
         self.interpolation.setAccessibleName("interpolation")

@@ -37,6 +37,10 @@ NUMBER_HEIGHT = 22
 SCENE_FIELDS = ("scene", "filter", "noise")
 
 
+GAIN = "Is the modulator worth its light? Pattern, spectrum, and gain in SNR over the reference"
+PICTURES = "What it makes of a picture: the frame behind it, what is got back, and the error"
+
+
 class MultiplexPanel(QWidget):
     """The page's widgets.
 
@@ -61,8 +65,9 @@ class MultiplexPanel(QWidget):
                 form.editor(key).setMinimumWidth(56)
         self.pictures = MultiplexPictures()
         self.tabs = QTabWidget()
-        self.tabs.addTab(self._modulator_tab(), "Modulator and gain")
-        self.tabs.addTab(self.pictures, "Reconstruction")
+        tabs = (self._modulator_tab(), "Modulator and gain", GAIN), (self.pictures, "Reconstruction", PICTURES)
+        for tab, title, tip in tabs:
+            self.tabs.setTabToolTip(self.tabs.addTab(tab, title), tip)
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 0, 0, 0)
         row.setSpacing(8)
@@ -142,6 +147,7 @@ class MultiplexPanel(QWidget):
         frame, column = card("Numbers")
         self.table = QTableWidget(0, 2)
         self.table.setAccessibleName("numbers of the modulator")
+        self.table.setToolTip("Light that passes, gain, and how well samples tell apart what is multiplexed")
         self.table.horizontalHeader().hide()
         self.table.verticalHeader().hide()
         self.table.verticalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Fixed)
@@ -194,7 +200,8 @@ class MultiplexPanel(QWidget):
 
     def _box(self, name: str) -> QCheckBox:
         box = QCheckBox(name.replace("_", " "))
-        box.setToolTip("Draw its gain beside that of the modulator; left out where there is none of this size")
+        tip = "gain beside that of the modulator; left out where there is none of this size"
+        box.setToolTip(f"Draw the {box.text()} {tip}")
         box.toggled.connect(lambda _: self.compared.emit(self.ticked()))
         return box
 

@@ -43,6 +43,9 @@ __all__ = ["Page"]
 FILES = "PSF matrices (*.h5 *.mat *.npy *.lfc)"
 
 
+OPEN = "An H file, another code's (.mat, .lfc), or an .npy array"
+
+
 class Page(BasePage):
     """The heart of the window: intent in, picture out."""
 
@@ -56,9 +59,11 @@ class Page(BasePage):
         self._export_intent = ExportSettings.of(context.state).on(ExportIntent())
         self._held = False
         self._levels: Mapping[str, tuple[float, float]] = {}
-        self.tool_button("Open H …", "An H file, another code's (.mat, .lfc), or an .npy array", self.choose_file)
-        self.tool_button("Reference …", "An H to compare with: simulated or earlier", self.choose_reference)
-        self.tool_button("Export …", "H and HT for a deconvolution code", self.export)
+        self.tool_button("Open H …", OPEN, self.choose_file)
+        self.tool_button(
+            "Reference …", "An H to hold this one against: simulated, or measured earlier", self.choose_reference
+        )
+        self.tool_button("Export …", "Write H and HT as a deconvolution code reads them", self.export)
         self.panel = PSFPanel()
         self.panel.asked.connect(lambda changes: self.set_intent(**changes))
         self.panel.display_asked.connect(self._set_display)
@@ -138,9 +143,9 @@ class Page(BasePage):
             path,
             "No PSF yet.\nAssemble frames, simulate one, or open an H file, a MATLAB v7.3 file or an .npy array.",
             {
-                "Open H …": self.choose_file,
-                "Frames": lambda: self.context.go.emit("frames", None),
-                "Simulate": lambda: self.context.go.emit("simulate", None),
+                "Open H …": (OPEN, self.choose_file),
+                "Frames": self.lead("frames", "Make H of recorded frames"),
+                "Simulate": self.lead("simulate", "Compute an H of the camera and plan; no recording is needed"),
             },
         )
 

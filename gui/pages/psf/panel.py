@@ -49,6 +49,9 @@ PROFILES = "Profiles at the pixel: " + ", ".join(
 """Title of a card with the plot: a legend would lie over its curves."""
 
 
+COLOURS = "Colours of intensity; equal steps look equally large in all of them, grey prints best"
+
+
 class PSFPanel(QWidget):
     """The page's widgets.
 
@@ -105,7 +108,7 @@ class PSFPanel(QWidget):
         side = QVBoxLayout()
         legend, larger = QLabel(LEGEND), QPushButton("Larger …")
         legend.setToolTip("Outline fitted to the depth-plane sum, and the one that the camera lets expect there")
-        larger.setToolTip("The apertures of all planes in a window of their own")
+        larger.setToolTip("The apertures of all planes in a window of their own, large enough to compare their blades")
         larger.clicked.connect(lambda: self.show_apertures())
         side.addWidget(legend)
         side.addWidget(larger)
@@ -143,7 +146,8 @@ class PSFPanel(QWidget):
         self.plane_label = QLabel()
         self.plane_label.setWordWrap(True)
         self.plane_slider = QSlider(Qt.Orientation.Horizontal)
-        self.plane_slider.setToolTip("Depth plane (page up, page down)")
+        self.plane_slider.setAccessibleName("depth plane")
+        self.plane_slider.setToolTip("Depth plane that all pictures show (page up, page down)")
         self.plane_slider.valueChanged.connect(lambda z: self.asked.emit({"z": z}))
         self.position_label = QLabel()
         for widget in (self.plane_label, self.plane_slider, self.position_label):
@@ -175,9 +179,11 @@ class PSFPanel(QWidget):
         return row
 
     def _add_choices(self, column: QVBoxLayout) -> None:
-        self.show_box = choice_box(SHOWN, "Measured H, the reference, or measured - reference at equal energy")
-        self.scale_box = choice_box(SCALES, "How intensity becomes colour (L: log, G: gamma)")
-        self.map_box = choice_box([(name, name) for name in COLOUR_MAPS], "Colour map; all are perceptually uniform")
+        self.show_box = choice_box(
+            SHOWN, "Measured H, the reference, or what is left of H less the reference at equal energy"
+        )
+        self.scale_box = choice_box(SCALES, "Gamma and log bring out faint light beside the spots (L: log, G: gamma)")
+        self.map_box = choice_box([(name, name) for name in COLOUR_MAPS], COLOURS)
         self.show_box.currentIndexChanged.connect(lambda _: self.asked.emit({"show": self.show_box.currentData()}))
         self.scale_box.currentIndexChanged.connect(
             lambda _: self.display_asked.emit({"scale": self.scale_box.currentData()})
@@ -186,6 +192,7 @@ class PSFPanel(QWidget):
             lambda _: self.display_asked.emit({"colour_map": self.map_box.currentData()})
         )
         for text, box in (("Show", self.show_box), ("Scaling", self.scale_box), ("Colours", self.map_box)):
+            box.setAccessibleName(text)
             line = QHBoxLayout()
             line.addWidget(QLabel(text))
             line.addWidget(box, 1)

@@ -93,8 +93,8 @@ class Page(BasePage):
                 state.psf,
                 "A reconstruction needs an H: assemble one, simulate one, or open one on the PSF page.",
                 {
-                    "PSF": lambda: self.context.go.emit("psf", None),
-                    "Simulate": lambda: self.context.go.emit("simulate", None),
+                    "PSF": self.lead("psf", "Open an H that was assembled, simulated or fitted before"),
+                    "Simulate": self.lead("simulate", "Compute an H of the camera and plan; no recording is needed"),
                 },
             )
             return

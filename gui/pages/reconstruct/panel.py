@@ -99,6 +99,7 @@ class ReconstructPanel(QWidget):
         self.phantom = QComboBox()
         for name in PHANTOMS:
             self.phantom.addItem(name, name)
+        self.phantom.setAccessibleName("phantom")
         self.phantom.setToolTip("What the light field shows; the true volume is known, so the error is measured")
         self.make = QPushButton("Make one …")
         self.make.setToolTip("Project a phantom through this H, add photon noise, and save it as a light field")
@@ -151,6 +152,7 @@ class ReconstructPanel(QWidget):
         self.shown = QComboBox()
         for name in SHOWN:
             self.shown.addItem(name, name)
+        self.shown.setAccessibleName("volume that is shown")
         self.shown.setToolTip("The reconstruction, or the phantom the light field was made from")
         self.shown.currentIndexChanged.connect(lambda _: self.shown_changed.emit(self.shown.currentData()))
         self.shown.hide()

@@ -88,7 +88,7 @@ class EffectPanel(QWidget):
         self.plane_box.setAccessibleName("plane of the pictures")
         self.plane_box.setMinimumContentsLength(9)
         self.plane_box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
-        self.plane_box.setToolTip("Depth plane of the pictures")
+        self.plane_box.setToolTip("Depth plane of the pictures: many effects grow away from focus")
         self.plane_box.currentIndexChanged.connect(lambda _: self.place_changed.emit())
         self.row_box, self.column_box = QSpinBox(), QSpinBox()
         for box, axis in ((self.row_box, "y"), (self.column_box, "x")):
@@ -97,6 +97,7 @@ class EffectPanel(QWidget):
             box.setKeyboardTracking(False)
             box.valueChanged.connect(lambda _: self.place_changed.emit())
         self.stop_button = QPushButton("Stop")
+        self.stop_button.setToolTip("Leave the pictures as they are; the effect stays on")
         self.stop_button.clicked.connect(lambda _=False: self.stop_asked.emit())
         inner = QWidget()
         column = QVBoxLayout(inner)
