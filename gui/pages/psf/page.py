@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from PySide6.QtWidgets import QFileDialog
 
@@ -34,9 +34,6 @@ from gui.saving import ask_target
 from lfcal.psf import PSFMatrix
 from lfcal.psf.opening import opening_notes
 from lfcal.units import format_bytes
-
-if TYPE_CHECKING:
-    from lfcal.psf.aperture import Aperture
 
 __all__ = ["Page"]
 
@@ -291,7 +288,7 @@ class Page(BasePage):
         self.panel.show_plane(loaded, matrix.recorded[self.plane.z])
         self.context.jobs.compute(
             "psf aperture",
-            lambda: matrix.aperture(loaded.plane.z),
+            lambda: _apertures_of(matrix, loaded.plane.z),
             self._show_aperture,
             self.panel.aperture_text.setText,
         )
@@ -306,9 +303,9 @@ class Page(BasePage):
         unit = shown_unit(self.intent, self.matrix, self.reference)
         self.panel.show_picture(picture, self.intent, None if own else self._levels.get(self.intent.show), unit)
 
-    def _show_aperture(self, aperture: Aperture) -> None:
+    def _show_aperture(self, found: dict[str, Any]) -> None:
         if self.matrix is not None:
-            self.panel.show_aperture(aperture, expected_in(self.matrix, self.intent.z), self.matrix.cutout)
+            self.panel.show_aperture(found["fitted"], found["expected"], self.matrix.cutout)
 
 
 def _sum_of(matrix: PSFMatrix, z: int) -> dict[str, Any]:
@@ -316,4 +313,8 @@ def _sum_of(matrix: PSFMatrix, z: int) -> dict[str, Any]:
 
 
 def _apertures_of(matrix: PSFMatrix, z: int) -> dict[str, Any]:
-    return {"fitted": matrix.aperture(z), "expected": expected_in(matrix, z)}
+    found = {"fitted": matrix.aperture(z), "expected": expected_in(matrix, z)}
+    for one in found.values():
+        if one is not None:
+            one.outline()  # loads what draws it: that held the window's thread for 25 ms
+    return found

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import threading
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from gui.pages.psf.depth_strip import EXPECTED, FITTED, Tile
 from gui.window import MainWindow
 from lfcal.camera import preset
 from lfcal.psf import PSFMatrix, save
-from lfcal.psf.aperture.shape import blade_radius
+from lfcal.psf.aperture.shape import Aperture, blade_radius
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import idle
 
@@ -186,3 +187,32 @@ def test_the_large_apertures_follow_the_strip_and_choose_planes(page: Any, conte
     page.set_intent(z=1)
     assert large.grid.currentRow() == 1
     assert page.panel.show_apertures() is large
+
+
+def test_the_window_s_thread_loads_no_kernel_for_the_apertures(
+    open_page: OpenPage, context: Context, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Loading what draws an outline held it for 25 ms when H was opened."""
+    first: list[str] = []
+    asked: set[str] = set()
+    plain = Aperture.outline
+
+    def outline(self: Aperture, n: int = 360) -> Any:
+        first.append(threading.current_thread().name)
+        return plain(self, n)
+
+    def expected(matrix: PSFMatrix, z: int) -> None:
+        asked.add(threading.current_thread().name)
+
+    monkeypatch.setattr(Aperture, "outline", outline)
+    monkeypatch.setattr("gui.pages.psf.page.expected_in", expected)
+    t, s = np.indices((31, 31)) - 15
+    disc = (np.hypot(t, s) < 9).astype(np.float32)
+    context.matrices.put("disc", PSFMatrix(np.broadcast_to(disc, (1, 2, 2, 31, 31)).copy()))
+    context.project.update("open", psf="disc")
+    page = open_page("psf")
+    idle(context.jobs, qtbot)
+    assert len(page.panel.outline.getData()[0]) == 360
+    main = threading.main_thread().name
+    assert first[0] != main and main in first
+    assert asked and main not in asked
