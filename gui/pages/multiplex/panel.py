@@ -29,7 +29,7 @@ from gui.pages.multiplex.pictures import MultiplexPictures
 from gui.theme import current_theme
 from gui.widgets.cards import card, column_area
 from gui.widgets.form import Form
-from gui.widgets.plots import LINES, LinePlot
+from gui.widgets.plots import LINES, LinePlot, shown_tone
 
 __all__ = ["MultiplexPanel"]
 
@@ -172,6 +172,8 @@ class MultiplexPanel(QWidget):
         self.marker.hide()
         self.curve.plot.addItem(self.marker, ignoreBounds=True)
         self.curve_hint = QLabel("")
+        self._drawn: list[tuple[str, str, bool]] = []
+        self._below = ""
         self.curve_hint.setProperty("role", "hint")
         self.curve_hint.setWordWrap(True)
         column.addWidget(self.curve, 1)
@@ -226,6 +228,7 @@ class MultiplexPanel(QWidget):
             view.set_image(None)
         self.table.setRowCount(0)
         self.curve.clear()
+        self._drawn = []
         self.marker.hide()
         self.curve_hint.setText(f"<span style='color:{current_theme().bad}'>{escape(words)}</span>")
 
@@ -238,6 +241,7 @@ class MultiplexPanel(QWidget):
                 item.setToolTip(f"{value}\n{tip}")
                 self.table.setItem(k, column, item)
         self.curve.clear()
+        self._drawn = []
         self.marker.hide()
         if found.curves is None:
             self.curve_title.setText("Gain of signal to noise")
@@ -245,23 +249,32 @@ class MultiplexPanel(QWidget):
             return
         curves = found.curves
         self.curve_title.setText(f"Gain of signal to noise over {curves.reference.replace('_', ' ')}")
-        legend = []
         for k, (name, gains) in enumerate(zip(curves.names, curves.gains, strict=True)):
             if name not in found.left_out:
                 tone, dashed, text = LINES[k % len(LINES)], k >= len(LINES), name.replace("_", " ")
                 self.curve.set_curve(text, curves.chi2, gains, colour=tone, dashed=dashed)
-                legend.append(f"<span style='color:{tone}'>{'╍' if dashed else '━'}</span>&nbsp;{text}")
+                self._drawn.append((text, tone, dashed))
         low, high = float(curves.chi2[0]), float(curves.chi2[-1])
         self.marker.setPos(math.log10(min(max(found.chi2, low), high)))
         self.marker.setPen(pg.mkPen(current_theme().text, width=1.2, style=Qt.PenStyle.DashLine))
         self.marker.show()
-        words = f"{' &nbsp; '.join(legend)}<br>┆ {escape(camera)}, χ² = {number(found.chi2, '.3g')} at full scale"
+        self._below = f"<br>┆ {escape(camera)}, χ² = {number(found.chi2, '.3g')} at full scale"
         if found.left_out:
-            words += f"<br>Not drawn, as samples are lost: {', '.join(found.left_out)}"
-        self.curve_hint.setText(words)
+            self._below += f"<br>Not drawn, as samples are lost: {', '.join(found.left_out)}"
+        self._show_legend()
+
+    def _show_legend(self) -> None:
+        """Name the curves in their colours, which the theme may change."""
+        named = (
+            f"<span style='color:{shown_tone(tone)}'>{'╍' if dashed else '━'}</span>&nbsp;{text}"
+            for text, tone, dashed in self._drawn
+        )
+        self.curve_hint.setText(f"{' &nbsp; '.join(named)}{self._below}")
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
         for view in (self.pattern, self.spectrum, self.sigma, self.pi, self.curve, self.pictures):
             view.apply_theme()
+        if self._drawn:
+            self._show_legend()
         self.marker.setPen(pg.mkPen(current_theme().text, width=1.2, style=Qt.PenStyle.DashLine))

@@ -60,7 +60,8 @@ class EffectPanel(QWidget):
         both.setChildrenCollapsible(False)
         both.setHandleWidth(8)
         both.addWidget(self._words_area())
-        both.addWidget(self._pictures())
+        self.pictures = self._pictures()
+        both.addWidget(self.pictures)
         both.setStretchFactor(0, 0)
         both.setStretchFactor(1, 1)
         both.setSizes([256, 360])
@@ -138,7 +139,7 @@ class EffectPanel(QWidget):
     def show_row(self, row: EffectRow | None) -> None:
         """Show what is known of an effect; None: none is selected."""
         there = row is not None
-        for widget in (self.why, self.form, self.note, self.formula, self.influence, self.stop_button):
+        for widget in (self.why, self.form, self.note, self.formula, self.pictures):
             widget.setVisible(there)
         self.frame_button.setVisible(row is not None and not row.enters_h)
         self.stop_button.setEnabled(False)
