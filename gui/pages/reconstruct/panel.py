@@ -22,6 +22,7 @@ from PySide6.QtWidgets import (
 )
 
 from gui.pages.reconstruct.model import FIELDS, used_by
+from gui.pages.reconstruct.model_device import DEVICE, NO_DEVICE
 from gui.pages.reconstruct.volume_view import VolumeView
 from gui.theme import current_theme
 from gui.widgets.cards import card, column_area, line
@@ -64,7 +65,8 @@ class ReconstructPanel(QWidget):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.form = Form(FIELDS)
+        self.form = Form(FIELDS, dense=True)
+        self.no_device = NO_DEVICE
         for key in self.form.fields:
             self.form.editor(key).setMinimumWidth(56)
         self.volume = VolumeView()
@@ -104,8 +106,7 @@ class ReconstructPanel(QWidget):
         self.make = QPushButton("Make one …")
         self.make.setToolTip("Project a phantom through this H, add photon noise, and save it as a light field")
         self.make.clicked.connect(lambda: self.make_asked.emit(self.phantom.currentData()))
-        column.addWidget(self.file)
-        column.addWidget(self.open)
+        column.addLayout(line(self.file, self.open, stretch=0))
         column.addLayout(line(self.make, self.phantom, stretch=1))
         return frame
 
@@ -123,13 +124,11 @@ class ReconstructPanel(QWidget):
             grid.addWidget(button, k // 2, k % 2)
         self.buttons["start"].setProperty("role", "primary")
         column.addLayout(grid)
-        self.bar = QProgressBar()
-        self.bar.setTextVisible(False)
-        column.addWidget(self.bar)
-        self.status = QLabel("")
-        self.status.setWordWrap(True)
-        column.addWidget(self.status)
-        self.forecast = QLabel("")
+        return frame
+
+    def _forecast_card(self) -> QWidget:
+        frame, column = card("Forecast")
+        self.forecast = QLabel("Told when there is a light field.")
         self.forecast.setTextFormat(Qt.TextFormat.RichText)
         self.forecast.setWordWrap(True)
         self.forecast.setToolTip("From a cost model calibrated on this machine")
@@ -177,7 +176,14 @@ class ReconstructPanel(QWidget):
         self.light_field.setMinimumSize(150, 110)
         inner.addWidget(self.light_field, 1)
         column.addWidget(top, 5)
+        column.addWidget(self._forecast_card())
         below, inner = card("Convergence")
+        self.bar = QProgressBar()
+        self.bar.setTextVisible(False)
+        self.status = QLabel("")
+        self.status.setWordWrap(True)
+        inner.addWidget(self.bar)
+        inner.addWidget(self.status)
         for plot in (self.residual, self.likelihood):
             plot.setMinimumSize(150, 80)
             inner.addWidget(plot, 1)
@@ -191,6 +197,13 @@ class ReconstructPanel(QWidget):
         for key in ("background", "read_noise", "saturation", "strength", "subsets", "auto", "margin"):
             self.form.set_enabled(key, used_by(name, key))
         self.form.set_enabled("iterations", not (auto and used_by(name, "auto")))
+
+    def show_device(self, chosen: str) -> None:
+        """Grey out the choice of a device where there is none; one that was chosen elsewhere can be taken back."""
+        self.form.set_enabled("device", not self.no_device or chosen == "cuda")
+        editor = self.form.editor("device")
+        editor.setToolTip("\n".join(filter(None, (DEVICE.tip, self.no_device))))
+        editor.setAccessibleDescription(self.no_device)
 
     def show_region(self, region: tuple[int, int, int, int] | None) -> None:
         """Frame the region that is used: first row, row behind the last, and so for columns; None: no light field."""
