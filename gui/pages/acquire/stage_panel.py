@@ -61,6 +61,7 @@ class StagePanel(QWidget):
         self.limits.setProperty("role", "hint")
         self.limits.setWordWrap(True)
         self.limits.setToolTip("Soft limits: checked before anything moves")
+        self.limits.hide()
         column.addWidget(self.limits)
         outer = QVBoxLayout(self)
         outer.setContentsMargins(0, 0, 0, 0)
@@ -142,6 +143,7 @@ class StagePanel(QWidget):
 
     def set_limits(self, limits: Limits | None) -> None:
         """Show the travel of each axis (µm)."""
+        self.limits.setVisible(limits is not None)
         if limits is None:
             self.limits.setText("")
             return

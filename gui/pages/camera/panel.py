@@ -110,6 +110,7 @@ class CameraPanel(QWidget):
         for (content, title), tip in zip(titles, TAB_TIPS, strict=True):
             self.tabs.setTabToolTip(self.tabs.addTab(content, title), tip)
         below, column = card()
+        column.setContentsMargins(10, 2, 10, 4)
         column.addWidget(self.tabs)
         self.split = both = QSplitter(Qt.Orientation.Vertical)
         both.setChildrenCollapsible(False)
@@ -155,13 +156,13 @@ class CameraPanel(QWidget):
         clear(scroll)
         inner = QWidget()
         row = QHBoxLayout(inner)
-        row.setContentsMargins(0, 4, 0, 0)
+        row.setContentsMargins(0, 0, 0, 0)
         row.addWidget(self.view, 3)
         row.addWidget(scroll, 2)
         return inner
 
     def _form(self, fields: tuple[Field, ...]) -> Form:
-        form = Form(fields, marked=True)
+        form = Form(fields, marked=True, dense=True)
         form.check = self._check
         form.edited.connect(self.edited.emit)
         return form
@@ -214,6 +215,7 @@ class CameraPanel(QWidget):
 
 def _titled(title: str, content: QWidget) -> QFrame:
     frame, column = card(title)
+    column.setContentsMargins(10, 4, 10, 4)
     column.addWidget(content)
     column.addStretch()
     return frame

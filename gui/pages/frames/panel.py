@@ -40,7 +40,7 @@ __all__ = ["FramesPanel"]
 SCALES = (("linear", "linear"), ("gamma", "gamma 0.5"), ("log", "log, 4 decades"))
 
 
-HEIGHTS = ((130, 230), (150, 290), (110, 220))
+HEIGHTS = ((130, 230), (150, 290), (100, 100))
 """Least and most height of map, cutout and histogram (px): what is low enough needs no scroll bar."""
 
 
@@ -104,9 +104,19 @@ class FramesPanel(QWidget):
         column.addLayout(self._bar())
         column.addWidget(self.view, 1)
         column.addWidget(self.readout)
+        column.addWidget(self._numbers_card())
         row.addLayout(column, 1)
 
     # -- building --------------------------------------------------------------------------------------
+    def _numbers_card(self) -> QWidget:
+        """Return the histogram and the numbers of the frame: below it, for frames are wider than high."""
+        panel, column = card("Histogram of the frame as recorded")
+        row = QHBoxLayout()
+        row.addWidget(self.histogram, 1)
+        row.addWidget(self.numbers)
+        column.addLayout(row)
+        return panel
+
     def _bar(self) -> QHBoxLayout:
         row = QHBoxLayout()
         self.lattice_box = QCheckBox("Lattice")
@@ -150,9 +160,6 @@ class FramesPanel(QWidget):
         column.addLayout(self._corrections())
         column.addWidget(heading("Positions and cutout"))
         column.addLayout(self._reading())
-        column.addWidget(heading("Histogram of the frame as recorded"))
-        column.addWidget(self.histogram, 3)
-        column.addWidget(self.numbers)
         column.addStretch()
         area = QScrollArea()
         area.setWidgetResizable(True)
