@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from PySide6.QtCore import QPoint, QRect
 from PySide6.QtWidgets import (
     QAbstractItemView,
     QAbstractScrollArea,
@@ -17,6 +18,7 @@ from pytestqt.qtbot import QtBot
 
 from gui.models.project import ProjectState
 from gui.pages.acquire.record_panel import RecordPanel
+from gui.theme import NIGHT
 from gui.window import MainWindow
 from lfcal.camera import preset
 from lfcal.cli.sample import sample_recording
@@ -137,4 +139,26 @@ def test_no_scroll_bar_beside_the_sample(window: MainWindow, qtbot: QtBot) -> No
     window.job_dock.hide()
     settle()
     assert page.loaded is not None and moving(page) == []
-    assert page.panel.histogram.height() >= 80 and page.panel.view.height() > 400
+    assert page.panel.view.height() > 400
+    for shown in (page.panel.histogram.graphics, page.panel.numbers):
+        assert whole(shown, page), "was cut off below"
+
+
+def whole(widget: Any, page: Any) -> bool:
+    """Return whether a widget lies inside of all that it is part of."""
+    around = widget.parentWidget()
+    while around is not page and around.rect().contains(QRect(widget.mapTo(around, QPoint(0, 0)), widget.size())):
+        around = around.parentWidget()
+    return around is page
+
+
+def test_numbers_of_a_frame_have_the_colour_of_the_theme(window: MainWindow, qtbot: QtBot) -> None:
+    """They kept that of the theme in which the frame was opened."""
+    window.set_theme("night")
+    window.go("frames")
+    page: Any = window.page("frames")
+    assert page.accept_drop([str(sample_recording())])
+    idle(window.jobs, qtbot)
+    assert NIGHT.text in page.panel.numbers.text()
+    window.set_theme("light")
+    assert NIGHT.text not in page.panel.numbers.text()

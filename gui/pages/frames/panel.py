@@ -40,8 +40,11 @@ __all__ = ["FramesPanel"]
 SCALES = (("linear", "linear"), ("gamma", "gamma 0.5"), ("log", "log, 4 decades"))
 
 
-HEIGHTS = ((130, 230), (150, 290), (100, 100))
-"""Least and most height of map, cutout and histogram (px): what is low enough needs no scroll bar."""
+HEIGHTS = ((130, 230), (150, 290))
+"""Least and most height of map and cutout (px): what is low enough needs no scroll bar."""
+
+LOW = 116
+"""Height of the histogram (px)."""
 
 
 class FramesPanel(QWidget):
@@ -85,14 +88,15 @@ class FramesPanel(QWidget):
         self.map_words.hide()
         self.histogram = LinePlot("sample value (counts)", "pixels")
         self.histogram.plot.setLogMode(False, True)
-        for picture, (least, most) in zip((self.map, self.crop, self.histogram), HEIGHTS, strict=True):
+        self.histogram.setFixedHeight(LOW)
+        for picture, (least, most) in zip((self.map, self.crop), HEIGHTS, strict=True):
             picture.setMinimumHeight(least)
             picture.setMaximumHeight(most)
             # what they would like to have makes no scroll bar
             picture.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Ignored)
         self.numbers = QLabel()
         self.numbers.setTextFormat(Qt.TextFormat.RichText)
-        self.numbers.setWordWrap(True)
+        self._counted: FrameNumbers | None = None
         self.readout = QLabel(" ")
         self.readout.setProperty("role", "hint")
         self._window: tuple[int, int, int, int] | None = None
@@ -267,7 +271,7 @@ class FramesPanel(QWidget):
         self.view.clear_cutout()
         self._window = None
         self.histogram.clear()
-        self.numbers.setText("")
+        self._count(None)
         self._show_crop(None, "no frame")
 
     def show_frame(self, loaded: Loaded) -> None:
@@ -277,8 +281,12 @@ class FramesPanel(QWidget):
         numbers = loaded.numbers
         middle = (numbers.edges[1:] + numbers.edges[:-1]) / 2
         self.histogram.set_curve("pixels", middle, np.maximum(numbers.counts, 0.5))
-        self.numbers.setText(_number_words(numbers))
+        self._count(numbers)
         self.show_pixels(loaded)
+
+    def _count(self, numbers: FrameNumbers | None) -> None:
+        self._counted = numbers
+        self.numbers.setText("" if numbers is None else _number_words(numbers))
 
     def show_pixels(self, loaded: Loaded) -> None:
         """Show the frame before or after its correction, as chosen."""
@@ -317,6 +325,7 @@ class FramesPanel(QWidget):
         """Take the colours of the theme in use."""
         for widget in (self.view, self.crop, self.map, self.histogram):
             widget.apply_theme()
+        self._count(self._counted)  # its colours are the theme's
 
     def _play(self, on: bool) -> None:
         self.play_button.setText("Stop" if on else "Play")
