@@ -295,6 +295,7 @@ class Page(BasePage):
         self._job = self.context.jobs.start(
             title, "reconstruct", lambda: solving.work(count), abandon=True, taken=taken
         )
+        self.panel.show_running()
         self.panel.show_status("setting up …", None)
         self._show_controls()
 

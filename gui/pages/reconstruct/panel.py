@@ -17,6 +17,7 @@ from PySide6.QtWidgets import (
     QProgressBar,
     QPushButton,
     QStackedWidget,
+    QTabWidget,
     QVBoxLayout,
     QWidget,
 )
@@ -43,6 +44,9 @@ BUTTONS = (
 """Key, title and meaning of each button."""
 
 SHOWN = ("reconstruction", "truth")
+
+FORECAST = "What it will take in time and memory, and how: before it is begun"
+CONVERGENCE = "Does it still get better? Image less model, iteration by iteration"
 
 
 class ReconstructPanel(QWidget):
@@ -126,13 +130,16 @@ class ReconstructPanel(QWidget):
         column.addLayout(grid)
         return frame
 
-    def _forecast_card(self) -> QWidget:
-        frame, column = card("Forecast")
+    def _forecast(self) -> QWidget:
+        frame = QWidget()
+        column = QVBoxLayout(frame)
+        column.setContentsMargins(0, 4, 0, 0)
         self.forecast = QLabel("Told when there is a light field.")
         self.forecast.setTextFormat(Qt.TextFormat.RichText)
         self.forecast.setWordWrap(True)
         self.forecast.setToolTip("From a cost model calibrated on this machine")
         column.addWidget(self.forecast)
+        column.addStretch()
         return frame
 
     def _settings_card(self) -> QWidget:
@@ -176,19 +183,35 @@ class ReconstructPanel(QWidget):
         self.light_field.setMinimumSize(150, 110)
         inner.addWidget(self.light_field, 1)
         column.addWidget(top, 5)
-        column.addWidget(self._forecast_card())
-        below, inner = card("Convergence")
+        below, inner = card()
         self.bar = QProgressBar()
         self.bar.setTextVisible(False)
         self.status = QLabel("")
         self.status.setWordWrap(True)
         inner.addWidget(self.bar)
         inner.addWidget(self.status)
-        for plot in (self.residual, self.likelihood):
-            plot.setMinimumSize(150, 80)
-            inner.addWidget(plot, 1)
+        self.costs = QTabWidget()
+        self.costs.setDocumentMode(True)
+        self.costs.tabBar().setDrawBase(False)
+        tabs = (self._forecast(), "Forecast", FORECAST), (self._convergence(), "Convergence", CONVERGENCE)
+        for tab, title, tip in tabs:
+            self.costs.setTabToolTip(self.costs.addTab(tab, title), tip)
+        inner.addWidget(self.costs, 1)
         column.addWidget(below, 6)
         return column
+
+    def _convergence(self) -> QWidget:
+        frame = QWidget()
+        column = QVBoxLayout(frame)
+        column.setContentsMargins(0, 4, 0, 0)
+        for plot in (self.residual, self.likelihood):
+            plot.setMinimumSize(150, 80)
+            column.addWidget(plot, 1)
+        return frame
+
+    def show_running(self) -> None:
+        """Look at how it goes, no longer at what it will cost."""
+        self.costs.setCurrentIndex(1)
 
     # -- showing ---------------------------------------------------------------------------------------
     def show_solver(self, name: str, *, auto: bool) -> None:

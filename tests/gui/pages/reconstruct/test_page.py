@@ -248,3 +248,19 @@ def test_no_library_is_loaded_where_there_is_no_driver(monkeypatch: pytest.Monke
     assert device_reason() == NO_DEVICE
     monkeypatch.setattr("lfcal.reconstruct.projectors.device.find_device", lambda text: ArrayDevice("torch", 0))
     assert device_reason() == ""
+
+
+def test_it_fits_small_screens_with_all_that_is_told(
+    page: Page, context: Context, qtbot: QtBot, tmp_path: Path
+) -> None:
+    """What was told of a run and its forecast made the column longer than the window."""
+    make(page, qtbot, tmp_path / "light.tif")
+    idle(context.jobs, qtbot)
+    costs = page.panel.costs
+    assert costs.tabText(costs.currentIndex()) == "Forecast" and "Memory" in page.panel.forecast.text()
+    context.project.update("few", settings=ReconstructSettings(iterations=2).into(context.state))
+    page.start()
+    assert costs.tabText(costs.currentIndex()) == "Convergence"
+    idle(context.jobs, qtbot)
+    assert "residual" in page.panel.status.text()
+    assert page.body.minimumSizeHint().height() <= 640
