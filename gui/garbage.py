@@ -31,6 +31,11 @@ class Collector(QObject):
 
     The first one leaves aside what is there already: modules and their functions, two thirds of all objects, none of
     which ever becomes garbage.
+
+    Parameters
+    ----------
+    parent
+        Owns it; while it says that it is ``busy``, as `gui.jobs.Jobs` does, something goes on.
     """
 
     def __init__(self, parent: QObject | None = None) -> None:
@@ -48,7 +53,9 @@ class Collector(QObject):
     def collect(self) -> None:
         """Collect the youngest generation if it is due; older ones when nothing goes on, or that was long ago."""
         worked_s, self._worked_s = self._worked_s, time.thread_time()
-        self._calm = self._calm + 1 if self._worked_s - worked_s < BUSY_S else 0
+        # what a job brings is about to be shown
+        waiting = bool(getattr(self.parent(), "busy", False))
+        self._calm = 0 if waiting or self._worked_s - worked_s >= BUSY_S else self._calm + 1
         self._ticks += 1
         youngest, younger, _ = gc.get_count()
         limits = gc.get_threshold()

@@ -6,6 +6,7 @@ import gc
 from collections.abc import Iterator
 
 import pytest
+from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QApplication
 
 from gui import garbage
@@ -29,6 +30,10 @@ def collected(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     monkeypatch.setattr(gc, "collect", lambda generation=2: found.append(generation))
     monkeypatch.setattr(gc, "get_count", lambda: (10**6, 10**6, 10**6))
     return found
+
+
+class Busy(QObject):
+    busy = True
 
 
 class Thread:
@@ -72,6 +77,22 @@ def test_all_objects_are_looked_through_when_nothing_goes_on(
     for _ in range(CALM_TICKS):
         thread.tick(collector)
     assert collected == [0] * (CALM_TICKS - 1) + [2]
+
+
+def test_while_a_job_is_at_work_something_goes_on(thread: Thread, collected: list[int], qapp: QApplication) -> None:
+    """H was opened in the background, the window waited, and was held just when H was to be shown."""
+    jobs = Busy()
+    collector = Collector(jobs)
+    try:
+        for _ in range(2 * CALM_TICKS):
+            thread.tick(collector)
+        assert set(collected) == {0}
+        jobs.busy = False
+        for _ in range(CALM_TICKS):
+            thread.tick(collector)
+        assert collected[-1] == 2
+    finally:
+        collector.close()
 
 
 def test_nothing_is_collected_that_is_not_due(
