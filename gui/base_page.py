@@ -17,13 +17,19 @@ from gui.models.project import ProjectState
 from gui.notice import Notice
 from gui.theme import current_theme, style_sheet
 
-__all__ = ["BasePage", "EmptyState", "page_class"]
+__all__ = ["BasePage", "Deed", "EmptyState", "page_class"]
+
+Deed = tuple[str, Callable[[], object]]
+"""What a button of an empty state does: when one would press it (its tip), and the action."""
+
+
+NO_LONGER = "Wait no longer for this file; it stays the project's, and can be opened later"
 
 
 class EmptyState(QWidget):
     """What is shown where there is nothing yet: what to do next, and the button that does it."""
 
-    def __init__(self, text: str, buttons: dict[str, Any] | None = None, parent: QWidget | None = None) -> None:
+    def __init__(self, text: str, buttons: dict[str, Deed] | None = None, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         layout = QVBoxLayout(self)
         layout.addStretch()
@@ -34,8 +40,9 @@ class EmptyState(QWidget):
         layout.addWidget(self.label)
         row = QHBoxLayout()
         row.addStretch()
-        for k, (title, action) in enumerate((buttons or {}).items()):
+        for k, (title, (tip, action)) in enumerate((buttons or {}).items()):
             button = QPushButton(title)
+            button.setToolTip(tip)
             if k == 0:
                 button.setProperty("role", "primary")
             button.clicked.connect(lambda _=False, action=action: action())
@@ -102,12 +109,16 @@ class BasePage(QWidget):
         self.take_theme()
         super().showEvent(event)
 
-    def show_empty(self, text: str, buttons: dict[str, Any] | None = None) -> None:
+    def show_empty(self, text: str, buttons: dict[str, Deed] | None = None) -> None:
         """Show what to do next in place of the body."""
         self.show_body()
         self.empty = EmptyState(text, buttons)
         self._stack.addWidget(self.empty)
         self._stack.setCurrentWidget(self.empty)
+
+    def lead(self, key: str, tip: str) -> Deed:
+        """Return what a button does that leads to the page ``key``; ``tip``: what is done there."""
+        return tip, lambda: self.context.go.emit(key, None)
 
     def show_body(self) -> None:
         """Show the body."""
@@ -117,13 +128,14 @@ class BasePage(QWidget):
             self.empty.deleteLater()
             self.empty = None
 
-    def show_no_matrix(self, path: str, text: str, buttons: dict[str, Any]) -> None:
+    def show_no_matrix(self, path: str, text: str, buttons: dict[str, Deed]) -> None:
         """Show that the H of ``path`` is being opened, or why it cannot be; or ``text`` where neither is so."""
         matrices = self.context.matrices
         if matrices.opening(path):
-            self.show_empty(f"Opening {Path(path).name} …", {"Cancel": lambda: matrices.cancel(path)})
+            self.show_empty(f"Opening {Path(path).name} …", {"Cancel": (NO_LONGER, lambda: matrices.cancel(path))})
         elif matrices.problem(path):
-            self.show_empty(matrices.problem(path), {"Try again": lambda: matrices.take(path), **buttons})
+            again = "Open the same file again, once it is whole or its disk is back", lambda: matrices.take(path)
+            self.show_empty(matrices.problem(path), {"Try again": again, **buttons})
         elif path:
             self.show_empty(f"{Path(path).name} is being written and is shown again afterwards.")
         else:

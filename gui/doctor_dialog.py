@@ -30,6 +30,7 @@ class DoctorDialog(QDialog):
         self.view.setPlainText("looking …")
         self.copy, close = QPushButton("Copy text"), QPushButton("Close")
         self.copy.setToolTip("Put it on the clipboard, for a report of a problem")
+        close.setToolTip("Close this window; menu Help opens it again")
         self.copy.setEnabled(False)
         self.copy.clicked.connect(lambda: QApplication.clipboard().setText(doctor_text(self._found)))
         close.clicked.connect(self.close)

@@ -12,6 +12,8 @@ __all__ = ["Notice"]
 WAIT_MS = 300
 """Work that is done sooner is not announced."""
 
+DISMISS = "Take this line away once it is read; the log keeps it"
+
 
 class Notice(QFrame):
     """One line with one button, or two where it offers something; hidden where there is nothing to say."""
@@ -27,8 +29,10 @@ class Notice(QFrame):
         self.label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.button = QPushButton()
         self.button.setAccessibleName("answer to the notice")
+        self.button.setToolTip(DISMISS)
         self.button.clicked.connect(self._pressed)
         self.leave = QPushButton("Leave as it is")
+        self.leave.setToolTip("Do nothing about it now; nothing changes")
         self.leave.clicked.connect(self._leave)
         row.addWidget(self.label, 1)
         for button in (self.leave, self.button):
@@ -43,7 +47,7 @@ class Notice(QFrame):
 
     def wait(self, text: str, cancel: Callable[[], None]) -> None:
         """Say what is being waited for, when it takes a while, with a button to wait no longer."""
-        self._say(text, "Cancel", "hint")
+        self._say(text, "Cancel", "hint", "Wait for it no longer; what is shown stays")
         self._cancel = cancel
         self.hide()
         self._timer.start()
@@ -64,7 +68,7 @@ class Notice(QFrame):
         stay: str = "Leave as it is",
     ) -> None:
         """Say what was noticed, with a button that does something about it and one (``stay``) that leaves it."""
-        self._say(text, button, "error")
+        self._say(text, button, "error", "Do what the line beside it says; undo (Ctrl+Z) takes it back")
         self._cancel, self._left = action, leave
         self.leave.setText(stay)
         self.leave.show()
@@ -82,12 +86,13 @@ class Notice(QFrame):
         self._cancel = self._left = None
         self.hide()
 
-    def _say(self, text: str, button: str, role: str) -> None:
+    def _say(self, text: str, button: str, role: str, tip: str = DISMISS) -> None:
         self._timer.stop()
         self.leave.hide()
         self.label.setText(text)
         self.button.setText(button)
         self.button.setAccessibleName(button)
+        self.button.setToolTip(tip)
         self.label.setProperty("role", role)
         self.label.style().unpolish(self.label)
         self.label.style().polish(self.label)

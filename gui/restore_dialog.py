@@ -60,7 +60,8 @@ class RestoreDialog(QDialog):
         self.restore, self.discard, self.later = QPushButton("Restore"), QPushButton("Discard"), QPushButton("Later")
         self.restore.setProperty("role", "primary")
         self.restore.setDefault(True)
-        self.discard.setToolTip("Delete the copy")
+        self.restore.setToolTip("Go on with the unsaved work as it was kept; save it then under a name")
+        self.discard.setToolTip("Delete the copy for good: the work in it is not wanted")
         self.later.setToolTip("Keep the copy and ask at the next start")
         self.discard.setAutoDefault(False)
         for button, signal in (

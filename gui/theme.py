@@ -165,6 +165,7 @@ QPushButton:hover {{ border-color: {accent}; }}
 QPushButton:disabled {{ color: {muted}; background: {window}; }}
 QPushButton:checked {{ background: {accent}; color: {accent_text}; border-color: {accent}; }}
 QPushButton[role="primary"] {{ background: {accent}; color: {accent_text}; border-color: {accent}; font-weight: 600; }}
+QToolButton[role="fold"] {{ border: none; background: transparent; font-weight: 600; padding: 0; color: {text}; }}
 QPushButton[role="big"] {{ font-size: 16pt; font-weight: 600; min-height: 62px; padding: 4px 10px; }}
 QLabel[role="big"] {{ font-size: 17pt; font-weight: 600; color: {text}; }}
 QPushButton[role="primary"]:disabled {{ background: {raised}; color: {muted}; border-color: {line}; }}
@@ -177,6 +178,9 @@ QCheckBox::indicator {{ width: 13px; height: 13px; border: 1px solid {muted}; bo
 QCheckBox::indicator:checked {{ background: {accent}; border-color: {accent}; }}
 QCheckBox::indicator:disabled {{ border-color: {line}; }}
 QComboBox {{ min-height: 22px; }}
+QWidget[dense="true"] QLineEdit {{ padding: 1px 6px; }}
+QWidget[dense="true"] QPushButton {{ padding: 3px 10px; }}
+QWidget[dense="true"] QComboBox {{ min-height: 17px; max-height: 17px; }}
 QLineEdit[invalid="true"] {{ border: 1px solid {bad}; }}
 QComboBox QAbstractItemView {{ background: {panel}; border: 1px solid {line}; selection-background-color: {accent};
     selection-color: {accent_text}; }}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QCheckBox, QDialog, QLabel, QListWidget, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QCheckBox, QDialog, QHBoxLayout, QLabel, QListWidget, QPushButton, QVBoxLayout, QWidget
 
 from gui.theme import style_sheet
 from gui.widgets.cards import heading, line
@@ -66,6 +66,7 @@ class Welcome(QDialog):
         column.addWidget(heading("Opened lately"))
         self.list = QListWidget()
         self.list.setAccessibleName("projects opened lately")
+        self.list.setToolTip("Enter or a double click goes on with a project")
         self.list.addItems([str(path) for path in recent])
         self.list.itemActivated.connect(lambda item: self._open(item.text()))
         self.none = QLabel("none yet")
@@ -74,11 +75,16 @@ class Welcome(QDialog):
         self.none.setVisible(not recent)
         column.addWidget(self.list, 1)
         column.addWidget(self.none, 1, Qt.AlignmentFlag.AlignTop)
+        column.addLayout(self._last_line(shown))
+
+    def _last_line(self, shown: bool) -> QHBoxLayout:
         self.box, close = QCheckBox("Show this at the start"), QPushButton("Close")
+        self.box.setToolTip("Off: the window starts with an empty project; Preferences bring this back")
+        close.setToolTip("Go on with what the window shows; menu Help opens this again")
         self.box.setChecked(shown)
         self.box.toggled.connect(self.kept.emit)
         close.clicked.connect(self.close)
-        column.addLayout(line(self.box, close, stretch=1))
+        return line(self.box, close, stretch=1)
 
     def _choose(self, key: str) -> None:
         self.close()

@@ -137,6 +137,9 @@ class MainWindow(QMainWindow):
         self.log_view = QPlainTextEdit()
         self.log_view.setReadOnly(True)
         self.log_view.setAccessibleName("log")
+        self.log_view.setToolTip(
+            "All that was done and refused since the start; the file of it is in the log folder (Help)"
+        )
         self.log_view.setMaximumBlockCount(2000)
         self.log_dock.setWidget(self.log_view)
         for dock in (self.job_dock, self.log_dock):

@@ -32,9 +32,10 @@ def card(title: str | QLabel = "") -> tuple[QFrame, QVBoxLayout]:
     return frame, column
 
 
-def column_area(width: int, *cards: QWidget) -> QScrollArea:
-    """Return a column of cards of a fixed width that scrolls when the window is low."""
+def column_area(width: int, *cards: QWidget, dense: bool = False) -> QScrollArea:
+    """Return a column of cards of a fixed width that scrolls when the window is low; ``dense``: of low controls."""
     inner = QWidget()
+    inner.setProperty("dense", dense)
     column = QVBoxLayout(inner)
     column.setContentsMargins(0, 0, 6, 0)
     column.setSpacing(8)

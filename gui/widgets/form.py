@@ -27,7 +27,7 @@ LONGEST_MARK = "measured"
 class Form(QWidget):
     """A column of fields.
 
-    With ``marked`` there is room for a word beside each field (`set_marks`).
+    With ``marked`` there is room for a word beside each field (`set_marks`). A ``dense`` form is low: for many fields.
 
     A value that does not parse, or that ``check`` refuses, is marked red with the reason under the form; only
     values that pass are reported.
@@ -40,8 +40,11 @@ class Form(QWidget):
 
     edited = Signal(str, object)
 
-    def __init__(self, fields: tuple[Field, ...], parent: QWidget | None = None, *, marked: bool = False) -> None:
+    def __init__(
+        self, fields: tuple[Field, ...], parent: QWidget | None = None, *, marked: bool = False, dense: bool = False
+    ) -> None:
         super().__init__(parent)
+        self.setProperty("dense", dense)
         self._marked = marked
         self._labels: dict[str, QLabel] = {}
         self._mark_labels: dict[str, QLabel] = {}
@@ -51,7 +54,7 @@ class Form(QWidget):
         self._layout = QFormLayout(self)
         self._layout.setContentsMargins(0, 0, 0, 0)
         self._layout.setHorizontalSpacing(10)
-        self._layout.setVerticalSpacing(6)
+        self._layout.setVerticalSpacing(2 if dense else 6)
         self._layout.setLabelAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         self._layout.setFieldGrowthPolicy(QFormLayout.FieldGrowthPolicy.AllNonFixedFieldsGrow)
         for field in fields:

@@ -12,10 +12,11 @@ from PySide6.QtWidgets import (
     QLineEdit,
     QPlainTextEdit,
     QSlider,
+    QTabBar,
     QWidget,
 )
 
-__all__ = ["CONTROLS", "name_controls", "unnamed"]
+__all__ = ["CONTROLS", "controls", "name_controls", "unnamed"]
 
 CONTROLS = (
     QAbstractButton,
@@ -34,7 +35,7 @@ LONGEST = 60
 
 def unnamed(root: QWidget) -> list[QWidget]:
     """Return the controls in ``root`` that a screen reader has no words for."""
-    return [widget for widget in _controls(root) if not widget.accessibleName() and not _own_words(widget)]
+    return [widget for widget in controls(root) if not widget.accessibleName() and not _own_words(widget)]
 
 
 def name_controls(root: QWidget) -> None:
@@ -49,12 +50,13 @@ def name_controls(root: QWidget) -> None:
         widget.setAccessibleName(words[:LONGEST])
 
 
-def _controls(root: QWidget) -> list[QWidget]:
+def controls(root: QWidget) -> list[QWidget]:
+    """Return the controls in ``root``, without the parts of which other controls are made."""
     found: list[QWidget] = []
     for kind in CONTROLS:
         found += root.findChildren(kind)
     # parts of other controls speak through these
-    inner = (QAbstractSpinBox, QComboBox, QAbstractItemView)
+    inner = (QAbstractSpinBox, QComboBox, QAbstractItemView, QTabBar)
     return [widget for widget in found if not _within(widget, inner) and not widget.objectName().startswith("qt_")]
 
 

@@ -19,13 +19,20 @@ from gui.theme import current_theme
 from gui.widgets.blank import Blank
 from gui.widgets.picture_menu import offer_menu, save_picture
 
-__all__ = ["LINES", "DecadeAxis", "LinePlot", "style_axes", "theme_plot"]
+__all__ = ["LINES", "DecadeAxis", "LinePlot", "shown_tone", "style_axes", "theme_plot"]
 
 LINES = ("#2a8fc4", "#d9772b", "#2aa37b", "#c76aa0", "#8b97a8", "#c9a227")
 """Line colours that stay apart for colour-blind readers, on light and on dark."""
 
 RED_LINES = ("#ff5a45", "#a83a2c", "#ff8a5c", "#c9301c", "#7d2a20", "#ff2010")
 """The same where all is red."""
+
+
+def shown_tone(tone: str) -> str:
+    """Return the colour in which a line of ``tone`` is drawn: one of red where all is red."""
+    if not current_theme().red:
+        return tone
+    return RED_LINES[LINES.index(tone)] if tone in LINES else RED_LINES[0]
 
 
 def style_axes(plot: pg.PlotItem, xlabel: str, ylabel: str) -> None:
@@ -175,9 +182,7 @@ class LinePlot(QWidget):
 
     def _paint(self, name: str) -> None:
         """Give a curve the tone it was asked for, or one of red where all is red."""
-        tone, curve = self._tones[name], self._curves[name]
-        if current_theme().red:
-            tone = RED_LINES[LINES.index(tone)] if tone in LINES else RED_LINES[0]
+        tone, curve = shown_tone(self._tones[name]), self._curves[name]
         if curve.opts["pen"] is not None:
             pen = pg.mkPen(curve.opts["pen"])
             pen.setColor(pg.mkColor(tone))

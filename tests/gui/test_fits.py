@@ -5,11 +5,22 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from PySide6.QtWidgets import QAbstractScrollArea, QApplication, QScrollArea
+from PySide6.QtCore import QPoint, QRect
+from PySide6.QtWidgets import (
+    QAbstractItemView,
+    QAbstractScrollArea,
+    QApplication,
+    QPlainTextEdit,
+    QScrollArea,
+    QTextEdit,
+)
 from pytestqt.qtbot import QtBot
 
 from gui.models.project import ProjectState
+from gui.pages.acquire.record_panel import RecordPanel
+from gui.theme import NIGHT
 from gui.window import MainWindow
+from lfcal.camera import preset
 from lfcal.cli.sample import sample_recording
 from tests.gui.waiting import idle
 
@@ -72,3 +83,82 @@ def test_the_unknowns_of_a_fit_are_whole(window: MainWindow, qtbot: QtBot) -> No
     settle()
     groups: QAbstractScrollArea = page.panel.choices.groups
     assert page.panel.choices.width() > 300 and groups.verticalScrollBar().maximum() == 0
+
+
+LISTS = (QAbstractItemView, QPlainTextEdit, QTextEdit)
+"""Tables, lists and texts may be longer than any window."""
+
+
+def within(widget: Any, kind: type) -> bool:
+    while widget is not None and not isinstance(widget, kind):
+        widget = widget.parentWidget()
+    return widget is not None
+
+
+def moving(page: Any) -> list[str]:
+    """Return the areas of a page, no lists, in which something lies outside what is seen.
+
+    The settings of a recording are more than a low window holds; those that are hardly touched are the last.
+    """
+    areas = [
+        area for area in page.findChildren(QAbstractScrollArea) if area.isVisible() and not isinstance(area, LISTS)
+    ]
+    areas = [area for area in areas if not within(area, RecordPanel)]
+    return [
+        type(area).__name__
+        for area in areas
+        if area.verticalScrollBar().maximum() > 0 or area.horizontalScrollBar().maximum() > 0
+    ]
+
+
+@pytest.mark.parametrize("camera", ["bench", "lfm_60x12"])
+def test_no_page_scrolls_in_a_small_window(window: MainWindow, camera: str) -> None:
+    """Camera, Acquire, Frames and Reconstruct had scroll bars at 1280 x 800."""
+    window.files.start_with(ProjectState(camera=preset(camera)))
+    window.resize(1280, 800)
+    found = {}
+    for spec in window.specs:
+        window.go(spec.key)
+        page: Any = window.page(spec.key)
+        page.show_body()
+        window.job_dock.hide()
+        for theme in ("light", "dark", "night"):
+            window.set_theme(theme)
+            settle()
+            found[spec.key, theme] = moving(page)
+    assert len(found) == 3 * len(window.specs)
+    assert {key: areas for key, areas in found.items() if areas} == {}
+
+
+def test_no_scroll_bar_beside_the_sample(window: MainWindow, qtbot: QtBot) -> None:
+    window.resize(1280, 800)
+    window.go("frames")
+    page: Any = window.page("frames")
+    assert page.accept_drop([str(sample_recording())])
+    idle(window.jobs, qtbot)
+    window.job_dock.hide()
+    settle()
+    assert page.loaded is not None and moving(page) == []
+    assert page.panel.view.height() > 400
+    for shown in (page.panel.histogram.graphics, page.panel.numbers):
+        assert whole(shown, page), "was cut off below"
+
+
+def whole(widget: Any, page: Any) -> bool:
+    """Return whether a widget lies inside of all that it is part of."""
+    around = widget.parentWidget()
+    while around is not page and around.rect().contains(QRect(widget.mapTo(around, QPoint(0, 0)), widget.size())):
+        around = around.parentWidget()
+    return around is page
+
+
+def test_numbers_of_a_frame_have_the_colour_of_the_theme(window: MainWindow, qtbot: QtBot) -> None:
+    """They kept that of the theme in which the frame was opened."""
+    window.set_theme("night")
+    window.go("frames")
+    page: Any = window.page("frames")
+    assert page.accept_drop([str(sample_recording())])
+    idle(window.jobs, qtbot)
+    assert NIGHT.text in page.panel.numbers.text()
+    window.set_theme("light")
+    assert NIGHT.text not in page.panel.numbers.text()

@@ -50,7 +50,7 @@ CHOSEN = {
     "fit": FitSettings(camera="window", positions=9, auto=False, constant=2.0, slope=0.5),
     "quality": QualitySettings(seconds=0.0),
     "simulate": SimulateSettings(tolerance=0.2, overrides=(("coma", "off"),)),
-    "reconstruct": ReconstructSettings(iterations=2, background=1.0, threshold=0.01, anchor=(10.0, 11.5)),
+    "reconstruct": ReconstructSettings(iterations=2, background=1.0, threshold=0.01, anchor=(10.0, 11.5), device="cpu"),
     "multiplex": MultiplexSettings(family="mask", mask="MURA", size=11),
 }
 
@@ -112,7 +112,7 @@ def test_options_of_the_command_are_those_of_the_page(project: ProjectState) -> 
     assert frames["dark"] == "" and not frames["defects"]
     solved = of("reconstruct")
     assert (solved["iterations"], solved["anchor"], solved["threshold"]) == ("2", "10.0,11.5", 0.01)
-    assert solved["margin"] == "auto"
+    assert solved["margin"] == "auto" and solved["device"] == "cpu"
     acquire = of("acquire")
     assert acquire["option"] == ["optics=pattern"] and acquire["darks"] == 2 and acquire["reference_every"] == 0
 

@@ -87,8 +87,8 @@ class Page(BasePage):
             self.show_empty(
                 "Accuracy is measured for a scan plan, or for H.\nMake a plan first, or open an H file.",
                 {
-                    "Plan": lambda: self.context.go.emit("plan", None),
-                    "PSF": lambda: self.context.go.emit("psf", None),
+                    "Plan": self.lead("plan", "Say which source positions and depth planes there are"),
+                    "PSF": self.lead("psf", "Open an H that was assembled, simulated or fitted before"),
                 },
             )
             return

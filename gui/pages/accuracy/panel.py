@@ -44,6 +44,9 @@ class AccuracyPanel(QWidget):
         frame, column = card("Where accuracy is paid")
         self.places = QListWidget()
         self.places.setAccessibleName("where accuracy is paid")
+        self.places.setToolTip(
+            "Choose one to see what accuracy costs there: a point for each setting that was measured"
+        )
         for place in PLACES:
             item = QListWidgetItem(place.title)
             item.setData(Qt.ItemDataRole.UserRole, place.name)

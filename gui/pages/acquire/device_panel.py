@@ -13,6 +13,9 @@ from gui.widgets.cards import card, line
 
 __all__ = ["DevicePanel"]
 
+CONNECT = "Take hold of camera and stage, to see live frames and to record; nothing moves yet"
+LET_GO = "Let camera and stage go, for another program or other settings; the stage stays where it is"
+
 
 class DevicePanel(QWidget):
     """Choose a backend and connect.
@@ -43,6 +46,7 @@ class DevicePanel(QWidget):
         self.reason.setWordWrap(True)
         self.button = QPushButton("Connect")
         self.button.setProperty("role", "primary")
+        self.button.setToolTip(CONNECT)
         self.button.clicked.connect(self._pressed)
         self.button.setEnabled(False)
         frame, column = card("Devices")
@@ -114,6 +118,7 @@ class DevicePanel(QWidget):
         """Show whether devices are connected, with their names or what went wrong."""
         self._connected = connected
         self.button.setText("Disconnect" if connected else "Connecting …" if busy else "Connect")
+        self.button.setToolTip(LET_GO if connected else CONNECT)
         self.button.setProperty("role", "" if connected else "primary")
         self.button.style().unpolish(self.button)
         self.button.style().polish(self.button)
@@ -128,7 +133,7 @@ class DevicePanel(QWidget):
     def set_free(self, free: bool) -> None:
         """Allow disconnecting, or not while devices are at work."""
         self.button.setEnabled(free)
-        self.button.setToolTip("" if free else "The devices are in use; stop that first")
+        self.button.setToolTip(LET_GO if free else "The devices are in use; stop that first")
 
     # -- inside ----------------------------------------------------------------------------------------
     def _say(self, words: str, *, bad: bool) -> None:

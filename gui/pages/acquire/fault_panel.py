@@ -6,7 +6,8 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QLabel, QListWidget, QPushButton, QSpinBox, QVBoxLayout, QWidget
 
 from gui.pages.acquire.model_faults import COUNTED, KINDS, fault_words
-from gui.widgets.cards import card, choice_box, line
+from gui.widgets.cards import choice_box, line
+from gui.widgets.folded import Folded
 from lfcal.devices.simulated.faults import Fault, parse_faults
 from lfcal.errors import LfcalError
 
@@ -35,7 +36,7 @@ class FaultPanel(QWidget):
         super().__init__(parent)
         self._faults: list[Fault] = []
         self._connected = False
-        self.kind = choice_box(KINDS, "What goes wrong")
+        self.kind = choice_box(KINDS, "What shall go wrong, to rehearse what the recording does about it")
         self.kind.setAccessibleName("kind of fault")
         self.kind.currentIndexChanged.connect(lambda _: self._count())
         self.at, self.times = QSpinBox(), QSpinBox()
@@ -52,12 +53,14 @@ class FaultPanel(QWidget):
         self.remove.clicked.connect(self._remove)
         self.list = QListWidget()
         self.list.setAccessibleName("faults of the simulator")
+        self.list.setToolTip("What will go wrong, and when; mark one to take it away")
         self.list.setMaximumHeight(84)
         self.list.currentRowChanged.connect(lambda _: self._enable())
         self.hint = QLabel(HINT)
         self.hint.setProperty("role", "hint")
         self.hint.setWordWrap(True)
-        frame, column = card("Faults of the simulator")
+        self.fold = Folded("Faults of the simulator", "Rehearse what a recording does about faults, before it is real")
+        column = self.fold.column
         column.addWidget(self.hint)
         column.addWidget(self.kind)
         column.addLayout(line("At", self.at, self.counted, stretch=1))
@@ -66,7 +69,7 @@ class FaultPanel(QWidget):
         column.addLayout(line(self.remove, stretch=0))
         outer = QVBoxLayout(self)
         outer.setContentsMargins(0, 0, 0, 0)
-        outer.addWidget(frame)
+        outer.addWidget(self.fold)
         self._count()
         self._show()
 
@@ -79,6 +82,8 @@ class FaultPanel(QWidget):
         if faults != self._faults:
             self._faults = faults
             self._show()
+        if faults:
+            self.fold.open()
 
     def set_connected(self, connected: bool, *, busy: bool = False) -> None:
         """Faults of the list are of devices that are not connected yet; of those that are, one strikes from now on."""

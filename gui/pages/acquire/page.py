@@ -56,7 +56,7 @@ class Page(BasePage):
         if state.plan is None and not self.record.recording:  # whose buttons stay, whatever becomes of the project
             self.show_empty(
                 "Recording needs a scan plan: which positions, planes and cutout.",
-                {"Plan": lambda: self.context.go.emit("plan", None)},
+                {"Plan": self.lead("plan", "Say which source positions and depth planes there are")},
             )
             return
         self.show_body()

@@ -11,6 +11,10 @@ from gui.pages.acquire.setup_panel import SetupPanel
 __all__ = ["AcquirePanel"]
 
 
+SETUP = "Connect camera and stage, focus, find scale and exposure, take white and dark frames"
+RECORD = "Record the positions of the plan, follow them, go on with an interrupted session"
+
+
 class AcquirePanel(QTabWidget):
     """Set up, then record."""
 
@@ -18,8 +22,8 @@ class AcquirePanel(QTabWidget):
         super().__init__()
         self.setup, self.record = SetupPanel(jobs), RecordPanel(jobs)
         self.setDocumentMode(True)
-        self.addTab(self.setup, "Set up")
-        self.addTab(self.record, "Record")
+        for tab, title, tip in ((self.setup, "Set up", SETUP), (self.record, "Record", RECORD)):
+            self.setTabToolTip(self.addTab(tab, title), tip)
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""

@@ -79,7 +79,7 @@ class SetupPanel(QWidget):
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 6, 0, 0)
         row.setSpacing(8)
-        row.addWidget(column_area(300, self.devices, self.stage, *self._cards(), self.faults))
+        row.addWidget(column_area(300, self.devices, self.stage, *self._cards(), self.faults, dense=True))
         row.addWidget(self._view_card(), 3)
         row.addLayout(self._numbers(), 2)
         self.set_connected(False)
@@ -144,7 +144,8 @@ class SetupPanel(QWidget):
         for key, title, tip in offered:
             button, use, result = QPushButton(title), QPushButton("Use"), QLabel("")
             button.setToolTip(tip)
-            use.setToolTip("Take this into the plan; undo takes it back")
+            use.setToolTip(f"Take what was found into the plan: {title.lower()}; undo takes it back")
+            use.setAccessibleName(f"Use: {title}")
             use.hide()
             result.setWordWrap(True)
             result.setTextFormat(Qt.TextFormat.RichText)

@@ -61,6 +61,7 @@ class StagePanel(QWidget):
         self.limits.setProperty("role", "hint")
         self.limits.setWordWrap(True)
         self.limits.setToolTip("Soft limits: checked before anything moves")
+        self.limits.hide()
         column.addWidget(self.limits)
         outer = QVBoxLayout(self)
         outer.setContentsMargins(0, 0, 0, 0)
@@ -96,9 +97,10 @@ class StagePanel(QWidget):
         self.step.setMinimumWidth(60)
         self.step.setSuffix(" µm")
         self.step.setStepType(QDoubleSpinBox.StepType.AdaptiveDecimalStepType)
-        self.step.setToolTip("How far a press of − or + moves the stage")
+        self.step.setAccessibleName("step of the stage")
+        self.step.setToolTip("How far a press of − or + moves the stage: large to find the image, small to centre it")
         self.stop = QPushButton("Stop")
-        self.stop.setToolTip("Stop the move under way")
+        self.stop.setToolTip("Halt the stage now, where it is (Esc)")
         self.stop.clicked.connect(lambda: self.stop_asked.emit())
         return line("Step", self.step, self.stop, stretch=1)
 
@@ -122,10 +124,11 @@ class StagePanel(QWidget):
 
     def _plane_line(self) -> QHBoxLayout:
         self.plane = QComboBox()
-        self.plane.setToolTip("A depth plane of the plan; the middle of the representative cell")
+        self.plane.setAccessibleName("depth plane to go to")
+        self.plane.setToolTip("A depth plane of the plan: Go leads to the middle of its representative cell")
         self.plane.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
         self.go = QPushButton("Go")
-        self.go.setToolTip("Move to the middle of the cell in this plane")
+        self.go.setToolTip("Move there, to see whether image and cutout are where the plan expects them")
         self.go.clicked.connect(lambda: self.plane_asked.emit(self.plane.currentIndex()))
         return line("Plane", self.plane, self.go, stretch=1)
 
@@ -140,6 +143,7 @@ class StagePanel(QWidget):
 
     def set_limits(self, limits: Limits | None) -> None:
         """Show the travel of each axis (µm)."""
+        self.limits.setVisible(limits is not None)
         if limits is None:
             self.limits.setText("")
             return

@@ -41,9 +41,13 @@ class Page(BasePage):
         self.tools.addWidget(self.presets)
         formats = ", ".join(form.name for form in CAMERA_FORMATS)
         self.tool_button("Import …", f"A file that describes a camera: {formats}", self.import_file)
-        self.tool_button("Check …", "Hold this camera against a white image", self.choose_white)
+        self.tool_button(
+            "Check …", "Hold this camera against a white image, before a session is recorded with it", self.choose_white
+        )
         self.tool_button("Sensor …", "Measure gain, noise and saturation from flats and darks", self.measure_sensor)
-        self.tool_button("Save …", "Write this camera as JSON", self.save_file)
+        self.tool_button(
+            "Save …", "Keep this camera as JSON, for other projects and the commands (--camera)", self.save_file
+        )
         self.panel = CameraPanel(self._check)
         self.panel.edited.connect(self._edited)
         self.panel.assumed.confirmed.connect(self._confirmed)

@@ -36,6 +36,13 @@ LEAST_BELOW = 260
 """Height left for what follows from the description (px), before the forms have all they need."""
 
 
+TAB_TIPS = (
+    "The optics drawn to scale, and what the description means: magnification, steps, depths in focus",
+    "Values that nobody stated: look here before figures are trusted",
+    "Is the lattice where the description says? A white image tells, and gives the measured one",
+)
+
+
 class PresetBox(QComboBox):
     """The cameras that come with lfcal.
 
@@ -52,7 +59,10 @@ class PresetBox(QComboBox):
         self.addItem("Preset …", "")
         for name in PRESETS:
             self.addItem(name, name)
-        self.setToolTip("Start with a camera that comes with lfcal")
+        self.setAccessibleName("preset")
+        self.setToolTip(
+            "Start with a camera that comes with lfcal, and change what is different; undo brings yours back"
+        )
         self.activated.connect(self._activated)
 
     def _activated(self, index: int) -> None:
@@ -97,9 +107,10 @@ class CameraPanel(QWidget):
         self.tabs.setDocumentMode(True)
         self.tabs.tabBar().setDrawBase(False)
         titles = ((self._overview(), "What follows"), (self.assumed, "Assumed"), (self.check, "White image"))
-        for content, title in titles:
-            self.tabs.addTab(content, title)
+        for (content, title), tip in zip(titles, TAB_TIPS, strict=True):
+            self.tabs.setTabToolTip(self.tabs.addTab(content, title), tip)
         below, column = card()
+        column.setContentsMargins(10, 2, 10, 4)
         column.addWidget(self.tabs)
         self.split = both = QSplitter(Qt.Orientation.Vertical)
         both.setChildrenCollapsible(False)
@@ -145,13 +156,13 @@ class CameraPanel(QWidget):
         clear(scroll)
         inner = QWidget()
         row = QHBoxLayout(inner)
-        row.setContentsMargins(0, 4, 0, 0)
+        row.setContentsMargins(0, 0, 0, 0)
         row.addWidget(self.view, 3)
         row.addWidget(scroll, 2)
         return inner
 
     def _form(self, fields: tuple[Field, ...]) -> Form:
-        form = Form(fields, marked=True)
+        form = Form(fields, marked=True, dense=True)
         form.check = self._check
         form.edited.connect(self.edited.emit)
         return form
@@ -204,6 +215,7 @@ class CameraPanel(QWidget):
 
 def _titled(title: str, content: QWidget) -> QFrame:
     frame, column = card(title)
+    column.setContentsMargins(10, 4, 10, 4)
     column.addWidget(content)
     column.addStretch()
     return frame

@@ -36,7 +36,9 @@ class AssumedList(QWidget):
         self.words.setProperty("role", "hint")
         self.words.setWordWrap(True)
         self.all = QPushButton("Confirm all")
-        self.all.setToolTip("All of these values are right")
+        self.all.setToolTip(
+            "You know that all of these values are right: figures that rest on them are no longer doubted"
+        )
         self.all.clicked.connect(lambda: self.confirmed.emit(tuple(value.path for value in self.values)))
         column.addLayout(line(self.words, self.all, stretch=0))
         self._area = QScrollArea()
@@ -64,6 +66,7 @@ class AssumedList(QWidget):
             grid.addWidget(shown, row, side + 1)
             button = QPushButton("Confirm")
             button.setAccessibleName(f"Confirm {value.label}")
+            button.setToolTip(f"You know that {value.label} is {value.text}: it counts as stated from now on")
             button.clicked.connect(lambda _=False, path=value.path: self.confirmed.emit((path,)))
             grid.addWidget(button, row, side + 2)
             self.buttons[value.path] = button

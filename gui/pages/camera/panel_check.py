@@ -27,6 +27,8 @@ from lfcal.lattice.camera_check import DIFFERS, FITS, WRONG
 __all__ = ["CheckPanel"]
 
 EMPTY = "Hold the camera against a white image: is the lattice where the description says?"
+WHITE = "A frame of an even light, taken with this camera: shows whether pitch, rotation and offset are right"
+DARK = "A frame without light, taken off the white image: needed where the sensor has a black level or hot pixels"
 COLUMNS = ("", "Verdict", "Off by (px)", "Camera", "White image")
 WORDS = {
     FITS: "The camera fits this white image.",
@@ -58,7 +60,9 @@ class CheckPanel(QWidget):
         layout = QVBoxLayout(self)
         layout.setContentsMargins(4, 4, 4, 4)
         layout.addWidget(self.stack)
-        self.empty = EmptyState(EMPTY, {"White image …": self.asked.emit, "Dark frame …": self.dark_asked.emit})
+        self.empty = EmptyState(
+            EMPTY, {"White image …": (WHITE, self.asked.emit), "Dark frame …": (DARK, self.dark_asked.emit)}
+        )
         self.stack.addWidget(self.empty)
         self.view = LatticeView()
         self._make_table()
@@ -81,6 +85,9 @@ class CheckPanel(QWidget):
     def _make_table(self) -> None:
         self.table = QTableWidget(0, len(COLUMNS))
         self.table.setAccessibleName("camera and white image")
+        self.table.setToolTip(
+            "What the description says and what the white image shows, and by how many pixels they part"
+        )
         self.table.setHorizontalHeaderLabels(list(COLUMNS))
         self.table.verticalHeader().hide()
         self.table.verticalHeader().setDefaultSectionSize(24)
@@ -92,10 +99,15 @@ class CheckPanel(QWidget):
     def _buttons(self) -> QHBoxLayout:
         self.take = QPushButton("Take measured lattice")
         self.take.setProperty("role", "primary")
+        self.take.setToolTip(
+            "Make pitch, rotation and offset found in the white image the camera's; undo takes it back"
+        )
         self.take.clicked.connect(lambda: self.taken.emit())
         again = QPushButton("White image …")
+        again.setToolTip(WHITE)
         again.clicked.connect(lambda: self.asked.emit())
         dark = QPushButton("Dark frame …")
+        dark.setToolTip(DARK)
         dark.clicked.connect(lambda: self.dark_asked.emit())
         return line(again, dark, self.take)
 

@@ -73,6 +73,12 @@ class SensorDialog(QDialog):
 
     def _folders(self) -> QHBoxLayout:
         self.flats_button, self.darks_button = QPushButton("Flats …"), QPushButton("Darks …")
+        self.flats_button.setToolTip(
+            "A folder of evenly lit frames, two or more at each of several exposures: gain and linearity"
+        )
+        self.darks_button.setToolTip(
+            "A folder of frames without light, at several exposures: read noise, dark current, offsets"
+        )
         self.flats_button.clicked.connect(lambda: self.choose("flats"))
         self.darks_button.clicked.connect(lambda: self.choose("darks"))
         self.chosen = QLabel("no folders chosen")
@@ -111,6 +117,7 @@ class SensorDialog(QDialog):
         self.take_button.setEnabled(False)
         self.take_button.clicked.connect(lambda: self.take())
         close = QPushButton("Close")
+        close.setToolTip("Leave the camera as it is; a measurement under way is stopped")
         close.clicked.connect(lambda: self.close())
         row = QHBoxLayout()
         row.addStretch()

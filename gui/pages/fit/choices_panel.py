@@ -54,7 +54,7 @@ class ChoicesPanel(QWidget):
     def _source_card(self) -> QFrame:
         frame, column = card("Patterns and start")
         self.source, self.use, self.start, self.noise = (_wrapped() for _ in range(4))
-        self.form = Form(FIELDS)
+        self.form = Form(FIELDS, dense=True)
         self.form.edited.connect(self.edited.emit)
         for key in self.form.fields:
             self.form.editor(key).setMinimumWidth(56)
@@ -71,6 +71,7 @@ class ChoicesPanel(QWidget):
         self.way.currentIndexChanged.connect(lambda _: self.edited.emit("auto", self.way.currentData() == "auto"))
         self.groups = QListWidget()
         self.groups.setAccessibleName("groups of unknowns")
+        self.groups.setToolTip("Tick what may differ from the description; what is left out is taken from it as it is")
         for name, title, _ in group_rows():
             item = QListWidgetItem(title)
             item.setData(NAME, name)
@@ -79,7 +80,6 @@ class ChoicesPanel(QWidget):
         self.groups.setMinimumHeight(FEW * self.groups.sizeHintForRow(0) + self._frame_px)
         self.groups.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.groups.setWordWrap(True)
-        self.groups.setSpacing(1)
         self.groups.setResizeMode(QListWidget.ResizeMode.Adjust)
         self.groups.setTextElideMode(Qt.TextElideMode.ElideNone)
         self.groups.itemChanged.connect(self._toggled)

@@ -42,13 +42,17 @@ class FoundTabs(QTabWidget):
         self.findings.cellClicked.connect(lambda *_: self._finding_chosen())  # also where it is selected already
         self.setDocumentMode(True)
         self.tabBar().setDrawBase(False)
-        for widget, title in (
-            (self.patterns, "Patterns"),
-            (self.parameters, "Parameters"),
-            (self.findings, "Findings"),
-            (self.rounds, "Convergence"),
+        for widget, title, tip in (
+            (
+                self.patterns,
+                "Patterns",
+                "Does the model look like what was recorded? Each pattern, model and what is left",
+            ),
+            (self.parameters, "Parameters", "What was found, how sure it is, and how far from the description"),
+            (self.findings, "Findings", "What the fit noticed: doubtful patterns, limits, what the model lacks"),
+            (self.rounds, "Convergence", "Did it settle, and which unknowns helped? The error round by round"),
         ):
-            self.addTab(widget, title)
+            self.setTabToolTip(self.addTab(widget, title), tip)
 
     def show_found(self, found: Found, rounds: Sequence[FitProgress]) -> None:
         """Show what a fit found, and its rounds."""

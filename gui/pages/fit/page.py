@@ -132,14 +132,16 @@ class Page(BasePage):
                 "Nothing to fit yet.\nA few recorded positions are enough: assemble frames, or open an H file; "
                 "missing positions do not matter.",
                 {
-                    "Frames": lambda: self.context.go.emit("frames", None),
-                    "PSF": lambda: self.context.go.emit("psf", None),
+                    "Frames": self.lead("frames", "Make H of recorded frames"),
+                    "PSF": self.lead("psf", "Open an H that was assembled, simulated or fitted before"),
                 },
             )
             return
         matrix = self.context.matrix(state.psf)
         if matrix is None and not self._busy and self.found is None:
-            self.show_no_matrix(state.psf, "", {"PSF": lambda: self.context.go.emit("psf", None)})
+            self.show_no_matrix(
+                state.psf, "", {"PSF": self.lead("psf", "Open an H that was assembled, simulated or fitted before")}
+            )
             return
         self.show_body()
         choices, settings = self.panel.choices, self.settings

@@ -32,6 +32,7 @@ class ColumnsTable(QTableWidget):
         self.setSelectionMode(QAbstractItemView.SelectionMode.NoSelection)
         self.verticalHeader().hide()
         self.setAccessibleName("columns of the list")
+        self.setToolTip("Say above each column what it holds, where that was not found or is wrong")
         self.boxes: list[tuple[QComboBox, QComboBox]] = []
         self.hide()
 

@@ -32,6 +32,9 @@ from lfcal.camera import Camera, ScanPlan
 
 __all__ = ["ImportDialog"]
 
+FOLDER = "Choose a folder of images: each file a frame, or a stack of them"
+FILE = "Choose one file of many frames, or the list that tells where they are"
+LIST = "Choose the table of positions that the stage program wrote"
 WELCOME = "Choose a folder of frames, or the list that a stage program wrote."
 GROUP = "frames import survey"
 WORDS_HEIGHT = 92
@@ -89,17 +92,24 @@ class ImportDialog(QDialog):
         self.frames_edit, self.list_edit = QLineEdit(), QLineEdit()
         self.frames_edit.setPlaceholderText("a folder of images, one file of many frames, or a list beside them")
         self.list_edit.setPlaceholderText("found in the folder, or none: positions are then in the names")
+        self.frames_edit.setToolTip("Where the frames are; what is in it is looked at once Enter is pressed")
+        self.list_edit.setToolTip("A table of positions or stage coordinates, one line a frame, if names do not tell")
         rows = (
-            ("Frames", self.frames_edit, (("Folder …", self._ask_folder), ("File …", self._ask_file))),
-            ("List", self.list_edit, (("List …", self._ask_list),)),
+            (
+                "Frames",
+                self.frames_edit,
+                (("Folder …", FOLDER, self._ask_folder), ("File …", FILE, self._ask_file)),
+            ),
+            ("List", self.list_edit, (("List …", LIST, self._ask_list),)),
         )
         for row, (title, edit, buttons) in enumerate(rows):
             edit.setAccessibleName(title)
             edit.editingFinished.connect(self._typed)
             grid.addWidget(QLabel(title), row, 0)
             grid.addWidget(edit, row, 1)
-            for column, (text, action) in enumerate(buttons, 2):
+            for column, (text, tip, action) in enumerate(buttons, 2):
                 button = QPushButton(text)
+                button.setToolTip(tip)
                 button.setAutoDefault(False)
                 button.clicked.connect(lambda _=False, action=action: action())
                 grid.addWidget(button, row, column)
@@ -108,6 +118,7 @@ class ImportDialog(QDialog):
     def _options(self) -> QHBoxLayout:
         self.pattern = QLineEdit()
         self.pattern.setPlaceholderText("z{z}_y{y}_x{x}.tif")
+        self.pattern.setToolTip("How names of files tell positions: {z}, {y} and {x} stand for the numbers")
         self.pattern.editingFinished.connect(self._typed)
         self.first = choice_box(FIRST, "What numbers of positions in names and lists count from")
         self.shift = choice_box(SHIFTS, "Samples that fill 16 bits from the top are moved down")
@@ -142,6 +153,8 @@ class ImportDialog(QDialog):
         self.open_button.setProperty("role", "primary")
         self.open_button.setEnabled(False)
         self.open_button.setDefault(True)
+        self.open_button.setToolTip("Take these frames as they are shown above; the files stay as they are")
+        cancel.setToolTip("Keep the frames that the project has")
         cancel.setAutoDefault(False)
         self.open_button.clicked.connect(self._take)
         cancel.clicked.connect(self.reject)

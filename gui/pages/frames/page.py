@@ -40,6 +40,11 @@ __all__ = ["Page"]
 PLAY_MS = 60
 
 
+OPEN = "A folder of frames with a manifest, or the folder of a recorded session"
+IMPORT = "Frames that others recorded: a folder with a list of stage positions, names with positions, stacks"
+AGAIN = "Open the same folder again, once its files are whole or its disk is back"
+
+
 class Page(BasePage):
     """Frames on the left, the frame in the middle, what was found on the right."""
 
@@ -58,12 +63,12 @@ class Page(BasePage):
         self._assembling = False
         self.tool_button(
             "Open frames …",
-            "A folder of frames with a manifest, or the folder of a recorded session",
+            OPEN,
             self.choose_folder,
         )
         self.tool_button(
             "Import …",
-            "Frames that others recorded: a folder with a list of stage positions, names with positions, stacks",
+            IMPORT,
             self.start_import,
         )
         self.assemble_button = self.tool_button(
@@ -187,13 +192,13 @@ class Page(BasePage):
             self.show_empty(
                 "No frames yet.\nOpen a folder with a manifest (file, z, y, x), or record a session.\n"
                 "Folders named dark and white beside it, and plan.json, are found.",
-                {"Open frames …": self.choose_folder, "Import …": self.start_import},
+                {"Open frames …": (OPEN, self.choose_folder), "Import …": (IMPORT, self.start_import)},
             )
             return
         if state.plan is None:
             self.show_empty(
                 "The frames need a scan plan: which positions, which cutout.",
-                {"Plan": lambda: self.context.go.emit("plan", None)},
+                {"Plan": self.lead("plan", "Say which source positions and depth planes there are")},
             )
             return
         self.show_body()
@@ -219,7 +224,7 @@ class Page(BasePage):
 
     def _failed(self, words: str) -> None:
         self.notice.clear()
-        self.show_empty(words, {"Open frames …": self.choose_folder, "Try again": self._open})
+        self.show_empty(words, {"Open frames …": (OPEN, self.choose_folder), "Try again": (AGAIN, self._open)})
         self.context.message.emit(words)
 
     def _opened(self, opened: Opened) -> None:

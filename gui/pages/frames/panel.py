@@ -40,8 +40,11 @@ __all__ = ["FramesPanel"]
 SCALES = (("linear", "linear"), ("gamma", "gamma 0.5"), ("log", "log, 4 decades"))
 
 
-HEIGHTS = ((130, 230), (150, 290), (110, 220))
-"""Least and most height of map, cutout and histogram (px): what is low enough needs no scroll bar."""
+HEIGHTS = ((130, 230), (150, 290))
+"""Least and most height of map and cutout (px): what is low enough needs no scroll bar."""
+
+LOW = 116
+"""Height of the histogram (px)."""
 
 
 class FramesPanel(QWidget):
@@ -85,14 +88,15 @@ class FramesPanel(QWidget):
         self.map_words.hide()
         self.histogram = LinePlot("sample value (counts)", "pixels")
         self.histogram.plot.setLogMode(False, True)
-        for picture, (least, most) in zip((self.map, self.crop, self.histogram), HEIGHTS, strict=True):
+        self.histogram.setFixedHeight(LOW)
+        for picture, (least, most) in zip((self.map, self.crop), HEIGHTS, strict=True):
             picture.setMinimumHeight(least)
             picture.setMaximumHeight(most)
             # what they would like to have makes no scroll bar
             picture.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Ignored)
         self.numbers = QLabel()
         self.numbers.setTextFormat(Qt.TextFormat.RichText)
-        self.numbers.setWordWrap(True)
+        self._counted: FrameNumbers | None = None
         self.readout = QLabel(" ")
         self.readout.setProperty("role", "hint")
         self._window: tuple[int, int, int, int] | None = None
@@ -104,22 +108,36 @@ class FramesPanel(QWidget):
         column.addLayout(self._bar())
         column.addWidget(self.view, 1)
         column.addWidget(self.readout)
+        column.addWidget(self._numbers_card())
         row.addLayout(column, 1)
 
     # -- building --------------------------------------------------------------------------------------
+    def _numbers_card(self) -> QWidget:
+        """Return the histogram and the numbers of the frame: below it, for frames are wider than high."""
+        panel, column = card("Histogram of the frame as recorded")
+        row = QHBoxLayout()
+        row.addWidget(self.histogram, 1)
+        row.addWidget(self.numbers)
+        column.addLayout(row)
+        return panel
+
     def _bar(self) -> QHBoxLayout:
         row = QHBoxLayout()
         self.lattice_box = QCheckBox("Lattice")
-        self.lattice_box.setToolTip("Micro-image centres of the described camera, coloured by lens type")
+        self.lattice_box.setToolTip(
+            "Micro-image centres of the described camera, coloured by lens type; they lie on the images if it is right"
+        )
         self.before_box = QCheckBox("Before correction")
-        self.before_box.setToolTip("Show the frame as it was recorded")
+        self.before_box.setToolTip("Show the frame as it was recorded, to see what the corrections do")
         self.lattice_box.toggled.connect(self.lattice_toggled.emit)
         self.before_box.toggled.connect(self.before_toggled.emit)
-        self.scale_box = choice_box(SCALES, "How intensity becomes colour (L: log, G: gamma)")
+        self.scale_box = choice_box(SCALES, "Gamma and log bring out faint light beside the spot (L: log, G: gamma)")
+        self.scale_box.setAccessibleName("scaling of colours")
         self.scale_box.currentIndexChanged.connect(
             lambda _: self._set_display(Display(scale=self.scale_box.currentData()))
         )
         whole, self.follow = QPushButton("Whole frame"), QPushButton("Follow cutout")
+        whole.setToolTip("See where in the frame the image lies; the cutout is no longer followed")
         self.follow.setCheckable(True)
         self.follow.setToolTip("Zoom to the cutout, and keep it in view as it moves along with the point")
         whole.clicked.connect(self._show_whole)
@@ -146,9 +164,6 @@ class FramesPanel(QWidget):
         column.addLayout(self._corrections())
         column.addWidget(heading("Positions and cutout"))
         column.addLayout(self._reading())
-        column.addWidget(heading("Histogram of the frame as recorded"))
-        column.addWidget(self.histogram, 3)
-        column.addWidget(self.numbers)
         column.addStretch()
         area = QScrollArea()
         area.setWidgetResizable(True)
@@ -159,11 +174,12 @@ class FramesPanel(QWidget):
 
     def _plane_line(self) -> QHBoxLayout:
         self.plane_slider = QSlider(Qt.Orientation.Horizontal)
-        self.plane_slider.setToolTip("Depth plane (page up, page down)")
+        self.plane_slider.setAccessibleName("depth plane")
+        self.plane_slider.setToolTip("Depth plane whose positions the map shows (page up, page down)")
         self.plane_slider.valueChanged.connect(self.plane_asked.emit)
         self.play_button = QPushButton("Play")
         self.play_button.setCheckable(True)
-        self.play_button.setToolTip("Step through the positions (space)")
+        self.play_button.setToolTip("Step through all positions: the image has to move steadily, without jumps (space)")
         self.play_button.toggled.connect(self._play)
         row = QHBoxLayout()
         row.addWidget(QLabel("Plane"))
@@ -192,7 +208,7 @@ class FramesPanel(QWidget):
         self.manifest.setPlaceholderText("manifest.csv in the folder")
         self.manifest.setToolTip("A manifest that lies elsewhere: file, z, y, x, and exposure where it differs")
         for key, edit in (("pattern", self.pattern), ("manifest", self.manifest)):
-            edit.setAccessibleName(key)
+            edit.setAccessibleName({"pattern": "file names"}.get(key, key))
             edit.editingFinished.connect(lambda key=key, edit=edit: self.setting_chosen.emit(key, edit.text().strip()))
         self.interpolation = choice_box(WAYS, "How a cutout that lies between pixels is taken")
         self.interpolation.setAccessibleName("interpolation")
@@ -255,7 +271,7 @@ class FramesPanel(QWidget):
         self.view.clear_cutout()
         self._window = None
         self.histogram.clear()
-        self.numbers.setText("")
+        self._count(None)
         self._show_crop(None, "no frame")
 
     def show_frame(self, loaded: Loaded) -> None:
@@ -265,8 +281,12 @@ class FramesPanel(QWidget):
         numbers = loaded.numbers
         middle = (numbers.edges[1:] + numbers.edges[:-1]) / 2
         self.histogram.set_curve("pixels", middle, np.maximum(numbers.counts, 0.5))
-        self.numbers.setText(_number_words(numbers))
+        self._count(numbers)
         self.show_pixels(loaded)
+
+    def _count(self, numbers: FrameNumbers | None) -> None:
+        self._counted = numbers
+        self.numbers.setText("" if numbers is None else _number_words(numbers))
 
     def show_pixels(self, loaded: Loaded) -> None:
         """Show the frame before or after its correction, as chosen."""
@@ -305,6 +325,7 @@ class FramesPanel(QWidget):
         """Take the colours of the theme in use."""
         for widget in (self.view, self.crop, self.map, self.histogram):
             widget.apply_theme()
+        self._count(self._counted)  # its colours are the theme's
 
     def _play(self, on: bool) -> None:
         self.play_button.setText("Stop" if on else "Play")

@@ -29,12 +29,16 @@ from gui.pages.multiplex.pictures import MultiplexPictures
 from gui.theme import current_theme
 from gui.widgets.cards import card, column_area
 from gui.widgets.form import Form
-from gui.widgets.plots import LINES, LinePlot
+from gui.widgets.plots import LINES, LinePlot, shown_tone
 
 __all__ = ["MultiplexPanel"]
 
 NUMBER_HEIGHT = 22
 SCENE_FIELDS = ("scene", "filter", "noise")
+
+
+GAIN = "Is the modulator worth its light? Pattern, spectrum, and gain in SNR over the reference"
+PICTURES = "What it makes of a picture: the frame behind it, what is got back, and the error"
 
 
 class MultiplexPanel(QWidget):
@@ -61,8 +65,9 @@ class MultiplexPanel(QWidget):
                 form.editor(key).setMinimumWidth(56)
         self.pictures = MultiplexPictures()
         self.tabs = QTabWidget()
-        self.tabs.addTab(self._modulator_tab(), "Modulator and gain")
-        self.tabs.addTab(self.pictures, "Reconstruction")
+        tabs = (self._modulator_tab(), "Modulator and gain", GAIN), (self.pictures, "Reconstruction", PICTURES)
+        for tab, title, tip in tabs:
+            self.tabs.setTabToolTip(self.tabs.addTab(tab, title), tip)
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 0, 0, 0)
         row.setSpacing(8)
@@ -142,6 +147,7 @@ class MultiplexPanel(QWidget):
         frame, column = card("Numbers")
         self.table = QTableWidget(0, 2)
         self.table.setAccessibleName("numbers of the modulator")
+        self.table.setToolTip("Light that passes, gain, and how well samples tell apart what is multiplexed")
         self.table.horizontalHeader().hide()
         self.table.verticalHeader().hide()
         self.table.verticalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Fixed)
@@ -166,6 +172,8 @@ class MultiplexPanel(QWidget):
         self.marker.hide()
         self.curve.plot.addItem(self.marker, ignoreBounds=True)
         self.curve_hint = QLabel("")
+        self._drawn: list[tuple[str, str, bool]] = []
+        self._below = ""
         self.curve_hint.setProperty("role", "hint")
         self.curve_hint.setWordWrap(True)
         column.addWidget(self.curve, 1)
@@ -194,7 +202,8 @@ class MultiplexPanel(QWidget):
 
     def _box(self, name: str) -> QCheckBox:
         box = QCheckBox(name.replace("_", " "))
-        box.setToolTip("Draw its gain beside that of the modulator; left out where there is none of this size")
+        tip = "gain beside that of the modulator; left out where there is none of this size"
+        box.setToolTip(f"Draw the {box.text()} {tip}")
         box.toggled.connect(lambda _: self.compared.emit(self.ticked()))
         return box
 
@@ -219,6 +228,7 @@ class MultiplexPanel(QWidget):
             view.set_image(None)
         self.table.setRowCount(0)
         self.curve.clear()
+        self._drawn = []
         self.marker.hide()
         self.curve_hint.setText(f"<span style='color:{current_theme().bad}'>{escape(words)}</span>")
 
@@ -231,6 +241,7 @@ class MultiplexPanel(QWidget):
                 item.setToolTip(f"{value}\n{tip}")
                 self.table.setItem(k, column, item)
         self.curve.clear()
+        self._drawn = []
         self.marker.hide()
         if found.curves is None:
             self.curve_title.setText("Gain of signal to noise")
@@ -238,23 +249,32 @@ class MultiplexPanel(QWidget):
             return
         curves = found.curves
         self.curve_title.setText(f"Gain of signal to noise over {curves.reference.replace('_', ' ')}")
-        legend = []
         for k, (name, gains) in enumerate(zip(curves.names, curves.gains, strict=True)):
             if name not in found.left_out:
                 tone, dashed, text = LINES[k % len(LINES)], k >= len(LINES), name.replace("_", " ")
                 self.curve.set_curve(text, curves.chi2, gains, colour=tone, dashed=dashed)
-                legend.append(f"<span style='color:{tone}'>{'╍' if dashed else '━'}</span>&nbsp;{text}")
+                self._drawn.append((text, tone, dashed))
         low, high = float(curves.chi2[0]), float(curves.chi2[-1])
         self.marker.setPos(math.log10(min(max(found.chi2, low), high)))
         self.marker.setPen(pg.mkPen(current_theme().text, width=1.2, style=Qt.PenStyle.DashLine))
         self.marker.show()
-        words = f"{' &nbsp; '.join(legend)}<br>┆ {escape(camera)}, χ² = {number(found.chi2, '.3g')} at full scale"
+        self._below = f"<br>┆ {escape(camera)}, χ² = {number(found.chi2, '.3g')} at full scale"
         if found.left_out:
-            words += f"<br>Not drawn, as samples are lost: {', '.join(found.left_out)}"
-        self.curve_hint.setText(words)
+            self._below += f"<br>Not drawn, as samples are lost: {', '.join(found.left_out)}"
+        self._show_legend()
+
+    def _show_legend(self) -> None:
+        """Name the curves in their colours, which the theme may change."""
+        named = (
+            f"<span style='color:{shown_tone(tone)}'>{'╍' if dashed else '━'}</span>&nbsp;{text}"
+            for text, tone, dashed in self._drawn
+        )
+        self.curve_hint.setText(f"{' &nbsp; '.join(named)}{self._below}")
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
         for view in (self.pattern, self.spectrum, self.sigma, self.pi, self.curve, self.pictures):
             view.apply_theme()
+        if self._drawn:
+            self._show_legend()
         self.marker.setPen(pg.mkPen(current_theme().text, width=1.2, style=Qt.PenStyle.DashLine))

@@ -40,16 +40,24 @@ class MultiplexPictures(QWidget):
         outer.setSpacing(6)
         self.sample = QComboBox()
         self.sample.setMinimumWidth(120)
-        self.sample.setToolTip("Colour or view that is shown")
+        self.sample.setAccessibleName("colour or view")
+        self.sample.setToolTip("Which of the colours or views that were multiplexed is shown in all pictures")
         self.sample.currentIndexChanged.connect(lambda _: self.sample_chosen.emit(self.sample_index))
         self.right = QComboBox()
         for key, text in RIGHT:
             self.right.addItem(text, key)
+        self.right.setAccessibleName("third picture")
         self.right.setToolTip("What the third picture shows; the truth is known of scenes, not of opened frames")
         self.right.currentIndexChanged.connect(lambda _: self.right_chosen.emit(self.right.currentData()))
         self.readout = QLabel("")
         self.readout.setProperty("role", "hint")
         outer.addLayout(line("Shown", self.sample, "Third", self.right, self.readout, stretch=4))
+        outer.addLayout(self._pictures(), 1)
+        self.status = QLabel("")
+        self.status.setWordWrap(True)
+        outer.addWidget(self.status)
+
+    def _pictures(self) -> QGridLayout:
         grid = QGridLayout()
         grid.setSpacing(8)
         self.heads = []
@@ -68,10 +76,7 @@ class MultiplexPictures(QWidget):
         for k in range(2):
             grid.setColumnStretch(k, 1)
             grid.setRowStretch(k, 1)
-        outer.addLayout(grid, 1)
-        self.status = QLabel("")
-        self.status.setWordWrap(True)
-        outer.addWidget(self.status)
+        return grid
 
     @property
     def sample_index(self) -> int:

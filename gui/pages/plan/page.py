@@ -23,14 +23,18 @@ from lfcal.files import read_text
 __all__ = ["Page"]
 
 
+OPEN = "Go on with a plan that was saved before (.json), of this camera"
+DEFAULT = "Planes, cutout and anchor as the camera's geometry suggests: a start, to be changed"
+
+
 class Page(BasePage):
     """Every change that passes is an undoable change of the project."""
 
     def __init__(self, spec: PageSpec, context: Context) -> None:
         super().__init__(spec, context)
-        self.tool_button("Open …", "A saved plan (.json)", self.open_file)
+        self.tool_button("Open …", OPEN, self.open_file)
         self.tool_button("Save …", "Write this plan as JSON, for lfcal acquire and lfcal assemble", self.save_file)
-        self.tool_button("Default", "Planes, cutout and anchor as the camera's geometry suggests", self.make_default)
+        self.tool_button("Default", DEFAULT, self.make_default)
         self.panel = PlanPanel(self._check)
         self.panel.edited.connect(self._edited)
         self.set_panel(self.panel)
@@ -46,7 +50,7 @@ class Page(BasePage):
         if state.plan is None:
             self.show_empty(
                 "No plan yet for this camera.\nThe plan says where the point source goes and what it costs.",
-                {"Make a plan": self.make_default, "Open a plan …": self.open_file},
+                {"Make a plan": (DEFAULT, self.make_default), "Open a plan …": (OPEN, self.open_file)},
             )
             return
         self.show_body()

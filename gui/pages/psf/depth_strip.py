@@ -13,21 +13,34 @@ from PySide6.QtWidgets import QDialog, QLabel, QListWidget, QListWidgetItem, QVB
 
 from gui.models.display import Display, levels_of, to_uint8
 from gui.pages.psf.model_aperture import aperture_tip
-from gui.theme import style_sheet
+from gui.theme import current_theme, style_sheet
 from gui.widgets.colour_bar import theme_table
 from lfcal.units import format_length
 
 if TYPE_CHECKING:
     from lfcal.psf.aperture import Aperture
 
-__all__ = ["EXPECTED", "FITTED", "LEGEND", "Apertures", "DepthStrip", "Tile", "to_pixmap"]
+__all__ = ["EXPECTED", "FITTED", "Apertures", "DepthStrip", "Tile", "legend_words", "outline_tones", "to_pixmap"]
 
 FITTED, EXPECTED = "#ff5a5f", "#56b4e9"
 """Colours of the outlines."""
 
-LEGEND = f"<span style='color:{FITTED}'>━</span> fitted<br><span style='color:{EXPECTED}'>┅</span> expected"
+RED_FITTED, RED_EXPECTED = "#ff8a5c", "#7d2a20"
+"""The same where all is red."""
+
 LARGE = 200
 SIZE = (930, 640)
+
+
+def outline_tones() -> tuple[str, str]:
+    """Return the colours of what is fitted and what is expected, in the theme in use."""
+    return (RED_FITTED, RED_EXPECTED) if current_theme().red else (FITTED, EXPECTED)
+
+
+def legend_words(between: str = "<br>") -> str:
+    """Return what the outlines mean, as rich text."""
+    fitted, expected = outline_tones()
+    return f"<span style='color:{fitted}'>━</span> fitted{between}<span style='color:{expected}'>┅</span> expected"
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +54,8 @@ class Tile:
 
     def outlines(self) -> tuple[tuple[str, Qt.PenStyle, NDArray[np.float64]], ...]:
         """Return colour, pen and points (row, column) of what is drawn over the sum."""
-        pens = ((FITTED, Qt.PenStyle.SolidLine, self.fitted), (EXPECTED, Qt.PenStyle.DashLine, self.expected))
+        fitted, expected = outline_tones()
+        pens = ((fitted, Qt.PenStyle.SolidLine, self.fitted), (expected, Qt.PenStyle.DashLine, self.expected))
         # of a sum that is too dim nothing is known
         return tuple(
             (colour, pen, one.outline()) for colour, pen, one in pens if one is not None and one.refusal != "too dim"
@@ -137,6 +151,11 @@ class DepthStrip(QListWidget):
         item.setIcon(icon)
         item.setToolTip(aperture_tip(z, tile.depth_um, count, tile.fitted, tile.expected))
 
+    def apply_theme(self) -> None:
+        """Draw all pictures anew, in the colours of the theme in use."""
+        for z in range(len(self.tiles)):
+            self._show(z, count=len(self.tiles))
+
     def set_current(self, z: int) -> None:
         """Mark a plane without reporting it."""
         self.blockSignals(True)
@@ -162,10 +181,17 @@ class Apertures(QDialog):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setWindowTitle("Apertures of all planes")
-        self.setStyleSheet(style_sheet())
         self.resize(*SIZE)
         self.grid = DepthStrip(LARGE, wrapping=True)
         self.grid.chosen.connect(self.chosen.emit)
         column = QVBoxLayout(self)
-        column.addWidget(QLabel(LEGEND.replace("<br>", " &nbsp; ")))
+        self.legend = QLabel()
+        column.addWidget(self.legend)
         column.addWidget(self.grid, 1)
+        self.apply_theme()
+
+    def apply_theme(self) -> None:
+        """Take the colours of the theme in use."""
+        self.setStyleSheet(style_sheet())
+        self.legend.setText(legend_words(" &nbsp; "))
+        self.grid.apply_theme()

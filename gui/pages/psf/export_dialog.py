@@ -36,7 +36,10 @@ class ExportDialog(QDialog):
         column = QVBoxLayout(self)
         column.setContentsMargins(16, 14, 16, 14)
         column.setSpacing(8)
-        self.kind_box = choice_box([(suffix, f"{text} ({suffix})") for suffix, text in KINDS], "What the file is for")
+        self.kind_box = choice_box(
+            [(suffix, f"{text} ({suffix})") for suffix, text in KINDS],
+            "By the code that will read the file: MATLAB and Octave, Python, ImageJ",
+        )
         self.kind_box.setAccessibleName("Kind of file")
         self.kind_box.currentIndexChanged.connect(
             lambda _: self._show(replace(self.intent, suffix=self.kind_box.currentData()))
@@ -65,6 +68,7 @@ class ExportDialog(QDialog):
         label.setProperty("role", "hint")
         label.setWordWrap(True)
         label.setContentsMargins(24, 0, 0, 0)
+        box.setToolTip(hint)
         box.toggled.connect(lambda on, name=name: self._show(self.intent.with_choice(name, on)))
         column.addWidget(box)
         column.addWidget(label)
@@ -76,6 +80,8 @@ class ExportDialog(QDialog):
         cancel, self.go = QPushButton("Cancel"), QPushButton("Choose a file …")
         self.go.setProperty("role", "primary")
         self.go.setDefault(True)
+        cancel.setToolTip("Write nothing")
+        self.go.setToolTip("Say where, then it is written as a job")
         cancel.setAutoDefault(False)
         cancel.clicked.connect(self.reject)
         self.go.clicked.connect(self._ask)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from PySide6.QtWidgets import QFileDialog
 
@@ -36,12 +36,12 @@ from lfcal.psf import PSFMatrix
 from lfcal.psf.opening import opening_notes
 from lfcal.units import format_bytes
 
-if TYPE_CHECKING:
-    from lfcal.psf.aperture import Aperture
-
 __all__ = ["Page"]
 
 FILES = "PSF matrices (*.h5 *.mat *.npy *.lfc)"
+
+
+OPEN = "An H file, another code's (.mat, .lfc), or an .npy array"
 
 
 class Page(BasePage):
@@ -57,9 +57,11 @@ class Page(BasePage):
         self._export_intent = ExportSettings.of(context.state).on(ExportIntent())
         self._held = False
         self._levels: Mapping[str, tuple[float, float]] = {}
-        self.tool_button("Open H …", "An H file, another code's (.mat, .lfc), or an .npy array", self.choose_file)
-        self.tool_button("Reference …", "An H to compare with: simulated or earlier", self.choose_reference)
-        self.tool_button("Export …", "H and HT for a deconvolution code", self.export)
+        self.tool_button("Open H …", OPEN, self.choose_file)
+        self.tool_button(
+            "Reference …", "An H to hold this one against: simulated, or measured earlier", self.choose_reference
+        )
+        self.tool_button("Export …", "Write H and HT as a deconvolution code reads them", self.export)
         self.panel = PSFPanel()
         self.panel.asked.connect(lambda changes: self.set_intent(**changes))
         self.panel.display_asked.connect(self._set_display)
@@ -139,9 +141,9 @@ class Page(BasePage):
             path,
             "No PSF yet.\nAssemble frames, simulate one, or open an H file, a MATLAB v7.3 file or an .npy array.",
             {
-                "Open H …": self.choose_file,
-                "Frames": lambda: self.context.go.emit("frames", None),
-                "Simulate": lambda: self.context.go.emit("simulate", None),
+                "Open H …": (OPEN, self.choose_file),
+                "Frames": self.lead("frames", "Make H of recorded frames"),
+                "Simulate": self.lead("simulate", "Compute an H of the camera and plan; no recording is needed"),
             },
         )
 
@@ -286,7 +288,7 @@ class Page(BasePage):
         self.panel.show_plane(loaded, matrix.recorded[self.plane.z])
         self.context.jobs.compute(
             "psf aperture",
-            lambda: matrix.aperture(loaded.plane.z),
+            lambda: _apertures_of(matrix, loaded.plane.z),
             self._show_aperture,
             self.panel.aperture_text.setText,
         )
@@ -301,9 +303,9 @@ class Page(BasePage):
         unit = shown_unit(self.intent, self.matrix, self.reference)
         self.panel.show_picture(picture, self.intent, None if own else self._levels.get(self.intent.show), unit)
 
-    def _show_aperture(self, aperture: Aperture) -> None:
+    def _show_aperture(self, found: dict[str, Any]) -> None:
         if self.matrix is not None:
-            self.panel.show_aperture(aperture, expected_in(self.matrix, self.intent.z), self.matrix.cutout)
+            self.panel.show_aperture(found["fitted"], found["expected"], self.matrix.cutout)
 
 
 def _sum_of(matrix: PSFMatrix, z: int) -> dict[str, Any]:
@@ -311,4 +313,8 @@ def _sum_of(matrix: PSFMatrix, z: int) -> dict[str, Any]:
 
 
 def _apertures_of(matrix: PSFMatrix, z: int) -> dict[str, Any]:
-    return {"fitted": matrix.aperture(z), "expected": expected_in(matrix, z)}
+    found = {"fitted": matrix.aperture(z), "expected": expected_in(matrix, z)}
+    for one in found.values():
+        if one is not None:
+            one.outline()  # loads what draws it: that held the window's thread for 25 ms
+    return found

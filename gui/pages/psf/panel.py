@@ -24,15 +24,14 @@ from PySide6.QtWidgets import (
 )
 
 from gui.models.display import COLOUR_MAPS, Display
-from gui.pages.psf.depth_strip import EXPECTED, FITTED, LEGEND, Apertures, DepthStrip
+from gui.pages.psf.depth_strip import Apertures, DepthStrip, legend_words, outline_tones
 from gui.pages.psf.model import PlaneData, PSFIntent, PSFPicture, pixel_words
 from gui.pages.psf.model_aperture import aperture_words
-from gui.theme import style_sheet
 from gui.widgets.cards import card, choice_box
 from gui.widgets.image_view import ImageView
 from gui.widgets.linking import link_views
 from gui.widgets.period_map import PeriodMap
-from gui.widgets.plots import LINES, LinePlot
+from gui.widgets.plots import LINES, LinePlot, shown_tone
 
 if TYPE_CHECKING:
     from lfcal.psf.aperture import Aperture
@@ -43,10 +42,8 @@ SHOWN = (("measured", "measured"), ("reference", "reference"), ("difference", "d
 SCALES = (("linear", "linear"), ("log", "log, 4 decades"), ("gamma", "gamma 0.5"))
 HOVER = "Hover a pixel to see the voxel pattern it belongs to; click to hold it."
 Levels = tuple[float, float] | None
-PROFILES = "Profiles at the pixel: " + ", ".join(
-    f"<span style='color:{tone}'>━</span> {what}" for tone, what in zip(LINES, ("row", "column"), strict=False)
-)
-"""Title of a card with the plot: a legend would lie over its curves."""
+
+COLOURS = "Colours of intensity; equal steps look equally large in all of them, grey prints best"
 
 
 class PSFPanel(QWidget):
@@ -83,13 +80,15 @@ class PSFPanel(QWidget):
         grid.addLayout(self._planes(), 1, 0, 1, 2)
         grid.setRowStretch(0, 1)
         grid.setColumnStretch(1, 1)
+        self._colour()
 
     def _pictures(self) -> QGridLayout:
         grid = QGridLayout()
         grid.setSpacing(8)
         grid.addWidget(_titled(self.main_title, self.main_view), 0, 0)
         grid.addWidget(_titled(self.linked_title, self.linked_view), 0, 1)
-        profiles = _titled(QLabel(PROFILES), self.profile)
+        self.profile_title = QLabel()
+        profiles = _titled(self.profile_title, self.profile)
         for k, widget in enumerate((profiles, self._aperture_card())):
             # what they would like to have takes nothing from H and HT
             widget.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Ignored)
@@ -103,11 +102,11 @@ class PSFPanel(QWidget):
     def _planes(self) -> QHBoxLayout:
         """Return the apertures of all planes, with what their lines mean."""
         side = QVBoxLayout()
-        legend, larger = QLabel(LEGEND), QPushButton("Larger …")
-        legend.setToolTip("Outline fitted to the depth-plane sum, and the one that the camera lets expect there")
-        larger.setToolTip("The apertures of all planes in a window of their own")
+        self.legend, larger = QLabel(), QPushButton("Larger …")
+        self.legend.setToolTip("Outline fitted to the depth-plane sum, and the one that the camera lets expect there")
+        larger.setToolTip("The apertures of all planes in a window of their own, large enough to compare their blades")
         larger.clicked.connect(lambda: self.show_apertures())
-        side.addWidget(legend)
+        side.addWidget(self.legend)
         side.addWidget(larger)
         side.addStretch()
         row = QHBoxLayout()
@@ -127,9 +126,9 @@ class PSFPanel(QWidget):
         self.strip.chosen.connect(lambda z: self.asked.emit({"z": z}))
         self.apertures: Apertures | None = None
         self.profile = LinePlot("pixel from the cutout's centre (px)", "intensity (counts)")
-        self.outline = pg.PlotCurveItem(pen=pg.mkPen(FITTED, width=2))
+        self.outline = pg.PlotCurveItem()
         self.sum_view.add_overlay(self.outline)
-        self.expected = pg.PlotCurveItem(pen=pg.mkPen(EXPECTED, width=1, style=Qt.PenStyle.DashLine))
+        self.expected = pg.PlotCurveItem()
         self.sum_view.add_overlay(self.expected)
         self.aperture_text = QLabel()
         self.aperture_text.setTextFormat(Qt.TextFormat.RichText)
@@ -143,7 +142,8 @@ class PSFPanel(QWidget):
         self.plane_label = QLabel()
         self.plane_label.setWordWrap(True)
         self.plane_slider = QSlider(Qt.Orientation.Horizontal)
-        self.plane_slider.setToolTip("Depth plane (page up, page down)")
+        self.plane_slider.setAccessibleName("depth plane")
+        self.plane_slider.setToolTip("Depth plane that all pictures show (page up, page down)")
         self.plane_slider.valueChanged.connect(lambda z: self.asked.emit({"z": z}))
         self.position_label = QLabel()
         for widget in (self.plane_label, self.plane_slider, self.position_label):
@@ -175,9 +175,11 @@ class PSFPanel(QWidget):
         return row
 
     def _add_choices(self, column: QVBoxLayout) -> None:
-        self.show_box = choice_box(SHOWN, "Measured H, the reference, or measured - reference at equal energy")
-        self.scale_box = choice_box(SCALES, "How intensity becomes colour (L: log, G: gamma)")
-        self.map_box = choice_box([(name, name) for name in COLOUR_MAPS], "Colour map; all are perceptually uniform")
+        self.show_box = choice_box(
+            SHOWN, "Measured H, the reference, or what is left of H less the reference at equal energy"
+        )
+        self.scale_box = choice_box(SCALES, "Gamma and log bring out faint light beside the spots (L: log, G: gamma)")
+        self.map_box = choice_box([(name, name) for name in COLOUR_MAPS], COLOURS)
         self.show_box.currentIndexChanged.connect(lambda _: self.asked.emit({"show": self.show_box.currentData()}))
         self.scale_box.currentIndexChanged.connect(
             lambda _: self.display_asked.emit({"scale": self.scale_box.currentData()})
@@ -186,6 +188,7 @@ class PSFPanel(QWidget):
             lambda _: self.display_asked.emit({"colour_map": self.map_box.currentData()})
         )
         for text, box in (("Show", self.show_box), ("Scaling", self.scale_box), ("Colours", self.map_box)):
+            box.setAccessibleName(text)
             line = QHBoxLayout()
             line.addWidget(QLabel(text))
             line.addWidget(box, 1)
@@ -298,7 +301,6 @@ class PSFPanel(QWidget):
         if self.apertures is None:
             self.apertures = Apertures(self.window())
             self.apertures.chosen.connect(lambda z: self.asked.emit({"z": z}))
-        self.apertures.setStyleSheet(style_sheet())
         self.apertures.grid.show_tiles(self.strip.tiles)
         self.apertures.grid.set_current(self.strip.currentRow())
         self.apertures.show()
@@ -316,8 +318,26 @@ class PSFPanel(QWidget):
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
-        for widget in (self.main_view, self.linked_view, self.sum_view, self.map, self.profile):
+        for widget in (self.main_view, self.linked_view, self.sum_view, self.map, self.profile, self.strip):
             widget.apply_theme()
+        if self.apertures is not None:
+            self.apertures.apply_theme()
+        self._colour()
+
+    def _colour(self) -> None:
+        """Give outlines, and the words about lines, the colours of the theme in use."""
+        fitted, expected = outline_tones()
+        self.outline.setPen(pg.mkPen(fitted, width=2))
+        self.expected.setPen(pg.mkPen(expected, width=1, style=Qt.PenStyle.DashLine))
+        self.legend.setText(legend_words())
+        self.profile_title.setText(_profile_words())
+
+
+def _profile_words() -> str:
+    """Return the title of the card with the profiles: a legend would lie over its curves."""
+    tones = zip(LINES, ("row", "column"), strict=False)
+    named = (f"<span style='color:{shown_tone(tone)}'>━</span> {what}" for tone, what in tones)
+    return f"Profiles at the pixel: {', '.join(named)}"
 
 
 def _titled(title: QLabel, content: QWidget) -> QFrame:

@@ -128,13 +128,17 @@ class ComparePanel(QWidget):
 
     def _pictures(self) -> QFrame:
         frame, column = card()
-        self.mode = choice_box(MODES, "How both are shown")
+        self.mode = choice_box(
+            MODES, "Blinking shows shifts, the difference shows what is missing, side by side the rest"
+        )
         self.mode.setAccessibleName("how both are shown")
         self.mode.currentIndexChanged.connect(lambda: self._show_mode())
-        self.scaling = choice_box([(scale, scale) for scale in SCALES], "Scaling of both patterns")
+        self.scaling = choice_box(
+            [(scale, scale) for scale in SCALES], "Gamma and log bring out faint light; both patterns keep one scale"
+        )
         self.scaling.setAccessibleName("scaling")
         self.scaling.currentIndexChanged.connect(lambda: self._show_scaling())
-        self.worst = choice_box([], "The positions (z, y, x) that differ most")
+        self.worst = choice_box([], "Look first at the positions (z, y, x) that differ most")
         self.worst.setAccessibleName("positions that differ most")
         self.worst.setMinimumWidth(190)
         self.worst.activated.connect(lambda k: self.place_chosen.emit(self.worst.itemData(k)))

@@ -35,6 +35,9 @@ if TYPE_CHECKING:
 __all__ = ["Page"]
 
 
+INSPECT = "Measure H again, and compare it with its camera (F5)"
+
+
 class Page(BasePage):
     """Judges H once when the page is looked at, and whenever it is asked to; keeps what it found until H changes."""
 
@@ -67,15 +70,15 @@ class Page(BasePage):
 
     def _make_buttons(self) -> None:
         self.redo_button = self.tool_button(
-            "Send to Acquire", "Give the list of positions to record again to Acquire", self.send
+            "Send to Acquire", "The worst positions become the list that page Acquire records again", self.send
         )
         self.report_button = self.tool_button(
-            "Write report …", "An HTML page with all figures, for people and programs", self.write_report
+            "Write report …",
+            "Keep what was found: an HTML page with all figures, and JSON for programs",
+            self.write_report,
         )
         self.stop_button = self.tool_button("Stop", "Stop; what was found so far stays (Esc)", self.stop)
-        self.measure_button = self.tool_button(
-            "Inspect", "Measure H again, and compare it with its camera (F5)", lambda: self.measure(force=True)
-        )
+        self.measure_button = self.tool_button("Inspect", INSPECT, lambda: self.measure(force=True))
         self.measure_button.setProperty("role", "primary")
 
     # -- project ---------------------------------------------------------------------------------------
@@ -129,13 +132,13 @@ class Page(BasePage):
             self.show_empty(
                 "No PSF to judge yet.\nAssemble frames, or open an H file on the PSF page.",
                 {
-                    "Frames": lambda: self.context.go.emit("frames", None),
-                    "PSF": lambda: self.context.go.emit("psf", None),
-                    "Over time": self.show_trend,
+                    "Frames": self.lead("frames", "Make H of recorded frames"),
+                    "PSF": self.lead("psf", "Open an H that was assembled, simulated or fitted before"),
+                    "Over time": ("Look at the reports of earlier sessions, which need no H", self.show_trend),
                 },
             )
         elif stamp is not None and self.inspection is None and not self._job:
-            self.show_empty("H has not been inspected yet.", {"Inspect": self.measure})
+            self.show_empty("H has not been inspected yet.", {"Inspect": (INSPECT, self.measure)})
             if self.isVisible():
                 self.measure()
 
@@ -172,7 +175,9 @@ class Page(BasePage):
         kept = self._kept
         self.hold_keyboard()
         self.notice.clear()
-        self.show_empty(f"Inspecting {asked.name} …", {"Stop (Esc)": self.stop})
+        self.show_empty(
+            f"Inspecting {asked.name} …", {"Stop (Esc)": ("Inspect no further; what was known before stays", self.stop)}
+        )
         self._job = self.context.jobs.start(
             f"Inspect {asked.name}",
             "quality",
@@ -215,7 +220,7 @@ class Page(BasePage):
         if found is not None:
             self.inspection = found
         if self.inspection is None:
-            self.show_empty(job.error or "Stopped.", {"Try again": lambda: self.measure(force=True)})
+            self.show_empty(job.error or "Stopped.", {"Try again": (INSPECT, lambda: self.measure(force=True))})
         else:
             if job.error:
                 self.refuse(job.error)

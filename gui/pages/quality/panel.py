@@ -11,6 +11,13 @@ from gui.pages.quality.trend_panel import TrendPanel
 __all__ = ["QualityPanel"]
 
 
+TIPS = (
+    "Is this H good enough, what is wrong with it, and what to do about it",
+    "Did it change, or is it as the simulation foretold? Two H position by position",
+    "Does the setup drift? The reports of several sessions in one curve",
+)
+
+
 class QualityPanel(QTabWidget):
     """The page's tabs."""
 
@@ -18,9 +25,9 @@ class QualityPanel(QTabWidget):
         super().__init__()
         self.setDocumentMode(True)
         self.inspect, self.compare, self.trend = InspectPanel(), ComparePanel(), TrendPanel()
-        self.addTab(self.inspect, "Inspection")
-        self.addTab(self.compare, "Beside another H")
-        self.addTab(self.trend, "Over time")
+        tabs = (self.inspect, "Inspection"), (self.compare, "Beside another H"), (self.trend, "Over time")
+        for (tab, title), tip in zip(tabs, TIPS, strict=True):
+            self.setTabToolTip(self.addTab(tab, title), tip)
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from gui.models.form import Field
 from gui.models.settings import PageSettings
+from gui.pages.reconstruct.model_device import DEVICE
 from lfcal.errors import InputError
 from lfcal.psf import PSFMatrix
 from lfcal.reconstruct.margin import usual_margin
@@ -79,6 +80,7 @@ FIELDS = (
         choices=tuple((m, m) for m in ("auto", *METHODS)),
         tip="How H is applied; auto takes the cheapest by the forecast",
     ),
+    DEVICE,
     Field(
         "threshold",
         "Ignore H below",
@@ -131,7 +133,7 @@ class ReconstructSettings(PageSettings):
     ----------
     solver, iterations, auto, background, read_noise, saturation, strength, subsets
         As in `lfcal.reconstruct.solvers.choice.SolverChoice`; ``auto`` takes as many iterations as it needs.
-    method, threshold, within, double
+    method, device, threshold, within, double
         As in `lfcal.reconstruct.Projector`, ``within`` its ``tolerance``.
     margin
         Pixels of the volume beyond each edge of the region; None: `lfcal.reconstruct.margin.usual_margin`.
@@ -154,6 +156,7 @@ class ReconstructSettings(PageSettings):
     strength: float | None = None
     subsets: int | None = None
     method: str = "auto"
+    device: str = DEVICE.choices[0][0]
     threshold: float = 0.0
     within: float = 0.0
     margin: int | None = None
@@ -185,6 +188,8 @@ class ReconstructSettings(PageSettings):
             raise InputError.expected(
                 "region", "row, column, rows, columns in whole pixels", self.region, "for example 0, 0, 400, 400"
             )
+        if self.device not in dict(DEVICE.choices):
+            raise InputError.expected("device", "auto, cpu or cuda", repr(self.device), "choose one")
         if len(self.anchor) not in (0, 2):
             raise InputError.expected("anchor", "row, column in pixels", self.anchor, "for example 12, 7")
 
@@ -279,6 +284,7 @@ def projector_for(H: PSFMatrix, shape: tuple[int, int], settings: ReconstructSet
         dtype=f"float{8 * size}",
         threshold=settings.threshold,
         tolerance=settings.within,
+        device=settings.device,
         memory_limit=room_for_projections((len(H), wide[0], wide[1]), choice, size),
     )
 
@@ -296,6 +302,7 @@ def forecast_words(P: Any, choice: SolverChoice) -> str:
         ("Volume", f"{nx - 2 * margin} × {ny - 2 * margin} × {nz} voxels"),
         ("Margin", f"{margin} px around" if margin else "none"),
         ("Projector", cost.method + ("" if cost.resident else ", prepared each time")),
+        ("Device", "processor" if P.device is None else P.device.name),
         ("Set-up", format_seconds(cost.prepare_s)),
         ("Forward, adjoint", f"{format_seconds(cost.forward_s)}, {format_seconds(cost.adjoint_s)}"),
         (f"{iterations} iterations{' at most' if choice.auto else ''}", f"about {format_seconds(total)}"),

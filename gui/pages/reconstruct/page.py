@@ -17,6 +17,7 @@ from gui.models.project import ProjectState
 from gui.pages.reconstruct import model as view
 from gui.pages.reconstruct import takes
 from gui.pages.reconstruct.model import ReconstructSettings, Synthetic
+from gui.pages.reconstruct.model_device import device_reason
 from gui.pages.reconstruct.model_solving import Solving
 from gui.pages.reconstruct.panel import ReconstructPanel
 from gui.pages.reconstruct.volume_file import VolumeFile
@@ -58,6 +59,7 @@ class Page(BasePage):
         self.theme_changed.connect(self.panel.apply_theme)
         context.matrices.changed.connect(self._matrix_changed)
         context.on_close(self._close)
+        context.jobs.compute("reconstruct device", device_reason, self._device_looked_for, lambda _: None)
         self._show(context.state)
         self._load()
         self._load_volume()
@@ -93,8 +95,8 @@ class Page(BasePage):
                 state.psf,
                 "A reconstruction needs an H: assemble one, simulate one, or open one on the PSF page.",
                 {
-                    "PSF": lambda: self.context.go.emit("psf", None),
-                    "Simulate": lambda: self.context.go.emit("simulate", None),
+                    "PSF": self.lead("psf", "Open an H that was assembled, simulated or fitted before"),
+                    "Simulate": self.lead("simulate", "Compute an H of the camera and plan; no recording is needed"),
                 },
             )
             return
@@ -104,10 +106,15 @@ class Page(BasePage):
         settings = self.settings
         values = {key: getattr(settings, key) for key in self.panel.form.fields}
         self.panel.form.set_values(values)
+        self.panel.show_device(settings.device)
         self.panel.show_solver(settings.solver, auto=settings.auto)
         self.panel.file.setText(Path(state.light_field).name if state.light_field else "none yet")
         self._show_region()
         self._show_controls()
+
+    def _device_looked_for(self, reason: str) -> None:
+        self.panel.no_device = reason
+        self.panel.show_device(self.settings.device)
 
     def _check(self, key: str, value: Any) -> str:
         try:
@@ -291,6 +298,7 @@ class Page(BasePage):
         self._job = jobs.start(
             title, "reconstruct", lambda: solving.work(count), abandon=True, needs=needs, taken=taken
         )
+        self.panel.show_running()
         self.panel.show_status(WAITS if self._job in jobs.waiting() else "setting up …", None)
         self._show_controls()
 

@@ -17,11 +17,13 @@ from PySide6.QtWidgets import (
     QProgressBar,
     QPushButton,
     QStackedWidget,
+    QTabWidget,
     QVBoxLayout,
     QWidget,
 )
 
 from gui.pages.reconstruct.model import FIELDS, used_by
+from gui.pages.reconstruct.model_device import DEVICE, NO_DEVICE
 from gui.pages.reconstruct.volume_view import VolumeView
 from gui.theme import current_theme
 from gui.widgets.cards import card, column_area, line
@@ -42,6 +44,9 @@ BUTTONS = (
 """Key, title and meaning of each button."""
 
 SHOWN = ("reconstruction", "truth")
+
+FORECAST = "What it will take in time and memory, and how: before it is begun"
+CONVERGENCE = "Does it still get better? Image less model, iteration by iteration"
 
 
 class ReconstructPanel(QWidget):
@@ -64,7 +69,8 @@ class ReconstructPanel(QWidget):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.form = Form(FIELDS)
+        self.form = Form(FIELDS, dense=True)
+        self.no_device = NO_DEVICE
         for key in self.form.fields:
             self.form.editor(key).setMinimumWidth(56)
         self.volume = VolumeView()
@@ -99,12 +105,12 @@ class ReconstructPanel(QWidget):
         self.phantom = QComboBox()
         for name in PHANTOMS:
             self.phantom.addItem(name, name)
+        self.phantom.setAccessibleName("phantom")
         self.phantom.setToolTip("What the light field shows; the true volume is known, so the error is measured")
         self.make = QPushButton("Make one …")
         self.make.setToolTip("Project a phantom through this H, add photon noise, and save it as a light field")
         self.make.clicked.connect(lambda: self.make_asked.emit(self.phantom.currentData()))
-        column.addWidget(self.file)
-        column.addWidget(self.open)
+        column.addLayout(line(self.file, self.open, stretch=0))
         column.addLayout(line(self.make, self.phantom, stretch=1))
         return frame
 
@@ -122,17 +128,18 @@ class ReconstructPanel(QWidget):
             grid.addWidget(button, k // 2, k % 2)
         self.buttons["start"].setProperty("role", "primary")
         column.addLayout(grid)
-        self.bar = QProgressBar()
-        self.bar.setTextVisible(False)
-        column.addWidget(self.bar)
-        self.status = QLabel("")
-        self.status.setWordWrap(True)
-        column.addWidget(self.status)
-        self.forecast = QLabel("")
+        return frame
+
+    def _forecast(self) -> QWidget:
+        frame = QWidget()
+        column = QVBoxLayout(frame)
+        column.setContentsMargins(0, 4, 0, 0)
+        self.forecast = QLabel("Told when there is a light field.")
         self.forecast.setTextFormat(Qt.TextFormat.RichText)
         self.forecast.setWordWrap(True)
         self.forecast.setToolTip("From a cost model calibrated on this machine")
         column.addWidget(self.forecast)
+        column.addStretch()
         return frame
 
     def _settings_card(self) -> QWidget:
@@ -151,6 +158,7 @@ class ReconstructPanel(QWidget):
         self.shown = QComboBox()
         for name in SHOWN:
             self.shown.addItem(name, name)
+        self.shown.setAccessibleName("volume that is shown")
         self.shown.setToolTip("The reconstruction, or the phantom the light field was made from")
         self.shown.currentIndexChanged.connect(lambda _: self.shown_changed.emit(self.shown.currentData()))
         self.shown.hide()
@@ -175,12 +183,35 @@ class ReconstructPanel(QWidget):
         self.light_field.setMinimumSize(150, 110)
         inner.addWidget(self.light_field, 1)
         column.addWidget(top, 5)
-        below, inner = card("Convergence")
-        for plot in (self.residual, self.likelihood):
-            plot.setMinimumSize(150, 80)
-            inner.addWidget(plot, 1)
+        below, inner = card()
+        self.bar = QProgressBar()
+        self.bar.setTextVisible(False)
+        self.status = QLabel("")
+        self.status.setWordWrap(True)
+        inner.addWidget(self.bar)
+        inner.addWidget(self.status)
+        self.costs = QTabWidget()
+        self.costs.setDocumentMode(True)
+        self.costs.tabBar().setDrawBase(False)
+        tabs = (self._forecast(), "Forecast", FORECAST), (self._convergence(), "Convergence", CONVERGENCE)
+        for tab, title, tip in tabs:
+            self.costs.setTabToolTip(self.costs.addTab(tab, title), tip)
+        inner.addWidget(self.costs, 1)
         column.addWidget(below, 6)
         return column
+
+    def _convergence(self) -> QWidget:
+        frame = QWidget()
+        column = QVBoxLayout(frame)
+        column.setContentsMargins(0, 4, 0, 0)
+        for plot in (self.residual, self.likelihood):
+            plot.setMinimumSize(150, 80)
+            column.addWidget(plot, 1)
+        return frame
+
+    def show_running(self) -> None:
+        """Look at how it goes, no longer at what it will cost."""
+        self.costs.setCurrentIndex(1)
 
     # -- showing ---------------------------------------------------------------------------------------
     def show_solver(self, name: str, *, auto: bool) -> None:
@@ -189,6 +220,13 @@ class ReconstructPanel(QWidget):
         for key in ("background", "read_noise", "saturation", "strength", "subsets", "auto", "margin"):
             self.form.set_enabled(key, used_by(name, key))
         self.form.set_enabled("iterations", not (auto and used_by(name, "auto")))
+
+    def show_device(self, chosen: str) -> None:
+        """Grey out the choice of a device where there is none; one that was chosen elsewhere can be taken back."""
+        self.form.set_enabled("device", not self.no_device or chosen == "cuda")
+        editor = self.form.editor("device")
+        editor.setToolTip("\n".join(filter(None, (DEVICE.tip, self.no_device))))
+        editor.setAccessibleDescription(self.no_device)
 
     def show_region(self, region: tuple[int, int, int, int] | None) -> None:
         """Frame the region that is used: first row, row behind the last, and so for columns; None: no light field."""

@@ -23,6 +23,7 @@ def step(project: ProjectState, out: str = "") -> Step:
         ("--solver", choice.name),
         ("--iterations", "auto" if choice.auto else str(choice.iterations)),
         ("--method", chosen.method),
+        ("--device", chosen.device if chosen.device != "auto" else None),
         ("--threshold", chosen.threshold or None),
         ("--within", chosen.within or None),
         ("--margin", "auto" if chosen.margin is None else str(choice.margin)),
@@ -66,7 +67,7 @@ with open_psf({psf!r}) as H:
     projector = Projector(
         H, (rows + 2 * margin, columns + 2 * margin), (row + margin, column + margin), {chosen.method!r},
         dtype={"float64" if chosen.double else "float32"!r}, threshold={chosen.threshold!r},
-        tolerance={chosen.within!r},
+        tolerance={chosen.within!r}, device={chosen.device!r},
     )
     volume = reconstruct(projector, image, choice).volume{grid}
     tifffile.imwrite({out!r}, np.asarray({placed}, np.float32))

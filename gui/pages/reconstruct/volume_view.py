@@ -106,17 +106,24 @@ class VolumeView(QWidget):
         self.mode = QComboBox()
         self.mode.addItem("slices", False)
         self.mode.addItem("maximum projections", True)
-        self.mode.setToolTip("Slices through the cross hair, or the brightest voxel along each axis")
+        self.mode.setAccessibleName("view of the volume")
+        self.mode.setToolTip(
+            "Slices through the cross hair, or the brightest voxel along each axis, to find where something is"
+        )
         self.mode.currentIndexChanged.connect(lambda _: self._change(projection=self.mode.currentData()))
         self.scale = QComboBox()
         for value, text in (("linear", "linear"), ("gamma", "gamma 0.5"), ("log", "log")):
             self.scale.addItem(text, value)
-        self.scale.setToolTip("How brightness becomes colour; log shows four decades")
+        self.scale.setAccessibleName("scaling of colours")
+        self.scale.setToolTip("Gamma and log (four decades) bring out what is faint, artefacts among it")
         self.scale.currentIndexChanged.connect(lambda _: self._display(scale=self.scale.currentData()))
         self.colours = QComboBox()
         for name in COLOUR_MAPS:
             self.colours.addItem(name, name)
-        self.colours.setToolTip("Colour map; all are perceptually uniform")
+        self.colours.setAccessibleName("colours")
+        self.colours.setToolTip(
+            "Colours of brightness; equal steps look equally large in all of them, grey prints best"
+        )
         self.colours.currentIndexChanged.connect(lambda _: self._display(colour_map=self.colours.currentData()))
         self.own = QCheckBox("Own scale")
         self.own.setToolTip("Each plane has a colour scale of its own; off: all planes share one")
@@ -129,7 +136,8 @@ class VolumeView(QWidget):
     def _depth_row(self) -> QHBoxLayout:
         row = QHBoxLayout()
         self.slider = QSlider(Qt.Orientation.Horizontal)
-        self.slider.setToolTip("Depth plane")
+        self.slider.setAccessibleName("depth plane")
+        self.slider.setToolTip("Depth plane of the upper picture; the side views show the others")
         self.slider.valueChanged.connect(lambda z: self.set_cross(z=z))
         self.readout = QLabel("–")
         self.readout.setProperty("role", "hint")

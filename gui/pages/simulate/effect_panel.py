@@ -60,7 +60,8 @@ class EffectPanel(QWidget):
         both.setChildrenCollapsible(False)
         both.setHandleWidth(8)
         both.addWidget(self._words_area())
-        both.addWidget(self._pictures())
+        self.pictures = self._pictures()
+        both.addWidget(self.pictures)
         both.setStretchFactor(0, 0)
         both.setStretchFactor(1, 1)
         both.setSizes([256, 360])
@@ -88,7 +89,7 @@ class EffectPanel(QWidget):
         self.plane_box.setAccessibleName("plane of the pictures")
         self.plane_box.setMinimumContentsLength(9)
         self.plane_box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
-        self.plane_box.setToolTip("Depth plane of the pictures")
+        self.plane_box.setToolTip("Depth plane of the pictures: many effects grow away from focus")
         self.plane_box.currentIndexChanged.connect(lambda _: self.place_changed.emit())
         self.row_box, self.column_box = QSpinBox(), QSpinBox()
         for box, axis in ((self.row_box, "y"), (self.column_box, "x")):
@@ -97,6 +98,7 @@ class EffectPanel(QWidget):
             box.setKeyboardTracking(False)
             box.valueChanged.connect(lambda _: self.place_changed.emit())
         self.stop_button = QPushButton("Stop")
+        self.stop_button.setToolTip("Leave the pictures as they are; the effect stays on")
         self.stop_button.clicked.connect(lambda _=False: self.stop_asked.emit())
         inner = QWidget()
         column = QVBoxLayout(inner)
@@ -137,7 +139,7 @@ class EffectPanel(QWidget):
     def show_row(self, row: EffectRow | None) -> None:
         """Show what is known of an effect; None: none is selected."""
         there = row is not None
-        for widget in (self.why, self.form, self.note, self.formula, self.influence, self.stop_button):
+        for widget in (self.why, self.form, self.note, self.formula, self.pictures):
             widget.setVisible(there)
         self.frame_button.setVisible(row is not None and not row.enters_h)
         self.stop_button.setEnabled(False)

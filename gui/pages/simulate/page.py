@@ -90,7 +90,7 @@ class Page(BasePage):
         if state.plan is None:
             self.show_empty(
                 "The simulation needs a scan plan: which positions, planes and cutout.",
-                {"Plan": lambda: self.context.go.emit("plan", None)},
+                {"Plan": self.lead("plan", "Say which source positions and depth planes there are")},
             )
             return
         self.show_body()

@@ -34,6 +34,14 @@ from lfcal.units import format_seconds
 __all__ = ["SimulatePanel"]
 
 
+TAB_TIPS = (
+    "The effect chosen on the left: its magnitudes, and what it does to H",
+    "One pattern of H as it is computed now, while settings are changed",
+    "A whole sensor frame with noise, as the camera would record it",
+    "Time and error of every way to compute: which one is worth its time",
+)
+
+
 class SimulatePanel(QWidget):
     """The page's widgets.
 
@@ -66,8 +74,8 @@ class SimulatePanel(QWidget):
         self.tabs.tabBar().setDrawBase(False)
         self._response = self._preview()
         titles = ((self.effect, "Effect"), (self._response, "Response"), (self.frame, "Frame"))
-        for content, title in (*titles, (self._curve(), "Accuracy")):
-            self.tabs.addTab(content, title)
+        for (content, title), tip in zip((*titles, (self._curve(), "Accuracy")), TAB_TIPS, strict=True):
+            self.tabs.setTabToolTip(self.tabs.addTab(content, title), tip)
         right, column = card()
         column.addWidget(self.tabs)
         both = QSplitter(Qt.Orientation.Horizontal)
@@ -87,9 +95,13 @@ class SimulatePanel(QWidget):
         self.tolerance_label = QLabel()
         self.tolerance_slider = QSlider(Qt.Orientation.Horizontal)
         self.tolerance_slider.setRange(0, STEPS)
-        self.tolerance_slider.setToolTip("Relative L1 error allowed for everything that is left out")
+        self.tolerance_slider.setAccessibleName("tolerance")
+        self.tolerance_slider.setToolTip("Relative L1 error allowed for all that is left out: small is slow and right")
         self.tolerance_slider.valueChanged.connect(lambda step: self.tolerance_asked.emit(tolerance_of(step)))
-        self.level_box = choice_box(LEVELS, "Level of the computation")
+        self.level_box = choice_box(
+            LEVELS,
+            "Rays are quick and show where light goes; waves are slow and right; auto takes what the tolerance needs",
+        )
         self.level_box.currentIndexChanged.connect(lambda _: self.level_asked.emit(self.level_box.currentData()))
         row = QHBoxLayout()
         row.addWidget(self.tolerance_label)

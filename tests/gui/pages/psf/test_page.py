@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import threading
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,10 +14,11 @@ from pytestqt.qtbot import QtBot
 
 from gui.context import Context
 from gui.pages.psf.depth_strip import EXPECTED, FITTED, Tile
+from gui.widgets.plots import LINES
 from gui.window import MainWindow
 from lfcal.camera import preset
 from lfcal.psf import PSFMatrix, save
-from lfcal.psf.aperture.shape import blade_radius
+from lfcal.psf.aperture.shape import Aperture, blade_radius
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import idle
 
@@ -186,3 +188,62 @@ def test_the_large_apertures_follow_the_strip_and_choose_planes(page: Any, conte
     page.set_intent(z=1)
     assert large.grid.currentRow() == 1
     assert page.panel.show_apertures() is large
+
+
+def test_the_window_s_thread_loads_no_kernel_for_the_apertures(
+    open_page: OpenPage, context: Context, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Loading what draws an outline held it for 25 ms when H was opened."""
+    first: list[str] = []
+    asked: set[str] = set()
+    plain = Aperture.outline
+
+    def outline(self: Aperture, n: int = 360) -> Any:
+        first.append(threading.current_thread().name)
+        return plain(self, n)
+
+    def expected(matrix: PSFMatrix, z: int) -> None:
+        asked.add(threading.current_thread().name)
+
+    monkeypatch.setattr(Aperture, "outline", outline)
+    monkeypatch.setattr("gui.pages.psf.page.expected_in", expected)
+    t, s = np.indices((31, 31)) - 15
+    disc = (np.hypot(t, s) < 9).astype(np.float32)
+    context.matrices.put("disc", PSFMatrix(np.broadcast_to(disc, (1, 2, 2, 31, 31)).copy()))
+    context.project.update("open", psf="disc")
+    page = open_page("psf")
+    idle(context.jobs, qtbot)
+    assert len(page.panel.outline.getData()[0]) == 360
+    main = threading.main_thread().name
+    assert first[0] != main and main in first
+    assert asked and main not in asked
+
+
+def test_the_planes_and_their_legend_are_red_where_all_is_red(window: MainWindow, qtbot: QtBot) -> None:
+    """They kept the colours of the theme they were drawn in."""
+    t, s = np.indices((31, 31)) - 15
+    disc = np.clip(9.5 - np.hypot(t, s), 0, 1).astype(np.float32)
+    window.context.matrices.put("disc", PSFMatrix(np.broadcast_to(disc, (1, 2, 2, 31, 31)).copy()))
+    window.project.update("open", psf="disc")
+    window.go("psf")
+    page: Any = window.page("psf")
+    idle(window.jobs, qtbot)
+    large = page.panel.show_apertures()
+
+    def colours() -> set[bool]:
+        """Return whether pixels of the strip and the large window are red."""
+        found = set()
+        for strip in (page.panel.strip, large.grid):
+            image = strip.item(0).icon().pixmap(40, 40).toImage()
+            pixels = [image.pixelColor(x, y) for x in range(image.width()) for y in range(image.height())]
+            found |= {max(one.green(), one.blue()) <= one.red() for one in pixels if one.alpha() == 255}
+        return found
+
+    assert False in colours() and LINES[0] in page.panel.profile_title.text()
+    window.set_theme("night")
+    assert colours() == {True}
+    for label in (page.panel.profile_title, page.panel.legend, large.legend):
+        assert not any(tone in label.text() for tone in (*LINES, FITTED, EXPECTED))
+    window.set_theme("light")
+    assert FITTED in page.panel.legend.text() and FITTED in large.legend.text()
+    large.close()

@@ -59,7 +59,23 @@ def opened(path: str) -> PSFMatrix:
 
 def test_settings_go_through_json_and_survive_damage() -> None:
     settings = ReconstructSettings(
-        "rl-tv", 7, True, 1.0, 2.0, 4000.0, 0.01, None, "fft", 0.02, 0.01, 4, "12.5", True, (0, 1, 20, 30), (1, 2)
+        "rl-tv",
+        7,
+        True,
+        1.0,
+        2.0,
+        4000.0,
+        0.01,
+        None,
+        "fft",
+        "cuda",
+        0.02,
+        0.01,
+        4,
+        "12.5",
+        True,
+        (0, 1, 20, 30),
+        (1, 2),
     )
     again = ProjectState.from_json(ProjectState(settings=settings.into(ProjectState())).to_json())
     assert ReconstructSettings.of(again) == settings
@@ -88,6 +104,7 @@ def test_settings_go_through_json_and_survive_damage() -> None:
         ("region", (1, 2)),
         ("region", (0.5, 0, 3, 3)),
         ("anchor", (1,)),
+        ("device", "abacus"),
     ],
 )
 def test_refusals_are_one_line(key: str, value: object) -> None:

@@ -6,15 +6,17 @@ from typing import Any
 import numpy as np
 import pytest
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QApplication, QLineEdit
+from PySide6.QtWidgets import QApplication, QComboBox, QLineEdit
 from pytestqt.qtbot import QtBot
 
 from gui.context import Context
 from gui.models.project import ProjectState
 from gui.pages.reconstruct.model import ReconstructSettings
+from gui.pages.reconstruct.model_device import NO_DEVICE, device_reason
 from gui.pages.reconstruct.page import Page
 from gui.pages.reconstruct.volume_view import VolumeView
 from gui.theme import DARK, LIGHT, NIGHT, apply_theme
+from lfcal.reconstruct.projectors.device import ArrayDevice
 from lfcal.reconstruct.solvers.choice import SolverChoice
 from lfcal.reconstruct.volumes import load_volume
 from tests.gui.conftest import OpenPage
@@ -209,3 +211,56 @@ def test_a_volume_is_red_where_all_is_red(qapp: QApplication, qtbot: QtBot) -> N
     apply_theme(qapp, LIGHT)
     view.apply_theme()
     np.testing.assert_array_equal(view.items["xy"].lut, before)
+
+
+def test_a_device_can_be_chosen_where_there_is_one(page: Page, context: Context, qtbot: QtBot) -> None:
+    """There was no way to say so in the window."""
+    idle(context.jobs, qtbot)
+    box = page.panel.form.editor("device")
+    assert isinstance(box, QComboBox) and [box.itemData(k) for k in range(box.count())] == ["auto", "cpu", "cuda"]
+    page._device_looked_for("")
+    assert box.isEnabled() and "processor" in box.toolTip() and "Greyed" not in box.toolTip()
+    box.setCurrentIndex(box.findData("cpu"))
+    assert ReconstructSettings.of(context.state).device == "cpu"
+    page._device_looked_for(NO_DEVICE)
+    assert not box.isEnabled() and NO_DEVICE in box.toolTip() and box.accessibleDescription() == NO_DEVICE
+    settings = ReconstructSettings(device="cuda").into(context.state)
+    context.project.update("made elsewhere", settings=settings)
+    assert box.isEnabled() and box.currentData() == "cuda", "what cannot be used here can be taken back"
+
+
+def test_a_device_that_is_not_there_is_refused_in_a_line(
+    page: Page, context: Context, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("lfcal.reconstruct.projectors.device.device_count", lambda library: 0)
+    make(page, qtbot, tmp_path / "light.tif")
+    context.project.update("device", settings=ReconstructSettings(device="cuda").into(context.state))
+    idle(context.jobs, qtbot)
+    words = page.panel.forecast.text()
+    assert "device cuda" in words and "choose cpu" in words and "\n" not in words
+    context.project.update("device", settings=ReconstructSettings(device="cpu").into(context.state))
+    idle(context.jobs, qtbot)
+    assert "<b>processor</b>" in page.panel.forecast.text()
+
+
+def test_no_library_is_loaded_where_there_is_no_driver(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lfcal.reconstruct.projectors.device.find_device", lambda text: None)
+    assert device_reason() == NO_DEVICE
+    monkeypatch.setattr("lfcal.reconstruct.projectors.device.find_device", lambda text: ArrayDevice("torch", 0))
+    assert device_reason() == ""
+
+
+def test_it_fits_small_screens_with_all_that_is_told(
+    page: Page, context: Context, qtbot: QtBot, tmp_path: Path
+) -> None:
+    """What was told of a run and its forecast made the column longer than the window."""
+    make(page, qtbot, tmp_path / "light.tif")
+    idle(context.jobs, qtbot)
+    costs = page.panel.costs
+    assert costs.tabText(costs.currentIndex()) == "Forecast" and "Memory" in page.panel.forecast.text()
+    context.project.update("few", settings=ReconstructSettings(iterations=2).into(context.state))
+    page.start()
+    assert costs.tabText(costs.currentIndex()) == "Convergence"
+    idle(context.jobs, qtbot)
+    assert "residual" in page.panel.status.text()
+    assert page.body.minimumSizeHint().height() <= 640
