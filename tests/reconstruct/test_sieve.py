@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lfcal.bench._fault_recordings import CAMERAS
 from lfcal.camera import ScanPlan, preset
 from lfcal.psf import PSFMatrix
 from lfcal.reconstruct import Projector
@@ -116,6 +117,27 @@ def test_what_repeats_is_left_out_of_an_update():
     assert left[30, 40] > 49 and np.abs(np.delete(left.ravel(), 30 * 80 + 40) - 1).max() < 0.01
     # of few periods nothing can be told
     assert np.array_equal(repeating.without(0, factor[:6, :8], seen[:6, :8]), factor[:6, :8])
+
+
+@pytest.mark.parametrize("name", ["bench", "r29-like"])
+def test_where_every_point_lies_under_several_lenslets_there_is_no_sieve(name):
+    """A main lens and hexagonal lenslets, one type and three: beyond virtual depth 2 it is plain acceleration."""
+    camera = CAMERAS[name]().camera
+    plan = ScanPlan.for_camera(camera, virtual_depths=(1.5, 3.0), cutout=41)
+    H = simulate_psf(camera, plan, plan_effects(camera, plan, 0.3), tolerance=0.3)
+    shape = (96, 96)
+    P = Projector(H, shape, workers=1)
+    assert sieve_of(P).sigmas == pytest.approx((SIEVE * camera.pitch_px / 2, 0))
+    far = Projector(PSFMatrix(H[1:], depths=H.depths[1:], camera=camera, anchor=H.anchor), shape, workers=1)
+    truth = np.zeros(P.volume_shape)
+    truth[1, 48, 45] = 1
+    clean = np.maximum(P.forward(truth), 0)
+    image = np.random.default_rng(0).poisson(clean / clean.max() * 2000 + 5).astype(float)
+    ours, plain = (reconstruct(far, image, SolverChoice(n, 8, 5.0)).volume for n in ("sieve", "rl-nesterov"))
+    np.testing.assert_array_equal(ours, plain)
+    both = [reconstruct(P, image, SolverChoice(n, 20, 5.0)).volume[1] for n in ("rl", "sieve")]
+    rl, sieve = (max(width(plane.sum(axis)) for axis in (0, 1)) for plane in both)
+    assert sieve < 1.1 * rl
 
 
 def lattice_excess(plane: np.ndarray, period: int) -> float:

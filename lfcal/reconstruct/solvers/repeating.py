@@ -66,4 +66,5 @@ class Repeating:
         # the plane's light is no pattern
         mean -= mean.mean()
         even = np.tile(np.exp(-share * mean), (down, across))[:rows, :columns].astype(factor.dtype)
-        return np.multiply(factor, even, out=factor.copy(), where=seen)
+        found: NDArray[Any] = np.multiply(factor, even, out=factor.copy(), where=seen)
+        return found
