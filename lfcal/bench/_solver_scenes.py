@@ -129,8 +129,8 @@ def subject_of(name: str, side: int = 0) -> Subject:
     camera = setup.camera()
 
     def simulated(depths: tuple[float, ...], tolerance: float, beside: float) -> PSFMatrix:
-        places = {"virtual_depths": depths} if setup.virtual else {"depths_um": depths}
-        plan = ScanPlan.for_camera(camera, **places, cutout=setup.cutout)
+        virtual, lengths = (depths, None) if setup.virtual else (None, depths)
+        plan = ScanPlan.for_camera(camera, virtual_depths=virtual, depths_um=lengths, cutout=setup.cutout)
         plan = replace(plan, anchor=(plan.anchor[0] + beside, plan.anchor[1] + beside))
         return simulate_psf(camera, plan, plan_effects(camera, plan, tolerance), tolerance=tolerance)
 

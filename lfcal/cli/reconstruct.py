@@ -145,10 +145,9 @@ def command(
         _list_solvers()
         return
     check_lattice(lattice, resample=resample)
-    count, stop = iterations_of(iterations)
-    how = {} if stop is None else {"auto": True, "stop": stop}
+    count, auto, stop = iterations_of(iterations)
     choice = SolverChoice(
-        solver, count, background, read_noise, saturation, strength, subsets, tolerance, gain=gain, **how
+        solver, count, background, read_noise, saturation, strength, subsets, tolerance, auto, stop=stop, gain=gain
     )
     source = _source(frame, batch, wanted=out is not None or forecast)
     task = _Task(frames_of(source), choice, warm, json)

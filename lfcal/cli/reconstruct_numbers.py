@@ -11,8 +11,8 @@ if TYPE_CHECKING:
 __all__ = ["iterations_of", "margin_of"]
 
 
-def iterations_of(text: str) -> tuple[int, str | None]:
-    """Return the most iterations that ``--iterations`` allows, and what stops a run by itself; None: nothing does.
+def iterations_of(text: str) -> tuple[int, bool, str]:
+    """Return the most iterations that ``--iterations`` allows, whether a run stops by itself, and by what.
 
     ``auto`` stops by left-out pixels, ``auto:NAME`` by another of `STOPS`.
     """
@@ -20,7 +20,7 @@ def iterations_of(text: str) -> tuple[int, str | None]:
 
     ways = {"auto": STOPS[0]} | {f"auto:{name}": name for name in STOPS[1:]}
     count = _number("--iterations", text, 1, "a number", ways)
-    return (MOST_ITERATIONS, ways[text]) if count is None else (count, None)
+    return (MOST_ITERATIONS, True, ways[text]) if count is None else (count, False, STOPS[0])
 
 
 def margin_of(text: str, H: PSFMatrix, shape: tuple[int, int]) -> int:
