@@ -59,7 +59,11 @@ def command(
     ),
     solver: str = typer.Option("sieve", "--solver", help="Solver; --solver list shows all."),
     iterations: str = typer.Option(
-        "20", "--iterations", "-n", help="Iterations; auto: until pixels left out of the fit are foretold no better."
+        "20",
+        "--iterations",
+        "-n",
+        help="Iterations; auto: until pixels left out of the fit are foretold no better; auto:discrepancy: until the "
+        "frame is met to within the noise that --gain and --read-noise tell.",
     ),
     method: str = typer.Option("auto", "--method", help="Projection: auto, polyphase, direct, sparse, reduced or fft."),
     threshold: float = typer.Option(0.0, "--threshold", help="Take entries of H below this share of the peak as 0."),
@@ -84,6 +88,7 @@ def command(
     anchor: str = typer.Option("", "--anchor", help="Pixel ROW,COLUMN of H's position (0, 0); H's own by default."),
     background: float = typer.Option(0.0, "--background", help="Counts of a pixel without any source."),
     read_noise: float = typer.Option(0.0, "--read-noise", help="Rms read noise (counts)."),
+    gain: float = typer.Option(1.0, "--gain", help="Counts per photo-electron, for --iterations auto:discrepancy."),
     saturation: float | None = typer.Option(
         None, "--saturation", help="Leave out pixels at or above this value (counts)."
     ),
@@ -126,7 +131,8 @@ def command(
     """
     from lfcal.cli.outputs import check_outputs
     from lfcal.cli.reconstruct_forecast import show_forecast, total_seconds
-    from lfcal.cli.reconstruct_grid import anchor_of, check_grid, check_lattice, grid_of, margin_of, view_of, wide
+    from lfcal.cli.reconstruct_grid import anchor_of, check_grid, check_lattice, grid_of, view_of, wide
+    from lfcal.cli.reconstruct_numbers import iterations_of, margin_of
     from lfcal.cli.reconstruct_regions import files_of_regions, open_regions, projector_of
     from lfcal.cli.reconstruct_saving import saving, targets_of
     from lfcal.cli.reconstruct_units import Settings
@@ -139,8 +145,10 @@ def command(
         _list_solvers()
         return
     check_lattice(lattice, resample=resample)
-    count, auto = _iterations(iterations)
-    choice = SolverChoice(solver, count, background, read_noise, saturation, strength, subsets, tolerance, auto)
+    count, auto, stop = iterations_of(iterations)
+    choice = SolverChoice(
+        solver, count, background, read_noise, saturation, strength, subsets, tolerance, auto, stop=stop, gain=gain
+    )
     source = _source(frame, batch, wanted=out is not None or forecast)
     task = _Task(frames_of(source), choice, warm, json)
     targets = {} if forecast or out is None else targets_of(task.frames, out, suffix if batch else None)
@@ -196,22 +204,6 @@ def command(
         else:
             results = _solve_in_units(task, P, shared, out, run, saved, (room, device))
     _show_results(P, volume, results, targets, json)
-
-
-def _iterations(text: str) -> tuple[int, bool]:
-    """Return the most iterations that ``--iterations`` allows, and whether a run stops by itself."""
-    from lfcal.errors import InputError
-    from lfcal.reconstruct.solvers.stopping import MOST_ITERATIONS
-
-    if text == "auto":
-        return MOST_ITERATIONS, True
-    try:
-        count = int(text)
-    except ValueError:
-        raise InputError.expected("--iterations", "a number, or auto", repr(text), "correct it") from None
-    if count < 1:
-        raise InputError.expected("--iterations", "at least 1, or auto", count, "correct it")
-    return count, False
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from lfcal.reconstruct.metric import MetricGrid
     from lfcal.reconstruct.resample import Resampling
 
-__all__ = ["anchor_of", "check_grid", "check_lattice", "grid_of", "margin_of", "view_of", "wide"]
+__all__ = ["anchor_of", "check_grid", "check_lattice", "grid_of", "view_of", "wide"]
 
 
 def grid_of(text: str, H: PSFMatrix, shape: tuple[int, int], anchor: tuple[float, float] | None) -> MetricGrid | None:
@@ -34,22 +34,6 @@ def grid_of(text: str, H: PSFMatrix, shape: tuple[int, int], anchor: tuple[float
     except ValueError:
         raise InputError.expected("--voxel", "a number of µm, or auto", repr(text), "correct it") from None
     return MetricGrid.for_matrix(H, shape, anchor, side)
-
-
-def margin_of(text: str, H: PSFMatrix, shape: tuple[int, int]) -> int:
-    """Return the pixels around frames of ``shape`` that ``--margin`` asks for: a number, or ``auto``."""
-    from lfcal.errors import InputError
-    from lfcal.reconstruct.margin import usual_margin
-
-    if text == "auto":
-        return usual_margin(H.period, (H.shape[3], H.shape[4]), shape)
-    try:
-        pixels = int(text)
-    except ValueError:
-        raise InputError.expected("--margin", "a number of pixels, or auto", repr(text), "correct it") from None
-    if pixels < 0:
-        raise InputError.expected("--margin", "not negative, or auto", pixels, "correct it")
-    return pixels
 
 
 def wide(

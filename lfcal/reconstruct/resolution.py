@@ -12,7 +12,7 @@ from lfcal.progress import Clock, Work, drain
 from lfcal.reconstruct.projectors.projector import Projector
 from lfcal.reconstruct.solvers.richardson_lucy import richardson_lucy
 
-__all__ = ["TwoPoint", "dip", "iter_two_point", "two_point"]
+__all__ = ["TwoPoint", "bead_widths", "dip", "fwhm", "iter_two_point", "two_point"]
 
 RAYLEIGH_DIP = 0.735
 """Value between two Airy patterns at the Rayleigh distance, over their peaks."""
@@ -57,6 +57,50 @@ def dip(profile: NDArray[np.floating], first: int, second: int) -> float:
     if smaller <= 0 or tops[1] - tops[0] < 2:
         return 1.0
     return min(1.0, float(profile[tops[0] : tops[1] + 1].min()) / smaller)
+
+
+def fwhm(profile: NDArray[np.floating]) -> float:
+    """Return the full width at half maximum of the highest peak, linear between samples; NaN: there is none.
+
+    A side that does not fall to half counts as far as the profile goes.
+    """
+    top = int(np.argmax(profile))
+    half = float(profile[top]) / 2
+    if not half > 0:
+        return float("nan")
+
+    def reach(side: NDArray[np.floating]) -> float:
+        below = np.flatnonzero(side < half)
+        if not below.size:
+            return len(side) - 1.0
+        k = int(below[0])
+        return k - 1 + float((side[k - 1] - half) / (side[k - 1] - side[k]))
+
+    return reach(profile[top:]) + reach(profile[top::-1])
+
+
+def bead_widths(volume: NDArray[np.floating], places: NDArray[np.floating], reach: int = 9) -> float:
+    """Return the median width of beads (voxels), down and across, each in the plane nearest to it.
+
+    Parameters
+    ----------
+    volume
+        ``(nz, Y, X)``.
+    places
+        Plane, row and column of each bead ``(n, 3)``, in planes and voxels.
+    reach
+        Voxels to each side that are looked at; profiles are summed over a third of them.
+    """
+    widths = []
+    for place in places:
+        z, y, x = (round(float(at)) for at in place)
+        plane = volume[min(max(z, 0), len(volume) - 1)]
+        rows, columns = slice(max(y - reach, 0), y + reach + 1), slice(max(x - reach, 0), x + reach + 1)
+        strip = reach // 3
+        down = plane[rows, max(x - strip, 0) : x + strip + 1].sum(1)
+        across = plane[max(y - strip, 0) : y + strip + 1, columns].sum(0)
+        widths += [fwhm(down), fwhm(across)]
+    return float(np.nanmedian(widths))
 
 
 def iter_two_point(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,10 @@ import pytest
 from lfcal.bench import _r29, _reduced, aperture
 from lfcal.bench import multiplex as multiplex_bench
 from lfcal.bench import reconstruct as reconstruct_bench
+from lfcal.bench._solver_scenes import CAMERAS, problem_of, subject_of
 from lfcal.cli import main
 from lfcal.psf import PSFMatrix, save
+from lfcal.reconstruct import Projector
 from lfcal.reconstruct.projectors.device import ArrayDevice
 from tests.reconstruct.oracles import lenslet_psf
 
@@ -258,6 +261,56 @@ def test_retrieve(bench: Bench, tmp_path: Path) -> None:
     assert (tmp_path / "frames.png").stat().st_size > 5000
     said = bench("retrieve", *options, "--per-frame", 6, "--force")
     assert "recorded, every position" in said and "125" in said  # 1254 frames of 6 s
+
+
+@pytest.fixture
+def small_cameras(monkeypatch: pytest.MonkeyPatch) -> None:
+    few = replace(CAMERAS["bench"], depths=(2.2, 2.8), cutout=25, side=48)
+    monkeypatch.setitem(CAMERAS, "bench", few)
+    monkeypatch.setattr("lfcal.bench._solver_trials.UNITS", (2, 5))
+    monkeypatch.setattr("lfcal.bench._solver_tables.UNITS", (2, 5))
+
+
+def test_solvers(bench: Bench, tmp_path: Path, small_cameras: None) -> None:
+    options = ("--camera", "bench", "--scene", "beads,shell", "--solver", "rl,sieve", "--workers", 1)
+    found = bench.json("solvers", *options, "--chart", tmp_path / "a.png", "--table", tmp_path / "t.md")
+    assert [(one["scene"], one["solver"]) for one in found["trials"]] == [
+        (scene, solver) for scene in ("beads", "shell") for solver in ("rl", "sieve")
+    ]
+    for one in found["trials"]:
+        assert one["errors"][-1] < one["errors"][0] < 1.2 and one["stop"][0] > 0
+        assert (one["width"] is None) == (one["scene"] == "shell")
+    assert (tmp_path / "a.png").stat().st_size > 5000
+    table = (tmp_path / "t.md").read_text(encoding="utf-8")
+    assert table.count("\n| beads | ") == 2 and "sieve wins or ties after 5 iterations of rl: bench" in table
+    assert "exists" in bench("solvers", *options, "--table", tmp_path / "t.md", code=2)
+    assert "--solver: expected" in bench("solvers", "--solver", "magic", code=2)
+
+
+def test_solvers_longer(bench: Bench, tmp_path: Path, small_cameras: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+    monkeypatch.setattr(
+        "lfcal.bench._solver_scenes.subject_of", lambda name, side=0: asked.append(side) or subject_of(name, 40)
+    )
+    said = bench("solvers", "--full", "--camera", "bench", "--scene", "shell", "--solver", "rl", "--force")
+    assert asked == [132] and "wins or ties after 2 iterations of rl" in said
+
+
+def test_scenes_are_not_made_by_what_is_inverted() -> None:
+    """Light between the planes and beside the voxels: the coarse H meets the frame to its noise, and not beyond."""
+    few = replace(CAMERAS["bench"], depths=(2.6, 2.9, 3.2), cutout=41, side=60)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(CAMERAS, "bench", few)
+        subject = subject_of("bench")
+    assert subject.fine.shape[0] == 6 and not set(subject.fine.depths) & set(subject.sought.depths)
+    assert subject.fine.anchor == tuple(at + 0.4 for at in subject.sought.anchor)
+    problem = problem_of(subject, "shell")
+    P = Projector(subject.sought, (60, 60), dtype=np.float64)
+    clean = P.forward(problem.truth)
+    noise = np.sqrt(np.maximum(clean, 0) + 5)
+    assert np.sqrt(np.mean(((problem.image - 5 - clean) / noise) ** 2)) < 1.3
+    moved = P.forward(np.roll(problem.truth, (1, 1), (1, 2)))
+    assert np.linalg.norm(problem.image - 5 - moved) > 1.1 * np.linalg.norm(problem.image - 5 - clean)
 
 
 def test_forecast(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -160,9 +160,26 @@ def test_left_alone_it_stops_by_itself_and_says_why(lfcal: Callable[..., Run], f
     assert "stops by itself" in done.out and "margin of 3 pixels" in done.out
 
 
+def test_it_stops_by_the_noise_that_it_is_told(lfcal: Callable[..., Run], folder: Path, tmp_path: Path) -> None:
+    words = ("reconstruct", folder / "H.h5", folder / "frame.png", "--iterations", "auto:discrepancy")
+    counts = []
+    for gain in (10, 1000):
+        done = lfcal(*words, "--gain", gain, "--out", tmp_path / "v.h5", "--force", "--json")
+        assert done.code == 0, done.err
+        (one,) = done.json["volumes"]  # type: ignore[index, call-overload]
+        counts.append(one["iterations"])
+    assert "no farther from the frame than its noise" in one["stopped"]
+    assert counts[1] < counts[0]
+    with h5py.File(tmp_path / "v.h5") as file:
+        known = json.loads(str(file.attrs["details"]))
+    assert known["solver"]["stop"] == "discrepancy" and known["solver"]["gain"] == 1000
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
+        (("--gain", 2), "gain: expected the stop by discrepancy"),
+        (("--iterations", "auto:luck"), "auto or auto:discrepancy"),
         (("--solver", "rl", "--subsets", 2), "osem"),
         (("--threshold", 2), "threshold"),
         (("--method", "magic"), "polyphase"),

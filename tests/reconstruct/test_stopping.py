@@ -11,9 +11,10 @@ from lfcal.reconstruct.metrics import nrmse
 from lfcal.reconstruct.phantoms import phantom
 from lfcal.reconstruct.solvers.choice import SOLVERS, SolverChoice, iter_reconstruct, reconstruct
 from lfcal.reconstruct.solvers.em import EmOptions, iter_run
+from lfcal.reconstruct.solvers.measurement import Measurement
 from lfcal.reconstruct.solvers.records import SolverWork
 from lfcal.reconstruct.solvers.solver import COMMON, Solver, SolverRun
-from lfcal.reconstruct.solvers.stopping import SHARE, left_out_pixels
+from lfcal.reconstruct.solvers.stopping import SHARE, left_out_pixels, misfit
 from tests.reconstruct.oracles import dense, lenslet_psf
 
 SHAPE = (100, 95)
@@ -116,5 +117,73 @@ def test_solvers_of_others_are_judged_by_their_volumes(noisy, monkeypatch):
     assert "left-out pixels" in found.stopped and len(found.history) < 40
     blind = Solver("blind", "of others", iterate, COMMON - {"weights"})
     monkeypatch.setattr(SolverChoice, "solver", property(lambda self: blind))
-    with pytest.raises(InputError, match="weights: expected none for solver blind"):
-        SolverChoice("blind", 60, auto=True)
+    for setting, words in (
+        (
+            {"auto": True},
+            "iterations of solver blind: expected a number, .* got auto; give one, stop by discrepancy, or",
+        ),
+        ({"margin": 8}, "margin of solver blind: expected 0, .* got 8; give 0, or choose .*sieve or "),
+    ):
+        with pytest.raises(InputError, match=words):
+            SolverChoice("blind", 60, **setting)
+    assert SolverChoice("blind", 60, auto=True, stop="discrepancy").auto
+
+
+# -- by the sensor's noise -----------------------------------------------------------------------------------
+@pytest.mark.parametrize(("gain", "read_noise"), [(1.0, 0.0), (0.25, 3.0), (8.0, 20.0)])
+def test_what_noise_alone_leaves_is_one(gain, read_noise):
+    """Photons, gain and read noise as a sensor makes them; weights count, and what lies beside noise is seen."""
+    rng = np.random.default_rng(0)
+    photons = rng.uniform(5, 50, (300, 300))
+    frame = gain * rng.poisson(photons) + read_noise * rng.standard_normal(photons.shape)
+    weights = (rng.random(photons.shape) < 0.7) * rng.uniform(0.5, 2, photons.shape)
+    data = Measurement.of(frame, dtype=np.float64, weights=weights, read_noise=read_noise, signed=True)
+    found = misfit(gain * photons + read_noise**2, data, read_noise, gain)
+    assert found == pytest.approx(1, abs=0.02)
+    spoilt = np.where(weights > 0, gain * photons, -1e6) + read_noise**2
+    assert misfit(spoilt, data, read_noise, gain) == found
+    assert misfit(1.5 * gain * photons + read_noise**2, data, read_noise, gain) > 1.5
+    assert misfit(np.zeros_like(photons), Measurement.of(np.zeros_like(photons), dtype=float), 0, 1) == 0
+
+
+@pytest.mark.parametrize("name", ["rl", "sieve", "phase-space", "cg", "ems"])
+@pytest.mark.parametrize("margin", [0, 8])
+def test_stops_once_the_frame_is_met_to_within_its_noise(noisy, name, margin):
+    P, truth, image = noisy
+    wide = P if not margin else Projector(lenslet_psf(), (SHAPE[0] + 16, SHAPE[1] + 16), (1 + 8, 3 + 8))
+    choice = SolverChoice(name, 100, 2.0, margin=margin, auto=True, stop="discrepancy")
+    found = reconstruct(wide, image, choice)
+    assert "no farther from the frame than its noise" in found.stopped and len(found.history) < 60
+    # the first that does: by one projection with the frame's own projector
+    records = list(iter_reconstruct(wide, image, choice))
+    assert len(records) == len(found.history)
+    misses = []
+    for record in records[-2:]:
+        model = wide.forward(record.state.volume)[margin : margin + SHAPE[0], margin : margin + SHAPE[1]] + 2
+        misses.append(float(np.mean((image - model) ** 2 / np.maximum(model, 2))))
+    if len(misses) == 2:
+        assert misses[0] > 1
+    assert misses[-1] <= 1 + 1e-5
+    if name not in ("cg", "ems"):
+        errors = [nrmse(r.state.volume, truth) for r in iter_reconstruct(P, image, SolverChoice(name, 60, 2.0))]
+        start = nrmse(np.full_like(truth, truth.mean()), truth)
+        assert nrmse(found.volume, truth) - min(errors) < 0.4 * (start - min(errors))
+
+
+def test_noise_that_is_never_met_is_told(noisy):
+    P, _, image = noisy
+    spoilt = image + 40 * (np.indices(SHAPE).sum(0) % 2)
+    found = reconstruct(P, spoilt, SolverChoice("rl", 6, 2.0, auto=True, stop="discrepancy"))
+    assert not found.stopped and len(found.history) == 6
+    assert any("times its noise: check gain and read noise, or H" in note for note in found.notes)
+
+
+def test_what_the_stop_does_not_use_is_refused():
+    for setting, words in (
+        ({"stop": "luck"}, "left-out or discrepancy"),
+        ({"gain": 2.0}, "gain: expected the stop by discrepancy, which alone uses it, got 2.0; leave it out"),
+        ({"gain": 2.0, "auto": True}, "which alone uses it"),
+        ({"gain": 0.0, "auto": True, "stop": "discrepancy"}, r"gain \(counts per photo-electron\)"),
+    ):
+        with pytest.raises(InputError, match=words):
+            SolverChoice("rl", 5, **setting)

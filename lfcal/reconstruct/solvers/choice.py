@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Generator
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from lfcal.checks import check_choice, check_number
 from lfcal.errors import InputError
 from lfcal.progress import drain
 from lfcal.reconstruct.margin import cropped, widened, widened_start
@@ -16,7 +18,7 @@ from lfcal.reconstruct.projectors.projector import Projector
 from lfcal.reconstruct.solvers.measurement import Measurement, foretold
 from lfcal.reconstruct.solvers.records import Reconstruction, SolverProgress, SolverState, SolverWork
 from lfcal.reconstruct.solvers.solver import Solver, SolverRun
-from lfcal.reconstruct.solvers.stopping import iter_until_best, left_out_pixels
+from lfcal.reconstruct.solvers.stopping import STOPS, iter_until_best, iter_until_noise, left_out_pixels, misfit
 from lfcal.registry import Registry
 
 __all__ = ["SOLVERS", "SolverChoice", "find_solvers", "iter_reconstruct", "reconstruct"]
@@ -73,8 +75,12 @@ class SolverChoice:
     tolerance
         Stop when the relative change falls below.
     auto
-        Stop when pixels that are left out of the fit, one of 25, are foretold worse, and return the volume that
-        foretold them best.
+        Stop by ``stop``.
+    stop
+        ``"left-out"``: when pixels that are left out of the fit, one of 25, are foretold worse; the volume is the one
+        that foretold them best. ``"discrepancy"``: when the volume's image is as near the frame as noise allows.
+    gain
+        Counts per photo-electron; for ``"discrepancy"`` alone.
     margin
         Pixels that the volume goes on beyond each edge of the frame; the projector is that of the wider frame.
 
@@ -94,6 +100,8 @@ class SolverChoice:
     tolerance: float = 0.0
     auto: bool = False
     margin: int = 0
+    stop: str = "left-out"
+    gain: float = 1.0
 
     def __post_init__(self) -> None:
         """Check name and settings; the solvers check the values."""
@@ -101,9 +109,31 @@ class SolverChoice:
             check_option(self.solver, option, getattr(self, option))
         if self.margin < 0:
             raise InputError.expected("margin (pixels)", "not negative", self.margin, "correct it")
-        # pixels that are left out, and those beside the frame, have no weight
-        if self.auto or self.margin:
-            check_option(self.solver, "weights", "left-out pixels")
+        check_choice("stop", self.stop, STOPS)
+        discrepancy = self.auto and self.stop == "discrepancy"
+        check_number("gain (counts per photo-electron)", self.gain, above=0)
+        if self.gain != 1 and not discrepancy:
+            raise InputError.expected("gain", "the stop by discrepancy, which alone uses it", self.gain, "leave it out")
+        if "weights" not in self.solver.honours:
+            self._check_without_weights()
+
+    def _check_without_weights(self) -> None:
+        """Raise where some pixels would have to have no weight."""
+        known = " or ".join(other.name for other in SOLVERS if "weights" in other.honours)
+        if self.auto and self.stop == "left-out":
+            raise InputError.expected(
+                f"iterations of solver {self.name}",
+                "a number, for it cannot leave out the pixels that would stop it",
+                "auto",
+                f"give one, stop by discrepancy, or choose {known}",
+            )
+        if self.margin:
+            raise InputError.expected(
+                f"margin of solver {self.name}",
+                "0, for it cannot leave out what lies beside the frame",
+                self.margin,
+                f"give 0, or choose {known}",
+            )
 
     @property
     def solver(self) -> Solver:
@@ -145,7 +175,12 @@ def iter_reconstruct(
         trust = np.ones(np.shape(image), P.dtype) if weights is None else weights
         run = replace(run, weights=widened(np.broadcast_to(trust, np.shape(image)), c.margin))
         image = widened(image, c.margin)
-    work = _iter_auto(P, image, run, c.solver) if c.auto else c.solver.iterate(P, image, run)
+    if not c.auto:
+        work = c.solver.iterate(P, image, run)
+    elif c.stop == "discrepancy":
+        work = _iter_to_noise(P, image, run, c)
+    else:
+        work = _iter_auto(P, image, run, c.solver)
     return _iter_cropped(work, c.margin) if c.margin else work
 
 
@@ -174,6 +209,24 @@ def _iter_auto(P: Projector, image: ArrayLike, run: SolverRun, solver: Solver) -
     return iter_until_best(
         solver.iterate(P, image, replace(run, weights=data.ones())), data.notes, score, settles=solver.settles
     )
+
+
+def _iter_to_noise(P: Projector, image: ArrayLike, run: SolverRun, choice: SolverChoice) -> SolverWork:
+    """Return a run that stops by the noise of the sensor; each volume is projected once more for it."""
+    data = Measurement.of(
+        image,
+        dtype=P.dtype,
+        weights=run.weights,
+        saturation=run.saturation,
+        background=run.background,
+        read_noise=run.read_noise,
+        signed=True,
+    )
+
+    def misfit_of(volume: NDArray[Any]) -> float:
+        return misfit(P.forward(volume) + data.background, data, run.read_noise, choice.gain)
+
+    return iter_until_noise(choice.solver.iterate(P, image, run), data.notes, misfit_of)
 
 
 def _iter_cropped(work: SolverWork, margin: int) -> Generator[SolverProgress, None, Reconstruction]:

@@ -23,6 +23,7 @@ from lfcal.reconstruct.solvers.records import (
     relative_change,
     without_state,
 )
+from lfcal.reconstruct.solvers.repeating import Repeating
 from lfcal.reconstruct.solvers.smoothing import DepthSmoothing
 from lfcal.reconstruct.solvers.solver import SolverRun
 from lfcal.reconstruct.solvers.subsets import Masks, check_partition
@@ -53,6 +54,8 @@ class EmOptions:
         `DepthSmoothing` after each iteration; None: none.
     tolerance
         Stop when the relative change falls below.
+    repeating
+        What repeats from lenslet to lenslet, to be left out of updates; None: nothing is.
     """
 
     rule: str = "richardson-lucy"
@@ -62,6 +65,7 @@ class EmOptions:
     relaxation: float = 1.0
     smoothing: DepthSmoothing | None = None
     tolerance: float = 0.0
+    repeating: Repeating | None = None
 
     def __post_init__(self) -> None:
         """Check names, ranges and what excludes what."""
@@ -259,6 +263,8 @@ def _update(
             share = np.maximum(below[z] + scale * steep[z], 0.1 * below[z])
         seen = (part.sensitivity[z] > UNSEEN * top) & (share > 0)
         factor = np.divide(np.maximum(above[z], 0), share, out=np.ones_like(volume[z]), where=seen)
+        if options.repeating is not None:
+            factor = options.repeating.without(z, factor, seen)
         if options.relaxation < 1:
             factor = 1 + options.relaxation * (factor - 1)
         np.multiply(volume[z], factor.astype(volume.dtype, copy=False), out=updated[z])

@@ -1,11 +1,15 @@
-"""Richardson-Lucy within a sieve: few artefacts where lenslets sample coarsely, no rings.
+"""Accelerated Richardson-Lucy within a sieve: few artefacts where lenslets sample coarsely, no rings.
 
 Near the native plane a lenslet sees all points behind it alike, and what tells them apart is mostly the error of H:
 Richardson-Lucy draws the lenslets there. The method of sieves (Snyder & Miller 1985) seeks ``g = S s`` with s not
 negative and S a narrow Gaussian in those planes alone, ``s <- s / (S HT1) * S HT(f / (H S s + b))``: the likelihood is
 that of H and the volume fits the image, other than where the volume is smoothed after each iteration. A Gaussian
-does not ring, and what it cannot hold is not looked for. Blocks of views in turn, brightest first, take a fifth of the
-iterations, but where H is not quite that of the camera they draw lenslets in planes beside the native one.
+does not ring, and what it cannot hold is not looked for. What repeats from lenslet to lenslet in the updates of those
+planes is left out (`repeating`): a wrong H says the same.
+
+All views are taken at once, extrapolated by the iteration number (Beck & Teboulle 2009) as `rl-nesterov` is. Blocks of
+views in turn, brightest first, take fewer iterations still, but where H is not quite that of the camera they draw
+lenslets in planes beside the native one.
 """
 
 from __future__ import annotations
@@ -20,11 +24,12 @@ from lfcal.reconstruct.projectors.projector import Projector
 from lfcal.reconstruct.solvers.em import EmOptions, iter_run
 from lfcal.reconstruct.solvers.phase_space import views_of
 from lfcal.reconstruct.solvers.records import Reconstruction, SolverState, SolverWork
-from lfcal.reconstruct.solvers.smoothing import Sieve
+from lfcal.reconstruct.solvers.repeating import Repeating
+from lfcal.reconstruct.solvers.smoothing import Sieve, coarseness
 from lfcal.reconstruct.solvers.solver import EM, Solver, SolverRun
 from lfcal.reconstruct.solvers.subsets import Masks, interleaved_subsets
 
-__all__ = ["SOLVER", "sieve_of"]
+__all__ = ["SOLVER", "repeating_of", "sieve_of"]
 
 
 def sieve_of(P: Projector) -> Sieve:
@@ -32,6 +37,14 @@ def sieve_of(P: Projector) -> Sieve:
     if P.camera is None:
         return Sieve((0.0,) * P.volume_shape[0])
     return Sieve.for_camera(P.camera, P.depths)
+
+
+def repeating_of(P: Projector) -> Repeating | None:
+    """Return what is left out of updates of planes that lenslets sample coarsely; None where H has no camera."""
+    if P.camera is None:
+        return None
+    shares = coarseness(P.camera, P.depths)
+    return Repeating(P.period, shares) if any(shares) else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +73,10 @@ def iterate(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:
     if run.resume is not None and run.resume.arrays:
         own = replace(run.resume, volume=run.resume.arrays[0], arrays=run.resume.arrays[1:])
         run = replace(run, resume=own)
-    work = iter_run(cast(Projector, _Sieved(P, sieve)), image, run, EmOptions(subsets=_parts_of(P, image, run.subsets)))
+    parts = _parts_of(P, image, run.subsets)
+    # subsets extrapolate already
+    options = EmOptions(acceleration="nesterov" if parts is None else "none", subsets=parts, repeating=repeating_of(P))
+    work = iter_run(cast(Projector, _Sieved(P, sieve)), image, run, options)
 
     def seen(state: SolverState) -> SolverState:
         return replace(state, volume=sieve.apply(state.volume), arrays=(state.volume, *state.arrays))
@@ -95,10 +111,10 @@ def _parts_of(P: Projector, image: ArrayLike, subsets: int | None) -> Masks | No
 
 SOLVER = Solver(
     "sieve",
-    "Richardson-Lucy within a sieve (Snyder & Miller 1985): few lenslets in the native plane, no rings",
+    "accelerated Richardson-Lucy within a sieve (Snyder & Miller 1985): few lenslets in the native plane, no rings",
     iterate,
     EM | {"subsets"},
     rank=85,
-    volumes=(4, 4),
+    volumes=(6, 6),
     parts=lambda subsets: _blocks(subsets) ** 2,
 )

@@ -6,16 +6,21 @@ most of the pixels says of the few others gets better as long as it finds what i
 where what is yet to be gained is less than the standard deviation of the score (the rule of one standard error, Breiman
 et al. 1984, section 3.4.3). Methods that keep noise out by a penalty lose nothing by going on: they end at the best.
 Neither the gain of the camera nor its noise needs to be known.
+
+Where both are known the discrepancy principle (Morozov 1966; for photons Bertero et al. 2010, Inverse Problems 26,
+105004) needs no pixel left out: a volume is good enough once its image is no farther from the frame than noise is.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.reconstruct.solvers.measurement import Measurement
 from lfcal.reconstruct.solvers.records import (
     Reconstruction,
     SolverProgress,
@@ -24,10 +29,13 @@ from lfcal.reconstruct.solvers.records import (
     without_state,
 )
 
-__all__ = ["MOST_ITERATIONS", "iter_until_best", "left_out_pixels"]
+__all__ = ["MOST_ITERATIONS", "STOPS", "iter_until_best", "iter_until_noise", "left_out_pixels", "misfit"]
 
 MOST_ITERATIONS = 100
 """Iterations of a run that stops by itself, where nothing else is said."""
+
+STOPS = ("left-out", "discrepancy")
+"""What may end a run that stops by itself: pixels left out of the fit, or the sensor's noise."""
 
 SHARE = 0.04
 """Of the pixels are left out."""
@@ -114,6 +122,66 @@ def iter_until_best(
     except StopIteration as end:
         result: Reconstruction = end.value
         return result
+    finally:
+        work.close()
+
+
+def misfit(model: NDArray[Any], data: Measurement, read_noise: float, gain: float) -> float:
+    """Return the weighted mean of ``(f - m)^2 / (gain (max(m, b) - r^2) + r^2)``: 1 where noise alone is left.
+
+    Parameters
+    ----------
+    model
+        m, ``(Y, X)``: the image of a volume, the background of ``data`` included.
+    data
+        The frame f and its background b, which has the square of the read noise in it.
+    read_noise
+        r (counts).
+    gain
+        Counts per photo-electron.
+    """
+    m, f = model.astype(np.float64), data.image.astype(np.float64)
+    trust = np.asarray(data.ones(), np.float64)
+    # no less light than the background: linear solvers may foretell it
+    light = np.maximum(m, data.background) - read_noise**2
+    variance = gain * np.maximum(light, 0) + read_noise**2
+    # where no light is expected one photo-electron of the whole frame still is
+    variance = np.maximum(variance, gain * max(float(f.mean()), 0.0) / f.size)
+    square = np.divide(trust * (f - m) ** 2, variance, out=np.zeros_like(m), where=variance > 0)
+    whole = float(trust.sum())
+    return float(square.sum()) / whole if whole > 0 else 0.0
+
+
+def iter_until_noise(
+    work: SolverWork, notes: tuple[str, ...], misfit_of: Callable[[NDArray[Any]], float]
+) -> SolverWork:
+    """Run ``work`` until what its volume misses is no more than noise.
+
+    Parameters
+    ----------
+    work
+        A solver.
+    notes
+        Of its measurement.
+    misfit_of
+        `misfit` of a volume.
+    """
+    history: list[SolverProgress] = []
+    left = np.inf
+    try:
+        while True:
+            record = next(work)
+            history.append(without_state(record))
+            yield record
+            state = _state_of(record)
+            left = misfit_of(state.volume)
+            if left <= 1:
+                why = f"no farther from the frame than its noise after iteration {state.iteration}"
+                return Reconstruction(state.volume, tuple(history), state, notes, why)
+    except StopIteration as end:
+        result: Reconstruction = end.value
+        short = f"the frame is missed by {left**0.5:.3g} times its noise: check gain and read noise, or H"
+        return replace(result, notes=(*result.notes, short))
     finally:
         work.close()
 

@@ -1,0 +1,112 @@
+"""The table and the chart of ``lfcal bench solvers``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from lfcal.bench._solver_scenes import BACKGROUND, BESIDE, COARSE, FINE, PEAK
+from lfcal.bench._solver_trials import TIE, UNITS, Trial
+from lfcal.figures import LINES, figure, save_figure
+from lfcal.reconstruct.solvers.choice import SolverChoice
+
+__all__ = ["draw", "markdown", "rows_of", "verdict"]
+
+
+def _pairs(trials: Sequence[Trial]) -> list[tuple[str, str]]:
+    return list(dict.fromkeys((one.camera, one.scene) for one in trials))
+
+
+def _shown(error: float | None) -> str:
+    return "—" if error is None else f"{error:.3f}"
+
+
+def rows_of(trials: Sequence[Trial]) -> tuple[list[str], list[list[str]]]:
+    """Return headers and cells: a row for each scene and solver."""
+    headers = ["scene", "solver", *(f"{n}" for n in UNITS), "iterations", "least", "auto: NRMSE", "s", "bead width"]
+    rows = []
+    for one in trials:
+        cells = [_shown(one.at(n)) for n in UNITS]
+        width = "" if one.width is None else f"{one.width:.2f}"
+        stop = [f"{one.stop[1]:.3f}", f"{one.stop[0]:.2f}"]
+        rows.append([one.scene, one.solver, *cells, f"{len(one.errors)}", _shown(min(one.errors)), *stop, width])
+    return headers, rows
+
+
+def verdict(trials: Sequence[Trial]) -> list[str]:
+    """Return how often the default is the best, or within 3 % of it, at each time, camera by camera."""
+    ours = SolverChoice().name
+    lines = []
+    for units in UNITS:
+        won: dict[str, list[str]] = {}
+        for camera, scene in _pairs(trials):
+            there = [one for one in trials if (one.camera, one.scene) == (camera, scene)]
+            found = {one.solver: error for one in there if (error := one.at(units)) is not None}
+            won.setdefault(camera, [])
+            if ours in found and found[ours] <= TIE * min(found.values()):
+                won[camera].append(scene)
+        said = ", ".join(f"{camera} {' and '.join(scenes) or 'nothing'}" for camera, scenes in won.items())
+        lines.append(f"{ours} wins or ties after {units} iterations of rl: {said}")
+    return lines
+
+
+def markdown(trials: Sequence[Trial], *, full: bool) -> str:
+    """Return the page of the table."""
+    command = "lfcal bench solvers" + (" --full" if full else "") + " --table docs/solvers.md --force"
+    times = ", ".join(f"{n}" for n in UNITS)
+    parts = [
+        "# Solvers compared",
+        "",
+        f"Made by `{command}`; not to be edited.",
+        f"Numbers are the NRMSE of the volume after as much processor time as {times} iterations of",
+        "Richardson-Lucy take with that camera; `auto` is where a run that stops by left-out pixels ends, and after",
+        "how many processor seconds. Bead width is the full width at half maximum of the beads at the end, over that",
+        "of the truth.",
+        "",
+        f"Noise is that of photons, {PEAK:g} in the brightest pixel beside a background of {BACKGROUND:g}. The light",
+        f"lies in twice as many planes as are sought, none of them one of these, and {BESIDE:g} pixels beside the",
+        f"voxels; the frame is made with H simulated for those places to within {100 * FINE:g} %, while H that is",
+        f"inverted is simulated to within {100 * COARSE:g} %. `bench` and `r29-like` have no plane near the native",
+        "one.",
+        "",
+        *(f"- {line}" for line in verdict(trials)),
+    ]
+    for name in dict.fromkeys(one.camera for one in trials):
+        own = [one for one in trials if one.camera == name]
+        headers, rows = rows_of(own)
+        parts += [
+            "",
+            f"## {name}",
+            "",
+            f"An iteration of Richardson-Lucy: {own[0].unit_s:.3f} s of processor time.",
+            "",
+        ]
+        parts += [f"| {' | '.join(cells)} |" for cells in (headers, ["---"] * len(headers), *rows)]
+    return "\n".join(parts) + "\n"
+
+
+def draw(path: Path, trials: Sequence[Trial]) -> None:
+    """Draw error against processor seconds: a panel per camera and scene, dots where runs stop by themselves."""
+    pairs = _pairs(trials)
+    cameras = list(dict.fromkeys(camera for camera, _ in pairs))
+    across = max(sum(camera == own for own, _ in pairs) for camera in cameras)
+    kinds = list(dict.fromkeys(one.solver for one in trials))
+    with figure(3.6 * across + 1.6, 2.8 * len(cameras)) as fig:
+        panels = fig.subplots(len(cameras), across, squeeze=False)
+        for k, (camera, scene) in enumerate(pairs):
+            panel = panels[k // across][k % across]
+            for one in trials:
+                if (one.camera, one.scene) == (camera, scene):
+                    n = kinds.index(one.solver)
+                    colour, style = LINES[n % len(LINES)], ("-", "--", ":")[n // len(LINES) % 3]
+                    panel.plot(one.seconds, one.errors, style, color=colour, label=one.solver)
+                    panel.plot(*one.stop, "o", color=colour, markersize=4)
+            panel.set_xscale("log")
+            panel.set_yscale("log")
+            panel.set_title(f"{camera}: {scene}")
+            if k // across == len(cameras) - 1:
+                panel.set_xlabel("processor time (s)")
+            if k % across == 0:
+                panel.set_ylabel("NRMSE (1)")
+        panels[0][-1].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+        save_figure(fig, path)
