@@ -13,31 +13,26 @@ from lfcal.errors import InputError
 from lfcal.inspect.evidence import Evidence
 from lfcal.inspect.finding import Finding
 from lfcal.inspect.patch import Patch, patch_of
+from lfcal.inspect.scenes import SceneTrial
 from lfcal.progress import Clock, Work
-from lfcal.psf import PSFMatrix
-from lfcal.reconstruct import Projector, richardson_lucy
-from lfcal.reconstruct.phantoms import points
 from lfcal.simulate.engines.base import EnergyError
 
-__all__ = ["ITERATIONS", "Costs", "difference", "iter_costs", "scene"]
+__all__ = ["Costs", "iter_costs"]
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 
-ITERATIONS = 25
-"""Of Richardson-Lucy: past that, noise of H grows in the volume whatever else is wrong."""
-
 SIDE_PX = 48
 """Pixels that the image has along each axis at least; light of points farther apart hardly meets."""
+
+LARGE_PX, SCENES = 96, (0, 1)
+"""The same without a limit of time, and seeds of the scenes then: what goes astray does so in its own way in each."""
 
 PLANES = 3
 """Planes that are reconstructed at most."""
 
 FEWEST, MOST = 64, 2600
 """Positions of H that a patch has at least, and at most."""
-
-POINTS = 120
-"""Voxels per point of the scene."""
 
 TRIED = 16
 """Positions by which it is told how long one takes."""
@@ -76,7 +71,7 @@ def iter_costs(evidence: Evidence, findings: Sequence[Finding], seconds: float |
 
     A patch of neighbouring positions of up to three planes is computed as the camera should show it, as large as
     ``seconds`` allow; where that is less than all of H, the error is scaled to the strength that the fault has all
-    over H. Errors are those of `difference`, between volumes that the same image gives: with the patterns as they
+    over H. Errors are those of `SceneTrial`, between volumes that the same image gives: with the patterns as they
     should be, and with noise of H and the fault in them.
 
     Parameters
@@ -136,43 +131,22 @@ def _wider(evidence: Evidence, finding: Finding, many: int | None) -> float | No
     return own.cost(finding, own.factor(finding))
 
 
-def scene(shape: tuple[int, int, int], seed: int = 0, density: float = 1 / POINTS) -> F8:
-    """Return the fixed scene ``(nz, Y, X)``: points, and a smooth part of as much energy."""
-    rng = np.random.default_rng(seed)
-    nz, rows, columns = shape
-    count = max(3, round(density * rows * columns))
-    sharp = points(shape, [(z, *rng.integers(0, (rows, columns)).tolist()) for z in range(nz) for _ in range(count)])
-    y, x = np.mgrid[:rows, :columns]
-    waves = [np.cos(2 * np.pi * y / rows * (1 + z) + z) + np.cos(2 * np.pi * x / columns + 2 * z) for z in range(nz)]
-    smooth = 1.0 + 0.4 * np.stack(waves)
-    return sharp + smooth * float(np.linalg.norm(sharp) / np.linalg.norm(smooth))
-
-
-def difference(volume: F8, reference: F8) -> float:
-    """Return the norm of ``volume - reference`` over that of ``reference``; brightness as a whole counts nothing."""
-    power = float((volume * volume).sum())
-    scale = float((volume * reference).sum()) / power if power > 0 else 0.0
-    return float(np.linalg.norm(scale * volume - reference) / np.linalg.norm(reference))
-
-
 @dataclass(frozen=True, eq=False)
 class _Trial:
-    """A patch with what its scene is reconstructed to: without noise, and with it."""
+    """A patch, and what a scene is reconstructed to with its patterns."""
 
     patch: Patch
     shape: tuple[int, int, int]
-    image_shape: tuple[int, int]
-    image: F4
-    reference: F8
+    scene: SceneTrial
     clean: float
     sample: Patch | None
-    anchor: tuple[float, float]
 
     @classmethod
     def at(
         cls, evidence: Evidence, findings: Sequence[Finding], planes: list[int], many: int | None, wider: float = 1.0
     ) -> _Trial:
         """Return the trial about the first of the findings."""
+        side, seeds = (LARGE_PX, SCENES) if many is None else (SIDE_PX, SCENES[:1])
         place, period, many = _place(evidence, findings[0]), evidence.plan.period, MOST if many is None else many
         # all of the period of fewer planes: a part of it is less like the whole
         while len(planes) > 1 and many < len(planes) * period[0] * period[1]:
@@ -185,34 +159,20 @@ class _Trial:
         ]
         y, x = (f + np.arange(b) for f, b in zip(first, block, strict=True))
         index = np.stack([a.ravel() for a in np.meshgrid(planes, y, x, indexing="ij")], 1).astype(np.intp)
-        side = tuple(-(-SIDE_PX // b) * b for b in block)
-        cutout = (2 * side[0] - 1, 2 * side[1] - 1)
+        cutout = (2 * SIDE_PX - 1, 2 * SIDE_PX - 1)
         patch = patch_of(evidence, index, cutout, wider=wider)
         sample = None
         if not whole:
             every = np.linspace(0, len(evidence) - 1, min(SAMPLE, len(evidence))).astype(int)
             sample = patch_of(evidence, evidence.index[every], cutout, wider=wider)
-        shape, anchor = (len(planes), *block), _anchor(patch, findings, block, (first[0], first[1]))
-        bare = cls(patch, shape, (side[0], side[1]), patch.light[0], np.zeros(()), 0.0, sample, anchor)
-        image = bare.projector(patch.light).forward(scene((len(planes), *bare.image_shape)))
-        bare = replace(bare, image=image)
-        bare = replace(bare, reference=bare.volume(patch.light))
-        return replace(bare, clean=difference(bare.volume(patch.light + patch.noise), bare.reference))
-
-    def projector(self, patterns: F4) -> Projector:
-        matrix = PSFMatrix(patterns.reshape(*self.shape, *patterns.shape[1:]))
-        return Projector(matrix, self.image_shape, self.anchor)
-
-    def volume(self, patterns: F4) -> F8:
-        found: F8 = richardson_lucy(self.projector(patterns), self.image, ITERATIONS).volume.astype(np.float64)
-        return found
+        shape = (len(planes), *block)
+        scene = SceneTrial(patch.light.reshape(*shape, *patch.light.shape[1:]), side, seeds)
+        bare = cls(patch, shape, scene, 0.0, sample)
+        return replace(bare, clean=bare.error(patch.light))
 
     def error(self, light: F4) -> float:
         """Return the error of a reconstruction with patterns of this light and H's noise."""
-        try:
-            return difference(self.volume(light + self.patch.noise), self.reference)
-        except InputError:  # so little light in sum that nothing can be reconstructed
-            return 1.0
+        return self.scene.error((light + self.patch.noise).reshape(*self.shape, *light.shape[1:]))
 
     def factor(self, finding: Finding) -> float:
         """Return how much stronger a fault is all over H than in this patch, as a ratio of powers."""
@@ -271,27 +231,6 @@ def _place(evidence: Evidence, finding: Finding) -> tuple[int, int]:
         row, column = np.median(finding.pixels, axis=0) - (np.array(evidence.plan.cutout) - 1) / 2
         return int(np.clip(row, 0, ny - 1)), int(np.clip(column, 0, nx - 1))
     return ny // 2, nx // 2
-
-
-def _anchor(
-    patch: Patch, findings: Sequence[Finding], block: tuple[int, int], first: tuple[int, int]
-) -> tuple[float, float]:
-    """Return the anchor of a block of positions by which the first pixels that lack light lie amid its periods.
-
-    At the border of the image a pixel sees few positions: where all of these have it dead, it is noise that light is
-    divided by, and any cost comes of it. Lines reach the border wherever they lie.
-    """
-    one = next((one for one in findings if len(one.pixels)), None)
-    cutout = np.array(patch.evidence.plan.cutout)
-    if one is None or one.put_in is None or (np.ptp(one.pixels, axis=0) >= cutout).any():
-        return 0.0, 0.0
-    if (one.put_in(patch) - patch.light).sum(dtype=np.float64) >= 0:
-        return 0.0, 0.0
-    # the pattern of position y shows pixel y + t, and pixel p of the image sees it by t = p - v + c at v = y + anchor
-    middle = (cutout - 1) // 2
-    beside = np.rint(np.median(one.pixels, axis=0)).astype(int) - middle - np.array(first)
-    y, x = ((n // 2 - int(k)) % n for n, k in zip(block, beside, strict=True))
-    return float(y), float(x)
 
 
 def _affordable(evidence: Evidence, findings: Sequence[Finding], seconds: float) -> int:

@@ -11,7 +11,8 @@ import pytest
 
 from lfcal.bench._fault_costs import TrueCost
 from lfcal.inspect import Evidence, Finding, iter_search
-from lfcal.inspect.cost import Costs, difference, iter_costs, scene
+from lfcal.inspect.cost import Costs, iter_costs
+from lfcal.inspect.scenes import difference, scene
 from lfcal.progress import drain
 from tests.inspect.common import PEAK, Values, added, clean, compressed, evidence_of, light, noisy, plan, scaled, sensor
 from tests.inspect.test_stage_faults import displaced, grid

@@ -13,6 +13,7 @@ from lfcal.inspect.evidence import Evidence
 from lfcal.inspect.faults.sensor_lines import BRIGHT
 from lfcal.inspect.faults.series import SURE
 from lfcal.inspect.finding import Fault, Finding, Picture, PutIn, Repair
+from lfcal.inspect.patch import Patch
 from lfcal.inspect.sensor_map import SensorMap, sensor_map
 
 __all__ = ["FAULTS", "BadPixels", "Mosaic"]
@@ -92,7 +93,7 @@ class BadPixels(Fault):
             picture=Picture(hot, "counts", "counts beside those of the neighbours", AXES),
             repair=_bridged(bad),
             blinds=True,
-            put_in=_put_in(bad, hot, hot_told, dim),
+            put_in=_recorded_at(bad),
         )
 
 
@@ -122,10 +123,13 @@ def _in_most(evidence: Evidence, bad: NDArray[np.bool_], hot: F8, dim: F8) -> ND
     return found
 
 
-def _put_in(bad: NDArray[np.bool_], hot: F8, hot_told: F8, dim: F8) -> PutIn:
-    lit = np.where(bad & (hot_told > SURE), hot, 0.0)
-    gains = np.where(bad & (lit == 0), np.maximum(1 + dim, 0), 1.0)
-    return lambda patch: patch.light * patch.seen(gains) + patch.seen(lit)
+def _recorded_at(bad: NDArray[np.bool_]) -> PutIn:
+    """Return what puts the recorded values of pixels into patterns: what is divided by may be their noise."""
+
+    def put_in(patch: Patch) -> F4:
+        return np.where(patch.seen(bad.astype(np.float64)) > 0, patch.recorded(), patch.light)
+
+    return put_in
 
 
 def _apart(values: F8, sigmas: F8, usual: NDArray[np.bool_] | None = None) -> tuple[F8, F8]:
