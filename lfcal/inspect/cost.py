@@ -25,8 +25,8 @@ F8 = NDArray[np.float64]
 SIDE_PX = 48
 """Pixels that the image has along each axis at least; light of points farther apart hardly meets."""
 
-LARGE_PX, SCENES = 96, (0, 1)
-"""The same without a limit of time, and seeds of the scenes then: what goes astray does so in its own way in each."""
+LARGE_PX = 96
+"""The same without a limit of time: voxels that go astray do so each in its own way."""
 
 PLANES = 3
 """Planes that are reconstructed at most."""
@@ -146,7 +146,7 @@ class _Trial:
         cls, evidence: Evidence, findings: Sequence[Finding], planes: list[int], many: int | None, wider: float = 1.0
     ) -> _Trial:
         """Return the trial about the first of the findings."""
-        side, seeds = (LARGE_PX, SCENES) if many is None else (SIDE_PX, SCENES[:1])
+        side = LARGE_PX if many is None else SIDE_PX
         place, period, many = _place(evidence, findings[0]), evidence.plan.period, MOST if many is None else many
         # all of the period of fewer planes: a part of it is less like the whole
         while len(planes) > 1 and many < len(planes) * period[0] * period[1]:
@@ -166,7 +166,7 @@ class _Trial:
             every = np.linspace(0, len(evidence) - 1, min(SAMPLE, len(evidence))).astype(int)
             sample = patch_of(evidence, evidence.index[every], cutout, wider=wider)
         shape = (len(planes), *block)
-        scene = SceneTrial(patch.light.reshape(*shape, *patch.light.shape[1:]), side, seeds)
+        scene = SceneTrial(patch.light.reshape(*shape, *patch.light.shape[1:]), side)
         bare = cls(patch, shape, scene, 0.0, sample)
         return replace(bare, clean=bare.error(patch.light))
 

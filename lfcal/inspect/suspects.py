@@ -15,12 +15,9 @@ MAPS = ("step", "flicker", "jitter", "misplaced", "missing", "duplicates")
 FAR = 6.0
 """Times the usual scatter of a map from which on a position is odd."""
 
-MOST = 48
-"""Positions that are suspected at most, the oddest of each map."""
-
 
 def suspects(quality: QualityReport) -> NDArray[np.intp]:
-    """Return the positions ``(n, 3)`` as (z, y, x) that stand out of their planes, in order."""
+    """Return the positions ``(n, 3)`` as (z, y, x) that stand out of their planes, the oddest first."""
     found: list[tuple[float, tuple[int, ...]]] = []
     for metric in quality.metrics:
         if metric.key not in MAPS:
@@ -34,6 +31,5 @@ def suspects(quality: QualityReport) -> NDArray[np.intp]:
             usual = max(1.4826 * float(np.median(away[known])), 1e-9 * float(away.max()))
             odd = np.argwhere(away > FAR * usual)
             found += [(float(away[y, x] / usual), (z, y, x)) for y, x in odd.tolist()]
-    # in the order of their oddity, each once
-    chosen = list(dict.fromkeys(place for _, place in sorted(found, key=lambda one: (-one[0], one[1]))))[:MOST]
-    return np.array(sorted(chosen), np.intp).reshape(-1, 3)
+    chosen = list(dict.fromkeys(place for _, place in sorted(found, key=lambda one: (-one[0], one[1]))))
+    return np.array(chosen, np.intp).reshape(-1, 3)

@@ -95,7 +95,7 @@ class Exposure(Fault):
             picture=place_map(evidence, 1 + gains, "", "light over that of the plane"),
             redo=True,
             put_in=only_recorded(evidence.index[bad]),
-            extent=evidence.extent(bad),
+            extent=evidence.likely_extent(bad),
         )
 
 

@@ -306,7 +306,7 @@ class Strangers(Fault):
             picture=place_map(evidence, alike, "", "correlation with the camera's pattern"),
             redo=True,
             put_in=only_recorded(evidence.index[bad]),
-            extent=evidence.extent(bad),
+            extent=evidence.likely_extent(bad),
         )
 
 
