@@ -92,7 +92,7 @@ class RecordPanel(QWidget):
 
     def __init__(self, jobs: Jobs, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.form, self.until = Form(FIELDS), Form(UNTIL)
+        self.form, self.until = Form(FIELDS, dense=True), Form(UNTIL, dense=True)
         self._jobs = jobs
         self._picture: RecordPicture | None = None
         self._curve: ErrorCurve | None = None
@@ -100,11 +100,12 @@ class RecordPanel(QWidget):
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 6, 0, 0)
         row.setSpacing(8)
-        row.addWidget(column_area(306, self._session_card(), self._how_card()))
+        row.addWidget(column_area(306, self._session_card(), self._how_card(), dense=True))
         self._seen = QVBoxLayout()
         self._seen.setSpacing(8)
         self._seen.addWidget(self._progress_card())
         row.addLayout(self._seen, 1)
+        self.say_of_folder("")
 
     @cached_property
     def pictures(self) -> RecordPictures:
@@ -125,6 +126,11 @@ class RecordPanel(QWidget):
         """Make the pictures."""
         self.pictures.show()
         super().showEvent(event)
+
+    def say_of_folder(self, words: str) -> None:
+        """Say what is in the session's folder; without words there is no room for them."""
+        self.folder_words.setText(words)
+        self.folder_words.setVisible(bool(words))
 
     # -- building --------------------------------------------------------------------------------------
     def _session_card(self) -> QWidget:

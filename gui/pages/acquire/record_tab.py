@@ -143,7 +143,7 @@ class RecordTab(QObject):
 
     def _folder_seen(self, found: FolderState) -> None:
         self.folder = found
-        self.panel.folder_words.setText(found.words() if self.context.state.recording else "")
+        self.panel.say_of_folder(found.words() if self.context.state.recording else "")
         self.show_controls()
         if self.recorder is None:
             self._refresh_picture()
