@@ -34,9 +34,6 @@ FIRST = 4
 FEWEST = 24
 """Patterns that are compared whatever time they take."""
 
-ODDEST = 48
-"""Suspected positions that are compared at most."""
-
 TURNS = 3
 """Times that models follow what was fitted."""
 
@@ -51,6 +48,7 @@ def iter_evidence(
     seconds: float = 10.0,
     patterns: int | None = None,
     suspected: NDArray[np.intp] | None = None,
+    more_suspected: int = 0,
 ) -> Work[Evidence | Unlike]:
     """Compare patterns of H with its camera; without one, or where it does not explain H, say why not.
 
@@ -65,7 +63,9 @@ def iter_evidence(
     patterns
         Compare so many instead, however long they take.
     suspected
-        Positions ``(n, 3)`` that are compared too, for what is known of them: the first of them, up to `ODDEST`.
+        Positions ``(n, 3)`` that are compared too, for what is known of them.
+    more_suspected
+        How many more are suspected like these.
     """
     check_number("seconds of a comparison", seconds, above=0)
     start = time.perf_counter()
@@ -95,11 +95,11 @@ def iter_evidence(
     many = patterns or max(FEWEST, int(0.6 * seconds / max(each, 1e-6)))
     many = min(many, max(FEWEST, MOST_SAMPLES // size), len(recorded))
     index = recorded[spread_out(recorded, many, matrix.period)] if many < len(recorded) else recorded
-    asked, odd = np.zeros(len(index), np.bool_), []
+    asked = np.zeros(len(index), np.bool_)
     if suspected is not None and len(suspected):
-        chosen, there = set(map(tuple, index.tolist())), set(map(tuple, recorded.tolist()))
-        odd = [place for place in map(tuple, suspected.tolist()) if place in there]
-        index = np.array(sorted(chosen | set(odd[:ODDEST])), np.intp)
+        chosen = set(map(tuple, index.tolist()))
+        odd = set(map(tuple, suspected.tolist())) & set(map(tuple, recorded.tolist()))
+        index = np.array(sorted(chosen | odd), np.intp)
         asked = np.array([place not in chosen for place in map(tuple, index.tolist())], np.bool_)
     data = np.stack([np.asarray(matrix[z, y, x], np.float32) for z, y, x in index.tolist()])
     valid = np.stack([matrix.valid(z, y, x) for z, y, x in index.tolist()]) & np.isfinite(data)
@@ -131,7 +131,7 @@ def iter_evidence(
     alike = float(np.median(_alike(found)))
     if alike < ALIKE:
         return Unlike(f"patterns have little in common with those of the camera (correlation {alike:.2f})")
-    return replace(found, asked=asked, suspected=len(odd), seconds=time.perf_counter() - start)
+    return replace(found, asked=asked, more_suspected=more_suspected, seconds=time.perf_counter() - start)
 
 
 def _alike(found: Evidence) -> F8:

@@ -83,8 +83,8 @@ class Evidence:
         What it took.
     asked
         Patterns ``(n,)`` that are there because they were suspected: the others are spread evenly.
-    suspected
-        Positions that were, as many as there are: the oddest were asked for.
+    more_suspected
+        Positions that were suspected beyond those: the oddest were asked for.
     rounding
         Variance that values have by the steps they come in.
     """
@@ -105,7 +105,7 @@ class Evidence:
     seconds: float
     asked: Flags
     rounding: float
-    suspected: int = 0
+    more_suspected: int = 0
 
     def __len__(self) -> int:
         """Return the number of patterns."""
@@ -124,7 +124,7 @@ class Evidence:
     def likely_extent(self, which: NDArray[np.intp]) -> float:
         """Return the same where more were suspected than asked for: as many of the others are like ``which``."""
         asked = np.flatnonzero(self.asked)
-        others = max(0, self.suspected - asked.size) * int(np.isin(asked, which).sum()) / max(1, asked.size)
+        others = self.more_suspected * int(np.isin(asked, which).sum()) / max(1, asked.size)
         most = (len(which) + others) / max(1, int((self.matrix.recorded > 0).sum()))
         return max(self.extent(which), min(most, 1.0))
 
@@ -208,7 +208,7 @@ class Evidence:
         data = np.where(valid, data, np.float32(0))
         model, columns, starts = self.model, self.columns, self.starts
         found = fitted(self.matrix, self.camera, self.index, data, valid, model, columns, starts, self.rounding)
-        return replace(found, asked=self.asked, suspected=self.suspected, seconds=self.seconds)
+        return replace(found, asked=self.asked, more_suspected=self.more_suspected, seconds=self.seconds)
 
     def followed(self, values: F8 | None = None) -> Evidence:
         """Return the evidence with models computed where patterns look to be, by ``values`` instead of their own.

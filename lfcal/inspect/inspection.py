@@ -31,6 +31,9 @@ FAIR_SHARE, BAD_SHARE = 0.01, 0.05
 COST_OF = 0.25
 """Share of the time of a comparison that the patterns take on which costs are measured."""
 
+ODDEST = 48
+"""Suspected positions that are compared at most."""
+
 EXPLAINED = 0.06
 """Share of the light that a camera may be off by, with all faults taken out, for these to be believed."""
 
@@ -215,7 +218,14 @@ def iter_inspection(
     """
     start = time.perf_counter()
     odd = suspects(quality)
-    evidence = yield from iter_evidence(matrix, setup=setup, seconds=seconds, patterns=patterns, suspected=odd)
+    evidence = yield from iter_evidence(
+        matrix,
+        setup=setup,
+        seconds=seconds,
+        patterns=patterns,
+        suspected=odd[:ODDEST],
+        more_suspected=max(0, len(odd) - ODDEST),
+    )
     if isinstance(evidence, Unlike):
         return Inspection(quality, (), 0, 0.0, evidence.reason, 0.0)
     assert isinstance(evidence, Evidence)

@@ -77,7 +77,8 @@ def test_a_made_light_field_is_reconstructed_and_judged(
     qtbot.waitUntil(lambda: page._job == 0, timeout=GUARD_MS)
     assert [r.iteration for r in first.history] == list(range(1, 11)) and page.solving is first
     x, y = page.panel.residual._curves["residual"].getData()
-    assert len(x) == 10 and (np.diff(y) < 0).all()
+    # an accelerated method may overshoot by a little
+    assert len(x) == 10 and y[-1] < y[0] / 20 and (y < 1.1 * np.minimum.accumulate(y)).all()
     assert page.panel.shown.isVisibleTo(page)
     page.panel.shown.setCurrentIndex(1)
     assert page.synthetic is not None
