@@ -345,7 +345,8 @@ def test_regions_share_a_device(count: int) -> None:
     use = there.forecast().device
     assert use is not None and use.memory_bytes <= use.free
     again = pickle.loads(pickle.dumps(there))
-    np.testing.assert_array_equal(again.forward(volume), there.forward(volume))
+    # what a library adds up in another order differs in the last digit
+    np.testing.assert_allclose(again.forward(volume), there.forward(volume), rtol=1e-13)
 
 
 def test_auto_takes_the_processor_where_regions_have_no_room_on_the_device(monkeypatch: pytest.MonkeyPatch) -> None:
