@@ -93,7 +93,7 @@ def iter_costs(evidence: Evidence, findings: Sequence[Finding], seconds: float |
         worst = [findings[k] for k in order]
         trial = _Trial.at(evidence, worst, _planes(evidence, findings), many)
         yield clock.at(1)
-        as_it_is = trial.error(trial.patch.recorded())
+        as_it_is = trial.error(trial.patch.recorded)
         costs: list[float | None] = [None] * len(findings)
         for done, k in enumerate(order):
             yield clock.at(2 + done)

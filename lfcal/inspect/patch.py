@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,8 +81,9 @@ class Patch:
         """Return the light of other positions ``(n, 3)`` of the camera."""
         return replace(self, index=index, light=np.empty((len(index), *self.light.shape[1:]), np.float32)).moved()
 
+    @cached_property
     def recorded(self) -> F4:
-        """Return what H holds at these positions, less the patch's noise: with it added, it is H as it is."""
+        """What H holds at these positions, less the patch's noise: with it added, it is H as it is."""
         matrix, (t, s), (nt, ns) = self.evidence.matrix, self.inset.tolist(), self.light.shape[1:]
         out = self.light.copy()
         for k, (z, y, x) in enumerate(self.index.tolist()):

@@ -98,7 +98,7 @@ class Compression(Fault):
                     f"{min(ratios):.2f} times as much as within",
                     float(min(sigmas)),
                     float(np.sqrt(np.square(left).mean()) / max(float(np.abs(evidence.light).mean()), 1e-300)),
-                    put_in=lambda patch: patch.recorded(),
+                    put_in=lambda patch: patch.recorded,
                 )
                 return
         yield from self._rounded(evidence)
@@ -124,7 +124,7 @@ class Compression(Fault):
                 picture=Picture(
                     100 * gone, "%", "finest structure that is gone, by where blocks begin", ("row", "column")
                 ),
-                put_in=lambda patch: patch.recorded(),
+                put_in=lambda patch: patch.recorded,
             )
             return
 

@@ -36,7 +36,7 @@ def only_recorded(positions: NDArray[np.intp]) -> PutIn:
 
     def put_in(patch: Patch) -> F4:
         own = np.array([tuple(place) in bad for place in patch.index.tolist()], np.bool_)
-        return np.where(own[:, None, None], patch.recorded(), patch.light) if own.any() else patch.light
+        return np.where(own[:, None, None], patch.recorded, patch.light) if own.any() else patch.light
 
     return put_in
 

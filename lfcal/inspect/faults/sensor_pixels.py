@@ -127,7 +127,7 @@ def _recorded_at(bad: NDArray[np.bool_]) -> PutIn:
     """Return what puts the recorded values of pixels into patterns: what is divided by may be their noise."""
 
     def put_in(patch: Patch) -> F4:
-        return np.where(patch.seen(bad.astype(np.float64)) > 0, patch.recorded(), patch.light)
+        return np.where(patch.seen(bad.astype(np.float64)) > 0, patch.recorded, patch.light)
 
     return put_in
 
