@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from PySide6.QtCore import QTimer
 from PySide6.QtWidgets import QFileDialog
 
 from gui.base_page import BasePage
@@ -285,14 +286,21 @@ class Page(BasePage):
         matrix = self.matrix
         if matrix is None or self.plane.z != self.intent.z:
             return
-        self.panel.show_plane(loaded, matrix.recorded[self.plane.z])
+        self._show_picture()
+        # not in the turn that draws the picture, whose timers come last: to draw all of it at once holds the window
+        QTimer.singleShot(0, self, lambda: QTimer.singleShot(0, self, partial(self._show_plane, matrix, loaded)))
+
+    def _show_plane(self, matrix: PSFMatrix, loaded: PlaneData) -> None:
+        """Show what holds for the whole plane, and fit its aperture in the background."""
+        if loaded.plane is not self.plane:
+            return
+        self.panel.show_plane(loaded, matrix.recorded[loaded.plane.z])
         self.context.jobs.compute(
             "psf aperture",
             lambda: _apertures_of(matrix, loaded.plane.z),
             self._show_aperture,
             self.panel.aperture_text.setText,
         )
-        self._show_picture()
 
     def _show_picture(self) -> None:
         if self.plane is None:
