@@ -78,7 +78,9 @@ def trial(
     work = iter_reconstruct(P, problem.image, choice)
     while spent < longest * unit:
         start = time.process_time()
-        record = next(work)
+        record = next(work, None)
+        if record is None:  # it ended by itself
+            break
         spent += time.process_time() - start
         assert record.state is not None  # a solver's own records have it
         volume = record.state.volume

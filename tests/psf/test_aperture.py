@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -7,6 +8,9 @@ from scipy import ndimage
 from lfcal.bench.aperture import Trial, run
 from lfcal.errors import InputError
 from lfcal.psf.aperture import fit_aperture
+from lfcal.psf.aperture.compare import circle
+from lfcal.psf.aperture.edge import measured_edge
+from lfcal.psf.aperture.locate import find_patch
 from lfcal.psf.aperture.profile import edge_profile
 from lfcal.psf.aperture.synthetic import Disturbance, Fault, depth_sum_of
 from lfcal.psf.aperture.verdict import CERTAIN
@@ -16,6 +20,11 @@ CLEAN = Disturbance(noise=1e-3, ripple=0, tilt=0, vignetting=0, hot=0, elliptici
 
 def synthetic(blades=7, curvature=0.2, seed=0, side=121, disturbance=None):
     return depth_sum_of(side, blades, curvature, disturbance or Disturbance(), np.random.default_rng(seed))
+
+
+def _lit(image):
+    image = image / image.max()
+    return image, find_patch(image)
 
 
 def test_the_edge_profile_of_a_disc_is_its_radius():
@@ -190,6 +199,28 @@ def test_darkness_is_refused(kind):
     assert "too dim" not in found.describe() and "noise" in found.describe()
 
 
+@pytest.mark.parametrize("seed", [3, 4, 17, 24, 123, 307])
+def test_values_of_no_patch_at_all_are_no_error_and_no_shape(seed):
+    # tails so heavy that centre and size of what is "lit" ran away from the image
+    found = fit_aperture(np.random.default_rng(seed).standard_cauchy((38, 37)))
+    assert not found.confident and found.refusal
+
+
+def test_an_edge_that_no_outline_changes_is_no_error():
+    edge = measured_edge(*_lit(synthetic(side=61, disturbance=CLEAN)[0]))
+    assert edge is not None
+    # blurred until no harmonic is left of it
+    found = circle(replace(edge, damping=np.zeros_like(edge.damping)))
+    assert np.isfinite(found.chi2) and np.isfinite(found.parameters).all()
+
+
+@pytest.mark.parametrize("shape", [(8, 20), (7, 7), (1, 15), (1, 1)])
+def test_a_sum_of_too_few_pixels_has_no_outline(shape):
+    found = fit_aperture(np.ones(shape))
+    assert found.refusal == "too small" and not found.seen and not found.confident
+    assert "too few pixels" in found.describe()
+
+
 def test_not_a_number_and_hot_pixels_do_not_move_the_answer():
     image, truth = synthetic(9, 0.0, 8)
     image[40:43, 60] = np.nan
@@ -207,7 +238,7 @@ def test_the_unit_of_the_image_does_not_matter():
     assert one.snr == pytest.approx(other.snr, rel=1e-3)
 
 
-@pytest.mark.parametrize("shape", [(5,), (3, 40), (2, 9, 9)])
+@pytest.mark.parametrize("shape", [(5,), (0, 40), (2, 9, 9)])
 def test_what_is_no_image_is_an_input_error(shape):
     with pytest.raises(InputError, match="depth-plane sum"):
         fit_aperture(np.zeros(shape))

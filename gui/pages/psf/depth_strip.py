@@ -56,10 +56,8 @@ class Tile:
         """Return colour, pen and points (row, column) of what is drawn over the sum."""
         fitted, expected = outline_tones()
         pens = ((fitted, Qt.PenStyle.SolidLine, self.fitted), (expected, Qt.PenStyle.DashLine, self.expected))
-        # of a sum that is too dim nothing is known
-        return tuple(
-            (colour, pen, one.outline()) for colour, pen, one in pens if one is not None and one.refusal != "too dim"
-        )
+        # of a sum that is too dim or too small nothing is known
+        return tuple((colour, pen, one.outline()) for colour, pen, one in pens if one is not None and one.seen)
 
     def picture(self, side: int, ratio: float = 1.0) -> QPixmap:
         """Return a square picture of ``side`` points, each of ``ratio`` pixels of the screen."""

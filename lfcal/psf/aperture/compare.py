@@ -220,6 +220,8 @@ def _fit(edge: Edge, family: _Family, start: Values, steps: int = 25) -> Outline
         slopes = _slopes(edge, family, p, left, np.where(p + step <= high, step, -step))
         normal, gradient = slopes.T @ slopes, slopes.T @ left
         diagonal = np.diag(normal) + 1e-12 * np.trace(normal)
+        if not diagonal.any():  # so blurred, or so uncertain, that no outline is better than another
+            break
         while damping < 1e7:
             trial = np.clip(p - np.linalg.solve(normal + damping * np.diag(diagonal), gradient), low, high)
             new = _left(edge, family, trial)

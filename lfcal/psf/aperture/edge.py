@@ -100,7 +100,7 @@ def harmonics(radius: Values) -> NDArray[np.complex128]:
 
 
 def measured_edge(image: Values, patch: LitPatch) -> Edge | None:
-    """Return the edge of a patch; None where it has no lit level to be measured against."""
+    """Return the edge of a patch; None where it has no lit level, or none in the image."""
     row, column, radius = patch.row, patch.column, patch.radius
     for _ in range(3):
         flat, level, vignetting = flatten(image, patch.background, row, column, radius)
@@ -111,6 +111,9 @@ def measured_edge(image: Values, patch: LitPatch) -> Edge | None:
         column += 2 * float(first.real)
         row -= 2 * float(first.imag)
         radius = float(np.sqrt(np.mean(profile**2)))
+        rows, columns = image.shape
+        if not (0 <= row < rows and 0 <= column < columns and radius < math.hypot(rows, columns)):
+            return None
     if not level > 0:
         return None
     slope = _Slope.of(flat, row, column, shrink(profile))

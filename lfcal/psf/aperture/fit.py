@@ -49,7 +49,7 @@ def fit_aperture(depth_sum: ArrayLike, *, footprint_px: float = 0.0) -> Aperture
     Raises
     ------
     InputError
-        If it is not a 2-D image of at least 9 x 9 pixels.
+        If it is not a 2-D image.
     """
     return plane_verdict(depth_sum, footprint_px=footprint_px)[0]
 
@@ -57,9 +57,11 @@ def fit_aperture(depth_sum: ArrayLike, *, footprint_px: float = 0.0) -> Aperture
 def plane_verdict(depth_sum: ArrayLike, *, footprint_px: float = 0.0) -> tuple[Aperture, Verdict | None]:
     """Return the aperture and what it was judged by, None where no outline is to be seen; see `fit_aperture`."""
     image = _clean(depth_sum)
+    if min(image.shape) < SMALLEST:
+        return _none("too small"), None
     patch = find_patch(image)
     if patch is None:
-        return Aperture(0, (math.nan, math.nan), 0.0, math.nan, math.nan, refusal="too dim"), None
+        return _none("too dim"), None
     touching = _touching(patch)
     if touching > MOST_TOUCHING:
         return _circle(patch, "cut off"), None
@@ -77,10 +79,10 @@ def plane_verdict(depth_sum: ArrayLike, *, footprint_px: float = 0.0) -> tuple[A
 
 def _clean(depth_sum: ArrayLike) -> NDArray[np.float64]:
     image = np.array(depth_sum, np.float64)
-    if image.ndim != 2 or min(image.shape) < SMALLEST:
+    if image.ndim != 2 or not image.size:
         raise InputError.expected(
             "depth-plane sum",
-            f"an image of at least {SMALLEST} x {SMALLEST} pixels",
+            "an image",
             f"shape {image.shape}",
             "give the sum over all positions of one plane",
         )
@@ -91,6 +93,10 @@ def _clean(depth_sum: ArrayLike) -> NDArray[np.float64]:
     # the fit knows no unit: bring the values to the order of one
     size = float(np.abs(image).max())
     return despike(image / size if size > 0 else image)
+
+
+def _none(refusal: str) -> Aperture:
+    return Aperture(0, (math.nan, math.nan), 0.0, math.nan, math.nan, refusal=refusal)
 
 
 def _touching(patch: LitPatch) -> float:

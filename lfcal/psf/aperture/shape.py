@@ -15,6 +15,7 @@ __all__ = ["KINDS", "REFUSALS", "Aperture", "CountFit", "Obstruction", "StuckBla
 
 REFUSALS = {
     "too dim": "no lit patch stands out of the noise",
+    "too small": "the cutout has too few pixels to show an outline",
     "cut off": "the lit patch reaches the edge of the cutout",
     "irregular": "the outline fits no iris that is known here",
     "lenslets": "the shadow is no larger than what the lenslets themselves show",
@@ -227,6 +228,11 @@ class Aperture:
             raise InputError.expected("blades", "0 (a circle) or 3 and more", self.blades, "correct it")
 
     @property
+    def seen(self) -> bool:
+        """Whether there is an outline: else neither its place nor its size is known."""
+        return self.refusal not in ("too dim", "too small")
+
+    @property
     def diameter_px(self) -> float:
         """Diameter of the circle of the same area (pixels)."""
         return 2.0 * math.sqrt(max(0.0, self.area_px2) / math.pi)
@@ -278,7 +284,7 @@ class Aperture:
 
     def describe(self) -> str:
         """Return one line for people."""
-        if self.refusal == "too dim":
+        if not self.seen:
             return f"no aperture: {self.reason}"
         where = f"centre ({self.centre[0]:.1f}, {self.centre[1]:.1f}) px, diameter {self.diameter_px:.1f} px"
         if self.refusal or not self.confident:

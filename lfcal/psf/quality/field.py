@@ -28,7 +28,7 @@ class Parts:
     mean
         Robust mean.
     ramp
-        Change over the whole cell along (y, x): what cannot repeat from cell to cell.
+        Change over the whole cell along (y, x): what cannot repeat from cell to cell; NaN of too few positions.
     ramp_error
         Standard errors of the ramps.
     ripple
@@ -44,24 +44,28 @@ class Parts:
     residual: NDArray[np.float64]
 
     def sure_ramp(self, axis: int) -> float:
-        """Return the size of a ramp less what chance may make of it: two standard errors, in quadrature."""
-        return math.sqrt(max(0.0, self.ramp[axis] ** 2 - (2 * self.ramp_error[axis]) ** 2))
+        """Return the size of a ramp less what chance may make of it: two standard errors, in quadrature.
+
+        NaN where there are too few positions to tell.
+        """
+        left = self.ramp[axis] ** 2 - (2 * self.ramp_error[axis]) ** 2
+        return left if math.isnan(left) else math.sqrt(max(0.0, left))
 
     @property
     def rms(self) -> float:
-        """Root mean square of the residual; NaN where no position was used."""
+        """Root mean square of the residual; NaN of fewer than two positions, that differ from nothing."""
         used = self._used
-        return float(np.sqrt(np.mean(used**2))) if used.size else math.nan
+        return float(np.sqrt(np.mean(used**2))) if used.size > 1 else math.nan
 
     @property
     def spread(self) -> float:
-        """Standard deviation of the residual by its median deviation: blind to outliers; NaN as `rms`."""
+        """Standard deviation of the residual by its median deviation: blind to outliers; NaN of none."""
         used = self._used
         return 1.4826 * float(np.median(np.abs(used))) if used.size else math.nan
 
     @property
     def alternation(self) -> float:
-        """Half the difference of even and odd rows: what a stage with play does on the way back; NaN as `rms`."""
+        """Half the difference of even and odd rows: what a stage with play does on the way back; NaN of none."""
         rows = [(float(row[ok].mean()), k) for k, row in enumerate(self.residual) if (ok := np.isfinite(row)).any()]
         return abs(math.fsum(-mean if k % 2 else mean for mean, k in rows)) / len(rows) if rows else math.nan
 
@@ -126,7 +130,8 @@ def split(field: NDArray[np.float64], use: NDArray[np.bool_] | None = None) -> P
     basis = _basis(ny, nx)
     if keep.sum() < max(4, basis.terms.shape[1]):  # too few positions to know a ripple
         mean = float(np.median(field[good])) if good.any() else math.nan
-        return Parts(mean, (0.0, 0.0), (0.0, 0.0), np.zeros((ny, nx)), np.where(good, field - mean, np.nan))
+        unknown = (math.nan, math.nan)
+        return Parts(mean, unknown, unknown, np.zeros((ny, nx)), np.where(good, field - mean, np.nan))
     values = np.where(good, field, np.median(field[good])).ravel()
     fit = np.full(values.size, values[keep].mean())
     scale = 0.0

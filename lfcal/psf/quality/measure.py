@@ -298,7 +298,9 @@ def _duplicates(
 
 def _with_light(plane: PlaneMeasures) -> PlaneMeasures:
     """Add the energies over positions, and what the depth-plane sum shows."""
-    shares = 100 * plane.table.light / max(plane.energy, 1e-300)
+    light = plane.table.light
+    # of patterns with no light in sum nothing has a share
+    shares = 100 * light / plane.energy if plane.energy > 0 else np.full(light.shape, np.nan)
     shown = _background_free(plane)
     edges = sums.edge_light(shown, plane.dark.noise * math.sqrt(shares.size), plane.about.expected)
     # a cut-off sum has lost its outer light, and its second moment with it

@@ -177,18 +177,17 @@ def limits(metric: Metric) -> tuple[str, str]:
 def _apertures(H: PSFMatrix, quality: QualityReport) -> str:
     rows = []
     for z, a in enumerate(quality.apertures):
-        dim = a.refusal == "too dim"
         rows.append(
             [
                 text(format_length(float(quality.depths[z]))),
                 _number(float(quality.virtual_depths[z])),
                 text(KINDS[a.kind]),
                 str(a.blades) if a.blades and a.confident else "—",
-                "—" if dim else f"{a.diameter_px:.2f}",
-                "—" if dim else f"{a.centre[0]:.2f}, {a.centre[1]:.2f}",
+                f"{a.diameter_px:.2f}" if a.seen else "—",
+                f"{a.centre[0]:.2f}, {a.centre[1]:.2f}" if a.seen else "—",
                 f"{math.degrees(a.rotation_rad):.1f}" if a.blades and a.confident else "—",
                 _curvature(a),
-                "—" if dim else f"{100 * a.ellipticity:.1f}",
+                f"{100 * a.ellipticity:.1f}" if a.seen else "—",
                 f"{a.confidence:.2f}",
                 '<b class="advice good">certain</b>' + _fault(a) if a.confident else text(a.reason or "not certain"),
             ]

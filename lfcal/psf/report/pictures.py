@@ -130,7 +130,7 @@ def _depth_sums(H: PSFMatrix, quality: QualityReport) -> Picture:
             if expected is not None:
                 line = expected.outline()
                 axes.plot(np.r_[line[:, 1], line[0, 1]], np.r_[line[:, 0], line[0, 0]], "--", color=LINES[2], lw=1.0)
-            if aperture.refusal != "too dim":
+            if aperture.seen:
                 line = aperture.outline()
                 style = "-" if aperture.confident else ":"
                 axes.plot(np.r_[line[:, 1], line[0, 1]], np.r_[line[:, 0], line[0, 0]], style, color="white", lw=1.3)
@@ -186,7 +186,7 @@ def _transposed_sum(H: PSFMatrix) -> Picture:
 
 def _over_depth(quality: QualityReport) -> Picture:
     depths, unit = (quality.depths / 1e3, "mm") if np.abs(quality.depths).max() >= 1e3 else (quality.depths, "µm")
-    sizes = np.array([a.diameter_px if a.refusal != "too dim" else np.nan for a in quality.apertures])
+    sizes = np.array([a.diameter_px if a.seen else np.nan for a in quality.apertures])
     curves = (
         (sizes, "aperture diameter (px)"),
         (quality.energy, "mean energy of a pattern"),

@@ -144,3 +144,30 @@ def test_a_metric_is_checked_when_it_is_made_and_when_it_answers() -> None:
         judge(spec, [UNKNOWN, UNKNOWN], (3, 4, 5))
     with pytest.raises(ValueError, match=r"maps of \(4, 5\)"):
         judge(spec, [Reading(1.0, map=np.zeros((5, 4)))], (1, 4, 5))
+
+
+def test_shares_of_no_light_are_unknown() -> None:
+    # of a signed H whose values sum to less than nothing, shares of light were 1e300
+    values = np.random.default_rng(31).standard_normal((2, 6, 6, 15, 15)).astype(np.float32)
+    values[:, :, :, 5:10, 5:10] -= 6.0
+    values[:, :, :, 7, 7] += 60.0
+    assert values.sum() < 0
+    found = inspect(PSFMatrix(values), workers=1)
+    for key in ("flicker", "lamp", "background"):
+        assert found[key].merit == "unknown" and math.isnan(found[key].value), key
+
+
+@pytest.mark.parametrize("cutout", [(7, 7), (5, 9), (1, 15), (1, 1)])
+def test_small_cutouts_are_inspected_without_an_aperture(cutout: tuple[int, int]) -> None:
+    values = np.abs(np.random.default_rng(0).standard_normal((1, 3, 3, *cutout))).astype(np.float32)
+    found = inspect(PSFMatrix(values), workers=1)
+    assert found.apertures[0].refusal == "too small"
+
+
+@pytest.mark.parametrize(("period", "unknown"), [((1, 1), ("lamp", "flicker")), ((1, 3), ("lamp",))])
+def test_what_so_few_positions_cannot_tell_is_unknown(period: tuple[int, int], unknown: tuple[str, ...]) -> None:
+    y, x = np.mgrid[-10:11, -10:11]
+    values = 1000 * np.exp(-(y**2 + x**2) / 8) + np.random.default_rng(0).normal(0, 1, (1, *period, 21, 21))
+    found = inspect(PSFMatrix(values.astype(np.float32)), workers=1)
+    for key in unknown:
+        assert found[key].merit == "unknown" and math.isnan(found[key].value), key

@@ -18,11 +18,11 @@ def _snr(plane: PlaneMeasures) -> Reading:
 
 
 def _background(plane: PlaneMeasures) -> Reading:
-    if plane.edges.cut_off:  # the corners are not dark: nothing follows from them
+    if plane.edges.cut_off or not plane.energy > 0:  # the corners are not dark, or nothing is: nothing follows
         return UNKNOWN
     # what chance may make of a mean is no background
     sure = math.sqrt(max(0.0, plane.background**2 - (2 * plane.dark.chance) ** 2))
-    return Reading(100 * sure * plane.table.lit.size / max(plane.energy, 1e-300))
+    return Reading(100 * sure * plane.table.lit.size / plane.energy)
 
 
 def _clipped(plane: PlaneMeasures) -> Reading:
