@@ -34,6 +34,14 @@ PLANES = 3
 FEWEST, MOST = 64, 2600
 """Positions of H that a patch has at least, and at most."""
 
+CUTOUT_PX = 191
+"""Rows and columns of cutouts at most: what is far outside, where no light should be, costs as well."""
+
+CUTOUT = (CUTOUT_PX, CUTOUT_PX)
+
+MOST_SAMPLES = 24_000_000
+"""Of a patch at most: each is held several times."""
+
 TRIED = 16
 """Positions by which it is told how long one takes."""
 
@@ -147,7 +155,8 @@ class _Trial:
     ) -> _Trial:
         """Return the trial about the first of the findings."""
         side = LARGE_PX if many is None else SIDE_PX
-        place, period, many = _place(evidence, findings[0]), evidence.plan.period, MOST if many is None else many
+        place, period = _place(evidence, findings[0]), evidence.plan.period
+        many = min(MOST if many is None else many, max(FEWEST, MOST_SAMPLES // _samples(evidence, wider)))
         # all of the period of fewer planes: a part of it is less like the whole
         while len(planes) > 1 and many < len(planes) * period[0] * period[1]:
             planes = planes[:-1]
@@ -159,12 +168,11 @@ class _Trial:
         ]
         y, x = (f + np.arange(b) for f, b in zip(first, block, strict=True))
         index = np.stack([a.ravel() for a in np.meshgrid(planes, y, x, indexing="ij")], 1).astype(np.intp)
-        cutout = (2 * SIDE_PX - 1, 2 * SIDE_PX - 1)
-        patch = patch_of(evidence, index, cutout, wider=wider)
+        patch = patch_of(evidence, index, CUTOUT, wider=wider)
         sample = None
         if not whole:
             every = np.linspace(0, len(evidence) - 1, min(SAMPLE, len(evidence))).astype(int)
-            sample = patch_of(evidence, evidence.index[every], cutout, wider=wider)
+            sample = patch_of(evidence, evidence.index[every], CUTOUT, wider=wider)
         shape = (len(planes), *block)
         scene = SceneTrial(patch.light.reshape(*shape, *patch.light.shape[1:]), side)
         bare = cls(patch, shape, scene, 0.0, sample)
@@ -247,10 +255,16 @@ def _affordable(evidence: Evidence, findings: Sequence[Finding], seconds: float)
 
 
 def _put_in(evidence: Evidence, index: NDArray[np.intp], findings: Sequence[Finding]) -> None:
-    patch = patch_of(evidence, index, (2 * SIDE_PX - 1, 2 * SIDE_PX - 1))
+    patch = patch_of(evidence, index, CUTOUT)
     for one in findings:
         if one.put_in is not None:
             one.put_in(patch)
+
+
+def _samples(evidence: Evidence, wider: float) -> int:
+    """Return the samples of one pattern of a patch."""
+    rows, columns = evidence.plan.cutout
+    return round(min(wider * rows, CUTOUT_PX) * min(wider * columns, CUTOUT_PX))
 
 
 def _block(period: tuple[int, int], many: int) -> tuple[int, int]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -210,28 +211,63 @@ class LineOffsets(Fault):
     settles: ClassVar[tuple[str, ...]] = ("leak", "background", "flicker", "jitter", "misplaced", "truncation")
 
     def found(self, evidence: Evidence) -> Iterable[Finding]:
-        """Yield what is found along rows and along columns."""
+        """Yield what is found along rows and along columns: both are one fault, and cost together."""
         total = sensor_map(evidence)
         peak = float(evidence.light.max())
-        for axis in (0, 1):
-            lines = total.lines(axis)
-            good = np.isfinite(lines.offset_sigma)
-            off = lines.offset - np.median(lines.offset[good])
-            spread = 1.4826 * float(np.median(np.abs(off[good])))
-            chance = float(np.median(lines.offset_sigma[good]))
-            own = np.sqrt(max(0.0, spread**2 - chance**2))
-            sigmas = (spread / chance - 1.0) * np.sqrt(2.0 * good.sum())
-            if sigmas < SURE or own < BRIGHT * peak:
-                continue
-            yield Finding(
-                self,
-                f"offsets of {AXES[axis]}s scatter by {own:.3g} counts (rms)",
-                float(sigmas),
-                _added(evidence, np.full(evidence.plan.cutout[axis], own)),
-                picture=_curve(np.where(good, off, np.nan), "counts", f"offset of each {AXES[axis]}", axis),
-                repair=shifted(axis, np.where(good, off, 0.0)),
-                put_in=added(_along(axis, _shrunk(off, lines.offset_sigma, own), total.weight.shape)),
-            )
+        both = [one for axis in (0, 1) if (one := _Offsets.of(total.lines(axis), axis, peak)) is not None]
+        if not both:
+            return
+        worst = max(both, key=lambda one: one.rms)
+        shape = total.weight.shape
+        image = np.sum([_along(one.axis, one.likely, shape) for one in both], axis=0)
+        yield Finding(
+            self,
+            "offsets of " + ", of ".join(f"{AXES[one.axis]}s scatter by {one.rms:.3g} counts (rms)" for one in both),
+            max(one.sigmas for one in both),
+            sum(_added(evidence, np.full(evidence.plan.cutout[one.axis], one.rms)) for one in both),
+            picture=_curve(worst.shown, "counts", f"offset of each {AXES[worst.axis]}", worst.axis),
+            repair=_all_of([shifted(one.axis, np.nan_to_num(one.shown)) for one in both]),
+            put_in=added(image),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Offsets:
+    """Offsets of lines along an axis that scatter more than chance makes them.
+
+    ``shown`` is NaN where no pixel was seen, ``likely`` less what errors are likely to have added; ``rms`` is their
+    own scatter (counts), ``sigmas`` by how many standard deviations it stands out.
+    """
+
+    axis: int
+    shown: F8
+    likely: F8
+    rms: float
+    sigmas: float
+
+    @classmethod
+    def of(cls, lines: Lines, axis: int, peak: float) -> _Offsets | None:
+        """Return them; None where there are none."""
+        good = np.isfinite(lines.offset_sigma)
+        off = lines.offset - np.median(lines.offset[good])
+        spread = 1.4826 * float(np.median(np.abs(off[good])))
+        chance = float(np.median(lines.offset_sigma[good]))
+        own = float(np.sqrt(max(0.0, spread**2 - chance**2)))
+        sigmas = float((spread / chance - 1.0) * np.sqrt(2.0 * good.sum()))
+        if sigmas < SURE or own < BRIGHT * peak:
+            return None
+        return cls(axis, np.where(good, off, np.nan), _shrunk(off, lines.offset_sigma, own), own, sigmas)
+
+
+def _all_of(repairs: Sequence[Repair]) -> Repair:
+    """Return what makes several repairs, one after the other."""
+
+    def repaired(index: NDArray[np.intp], patterns: F4) -> F4:
+        for repair in repairs:
+            patterns = repair(index, patterns)
+        return patterns
+
+    return repaired
 
 
 def _along(axis: int, offsets: F8, shape: tuple[int, ...]) -> F8:

@@ -104,6 +104,8 @@ def measured_edge(image: Values, patch: LitPatch) -> Edge | None:
     row, column, radius = patch.row, patch.column, patch.radius
     for _ in range(3):
         flat, level, vignetting = flatten(image, patch.background, row, column, radius)
+        if not level > 0:
+            return None
         profile = edge_profile(flat, row, column, radius)
         # a centre off by (dx, dy) adds dx cos + dy sin to the edge radius: twice the first coefficient, the imaginary
         # part negated
@@ -114,8 +116,6 @@ def measured_edge(image: Values, patch: LitPatch) -> Edge | None:
         rows, columns = image.shape
         if not (0 <= row < rows and 0 <= column < columns and radius < math.hypot(rows, columns)):
             return None
-    if not level > 0:
-        return None
     slope = _Slope.of(flat, row, column, shrink(profile))
     outline = shrink(profile)
     blocked = find_obstruction(flat, row, column, outline, slope.blur_px, max(patch.noise, 0.0) / level)

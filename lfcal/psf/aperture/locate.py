@@ -134,7 +134,7 @@ def flatten(image: Image, background: float, row: float, column: float, radius: 
         p = np.linalg.solve(terms.T @ weighted + 1e-9 * np.eye(4), weighted.T @ values)
         residual = values - terms @ p
         # Cauchy weights: what lies far off the surface hardly counts
-        weight = 1.0 / (1.0 + (residual / (2.5 * mad(residual) + 1e-300)) ** 2)
+        weight = 1.0 / (1.0 + (residual / max(2.5 * mad(residual), 1e-100)) ** 2)
     # a paraboloid continued far outwards would turn negative
     lit = p[0] + p[1] * np.clip(x, -1.2, 1.2) + p[2] * np.clip(y, -1.2, 1.2) + p[3] * np.minimum(r2, 1.3**2)
     top = max(float(p[0]), 1e-300)
