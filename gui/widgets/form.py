@@ -155,6 +155,10 @@ class Form(QWidget):
         editor.setEnabled(enabled)
         self._labels[key].setEnabled(enabled)
 
+    def set_shown(self, key: str, shown: bool) -> None:
+        """Show or hide one field with its label."""
+        self._layout.setRowVisible(self._editors[key], shown)
+
     def _changed(self, key: str) -> None:
         editor, field = self._editors[key], self.fields[key]
         error = ""

@@ -195,6 +195,29 @@ def test_a_reconstruction_with_voxels_of_one_size_runs(project: ProjectState, vo
     np.testing.assert_allclose(tifffile.imread("volume.tif").squeeze(), found, rtol=1e-5)
 
 
+@pytest.mark.parametrize(
+    ("chosen", "said"),
+    [
+        (ReconstructSettings(stop="left-out", gain=3.0), ["--iterations=auto"]),
+        (ReconstructSettings(stop="discrepancy", gain=1.5), ["--iterations=auto:discrepancy", "--gain=1.5"]),
+        (ReconstructSettings(iterations=7, gain=3.0), ["--iterations=7"]),
+    ],
+)
+def test_how_a_reconstruction_ends_is_in_the_command(
+    project: ProjectState, chosen: ReconstructSettings, said: list[str]
+) -> None:
+    export(PSFMatrix(np.random.default_rng(0).random((1, 3, 4, 5, 5), np.float32), depths=(0.0,)), "H.h5")
+    frame = np.random.default_rng(1).poisson(100, (24, 25)).astype(np.uint16)
+    tifffile.imwrite("frame.tif", frame)
+    step = step_of(SPECS["reconstruct"], replace(project, settings=chosen.into(project)))
+    assert [word for word in step.arguments if word.startswith(("--iterations", "--gain"))] == said
+    run(step)
+    found = tifffile.imread("volume.tif")
+    Path("volume.tif").unlink()
+    do(step)
+    np.testing.assert_allclose(tifffile.imread("volume.tif").squeeze(), found.squeeze(), rtol=1e-5)
+
+
 def test_the_window_copies_what_a_page_does(window: MainWindow) -> None:
     clipboard = QApplication.clipboard()
     window.go("camera")

@@ -10,9 +10,12 @@ import numpy as np
 import pytest
 
 from lfcal.bench._fault_costs import TrueCost
-from lfcal.inspect import Evidence, Finding, iter_search
+from lfcal.bench._fault_list import FAULTS
+from lfcal.bench._fault_recordings import CAMERAS, Recording
+from lfcal.inspect import Evidence, Finding, iter_inspection, iter_search
 from lfcal.inspect.cost import Costs, iter_costs
 from lfcal.progress import drain
+from lfcal.psf.quality import inspect
 from tests.inspect.common import (
     PEAK,
     Values,
@@ -120,6 +123,23 @@ def test_costs_are_those_of_a_large_reconstruction(name: str) -> None:
     assert costs.clean is not None and costs.as_it_is is not None
     assert truth().clean / 2 < costs.clean or name == "compression", "of which noise is none"
     assert costs.as_it_is - costs.clean > 0.5 * true
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("camera", "name", "strength"),
+    [
+        ("bench", "glow of the amplifier", 0.01),  # told .43 of it when rows and columns were two faults
+        ("lfm_60x12", "offsets of rows", 5),  # told .28 of it when the cutouts of 131 px were cut to 95
+    ],
+)
+def test_offsets_cost_what_they_cost_on_all_of_the_cutout(camera: str, name: str, strength: float) -> None:
+    own = Recording(CAMERAS[camera]())
+    values = next(one for one in FAULTS if one.name == name).put_in(own, strength)
+    found = drain(iter_inspection(own.matrix(values), inspect(own.matrix(values), workers=1), patterns=60)).findings
+    told = next(one.cost for one in found if one.name == "line_offsets")
+    true = TrueCost(own.light(), own.clean()).cost(values)
+    assert told is not None and true / 1.9 < told < 1.9 * true, (told, true)
 
 
 def test_two_faults_have_each_its_cost() -> None:

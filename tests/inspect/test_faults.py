@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from lfcal.inspect import FAULTS, iter_search
+from lfcal.inspect.patch import patch_of
 from lfcal.progress import drain
 from tests.inspect.common import (
     FEWEST,
@@ -61,6 +62,20 @@ def test_offsets_of_rows_are_measured() -> None:
     found = faults_of(added(clean(), image))
     assert set(found) == {"line_offsets"} and "rows" in found["line_offsets"].detail
     assert float(found["line_offsets"].detail.split(" by ")[1].split()[0]) == pytest.approx(image.std(), rel=0.3)
+
+
+def test_offsets_of_rows_and_columns_are_one_fault() -> None:
+    shape, rng = sensor(0.0).shape, np.random.default_rng(1)
+    image = sensor(0.0) + rng.normal(0, 6, (shape[0], 1)).astype(np.float32)
+    image += rng.normal(0, 4, (1, shape[1])).astype(np.float32)
+    (one,), cleaned = drain(iter_search(evidence_of(added(clean(), image))))
+    assert one.name == "line_offsets" and "rows" in one.detail and "columns" in one.detail
+    # what puts it in for its cost has both
+    patch = patch_of(cleaned, cleaned.index[:20], cleaned.plan.cutout)
+    assert one.put_in is not None
+    seen = patch.seen(image.astype(np.float64))
+    left = one.put_in(patch) - patch.light - seen
+    assert np.std(left - left.mean()) < 0.3 * np.std(seen)
 
 
 def test_bad_pixels_are_no_lines() -> None:

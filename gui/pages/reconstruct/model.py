@@ -1,14 +1,11 @@
-"""What the Reconstruct page asks for and shows: settings, forecast, light fields made by itself. No Qt."""
+"""What the Reconstruct page asks for and shows: settings, projector and forecast. No Qt."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from gui.models.form import Field
 from gui.models.settings import PageSettings
@@ -19,7 +16,7 @@ from lfcal.reconstruct.margin import usual_margin
 from lfcal.reconstruct.projectors.forecast import METHODS
 from lfcal.reconstruct.solvers.choice import SOLVERS, SolverChoice
 from lfcal.reconstruct.solvers.solver import OPTIONS
-from lfcal.reconstruct.solvers.stopping import MOST_ITERATIONS
+from lfcal.reconstruct.solvers.stopping import MOST_ITERATIONS, STOPS
 from lfcal.units import format_bytes, format_seconds
 
 if TYPE_CHECKING:
@@ -28,17 +25,10 @@ if TYPE_CHECKING:
 __all__ = [
     "FIELDS",
     "ReconstructSettings",
-    "Synthetic",
     "forecast_words",
-    "light_field",
-    "make_light_field",
     "projector_for",
-    "synthetic_shape",
     "used_by",
 ]
-
-LARGEST = 640
-COUNTS = 2000.0
 
 FIELDS = (
     Field(
@@ -50,11 +40,14 @@ FIELDS = (
     ),
     Field("iterations", "Iterations", "", "Number of iterations; Continue adds as many", kind="int"),
     Field(
-        "auto",
-        "Stop by itself",
-        kind="bool",
-        tip="End when pixels that are left out of the fit, one of 25, are foretold no better; the volume is the best",
+        "stop",
+        "End",
+        kind="choice",
+        choices=(("", "after the iterations"), ("left-out", "by left-out pixels"), ("discrepancy", "at the noise")),
+        tip="By left-out pixels: when one of 25, which the fit does not see, are foretold no better; the volume is the "
+        "best. At the noise: when the image is met as well as gain and read noise allow",
     ),
+    Field("gain", "Gain", "counts/e", "Counts per photo-electron: what tells the photons' noise that ends a run"),
     Field("background", "Background", "counts", "Expected value of a pixel without any source"),
     Field("read_noise", "Read noise", "counts", "Rms noise of the sensor; Richardson-Lucy variants use it"),
     Field("saturation", "Saturation", "counts", "Pixels at or above are left out; empty: none", optional=True),
@@ -120,8 +113,8 @@ FIELDS = (
 
 
 def used_by(solver: str, key: str) -> bool:
-    """Return whether the field ``key`` matters to ``solver``; one that takes no weights knows no left-out pixels."""
-    key = "weights" if key in ("auto", "margin") else key
+    """Return whether the field ``key`` matters to ``solver``; one that takes no weights knows no margin."""
+    key = "weights" if key == "margin" else key
     return key not in OPTIONS or key in SOLVERS.get(solver).honours
 
 
@@ -131,8 +124,10 @@ class ReconstructSettings(PageSettings):
 
     Attributes
     ----------
-    solver, iterations, auto, background, read_noise, saturation, strength, subsets
-        As in `lfcal.reconstruct.solvers.choice.SolverChoice`; ``auto`` takes as many iterations as it needs.
+    solver, iterations, background, read_noise, saturation, strength, subsets, gain
+        As in `lfcal.reconstruct.solvers.choice.SolverChoice`.
+    stop
+        The same, and as many iterations as it takes; empty: ``iterations``.
     method, device, threshold, within, double
         As in `lfcal.reconstruct.Projector`, ``within`` its ``tolerance``.
     margin
@@ -149,7 +144,8 @@ class ReconstructSettings(PageSettings):
 
     solver: str = SolverChoice().name
     iterations: int = SolverChoice().iterations
-    auto: bool = False
+    stop: str = ""
+    gain: float = 1.0
     background: float = 0.0
     read_noise: float = 0.0
     saturation: float | None = None
@@ -167,6 +163,10 @@ class ReconstructSettings(PageSettings):
 
     def __post_init__(self) -> None:
         """Check what no library call would find before the work begins."""
+        if self.stop not in ("", *STOPS):
+            raise InputError.expected("end", f"nothing, {' or '.join(STOPS)}", repr(self.stop), "choose one")
+        if not 0 < self.gain < 1e12:
+            raise InputError.expected("gain", "above 0 (counts per photo-electron)", self.gain, "correct it")
         if not 1 <= self.iterations <= 100_000:
             raise InputError.expected("iterations", "1 to 100000", self.iterations, "correct it")
         if not 0 <= self.threshold < 1:
@@ -193,6 +193,18 @@ class ReconstructSettings(PageSettings):
         if len(self.anchor) not in (0, 2):
             raise InputError.expected("anchor", "row, column in pixels", self.anchor, "for example 12, 7")
 
+    @classmethod
+    def from_dict(cls, data: object) -> Self:
+        """Return the settings in ``data``; those of earlier projects knew one way to end by itself, ``auto``."""
+        if isinstance(data, Mapping) and data.get("auto") is True:
+            data = {"stop": STOPS[0], **data}
+        return super().from_dict(data)
+
+    @property
+    def ends_by_itself(self) -> bool:
+        """Whether the solver takes as many iterations as it needs: one without weights cannot leave out pixels."""
+        return bool(self.stop) and (self.stop != STOPS[0] or used_by(self.solver, "weights"))
+
     def usable(self) -> None:
         """Raise `InputError` where solver and settings do not go together."""
         self.choice()
@@ -201,10 +213,13 @@ class ReconstructSettings(PageSettings):
         """Return the solver with the settings it uses; those the page greys out stay as they are, for another one."""
         options = ("background", "read_noise", "saturation", "strength", "subsets")
         used = {key: getattr(self, key) for key in options if used_by(self.solver, key)}
-        auto = self.auto and used_by(self.solver, "auto")
+        if self.ends_by_itself:
+            used["stop"] = self.stop
+        if self.ends_by_itself and self.stop == "discrepancy":
+            used["gain"] = self.gain
         margin = self.margin or 0 if used_by(self.solver, "margin") else 0
-        count = MOST_ITERATIONS if auto else self.iterations
-        return SolverChoice(self.solver, count, auto=auto, margin=margin, **used)
+        count = MOST_ITERATIONS if self.ends_by_itself else self.iterations
+        return SolverChoice(self.solver, count, auto=self.ends_by_itself, margin=margin, **used)
 
     def choice_for(self, H: PSFMatrix, shape: tuple[int, int]) -> SolverChoice:
         """Return the solver for the used region of a light field of ``shape``, its margin found where none is said."""
@@ -314,63 +329,3 @@ def forecast_words(P: Any, choice: SolverChoice) -> str:
         rows.append(("Other projectors", ", ".join(others) + " a pair"))
     cells = "".join(f"<tr><td style='padding-right:8px'>{a}</td><td><b>{b}</b></td></tr>" for a, b in rows)
     return f"<table cellspacing='1'>{cells}</table>"
-
-
-# -- light fields ------------------------------------------------------------------------------------------
-def light_field(path: str) -> NDArray[Any]:
-    """Return the light field in an image file, ``(rows, columns)``."""
-    from lfcal.frames.formats.opening import read_image
-
-    return read_image(Path(path))
-
-
-@dataclass(frozen=True, eq=False)
-class Synthetic:
-    """A light field that was made: its file, and the volume it shows."""
-
-    path: str
-    truth: NDArray[np.float32]
-
-
-def synthetic_shape(H: PSFMatrix) -> tuple[int, int]:
-    """Return a size for a made light field: several periods and two cutouts, no more than is quick to solve."""
-    rows, columns = (int(min(LARGEST, max(4 * n, 2 * c))) for n, c in zip(H.shape[1:3], H.shape[3:], strict=True))
-    return rows, columns
-
-
-def make_light_field(
-    H: PSFMatrix, name: str, path: str, *, shape: tuple[int, int] | None = None, counts: float = COUNTS, seed: int = 0
-) -> Synthetic:
-    """Project the phantom ``name`` through ``H``, add photon noise, and write it as a 16-bit TIFF.
-
-    Parameters
-    ----------
-    H
-        The matrix to project with.
-    name
-        One of `lfcal.reconstruct.phantoms.PHANTOMS`.
-    path
-        Image file to write (.tif).
-    shape
-        Rows and columns; by default `synthetic_shape`.
-    counts
-        Brightest pixel; each count is taken as one photon.
-    seed
-        Of phantom and noise.
-    """
-    from lfcal.reconstruct.phantoms import phantom
-    from lfcal.reconstruct.projectors.projector import Projector
-    from lfcal.tiff_file import write_tiff
-
-    if not path.lower().endswith((".tif", ".tiff")):
-        raise InputError.expected("light field", "a .tif file", Path(path).name, "use that suffix")
-    P = Projector(H, shape or synthetic_shape(H))
-    volume = phantom(name, P.volume_shape, seed)
-    image = P.forward(volume)
-    top = float(image.max())
-    if not top > 0:
-        raise InputError.expected("light field", "light", "none", "H is empty: assemble it again")
-    scale = counts / top
-    noisy = np.random.default_rng(seed).poisson(np.maximum(image * scale, 0))
-    write_tiff(path, np.minimum(noisy, 65535).astype(np.uint16))
-    return Synthetic(path, (volume * scale).astype(np.float32))

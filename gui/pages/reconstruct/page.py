@@ -14,10 +14,10 @@ from gui.context import Context
 from gui.jobs import WAITS, Job, JobState
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
-from gui.pages.reconstruct import model as view
 from gui.pages.reconstruct import takes
-from gui.pages.reconstruct.model import ReconstructSettings, Synthetic
+from gui.pages.reconstruct.model import ReconstructSettings, forecast_words, projector_for
 from gui.pages.reconstruct.model_device import device_reason
+from gui.pages.reconstruct.model_light_field import Synthetic, light_field, make_light_field
 from gui.pages.reconstruct.model_solving import Solving
 from gui.pages.reconstruct.panel import ReconstructPanel
 from gui.pages.reconstruct.volume_file import VolumeFile
@@ -107,7 +107,7 @@ class Page(BasePage):
         values = {key: getattr(settings, key) for key in self.panel.form.fields}
         self.panel.form.set_values(values)
         self.panel.show_device(settings.device)
-        self.panel.show_solver(settings.solver, auto=settings.auto)
+        self.panel.show_solver(settings)
         self.panel.file.setText(Path(state.light_field).name if state.light_field else "none yet")
         self._show_region()
         self._show_controls()
@@ -140,7 +140,7 @@ class Page(BasePage):
         for widget in (self.panel.form, self.panel.open, self.panel.make):
             widget.setEnabled(not running)
         if not running:
-            self.panel.show_solver(self.settings.solver, auto=self.settings.auto)
+            self.panel.show_solver(self.settings)
         if not done and not running and self.saved is None:
             self.panel.show_hint(
                 "Press Reconstruct."
@@ -165,7 +165,7 @@ class Page(BasePage):
             if self._ready is not None:  # it was the project's before
                 self._load()
 
-        self.load(Path(path).name, lambda: view.light_field(path), read)
+        self.load(Path(path).name, lambda: light_field(path), read)
 
     def accept_drop(self, paths: list[str]) -> bool:
         """Take a dropped image."""
@@ -186,7 +186,7 @@ class Page(BasePage):
         elif path:
             self.context.jobs.load(
                 "reconstruct load",
-                lambda: view.light_field(path),
+                lambda: light_field(path),
                 lambda image: self._loaded(path, image),
                 self._not_loaded,
             )
@@ -228,7 +228,7 @@ class Page(BasePage):
             self.panel.file.setText(f"making {Path(path).name} …")
             self.context.jobs.compute(
                 "reconstruct make",
-                lambda: view.make_light_field(matrix, phantom, path, shape=shape),
+                lambda: make_light_field(matrix, phantom, path, shape=shape),
                 self._made,
                 self._not_loaded,
             )
@@ -249,9 +249,7 @@ class Page(BasePage):
         self.panel.forecast.setText("forecasting …")
         self.context.jobs.compute(
             "reconstruct forecast",
-            lambda: view.forecast_words(
-                view.projector_for(matrix, shape, settings), settings.choice_for(matrix, shape)
-            ),
+            lambda: forecast_words(projector_for(matrix, shape, settings), settings.choice_for(matrix, shape)),
             self.panel.forecast.setText,
             self.panel.forecast.setText,
         )

@@ -22,7 +22,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from gui.pages.reconstruct.model import FIELDS, used_by
+from gui.pages.reconstruct.model import FIELDS, ReconstructSettings, used_by
 from gui.pages.reconstruct.model_device import DEVICE, NO_DEVICE
 from gui.pages.reconstruct.volume_view import VolumeView
 from gui.theme import current_theme
@@ -42,6 +42,8 @@ BUTTONS = (
     ("save", "Save …", "Write the volume: .tif (opens in ImageJ), .h5 or .npy"),
 )
 """Key, title and meaning of each button."""
+
+NOT_BY_ITSELF = "It cannot leave out pixels, and ends after the iterations."
 
 SHOWN = ("reconstruction", "truth")
 
@@ -214,12 +216,18 @@ class ReconstructPanel(QWidget):
         self.costs.setCurrentIndex(1)
 
     # -- showing ---------------------------------------------------------------------------------------
-    def show_solver(self, name: str, *, auto: bool) -> None:
-        """Say what the solver does, and enable what it uses; one that stops by itself takes what it needs."""
-        self.solver_words.setText(SOLVERS.get(name).title)
-        for key in ("background", "read_noise", "saturation", "strength", "subsets", "auto", "margin"):
+    def show_solver(self, settings: ReconstructSettings) -> None:
+        """Say what the solver does, and enable what it uses; one that ends by itself takes what it needs."""
+        name, by_itself = settings.solver, settings.ends_by_itself
+        words = SOLVERS.get(name).title
+        self.solver_words.setText(f"{words}. {NOT_BY_ITSELF}" if settings.stop and not by_itself else words)
+        for key in ("background", "read_noise", "saturation", "strength", "subsets", "margin"):
             self.form.set_enabled(key, used_by(name, key))
-        self.form.set_enabled("iterations", not (auto and used_by(name, "auto")))
+        self.form.set_enabled("iterations", not by_itself)
+        # one in place of the other: the form has no room for a row that says nothing
+        noise = settings.stop == "discrepancy"
+        self.form.set_shown("gain", noise)
+        self.form.set_shown("iterations", not noise)
 
     def show_device(self, chosen: str) -> None:
         """Grey out the choice of a device where there is none; one that was chosen elsewhere can be taken back."""

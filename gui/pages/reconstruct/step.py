@@ -8,6 +8,8 @@ from gui.models.project import ProjectState
 from gui.models.step import Step, needed_file, options_of
 from gui.pages.reconstruct.model import ReconstructSettings
 from lfcal.errors import InputError
+from lfcal.reconstruct.solvers.choice import SolverChoice
+from lfcal.reconstruct.solvers.stopping import STOPS
 
 __all__ = ["step"]
 
@@ -21,7 +23,8 @@ def step(project: ProjectState, out: str = "") -> Step:
     choice, out = chosen.choice(), out or "volume.tif"
     pairs = (
         ("--solver", choice.name),
-        ("--iterations", "auto" if choice.auto else str(choice.iterations)),
+        ("--iterations", _iterations(choice)),
+        ("--gain", choice.gain if choice.gain != 1 else None),
         ("--method", chosen.method),
         ("--device", chosen.device if chosen.device != "auto" else None),
         ("--threshold", chosen.threshold or None),
@@ -38,6 +41,12 @@ def step(project: ProjectState, out: str = "") -> Step:
         ("--out", out),
     )
     return Step(("reconstruct", psf, frame, *options_of(pairs)), _python(psf, frame, chosen, out))
+
+
+def _iterations(choice: SolverChoice) -> str:
+    if not choice.auto:
+        return str(choice.iterations)
+    return "auto" if choice.stop == STOPS[0] else f"auto:{choice.stop}"
 
 
 def _python(psf: str, frame: str, chosen: ReconstructSettings, out: str) -> str:

@@ -16,6 +16,7 @@ from lfcal.inspect.finding import Fault, Finding, Picture
 
 __all__ = ["FAULTS", "Compression"]
 
+F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 
 BLOCK = 8
@@ -77,21 +78,10 @@ class Compression(Fault):
         dark = evidence.valid & (evidence.light < DARK * float(evidence.light.max()))
         most_of = SPIKE * float(np.abs(np.diff(left, axis=2)).mean())  # a single pixel makes no blocks
         for what, corners in (("sensor", evidence.corners()), ("cutout", np.zeros((len(left), 2), np.intp))):
-            ratios, sigmas = [], []
-            for axis in (0, 1):
-                squares, counts = np.zeros(BLOCK), np.zeros(BLOCK)
-                for k, one in enumerate(left):
-                    both = dark[k][1:] & dark[k][:-1] if axis == 0 else dark[k][:, 1:] & dark[k][:, :-1]
-                    lines = np.where(both, np.minimum(np.abs(np.diff(one, axis=axis)), most_of), 0.0).sum(1 - axis)
-                    at = (np.arange(lines.size) + corners[k, axis]) % BLOCK
-                    squares += np.bincount(at, lines, BLOCK)
-                    counts += np.bincount(at, both.sum(1 - axis), BLOCK)
-                each = squares / np.maximum(counts, 1)
-                most = int(np.argmax(each))
-                ratios.append(each[most] / max(float(np.delete(each, most).mean()), 1e-300))
-                # means of so many magnitudes scatter by 0.75 over the root of their number; lost detail by more
-                sigmas.append((ratios[-1] - 1) * np.sqrt(max(float(counts.min()), 1.0)) / 2.0)
-            if min(ratios) > STEPS and min(sigmas) > SURE:
+            found = [_borders(left, dark, corners[:, axis], axis, most_of) for axis in (0, 1)]
+            ratios, sigmas = ([one[k] for one in found] for k in (0, 1))
+            # lines with offsets of their own differ anywhere, and by chance where blocks may end
+            if min(ratios) > STEPS and min(sigmas) > SURE and min(one[2] for one in found) > STEPS:
                 yield Finding(
                     self,
                     f"neighbours across blocks of {BLOCK} x {BLOCK} pixels of the {what} differ "
@@ -127,6 +117,43 @@ class Compression(Fault):
                 put_in=lambda patch: patch.recorded,
             )
             return
+
+
+def _borders(
+    left: F4, dark: NDArray[np.bool_], first: NDArray[np.intp], axis: int, most_of: float
+) -> tuple[float, float, float]:
+    """Return by how much neighbours differ more where blocks may end.
+
+    Parameters
+    ----------
+    left, dark
+        What is left of patterns ``(n, nt, ns)``, and where there is hardly any light.
+    first
+        Line of each pattern's first sample ``(n,)``.
+    axis
+        0: from row to row, 1: from column to column.
+    most_of
+        Difference that counts at most.
+
+    Returns
+    -------
+    As a ratio, in standard deviations, and as a ratio where what a whole line differs by is taken out.
+    """
+    steps = np.clip(np.diff(left, axis=1 + axis), -most_of, most_of)
+    both = dark[:, 1:] & dark[:, :-1] if axis == 0 else dark[:, :, 1:] & dark[:, :, :-1]
+    lines = first[:, None] + np.arange(steps.shape[1 + axis])
+    counts = np.bincount(lines.ravel(), both.sum(2 - axis).ravel())
+    common = np.bincount(lines.ravel(), np.where(both, steps, 0).sum(2 - axis).ravel()) / np.maximum(counts, 1)
+    shared = common[lines][:, :, None] if axis == 0 else common[lines][:, None]
+    told = []
+    for some in (steps, steps - shared):
+        sums = np.where(both, np.abs(some), 0).sum(2 - axis)
+        many = np.bincount(lines.ravel() % BLOCK, both.sum(2 - axis).ravel(), BLOCK)
+        each = np.bincount(lines.ravel() % BLOCK, sums.ravel(), BLOCK) / np.maximum(many, 1)
+        most = int(np.argmax(each))
+        told.append(float(each[most] / max(float(np.delete(each, most).mean()), 1e-300)))
+    # means of so many magnitudes scatter by 0.75 over the root of their number; lost detail by more
+    return told[0], (told[0] - 1) * float(np.sqrt(max(float(many.min()), 1.0))) / 2.0, told[1]
 
 
 def _gone(evidence: Evidence, corners: NDArray[np.intp]) -> tuple[F8, F8]:

@@ -11,12 +11,10 @@ from gui.pages.reconstruct.model import (
     FIELDS,
     ReconstructSettings,
     forecast_words,
-    light_field,
-    make_light_field,
     projector_for,
-    synthetic_shape,
     used_by,
 )
+from gui.pages.reconstruct.model_light_field import light_field, make_light_field, synthetic_shape
 from gui.pages.reconstruct.model_solving import Solving
 from gui.pages.reconstruct.model_volume import VolumeIntent, resolve
 from lfcal.camera import preset
@@ -61,7 +59,8 @@ def test_settings_go_through_json_and_survive_damage() -> None:
     settings = ReconstructSettings(
         "rl-tv",
         7,
-        True,
+        "left-out",
+        1.5,
         1.0,
         2.0,
         4000.0,
@@ -223,7 +222,7 @@ def test_a_margin_takes_light_from_beside_the_region(psf: str) -> None:
 def test_a_run_that_stops_by_itself_says_why(psf: str, tmp_path: Path) -> None:
     with opened(psf) as H:
         made = make_light_field(H, "points", str(tmp_path / "a.tif"), shape=(48, 56), counts=30)
-    settings = ReconstructSettings("rl-biggs", iterations=2, auto=True)
+    settings = ReconstructSettings("rl-biggs", iterations=2, stop="left-out")
     solving = Solving(psf, light_field(made.path), settings)
     drain(solving.work())
     assert solving.state is not None and 2 < solving.state.iteration < MOST_ITERATIONS
@@ -231,6 +230,29 @@ def test_a_run_that_stops_by_itself_says_why(psf: str, tmp_path: Path) -> None:
     assert f"{solving.state.iteration} iterations" in solving.words()
     assert solving.details()["iterations"] == solving.state.iteration
     solving.close()
+
+
+def test_a_run_ends_where_the_noise_is_met(psf: str, tmp_path: Path) -> None:
+    with opened(psf) as H:
+        made = make_light_field(H, "points", str(tmp_path / "a.tif"), shape=(48, 56), counts=30)
+    settings = ReconstructSettings("rl-biggs", iterations=2, stop="discrepancy", gain=1.0)
+    solving = Solving(psf, light_field(made.path), settings)
+    drain(solving.work())
+    assert solving.state is not None and 1 <= solving.state.iteration < MOST_ITERATIONS
+    assert "noise" in solving.stopped
+    solving.close()
+
+
+def test_how_a_run_ends_is_a_setting_that_is_checked() -> None:
+    with pytest.raises(InputError, match="end: expected"):
+        ReconstructSettings(stop="sometime")
+    with pytest.raises(InputError, match="gain: expected above 0"):
+        ReconstructSettings(gain=0.0)
+    # a gain that is left over from another choice is no reason to refuse this one
+    assert not ReconstructSettings(gain=2.0).choice().auto
+    # of projects that knew one way to end by itself
+    assert ReconstructSettings.from_dict({"auto": True, "iterations": 7}).stop == "left-out"
+    assert ReconstructSettings.from_dict({"auto": False}).stop == ""
 
 
 VOLUME = np.random.default_rng(1).random((3, 5, 7)).astype(np.float32)

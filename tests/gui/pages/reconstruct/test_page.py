@@ -11,6 +11,7 @@ from pytestqt.qtbot import QtBot
 
 from gui.context import Context
 from gui.models.project import ProjectState
+from gui.pages.reconstruct import model
 from gui.pages.reconstruct.model import ReconstructSettings
 from gui.pages.reconstruct.model_device import NO_DEVICE, device_reason
 from gui.pages.reconstruct.page import Page
@@ -150,15 +151,29 @@ def test_form_and_project_follow_each_other(page: Page, context: Context, qtbot:
     solver.setCurrentIndex(solver.findData("rl-tv"))
     assert page.settings.solver == "rl-tv" and "total variation" in page.panel.solver_words.text()
     assert form.editor("strength").isEnabled() and not form.editor("subsets").isEnabled()
-    auto: Any = form.editor("auto")
-    auto.click()
-    assert page.settings.auto and not form.editor("iterations").isEnabled()
-    auto.click()
-    assert form.editor("iterations").isEnabled()
+    stop: Any = form.editor("stop")
+    stop.setCurrentIndex(stop.findData("left-out"))
+    assert page.settings.stop == "left-out" and not form.editor("iterations").isEnabled()
+    assert form.editor("gain").isHidden()
+    stop.setCurrentIndex(stop.findData("discrepancy"))
+    assert form.editor("iterations").isHidden() and not form.editor("gain").isHidden()
+    stop.setCurrentIndex(stop.findData(""))
+    assert form.editor("iterations").isEnabled() and not form.editor("iterations").isHidden()
+    assert form.editor("gain").isHidden()
     percent: Any = form.editor("threshold")
     percent.setText("2")
     percent.textEdited.emit("2")
     assert page.settings.threshold == pytest.approx(0.02)
+
+
+def test_a_solver_that_cannot_end_as_asked_says_so(page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(model, "used_by", lambda solver, key: key != "weights")
+    panel = page.panel
+    panel.show_solver(ReconstructSettings(stop="left-out"))
+    assert "cannot leave out" in panel.solver_words.text() and panel.form.editor("iterations").isEnabled()
+    for stop in ("", "discrepancy"):
+        panel.show_solver(ReconstructSettings(stop=stop))
+        assert "cannot leave out" not in panel.solver_words.text()
 
 
 def test_the_cross_hair_links_the_slices(qtbot: QtBot) -> None:
