@@ -41,11 +41,11 @@ FIELDS = (
     Field("iterations", "Iterations", "", "Number of iterations; Continue adds as many", kind="int"),
     Field(
         "stop",
-        "End",
+        "End at",
         kind="choice",
-        choices=(("", "after the iterations"), ("left-out", "by left-out pixels"), ("discrepancy", "at the noise")),
-        tip="By left-out pixels: when one of 25, which the fit does not see, are foretold no better; the volume is the "
-        "best. At the noise: when the image is met as well as gain and read noise allow",
+        choices=(("", "count"), ("left-out", "left-out"), ("discrepancy", "noise")),
+        tip="Count: after so many iterations. Left-out: when one pixel of 25, which the fit does not see, is foretold no "
+        "better; the volume is the best. Noise: when the image is met as well as gain and read noise allow",
     ),
     Field("gain", "Gain", "counts/e", "Counts per photo-electron: what tells the photons' noise that ends a run"),
     Field("background", "Background", "counts", "Expected value of a pixel without any source"),
