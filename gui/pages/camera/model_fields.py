@@ -107,7 +107,7 @@ SENSOR = (
         optional=True,
     ),
     Field("sensor.read_noise_e", "Read noise", "e⁻ rms", "Noise without light"),
-    Field("sensor.dark_current_e_s", "Dark current", "e⁻/s", "Per pixel"),
+    Field("sensor.dark_current_e_s", "Dark current", "e⁻/s", "Of each pixel; its noise is what a long exposure adds"),
     Field("sensor.black_level", "Black level", "counts", "Sample value without light"),
     Field("sensor.prnu", "PRNU", "", "Pixel response non-uniformity, rms, relative"),
     Field("sensor.dsnu_e", "DSNU", "e⁻ rms", "Offsets of the pixels in the dark; empty: not known", optional=True),

@@ -36,7 +36,7 @@ FIELDS = (
         scale=1e3,
     ),
     Field("cutout_rows", "Cutout rows", "px", "Odd; size of the region kept around the image of the point", kind="int"),
-    Field("cutout_columns", "Cutout columns", "px", "Odd", kind="int"),
+    Field("cutout_columns", "Cutout columns", "px", "Odd; the same along the rows", kind="int"),
     Field("anchor_row", "Anchor row", "px", "Sensor row of the point's image at y = x = 0"),
     Field("anchor_column", "Anchor column", "px", "Sensor column of the point's image at y = x = 0"),
     Field(
@@ -48,7 +48,13 @@ FIELDS = (
     ),
     Field("exposure_s", "Exposure", "ms", "Per frame, the same for all planes", scale=1e-3),
     Field("settle_s", "Settle time", "ms", "Wait after each move", scale=1e-3),
-    Field("frames_averaged", "Frames averaged", "", "Per position", kind="int"),
+    Field(
+        "frames_averaged",
+        "Frames averaged",
+        "",
+        "At each position: noise falls with their root, time grows with them",
+        kind="int",
+    ),
     Field(
         "resample",
         "Make the period an integer",

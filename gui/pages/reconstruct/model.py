@@ -47,7 +47,7 @@ FIELDS = (
         tip="Count: after so many iterations. Left-out: when one pixel of 25, which the fit does not see, is foretold "
         "no better; the volume is the best. Noise: when the image is met as well as gain and read noise allow",
     ),
-    Field("gain", "Gain", "counts/e", "Counts per photo-electron: what tells the photons' noise that ends a run"),
+    Field("gain", "Gain", "counts/e⁻", "Counts per photo-electron: what tells the photons' noise that ends a run"),
     Field("background", "Background", "counts", "Expected value of a pixel without any source"),
     Field("read_noise", "Read noise", "counts", "Rms noise of the sensor; Richardson-Lucy variants use it"),
     Field("saturation", "Saturation", "counts", "Pixels at or above are left out; empty: none", optional=True),
