@@ -32,8 +32,10 @@ def test_a_dead_pixel_costs_the_same_wherever_the_image_ends_and_by_whatever_noi
     costs = []
     for side, seed in ((40, 0), (40, 1), (60, 2)):
         one = trial(side, seed)
-        costs.append(one.error(noisy(scaled(light(), image), seed)) - one.error(clean()))
-    assert min(costs) > 0 and max(costs) < 1.6 * min(costs), costs
+        alone = one.error(noisy(light(), seed))
+        costs.append(one.error(noisy(scaled(light(), image), seed)) - alone)
+    # at row 40 hardly any light falls: a pixel there costs a few hundredths of what noise does
+    assert min(costs) > 0 and max(costs) < 1.6 * min(costs) + 0.05 * alone, costs
 
 
 def test_patterns_without_light_are_all_wrong() -> None:
