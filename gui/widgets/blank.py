@@ -49,8 +49,9 @@ class Blank(QLabel):
         for side in ("bottom", "left"):
             axis = self._plot.getAxis(side)
             axis.setTicks([] if blank else None)
-        self.setText(self._words)
-        self.apply_theme()
+        if blank:
+            self.setText(self._words)
+            self.apply_theme()
         self.setVisible(blank)
         self._fill()
 
@@ -59,5 +60,8 @@ class Blank(QLabel):
         self.setStyleSheet(f"color: {current_theme().muted}; background: transparent;")
 
     def _fill(self) -> None:
+        """Lie over the inside of the plot; where nothing is seen it is not worth laying the plot out for."""
+        if not self._shown:
+            return
         inside = self._graphics.mapFromScene(self._plot.vb.sceneBoundingRect()).boundingRect()
         self.setGeometry(inside.adjusted(4, 4, -4, -4))

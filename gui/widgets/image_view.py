@@ -140,6 +140,8 @@ class ImageView(Measured, QWidget):
         self.item.setRect(rect)
         count_pixels(self.plot, image.shape, origin, step)
         self._show_bar(shown)
+        if before is None:
+            self.graphics.ci.layout.activate()  # room for the colour bar now, or all of it is drawn twice
         if not keep_view or before != image.shape:
             self.plot.setRange(rect, padding=0.01)
         self._tell()

@@ -117,7 +117,8 @@ class PSFPanel(QWidget):
     def _make_pictures(self) -> None:
         self.main_view, self.linked_view, self.sum_view = ImageView(), ImageView(), ImageView()
         link_views((self.main_view, self.linked_view))
-        self.main_title, self.linked_title = QLabel(), QLabel()
+        # not empty: words are a pixel higher, and all pictures would be drawn again for it
+        self.main_title, self.linked_title = QLabel("H"), QLabel("HT")
         self.main_view.hovered.connect(self.hovered.emit)
         self.main_view.clicked.connect(self.clicked.emit)
         self.map = PeriodMap()
