@@ -40,6 +40,9 @@ TURNS = 3
 ALIKE = 0.5
 """Correlation with the best fit by a camera that most patterns have if they are its own."""
 
+LEAST, MOST = 1e-12, 1e15
+"""Largest value that patterns may have: variances of others are no numbers of single precision."""
+
 
 def iter_evidence(
     matrix: PSFMatrix,
@@ -106,6 +109,9 @@ def iter_evidence(
     data[~valid] = 0.0
     if not data.max(initial=0.0) > 0:
         return Unlike("H shows no light")
+    largest = float(np.abs(data).max())
+    if not LEAST <= largest <= MOST:
+        return Unlike(f"its values reach {largest:.0e}: expected between {LEAST:.0e} and {MOST:.0e}; scale H to counts")
     model, columns = (np.empty((len(index), *shape), np.float32) for shape in (matrix.cutout, (5, *matrix.cutout)))
     starts = Starts.none(len(index), len(matrix))
     starts = replace(starts, depth=depths_seen(known, index, data))

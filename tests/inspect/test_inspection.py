@@ -92,6 +92,14 @@ def test_any_light_or_none_ends_in_words(scale: float) -> None:
         assert "no light" in found.why_not or "little in common" in found.why_not
 
 
+@pytest.mark.parametrize("size", [1e30, 1e-30])
+def test_values_whose_squares_are_no_numbers_end_in_words(size: float) -> None:
+    """Warnings are errors in tests: float32 holds no variance of these."""
+    noise = np.random.default_rng(0).standard_normal(clean().shape)
+    found = inspected(matrix((size * noise).astype(np.float32)))
+    assert not found.compared and "expected between 1e-12 and 1e+15" in found.why_not
+
+
 def test_plain_values_of_everything() -> None:
     told = inspected_hot().to_dict()
     assert isinstance(told["faults"], list) and told["faults"][0]["name"] == "hot_line"
