@@ -14,6 +14,8 @@ from lfcal.units import format_seconds
 
 __all__ = ["JobRow"]
 
+GO_ON = "Go on from what is kept of it. Once the window is closed: begin the same work under the same name again"
+
 BAR = 150
 """Width of the bar of a job's progress (px)."""
 
@@ -36,7 +38,7 @@ class JobRow(HeadedCard):
         number = job.number
         self.up = self._button("Up", "Do this before the job that waits above it", lambda: jobs.move(number, -1))
         self.down = self._button("Down", "Do this after the job that waits below it", lambda: jobs.move(number, 1))
-        self.go_on = self._button("Go on", "Go on from what is kept of it", lambda: jobs.go_on(number))
+        self.go_on = self._button("Go on", GO_ON, lambda: jobs.go_on(number))
         self.go_on.setProperty("role", "primary")
         self.log = self._button("Log", "What it did and when, what it warned of; to copy and to save", self.show_log)
         self.button = self._button("Stop", "", self._pressed)
