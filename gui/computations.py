@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from gui.workers import Workers, keep, words_of
+from lfcal.progress import Unwanted, wanted_while
 
 __all__ = ["Computations"]
 
@@ -56,7 +57,10 @@ class Computations:
             report: Callable[[Any], None] = on_result
             value: Any
             try:
-                value = function()
+                with wanted_while(lambda: not stale()):
+                    value = function()
+            except Unwanted:
+                report, value = _nobody, None
             except BaseException as error:
                 keep(group, error)
                 report, value = on_error, words_of(error)

@@ -6,12 +6,14 @@ Work that takes time is written once as ``iter_work(...) -> Generator[Progress, 
 
 from __future__ import annotations
 
+import threading
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TypeVar
 
-__all__ = ["Clock", "Progress", "Work", "drain"]
+__all__ = ["Clock", "Progress", "Unwanted", "Work", "drain", "leave_if_unwanted", "wanted_while"]
 
 R = TypeVar("R")
 
@@ -90,3 +92,31 @@ def drain(work: Work[R], on_progress: Callable[[Progress], None] | None = None) 
     finally:
         # closes the generator also where the caller's own code raised: its files are closed then
         work.close()
+
+
+class Unwanted(Exception):
+    """Nobody waits for what is computed any more."""
+
+
+_asked = threading.local()
+
+
+@contextmanager
+def wanted_while(wanted: Callable[[], bool]) -> Iterator[None]:
+    """Let what this thread computes end early, by `Unwanted`, once ``wanted`` says no.
+
+    For functions that are no generators, and answer questions that may be asked anew before they are answered.
+    """
+    before = getattr(_asked, "wanted", None)
+    _asked.wanted = wanted
+    try:
+        yield
+    finally:
+        _asked.wanted = before
+
+
+def leave_if_unwanted() -> None:
+    """Raise `Unwanted` where nobody waits for what this thread computes any more."""
+    wanted = getattr(_asked, "wanted", None)
+    if wanted is not None and not wanted():
+        raise Unwanted

@@ -59,7 +59,7 @@ class AxisArrows(QWidget):
         font = painter.font()
         font.setPixelSize(11)
         painter.setFont(font)
-        corner, theme = QPointF(12, 12), current_theme()
+        corner, theme = QPointF(18, 12), current_theme()
         sensor, stage = (QColor(theme.muted), QColor(theme.text)) if theme.red else (SENSOR, STAGE)
         _arrow(painter, corner, (0.0, 1.0), sensor, "column")
         _arrow(painter, corner, (1.0, 0.0), sensor, "row")

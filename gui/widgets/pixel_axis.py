@@ -38,8 +38,9 @@ class PixelAxis(pg.AxisItem):
         kept = [(step, [v for v in values if low <= v <= high]) for step, values in wide]
         if any(values for _, values in kept):
             return kept
-        # seen so near that pyqtgraph shows parts of a pixel only
-        return [(1.0, [float(k) for k in range(math.ceil(low), math.floor(high) + 1)])]
+        # seen so near that pyqtgraph shows parts of a pixel only, or from so far that one number has room
+        each = max(1, math.ceil(ROOM / max(apart, 1e-9)))
+        return [(float(each), [float(k) for k in range(math.ceil(low), math.floor(high) + 1, each)])]
 
 
 def pixel_axes() -> dict[str, PixelAxis]:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.camera import ScanPlan
+from lfcal.progress import leave_if_unwanted
 from lfcal.simulate.accuracy.probe import RETRIES, balanced, settle
 from lfcal.simulate.accuracy.sampling import finer, step_for
 from lfcal.simulate.effects.base import Effect, LightSample
@@ -142,6 +143,7 @@ class PlaneResponse:
             engine = self._engine_of(sample)
             order = _pairs_together(engine.scene, ys)
             for start in range(0, len(ys), block):
+                leave_if_unwanted()
                 part = order[start : start + block]
                 engine = self._add(out, part, engine, sample.weight, (ys[part], xs), workers)
                 done += part.size

@@ -23,7 +23,8 @@ from gui.theme import NIGHT
 from gui.window import MainWindow
 from lfcal.camera import preset
 from lfcal.cli.sample import sample_recording
-from tests.gui.waiting import idle
+from tests.cli.conftest import small_plan
+from tests.gui.waiting import GUARD_MS, idle
 
 
 def scrolled(page: Any) -> list[str]:
@@ -141,6 +142,24 @@ def test_the_settings_of_a_recording_are_whole(window: MainWindow) -> None:
         window.set_theme(theme)
         settle()
         assert page.findChild(RecordPanel).isVisible() and moving(page) == []
+
+
+def test_nothing_scrolls_beside_the_live_view(window: MainWindow, qtbot: QtBot) -> None:
+    """Limits of the stage, which are known once it is connected, pushed the last card out of a small window."""
+    plan = small_plan()
+    window.files.start_with(ProjectState(camera=plan.camera, plan=plan))
+    window.resize(1280, 800)
+    window.go("acquire")
+    page: Any = window.page("acquire")
+    page.show_body()
+    qtbot.waitUntil(lambda: page.panel.setup.devices.backend.count() > 0, timeout=GUARD_MS)
+    page.setup.connect_devices()
+    qtbot.waitUntil(lambda: page.setup.station is not None and page.panel.setup.live.isEnabled(), timeout=GUARD_MS)
+    window.job_dock.hide()
+    for theme in ("light", "dark", "night"):
+        window.set_theme(theme)
+        settle()
+        assert page.panel.setup.stage.limits.text().startswith("Limits x -") and moving(page) == []
 
 
 def test_no_scroll_bar_beside_the_sample(window: MainWindow, qtbot: QtBot) -> None:

@@ -11,7 +11,7 @@ from pytestqt.qtbot import QtBot
 from gui.jobs import JOBS_S, LOADS_S, Job, Jobs, JobState
 from gui.workers import words_of
 from lfcal.errors import InputError
-from lfcal.progress import Progress
+from lfcal.progress import Progress, leave_if_unwanted
 from tests.gui.waiting import GUARD_MS
 
 
@@ -101,6 +101,25 @@ def test_only_the_newest_of_a_group_reports(jobs: Jobs, qtbot: QtBot) -> None:
     qtbot.waitUntil(lambda: shown[-1:] == [39], timeout=GUARD_MS)
     assert len(calls) <= 4, "stale requests are dropped, not computed"
     assert shown == [39]
+
+
+def test_a_computation_that_nobody_waits_for_is_left(jobs: Jobs, qtbot: QtBot) -> None:
+    """Estimates of a large camera went on for minutes after another was chosen."""
+    begun, asked = threading.Event(), threading.Event()
+    shown: list[str] = []
+
+    def endless() -> str:
+        begun.set()
+        asked.wait(GUARD_MS / 1e3)
+        while True:
+            leave_if_unwanted()
+
+    jobs.compute("estimates", endless, shown.append, shown.append)
+    assert begun.wait(GUARD_MS / 1e3)
+    jobs.compute("estimates", lambda: "of another camera", shown.append, shown.append)
+    asked.set()
+    qtbot.waitUntil(lambda: bool(shown) and not jobs.busy, timeout=GUARD_MS)
+    assert shown == ["of another camera"]
 
 
 def test_errors_of_computations(jobs: Jobs, qtbot: QtBot) -> None:

@@ -17,6 +17,7 @@ from lfcal.progress import Progress
 from lfcal.psf import PSFMatrix
 from lfcal.psf.difference import difference, iter_difference
 from lfcal.psf.pairing import pair
+from lfcal.psf.report.two import figure_rows, verdict
 from lfcal.psf.shifting import best_shift, shifted
 from tests.psf.test_compare import spots
 
@@ -250,3 +251,11 @@ def test_noise_alone_has_no_far_shift() -> None:
     rng = np.random.default_rng(0)
     found = best_shift(rng.random((5, 15, 15)), rng.random((5, 15, 15)))
     assert np.isfinite(found).all() and np.abs(found).max() <= 4.5
+
+
+def test_values_of_other_units_are_said_to_be_so() -> None:
+    """Counts beside shares of the light: millions of per cent say nothing."""
+    told = verdict(difference(4e4 * moved((0.2, 0.0)), moved()))
+    assert told.startswith("Their values are in units of their own: the first are ") and "e+06" not in told
+    assert figure_rows(difference(4e4 * moved(), moved()))[0][2] == "> 1000"
+    assert verdict(difference(2.5 * moved(), moved())).startswith("They differ by 150 % (NRMSE) as they are")

@@ -8,7 +8,7 @@ import pytest
 
 from lfcal.camera import ScanPlan, preset
 from lfcal.simulate.accuracy.influence import Influence
-from lfcal.simulate.effects import ArrayTilt, Effect, LensletSpherical
+from lfcal.simulate.effects import ArrayTilt, Bandwidth, Effect, LensletSpherical
 from tests.simulate.common import BASE, small_camera
 
 
@@ -30,3 +30,13 @@ def test_off_the_separable_path_a_small_effect_changes_little() -> None:
 
 def test_a_tilt_is_compared_with_an_array_computed_alike() -> None:
     assert changed("small", 3.0, ArrayTilt(1e-7)) < 0.002
+
+
+def test_what_would_take_minutes_is_not_measured() -> None:
+    """A spectrum of a microscope with cutouts of 1001 px took minutes, and gigabytes."""
+    plan = ScanPlan.for_camera(preset("lfm_60x12"), cutout=131, depths_um=[-20.0])
+    effect = Bandwidth(0.05)
+    assert Influence(plan, 0, BASE).of(effect) is not None
+    camera = replace(plan.camera, sensor=replace(plan.camera.sensor, shape=(1400, 1400)))
+    large = ScanPlan.for_camera(camera, cutout=1301, depths_um=[-20.0])
+    assert Influence(large, 0, BASE).of(effect) is None, "its formula stays"

@@ -147,8 +147,8 @@ class StagePanel(QWidget):
         if limits is None:
             self.limits.setText("")
             return
-        words = [f"{n} {format_length(lo)} … {format_length(hi)}" for n, (lo, hi) in zip("xyz", limits, strict=True)]
-        self.limits.setText("Limits<br>" + "<br>".join(words))
+        words = [f"{name} {_travel(*ends)}" for name, ends in zip("xyz", limits, strict=True)]
+        self.limits.setText(f"Limits {', '.join(words)}")
 
     def set_position(self, stage_um: tuple[float, float, float]) -> None:
         """Show where the stage is (µm)."""
@@ -173,3 +173,9 @@ class StagePanel(QWidget):
         """Allow moving, or not."""
         for button in (*self.buttons, self.go, self.move):
             button.setEnabled(free)
+
+
+def _travel(low: float, high: float) -> str:
+    """Return how far an axis goes, its unit once, so that three of them are two lines."""
+    (first, unit), (last, other) = (format_length(end).split(" ") for end in (low, high))
+    return f"{first} … {last} {unit}" if unit == other else f"{first} {unit} … {last} {other}"

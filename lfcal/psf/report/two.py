@@ -41,6 +41,12 @@ COLUMNS = (
 SAME = 0.01
 """Share that two H may differ by and still be called the same, unless they are noisier than that."""
 
+OTHER_UNITS = 10.0
+"""Scale between two H from which their values are of other units: counts and shares of the light."""
+
+MOST_PERCENT = 1000.0
+"""Beyond it a difference says only that scales differ, and is not said in figures."""
+
 SHOWN, PLANES = 4, 4
 """Positions, and planes, that are drawn."""
 
@@ -51,9 +57,12 @@ def verdict(found: Difference) -> str:
     if not math.isfinite(one.nrmse):
         return "Nothing could be compared: no position has light in both."
     row, column = one.shift_px
+    shifted = f"{_percent(one.left)} % at that and a shift of ({row:+.3f}, {column:+.3f}) px."
+    if one.scale and not 1 / OTHER_UNITS < abs(one.scale) < OTHER_UNITS:
+        how = f"in units of their own: the first are {one.scale:.4g} times those of the second"
+        return f"Their values are {how}. At that scale they differ by {_percent(one.scaled)} % (NRMSE), {shifted}"
     words = f"They differ by {_percent(one.nrmse)} % (NRMSE) as they are, {_percent(one.scaled)} % at the best scale "
-    words += f"{one.scale:.4g}, {_percent(one.left)} % at that and a shift of ({row:+.3f}, {column:+.3f}) px."
-    return ("The same to 1 %. " if one.nrmse < SAME else "") + words
+    return ("The same to 1 %. " if one.nrmse < SAME else "") + words + f"{one.scale:.4g}, {shifted}"
 
 
 def compared_words(found: Difference) -> str:
@@ -92,6 +101,8 @@ def _rows(name: str, whole: Figures, types: tuple[Figures, ...]) -> list[tuple[s
 def _percent(share: float) -> str:
     if not math.isfinite(share):
         return "–"
+    if 100 * share > MOST_PERCENT:
+        return f"> {MOST_PERCENT:.0f}"
     return f"{100 * share:.3g}" if 100 * share >= 0.005 or share == 0 else "< 0.005"
 
 

@@ -20,7 +20,7 @@ from lfcal.simulate.effects.outlook import Outlook
 from lfcal.simulate.engines.base import Sampling
 from lfcal.threads import one_blas_thread
 
-__all__ = ["engine_seconds", "engine_times", "machine_rate", "table_seconds"]
+__all__ = ["engine_seconds", "engine_times", "few_seconds", "machine_rate", "table_seconds"]
 
 FITTED_RATE = 2e10
 """Complex multiply-adds per second of the machine the constants come from."""
@@ -30,6 +30,12 @@ PER_NODE = 6e-9
 PER_COHERENT_NODE = 7.5e-9
 SET_UP, PROBED = 0.4, 12
 """Seconds of the tables, twice as a probe judges them, and positions that it computes, in all."""
+
+DEBYE_SIDE = 200.0
+"""Side of a microscope's cutout (px) up to which a pixel costs the same."""
+
+MIRRORED = 6
+"""Positions of a microscope's period for each that is computed."""
 
 REFERENCE_OVER_WAVE, REFERENCE_OVER_GRID = 320.0, 65.0
 PER_SAMPLE, PER_TABLE_SAMPLE, GRID_SET_UP = 4.2e-10, 7e-7, 0.15
@@ -57,21 +63,37 @@ def _slower() -> float:
 def engine_seconds(outlook: Outlook, level: str, tolerance: float = 0.03) -> float:
     """Return CPU-seconds of one whole plane at a level of `lfcal.simulate.engines.base.LEVELS`, tables included."""
     positions = outlook.period[0] * outlook.period[1]
+    # of a whole period of a microscope most positions are mirror images of others
+    return _slower() * _reckoned(outlook, level, tolerance, positions / (MIRRORED if level == "debye" else 1))
+
+
+def few_seconds(outlook: Outlook, level: str, tolerance: float, positions: int) -> float:
+    """Return CPU-seconds of a few positions, tables included, of the machine that the constants come from.
+
+    What is decided by it is decided alike on every machine.
+    """
+    return _reckoned(outlook, level, tolerance, positions)
+
+
+def _reckoned(outlook: Outlook, level: str, tolerance: float, positions: float) -> float:
+    """Return CPU-seconds of positions, none of them another's mirror image, by the constants as they are."""
     if level == "geometric":
         widest = math.ceil(max(_spots_px(outlook)))
         seen = _lenslets_seen(outlook, widest)
-        return _slower() * (0.005 + positions * (2.5e-6 * seen + 1e-9 * outlook.pixels + 1e-5))
+        return 0.005 + positions * (2.5e-6 * seen + 1e-9 * outlook.pixels + 1e-5)
     # The reference has no sampling of its own here: it is taken as a multiple of the wave engine.
     step = step_for(outlook, "wave" if level == "reference" else level, tolerance)
     if level == "debye":
-        return _slower() * (0.05 + positions / 6 * outlook.pixels * step.sampling.nodes_per_px**2 * 2.8e-8)
+        # of large cutouts the products of matrices grow with a side more than with the pixels
+        larger = max(1.0, math.sqrt(outlook.pixels) / DEBYE_SIDE)
+        return 0.05 + positions * outlook.pixels * step.sampling.nodes_per_px**2 * 2.8e-8 * larger
     if step.level == "grid":
         each, setup = _grid_seconds(outlook, step.sampling)
     else:
         each, setup = _wave_seconds(outlook, step.sampling), SET_UP
     if level == "reference":
-        return _slower() * positions * each * (REFERENCE_OVER_GRID if step.level == "grid" else REFERENCE_OVER_WAVE)
-    return _slower() * (setup + each * (positions + PROBED))
+        return positions * each * (REFERENCE_OVER_GRID if step.level == "grid" else REFERENCE_OVER_WAVE)
+    return setup + each * (positions + PROBED)
 
 
 def _grid_seconds(outlook: Outlook, sampling: Sampling) -> tuple[float, float]:

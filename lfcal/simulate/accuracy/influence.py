@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from lfcal.camera import ScanPlan
 from lfcal.errors import LfcalError
+from lfcal.simulate.accuracy.cost import few_seconds
 from lfcal.simulate.accuracy.sampling import Step, finer, step_for
 from lfcal.simulate.effects.base import Effect, FrameEffect, LightEffect, MotionEffect
 from lfcal.simulate.effects.optics import LensletDiffraction
@@ -26,6 +27,10 @@ FINENESS = 0.02
 
 MOST_RUNS = 24
 """Samples of the light beyond which a measurement takes too long: the formula of a large source or spectrum stays."""
+
+MOST_SECONDS = 15.0
+"""Processor time, as it is reckoned, beyond which a measurement takes too long as well: of cutouts of many hundreds of
+pixels a large source takes minutes."""
 
 ROWS, COLUMNS = (0.2, 0.7), (0.07, 0.41, 0.76)
 """Positions that are computed, as shares of the period."""
@@ -69,7 +74,8 @@ class Influence:
         if isinstance(effect, LensletDiffraction):  # rays show none of what calls for waves
             others = tuple(e for e in others if not e.needs_waves)
         if isinstance(effect, LightEffect):
-            if effect.runs(self._outlook) > MOST_RUNS:
+            runs = effect.runs(self._outlook)
+            if runs > MOST_RUNS or self._seconds(runs) > MOST_SECONDS:
                 return None
         elif self._alike(others, (*others, effect)):
             return 0.0
@@ -81,6 +87,11 @@ class Influence:
         with_it, without = (beside, changed) if present else (changed, beside)
         light = float(np.abs(with_it).sum())
         return float(np.abs(with_it - without).sum()) / light if light > 0 else None
+
+    def _seconds(self, runs: int) -> float:
+        """Return the processor time of a number of runs, as it is reckoned."""
+        level = resolve_level(self._scene(self._still))[1]
+        return few_seconds(self._outlook, level, FINENESS, runs * len(self._ys) * len(self._xs))
 
     def _alike(self, one: tuple[Effect, ...], other: tuple[Effect, ...]) -> bool:
         """Return whether two sets describe the same scene and filter: nothing needs to run then."""

@@ -37,6 +37,16 @@ def test_numbers_keep_apart_where_the_picture_is_small_on_its_axis(qtbot: QtBot)
     assert len(found) >= 2 and min(np.diff(found)) * 100 / 50 >= 14
 
 
+def test_an_axis_too_short_for_two_numbers_is_no_smear(qtbot: QtBot) -> None:
+    """A picture of 110 rows on 30 screen pixels had 110 numbers, one over the other."""
+    view = ImageView()
+    qtbot.addWidget(view)
+    view.set_image(np.ones((110, 132)))
+    for size in (10.0, 30.0):
+        found = ticks(view.plot.getAxis("left"), -60.0, 170.0, size)
+        assert found and all(gap * size / 230 >= 14 for gap in np.diff(found))
+
+
 def test_both_axes_of_a_picture_have_numbers(qtbot: QtBot) -> None:
     """Drawn as they are, not asked for."""
     view = ImageView()
