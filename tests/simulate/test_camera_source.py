@@ -29,7 +29,7 @@ from lfcal.simulate.effects import (
     ReadNoise,
     ShotNoise,
 )
-from lfcal.simulate.sensor.camera_source import SimulatedCamera
+from lfcal.simulate.sensor.camera_source import DISPLACED_KEPT, SimulatedCamera
 from lfcal.simulate.sensor.white import fold, white_tile
 from lfcal.simulate.simulate import simulate_psf
 from tests.simulate.common import BASE, FAST, difference, small_camera, small_plan
@@ -159,6 +159,29 @@ def test_depth_error_changes_the_plane() -> None:
     scale = camera.electrons_per_unit(0) / true.electrons_per_unit(0)
     assert difference(camera.light(0), true.light(0) * np.float32(scale)) < 0.05
     assert difference(SimulatedCamera(plan, BASE, sampling=FAST).light(0), true.light(0)) > 0.2
+
+
+def test_light_of_a_source_anywhere_is_that_of_a_plan_with_a_plane_there() -> None:
+    plan = corner(small_plan(), 2, 3)
+    camera = SimulatedCamera(plan, BASE, sampling=FAST)
+    here = plan.object_um(camera.position(4))
+    assert difference(camera.light_of(tuple(here.tolist())), camera.light(4)) < 1e-4
+    between = plan.camera.depth_of(plan.camera.virtual_depth(plan.depths_um[0]) + 0.5)
+    other = SimulatedCamera(replace(plan, depths_um=(between,)), BASE, sampling=FAST)
+    there = other.plan.object_um(other.position(4))
+    scale = camera.electrons_per_unit(0) / other.electrons_per_unit(0)
+    seen = camera.light_of(tuple(there.tolist()))
+    assert difference(seen, other.light(4) * np.float32(scale)) < 1e-3
+    assert difference(seen, camera.light(4)) > 0.2, "another depth is another picture"
+
+
+def test_a_stage_that_is_moved_along_leaves_no_responses_behind() -> None:
+    plan = corner(small_plan(), 1, 1)
+    camera = SimulatedCamera(plan, BASE, sampling=FAST)
+    x, y, z = plan.object_um(camera.position(0)).tolist()
+    for k in range(1, 3 + DISPLACED_KEPT):
+        camera.light_of((x, y, z + 10.0 * k))
+    assert len(camera._responses) == DISPLACED_KEPT + 1
 
 
 def test_dark_frames() -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.camera import ScanPlan
+from lfcal.camera.shadow import half_extent_px
 from lfcal.devices.protocols import Point, Roi
 from lfcal.devices.simulated.camera import Patch
 from lfcal.errors import InputError
@@ -20,6 +21,9 @@ __all__ = ["FramesRenderer", "PatternRenderer", "simulated_optics"]
 
 TOLERANCE = 0.05
 """Relative L1 error of simulated optics with effects: below a session's own noise."""
+
+OFF_PLANE_PX = 0.5
+"""Change of the shadow's radius from which a source does not stand in a plane of the plan."""
 
 FINE = 0.003
 """The same at level ``grid``: what a fit of many frames tells lies far below the noise of one."""
@@ -81,7 +85,8 @@ class FramesRenderer:
     """Frames of a `FrameSource` (a simulated camera, a recorded session) as what the optics make.
 
     The frame of the plan's position nearest to the source is taken, whole periods away moved by them, and
-    scaled by the exposure. The camera adds black level and noise: of a source that has ``light(index)``, the
+    scaled by the exposure. Between and beyond the planes it is made for the place itself, of a source of frames that
+    has ``light_of(source_um)``. The camera adds black level and noise: of a source that has ``light(index)``, the
     electrons before the sensor disturbs them (`lfcal.simulate.SimulatedCamera`), those are taken; else the
     frames should be free of noise.
 
@@ -99,12 +104,19 @@ class FramesRenderer:
                 "frames", f"the sensor's shape {plan.camera.sensor.shape}", frames.shape, "match them"
             )
         self._plan, self._frames = plan, frames
+        light_of = getattr(frames, "light_of", None)
+        # a live view shows one place again and again
+        self._light_of = None if light_of is None else functools.lru_cache(maxsize=2)(light_of)
         self._index = {tuple(frames.info(k).position): k for k in range(len(frames))}
 
     def render(self, source_um: Point, exposure_s: float, roi: Roi) -> Patch:
-        """Return the frame of the nearest position; ``roi`` is ignored."""
+        """Return the frame of the nearest position, or of the place itself off the planes; ``roi`` is ignored."""
         plan = self._plan
         z = int(np.argmin(np.abs(np.array(plan.depths_um) - source_um[2])))
+        if self._light_of is not None and self._off_plane(source_um[2], z):
+            electrons = self._light_of(tuple(round(value, 3) for value in source_um))
+            counts = electrons * np.float32(exposure_s / plan.exposures[z] / plan.camera.sensor.electrons_per_count)
+            return Patch(0, 0, counts)
         step = plan.camera.step_um(plan.depths_um[z])
         centre, factors = plan.camera.sensor.centre_px, plan.resample_factors
         steps = [round((centre[k] + source_um[1 - k] / step - plan.anchor[k]) * factors[k]) for k in range(2)]
@@ -118,6 +130,12 @@ class FramesRenderer:
         light = self._light(index)
         shift = round(ky * plan.period[0] / factors[0]), round(kx * plan.period[1] / factors[1])
         return Patch(shift[0], shift[1], light * np.float32(exposure_s / plan.exposures[z]))
+
+    def _off_plane(self, depth_um: float, z: int) -> bool:
+        """Return whether the image is another there: its shadow is larger or smaller by `OFF_PLANE_PX`."""
+        camera = self._plan.camera
+        there, planned = (half_extent_px(camera, depth) for depth in (depth_um, self._plan.depths_um[z]))
+        return abs(there - planned) > OFF_PLANE_PX
 
     def _light(self, index: int) -> NDArray[Any]:
         """Return counts above black of frame ``index``."""

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.axes import Position, centre
+from lfcal.axes import Position
 from lfcal.camera import ScanPlan
 from lfcal.camera.plan import FORMAT as PLAN_FORMAT
 from lfcal.camera.shadow import half_extent_px
@@ -30,6 +30,7 @@ from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.sensor.noise import FrameKind, expose, random_numbers, sample_type, temporal_noise
 from lfcal.simulate.sensor.white import white_light, white_tile
+from lfcal.simulate.sensor.windows import place, sum_of
 from lfcal.simulate.simulate import EffectsLike, budgeted, describe
 from lfcal.simulate.staging import origin_of
 
@@ -37,6 +38,12 @@ __all__ = ["SOURCE", "SimulatedCamera"]
 
 PROBES = 8
 """Positions per axis at which the brightest pixel is looked for."""
+
+DISPLACED_KEPT = 8
+"""Responses away from the planes in memory."""
+
+NEAR_PX = 0.5
+"""Change of the shadow's radius up to which a plane's sampling serves beside it, too."""
 
 ROWS_KEPT = 4
 """Rows of responses that are kept for the next frames."""
@@ -176,11 +183,34 @@ class SimulatedCamera(Frames):
         if not any(moved) and not self._spread_out and self._response(z, 0.0).scene.image_map is None:
             windows = [(y, x, self._kept_row(z, y)[x])]
         else:
-            row, column = self.image_px(index)
-            windows = self._response(z, moved[0]).point(row - self._origin[0], column - self._origin[1])
+            windows = self._windows_at(z, moved[0], self.image_px(index))
+        return self._frame(windows, z)
+
+    def light_of(self, source_um: tuple[float, float, float]) -> NDArray[np.float32]:
+        """Return the photoelectrons ``(rows, columns)`` of a source anywhere, at the exposure of the nearest plane.
+
+        Parameters
+        ----------
+        source_um
+            Where it stands in object space: right, down and away from the camera (µm).
+        """
+        right, down, away = source_um
+        z = int(np.argmin(np.abs(np.array(self.plan.depths_um) - away)))
+        step, (row, column) = self.camera.step_um(away), self.camera.sensor.centre_px
+        image = row + down / step, column + right / step
+        return self._frame(self._windows_at(z, away - self.plan.depths_um[z], image), z)
+
+    def _windows_at(
+        self, z: int, depth_error_um: float, image_px: tuple[float, float]
+    ) -> list[tuple[int, int, NDArray[np.float32]]]:
+        """Return the windows of light of a source whose chief ray meets the sensor at ``image_px``."""
+        row, column = image_px
+        return self._response(z, depth_error_um).point(row - self._origin[0], column - self._origin[1])
+
+    def _frame(self, windows: list[tuple[int, int, NDArray[np.float32]]], z: int) -> NDArray[np.float32]:
         out = np.zeros(self.shape, np.float32)
         for row, column, values in windows:
-            _place(out, values, row + self._origin[0], column + self._origin[1])
+            place(out, values, row + self._origin[0], column + self._origin[1])
         out *= np.float32(self.electrons_per_unit(z))
         return out
 
@@ -236,7 +266,7 @@ class SimulatedCamera(Frames):
             response = self._response(z, 0.0)
             peaks = response.engine().rows(ys, xs).max(axis=(2, 3))
             y, x = np.unravel_index(int(peaks.argmax()), peaks.shape)
-            image = _windowed(response.point(float(ys[y]), float(xs[x])))
+            image = sum_of(response.point(float(ys[y]), float(xs[x])))
             brightest = max(brightest, float(image.max()) * seconds)
         if not brightest > 0:
             raise InputError.expected("simulated light", "some in the cutout", "none", "check cutout and depths")
@@ -247,7 +277,9 @@ class SimulatedCamera(Frames):
         with self._lock:
             key = (z, depth_error_um)
             if key not in self._responses:
-                reach = half_extent_px(self.camera, self.plan.depths_um[z]) + 2 * self.camera.pitch_px
+                self._forget_displaced()
+                extents = [half_extent_px(self.camera, self.plan.depths_um[z] + dz) for dz in (0.0, depth_error_um)]
+                reach = max(extents) + 2 * self.camera.pitch_px
                 cutout = tuple(max(n, 2 * int(reach) + 1) for n in self.plan.cutout)
                 effects, share = self.budget.at(self.plan.depths_um[z])
                 self._responses[key] = PlaneResponse(
@@ -261,9 +293,16 @@ class SimulatedCamera(Frames):
                     depth_error_um=depth_error_um,
                     on_sensor=True,
                 )
-                if depth_error_um:  # a little away from the plane its light is as fine
+                # a little away from the plane its light is as fine
+                if depth_error_um and abs(extents[1] - extents[0]) < NEAR_PX:
                     self._responses[key].adopt(self._response(z, 0.0))
             return self._responses[key]
+
+    def _forget_displaced(self) -> None:
+        """Let the oldest responses away from the planes go: a stage that is moved along leaves one at every step."""
+        displaced = [key for key in self._responses if key[1]]
+        for key in displaced[: max(0, len(displaced) - DISPLACED_KEPT + 1)]:
+            del self._responses[key]
 
     def _kept_row(self, z: int, y: int) -> NDArray[np.float32]:
         """Return the responses of one row of positions ``(nx, nt, ns)``; the last few rows are kept."""
@@ -289,25 +328,6 @@ class SimulatedCamera(Frames):
         if not 0 <= index < len(self):
             raise InputError.expected("frame index", f"0 … {len(self) - 1}", index, "ask for a frame that is there")
         return int(index)
-
-
-def _windowed(windows: list[tuple[int, int, NDArray[np.float32]]]) -> NDArray[np.float32]:
-    """Return the sum of windows at their places, on an image that holds them all."""
-    rows, columns = [row for row, _, _ in windows], [column for _, column, _ in windows]
-    nt, ns = windows[0][2].shape
-    out = np.zeros((max(rows) - min(rows) + nt, max(columns) - min(columns) + ns), np.float32)
-    for row, column, values in windows:
-        _place(out, values, row - min(rows) + centre(nt), column - min(columns) + centre(ns))
-    return out
-
-
-def _place(out: NDArray[np.float32], values: NDArray[np.float32], row: int, column: int) -> None:
-    """Add a window centred on ``(row, column)``; what lies beyond the sensor is lost."""
-    top, left = row - centre(values.shape[0]), column - centre(values.shape[1])
-    r0, c0 = max(0, top), max(0, left)
-    r1, c1 = min(out.shape[0], top + values.shape[0]), min(out.shape[1], left + values.shape[1])
-    if r0 < r1 and c0 < c1:
-        out[r0:r1, c0:c1] += values[r0 - top : r1 - top, c0 - left : c1 - left]
 
 
 def _open_plan(path: Path, options: FrameOptions) -> SimulatedCamera:

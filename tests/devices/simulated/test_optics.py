@@ -1,0 +1,39 @@
+"""What the simulated camera sees of a source between the planes of its plan."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lfcal.camera import ScanPlan
+from lfcal.devices.protocols import Roi
+from lfcal.devices.simulated.optics import FramesRenderer
+from lfcal.simulate.sensor.camera_source import SimulatedCamera
+from tests.simulate.common import BASE, FAST, difference, small_plan
+
+
+def renderer(plan: ScanPlan) -> FramesRenderer:
+    return FramesRenderer(plan, SimulatedCamera(plan, BASE, sampling=FAST))
+
+
+def seen(made: FramesRenderer, source_um: tuple[float, float, float], exposure_s: float = 0.02) -> np.ndarray:
+    patch = made.render(source_um, exposure_s, Roi(0, 0, 1, 1))
+    assert (patch.row, patch.column) == (0, 0)
+    return np.asarray(patch.counts)
+
+
+def test_moving_the_source_away_changes_the_picture() -> None:
+    """The picture of the nearest plane was shown, however far away that was."""
+    plan = small_plan()
+    made = renderer(plan)
+    y, x = (n // 2 for n in plan.period)
+    index = next(k for k in range(plan.n_positions) if tuple(plan.order_indices()[k]) == (0, y, x))
+    right, down, away = plan.object_um(made._frames.info(index).position).tolist()
+    in_plane = seen(made, (right, down, away))
+    assert difference(seen(made, (right, down, away + 1.0)), in_plane) == 0, "a stage never stands quite in the plane"
+    depth = plan.camera.depth_of(plan.camera.virtual_depth(away) + 0.7)
+    there = seen(made, (right, down, depth))
+    assert difference(there, in_plane) > 0.2
+    assert np.allclose(seen(made, (right, down, depth), 0.04), 2 * there), "twice the exposure, twice the light"
+    camera: SimulatedCamera = made._frames  # type: ignore[assignment]
+    light = camera.light_of((round(right, 3), round(down, 3), round(depth, 3)))
+    assert np.allclose(there * plan.camera.sensor.electrons_per_count, light * 0.02 / plan.exposures[0])
