@@ -25,6 +25,9 @@ __all__ = ["FILTER_NAMES", "ChunkTable"]
 FILTER_NAMES = {1: "deflate", 2: "shuffle", 3: "fletcher32"}
 """Filters of HDF5 itself that are decoded here, by the numbers of H5Zpublic.h."""
 
+AT_ONCE = 1 << 14
+"""Entries of an index that are looked at together."""
+
 Start = tuple[int, ...]
 
 
@@ -78,14 +81,15 @@ class ChunkTable:
 
         def look(chunk: Any) -> None:
             found.append(chunk)
-            if len(found) > self._at.size:  # one at least is there twice, and an index may lead round and round
-                self._check(found, end, largest)
+            if len(found) == AT_ONCE:  # an index that leads round and round has one of them twice
+                self._take(found, end, largest)
+                found.clear()
 
         dataset.id.chunk_iter(look)
-        self._check(found, end, largest)
+        self._take(found, end, largest)
 
-    def _check(self, found: list[Any], end: int, largest: int) -> None:
-        """Take over an index, all entries at once; raise for the first that is none."""
+    def _take(self, found: list[Any], end: int, largest: int) -> None:
+        """Take over entries of the index; raise for the first that is none, or was there before."""
         if not found:
             return
         # unsigned, as HDF5 has them: damaged numbers are of any size
@@ -95,9 +99,10 @@ class ChunkTable:
         inside = (places < np.array(self._grid, np.uint64)).all(axis=1)
         fits = (size > 4) & (size <= largest) & (at > 0) & (at <= end - np.minimum(size, end))
         index = tuple(places[inside].astype(np.intp).T)
-        first = np.zeros(len(found), bool)
-        first[np.flatnonzero(inside)[np.unique(np.ravel_multi_index(index, self._grid), return_index=True)[1]]] = True
-        wrong = np.flatnonzero(~(fits & first))
+        new = np.zeros(len(found), bool)
+        new[np.flatnonzero(inside)[np.unique(np.ravel_multi_index(index, self._grid), return_index=True)[1]]] = True
+        new[inside] &= self._at[index] < 0
+        wrong = np.flatnonzero(~(fits & new))
         if wrong.size:
             chunk = found[wrong[0]]
             raise FileFormatError.expected(
