@@ -118,7 +118,8 @@ def _measured(plan: ScanPlan, tolerance: float, executors: list[str], rounds: in
         return time.perf_counter() - start, _cpu_seconds() - spent
 
     # kernels that are compiled in the first run of all, or read from the disk, are part of no time that is compared
-    first = replace(plan, depths_um=plan.depths_um[:1], exposure_s=plan.exposure_s[:1])
+    exposure = plan.exposure_s[0] if isinstance(plan.exposure_s, tuple) else plan.exposure_s
+    first = replace(plan, depths_um=plan.depths_um[:1], exposure_s=exposure)
     for name in executors:
         once(name, 1, first)
     cases = [(name, workers) for workers in (1, 2) for name in executors]
