@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import statistics
 import tempfile
 import time
@@ -47,6 +48,9 @@ class Figures:
     ----------
     seconds
         Wall time by executor and workers, ``"dask 2"``; starting them included.
+    cpu_seconds
+        Processor time of the same, of all processes that are ended by then: what else the machine does changes it
+        little.
     overhead
         Of dask over threads with as many workers, each round by itself, minus 1.
     scaling
@@ -56,6 +60,7 @@ class Figures:
     """
 
     seconds: dict[str, float]
+    cpu_seconds: dict[str, float]
     overhead: dict[str, float]
     scaling: dict[str, float]
     forecast: Forecast
@@ -102,20 +107,30 @@ def _measured(plan: ScanPlan, tolerance: float, executors: list[str], rounds: in
     from lfcal.work import RunChoice
 
     effects = plan_effects(plan.camera, plan, tolerance)
-    # compiled kernels and tables of the first run are part of no time that is compared
     predicted = predict_seconds(plan, effects, tolerance=tolerance)
+
+    def once(executor: str, workers: int, scan: ScanPlan) -> tuple[float, float]:
+        """Return the seconds of a run, and those of the processor."""
+        out, start, spent = place / f"{executor}_{workers}.h5", time.perf_counter(), _cpu_seconds()
+        run = RunChoice(executor, workers)
+        drain(iter_simulate_units(scan.camera, scan, effects, run=run, tolerance=tolerance, out=out)).close()
+        out.unlink()
+        return time.perf_counter() - start, _cpu_seconds() - spent
+
+    # kernels that are compiled in the first run of all, or read from the disk, are part of no time that is compared
+    exposure = plan.exposure_s[0] if isinstance(plan.exposure_s, tuple) else plan.exposure_s
+    first = replace(plan, depths_um=plan.depths_um[:1], exposure_s=exposure)
+    for name in executors:
+        once(name, 1, first)
     cases = [(name, workers) for workers in (1, 2) for name in executors]
     times: dict[tuple[str, int], list[float]] = {case: [] for case in cases}
+    spent: dict[tuple[str, int], list[float]] = {case: [] for case in cases}
     for number in range(rounds):
         # in turn, each round in another order: what else the machine does changes over minutes
         for case in cases[number % len(cases) :] + cases[: number % len(cases)]:
-            out = place / f"{case[0]}_{case[1]}.h5"
-            start = time.perf_counter()
-            run = RunChoice(case[0], case[1])
-            work = iter_simulate_units(plan.camera, plan, effects, run=run, tolerance=tolerance, out=out)
-            drain(work).close()
-            times[case].append(time.perf_counter() - start)
-            out.unlink()
+            wall, cpu = once(*case, plan)
+            times[case].append(wall)
+            spent[case].append(cpu)
 
     def ratio(one: tuple[str, int], other: tuple[str, int]) -> float:
         return statistics.median(a / b for a, b in zip(times[one], times[other], strict=True))
@@ -125,21 +140,34 @@ def _measured(plan: ScanPlan, tolerance: float, executors: list[str], rounds: in
     turns = math.ceil(plan.shape[0] / many)
     return Figures(
         {f"{name} {workers}": statistics.median(took) for (name, workers), took in times.items()},
+        {f"{name} {workers}": statistics.median(took) for (name, workers), took in spent.items()},
         {str(n): ratio(("dask", n), ("threads", n)) - 1 for n in (1, 2)} if both else {},
         {name: ratio((name, 1), (name, 2)) for name in executors},
         Forecast(many, plan.shape[0], 4 * math.prod(plan.shape[1:]), turns * unit),
     )
 
 
+def _cpu_seconds() -> float:
+    """Return what this process and its children that ended have had of the processor."""
+    found = os.times()
+    return found.user + found.system + found.children_user + found.children_system
+
+
 def _show(found: Figures, plan: ScanPlan) -> None:
     from lfcal.units import format_bytes, format_seconds
 
     rows = [
-        [name, *(format_seconds(found.seconds[f"{name} {n}"]) for n in (1, 2)), f"{scale:.2f}"]
+        [
+            name,
+            *(format_seconds(found.seconds[f"{name} {n}"]) for n in (1, 2)),
+            f"{scale:.2f}",
+            *(format_seconds(found.cpu_seconds[f"{name} {n}"]) for n in (1, 2)),
+        ]
         for name, scale in found.scaling.items()
     ]
     title = f"{plan.camera.name}: H {plan.shape}, {plan.shape[0]} units"
-    print_table(["executor", "1 worker", "2 workers", "times quicker"], rows, title=title)
+    header = ["executor", "1 worker", "2 workers", "times quicker", "processor, 1", "processor, 2"]
+    print_table(header, rows, title=title)
     for workers, more in found.overhead.items():
         typer.echo(f"dask over threads, {workers} at work: {100 * more:+.1f} %")
     one = found.forecast

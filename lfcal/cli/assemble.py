@@ -20,6 +20,7 @@ from lfcal.cli.options import (
     JsonOption,
     ResumeOption,
     SchedulerOption,
+    StoreToleranceOption,
     WorkersOption,
 )
 from lfcal.cli.runs import may_replace, run_choice, run_kept
@@ -112,6 +113,7 @@ def command(
     ),
     dtype: str = typer.Option("uint16", "--dtype", help="Stored type: uint16 with a scale per plane, or float32."),
     compression: CompressionOption = "gzip",
+    store_tolerance: StoreToleranceOption = None,
     workers: WorkersOption = None,
     executor: ExecutorOption = "",
     scheduler: SchedulerOption = "",
@@ -158,6 +160,7 @@ def command(
         dtype=dtype,
         compression=compression,
         workers=workers,
+        store_tolerance=store_tolerance,
     )
     with ExitStack() as stack:
         source, scan = open_colour(words.open, channel)

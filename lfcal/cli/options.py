@@ -24,6 +24,7 @@ __all__ = [
     "PresetOption",
     "ResumeOption",
     "SchedulerOption",
+    "StoreToleranceOption",
     "VirtualDepthsOption",
     "WorkersOption",
 ]
@@ -75,6 +76,14 @@ ForceOption: TypeAlias = Annotated[bool, typer.Option("--force", help="Replace w
 
 CompressionOption: TypeAlias = Annotated[str, typer.Option("--compression", help="gzip, zstd or none.")]
 """How the chunks of an H file are compressed."""
+
+StoreToleranceOption: TypeAlias = Annotated[
+    float | None,
+    typer.Option(
+        "--store-tolerance", help="Share (L1) that every pattern may lack in the file, as of lfcal reduce: 0.005."
+    ),
+]
+"""In place of a stored type; see `lfcal.psf.steps`."""
 
 MatrixArgument: TypeAlias = Annotated[
     Path, typer.Argument(help="H file (.h5), another code's file (.mat v7.3, .lfc of napari-LF), or .npy array.")

@@ -20,6 +20,7 @@ from lfcal.cli.options import (
     JsonOption,
     ResumeOption,
     SchedulerOption,
+    StoreToleranceOption,
     VirtualDepthsOption,
     WorkersOption,
 )
@@ -70,11 +71,7 @@ def command(
         "--progressive",
         help="In passes: H is whole after the first and better after each; Ctrl-C keeps it.",
     ),
-    store_tolerance: float | None = typer.Option(
-        None,
-        "--store-tolerance",
-        help="Share (L1) that every pattern may lack in the file, as of lfcal reduce: 0.005.",
-    ),
+    store_tolerance: StoreToleranceOption = None,
     plan_only: bool = typer.Option(False, "--plan-only", help="Only show which effects matter and what they cost."),
     force: ForceOption = False,
     json: JsonOption = False,

@@ -25,7 +25,14 @@ __all__ = ["FILTER_NAMES", "ChunkTable"]
 FILTER_NAMES = {1: "deflate", 2: "shuffle", 3: "fletcher32"}
 """Filters of HDF5 itself that are decoded here, by the numbers of H5Zpublic.h."""
 
+AT_ONCE = 1 << 14
+"""Entries of an index that are looked at together."""
+
 Start = tuple[int, ...]
+
+
+def _numbers(chunk: Any) -> tuple[int, int, int]:
+    return chunk.byte_offset, chunk.size, chunk.filter_mask
 
 
 class ChunkTable:
@@ -69,23 +76,42 @@ class ChunkTable:
         if dataset.file.mode != "r":
             dataset.file.flush()
         end = dataset.file.id.get_filesize()
-        largest = 2 * int(np.prod(self._chunk, dtype=np.int64)) * self._dtype.itemsize + 4096
+        largest = min(end, 2 * int(np.prod(self._chunk, dtype=np.int64)) * self._dtype.itemsize + 4096)
+        found: list[Any] = []
 
         def look(chunk: Any) -> None:
-            place = tuple(start // length for start, length in zip(chunk.chunk_offset, self._chunk, strict=True))
-            inside = all(k < n for k, n in zip(place, self._grid, strict=True))
-            fits = 4 < chunk.size <= largest and 0 < chunk.byte_offset <= end - chunk.size
-            if not inside or not fits or self._at[place] >= 0:
-                raise FileFormatError.expected(
-                    self._where,
-                    "an index of the chunks in the file",
-                    f"chunk {tuple(chunk.chunk_offset)} of {chunk.size} bytes at {chunk.byte_offset}",
-                    "copy the file again from its source",
-                )
-            self._at[place], self._size[place] = chunk.byte_offset, chunk.size
-            self._left_out[place] = chunk.filter_mask
+            found.append(chunk)
+            if len(found) == AT_ONCE:  # an index that leads round and round has one of them twice
+                self._take(found, end, largest)
+                found.clear()
 
         dataset.id.chunk_iter(look)
+        self._take(found, end, largest)
+
+    def _take(self, found: list[Any], end: int, largest: int) -> None:
+        """Take over entries of the index; raise for the first that is none, or was there before."""
+        if not found:
+            return
+        # unsigned, as HDF5 has them: damaged numbers are of any size
+        starts = np.array([chunk.chunk_offset for chunk in found], np.uint64)
+        at, size, mask = (np.array(column, np.uint64) for column in zip(*(_numbers(c) for c in found), strict=True))
+        places = starts // np.array(self._chunk, np.uint64)
+        inside = (places < np.array(self._grid, np.uint64)).all(axis=1)
+        fits = (size > 4) & (size <= largest) & (at > 0) & (at <= end - np.minimum(size, end))
+        index = tuple(places[inside].astype(np.intp).T)
+        new = np.zeros(len(found), bool)
+        new[np.flatnonzero(inside)[np.unique(np.ravel_multi_index(index, self._grid), return_index=True)[1]]] = True
+        new[inside] &= self._at[index] < 0
+        wrong = np.flatnonzero(~(fits & new))
+        if wrong.size:
+            chunk = found[wrong[0]]
+            raise FileFormatError.expected(
+                self._where,
+                "an index of the chunks in the file",
+                f"chunk {tuple(chunk.chunk_offset)} of {chunk.size} bytes at {chunk.byte_offset}",
+                "copy the file again from its source",
+            )
+        self._at[index], self._size[index], self._left_out[index] = at, size, mask
 
     @property
     def missing(self) -> int:

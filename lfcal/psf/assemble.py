@@ -43,6 +43,7 @@ def iter_assemble(
     provenance: Mapping[str, Any] | None = None,
     fill: Fill | None = None,
     workers: int | None = None,
+    store_tolerance: float | None = None,
 ) -> Work[AssemblyReport]:
     """Assemble H from frames, streaming: at most two planes are in memory, the file appears whole or not.
 
@@ -65,7 +66,7 @@ def iter_assemble(
         Missing and repeated positions are errors instead of being recorded in the file.
     fill
         Fills missing positions, which stay marked as never recorded; None leaves them 0.
-    dtype, compression, workers
+    dtype, compression, workers, store_tolerance
         As in `PSFWriter`.
 
     Raises
@@ -80,9 +81,8 @@ def iter_assemble(
         meta = {"depths": depths, "camera": camera, "anchor": cutout.anchor}
         sink = _Memory(shape, cutout.shape, meta, history)
     else:
-        sink = assembly.writer(
-            out, history, depths=depths, camera=camera, dtype=dtype, compression=compression, workers=workers
-        )
+        stored: dict[str, Any] = {"dtype": dtype, "compression": compression, "store_tolerance": store_tolerance}
+        sink = assembly.writer(out, history, depths=depths, camera=camera, workers=workers, **stored)
     clock = Clock("assemble frames", assembly.frames)
     with sink:
         yield clock.at(0)
@@ -108,6 +108,7 @@ def assemble(
     compression: str = "gzip",
     provenance: Mapping[str, Any] | None = None,
     workers: int | None = None,
+    store_tolerance: float | None = None,
 ) -> AssemblyReport:
     """Assemble H at once; see `iter_assemble`."""
     return drain(
@@ -124,6 +125,7 @@ def assemble(
             compression=compression,
             provenance=provenance,
             workers=workers,
+            store_tolerance=store_tolerance,
         )
     )
 

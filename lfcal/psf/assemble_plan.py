@@ -18,6 +18,7 @@ from lfcal.psf.cutout import Cutout, find_cutout
 from lfcal.psf.filling import Fill
 from lfcal.psf.gather import Gatherer
 from lfcal.psf.pedestal import check_pedestal
+from lfcal.psf.steps import check_store_tolerance
 
 __all__ = ["AssemblySettings", "assemble_plan", "find_plan_cutout", "iter_assemble_plan", "known_of"]
 
@@ -49,6 +50,9 @@ class AssemblySettings:
         ``"gzip"``, ``"zstd"`` or ``"none"``.
     workers
         Threads; None takes every processor.
+    store_tolerance
+        In a file, the share (L1) that each pattern may lack: stored in whole steps as wide as that allows, of uint16;
+        None: as ``dtype`` says.
     """
 
     cutout: tuple[int, int] | str | None = None
@@ -60,12 +64,17 @@ class AssemblySettings:
     dtype: str = "uint16"
     compression: str = "gzip"
     workers: int | None = None
+    store_tolerance: float | None = None
 
     def __post_init__(self) -> None:
         """Check what the parts below do not."""
         check_number("energy lost", self.lost, above=0, below=1)
         if isinstance(self.cutout, str) and self.cutout != "auto":
             raise InputError.expected("cutout", "(rows, columns) or auto", repr(self.cutout), "correct it")
+        if self.store_tolerance is not None:
+            check_store_tolerance(self.store_tolerance)
+            if self.dtype != "uint16":
+                raise InputError.expected("stored type in steps", "uint16", self.dtype, "leave one of them out")
 
 
 def iter_assemble_plan(
@@ -111,6 +120,7 @@ def iter_assemble_plan(
             strict=settings.strict,
             dtype=settings.dtype,
             compression=settings.compression,
+            store_tolerance=settings.store_tolerance,
             provenance=known_of(source, plan, provenance),
             fill=fill,
             workers=settings.workers,

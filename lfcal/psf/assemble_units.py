@@ -15,8 +15,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
 from lfcal.files import require_space
@@ -29,11 +27,14 @@ from lfcal.psf.assembly_report import AssemblyReport
 from lfcal.psf.filling import Fill
 from lfcal.psf.joining import iter_join
 from lfcal.psf.opening import open_psf
-from lfcal.psf.store import PSFWriter
+from lfcal.psf.store import PSFWriter, stored_bytes
 from lfcal.work import RunChoice, Unit, iter_made
 from lfcal.work.held import Held
 
 __all__ = ["AssemblyTool", "do_plane", "iter_assemble_units", "iter_one_plane"]
+
+STORED = ("dtype", "compression", "store_tolerance")
+"""Settings of how values are stored."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,12 +88,12 @@ def iter_assemble_units(
     found = replace(settings, cutout=cutout.shape, keep_pedestal=True, workers=None)
     shared = {**told, "settings": plain(found)}
     history = assembly.history(known_of(source, plan, provenance))
-    stored: dict[str, Any] = {"dtype": settings.dtype, "compression": settings.compression}
+    stored = {name: shared["settings"][name] for name in STORED}
     writer = assembly.writer(
         target, history, depths=plan.depths_um, camera=plan.camera, workers=settings.workers, **stored
     )
     # before any plane is made: each is a file of its own until all are there
-    require_space(target.parent, int(np.prod(writer.shape)) * np.dtype(settings.dtype).itemsize, what=target.name)
+    require_space(target.parent, stored_bytes(writer.shape, **stored), what=target.name)
     task = task or f"{__name__}:{do_plane.__name__}"
     units = [Unit(f"plane {z:04d}", task, shared | {"z": z}) for z in range(plan.shape[0])]
     join = partial(iter_join, writer=writer)
@@ -142,9 +143,8 @@ def iter_one_plane(
         out,
         (1, *made.values.shape),
         depths=[plan.depths_um[z]],
-        dtype=settings["dtype"],
-        compression=settings["compression"],
         workers=workers,
+        **{name: settings[name] for name in STORED},
     ) as writer:
         writer.write_plane(0, made.values, facts=made.facts, uncertainty=made.uncertainty)
 

@@ -148,6 +148,7 @@ class Assembly:
         dtype: str,
         compression: str,
         workers: int | None,
+        store_tolerance: float | None = None,
     ) -> PSFWriter:
         """Return what writes H to a file, not yet entered; as in `PSFWriter`."""
         return PSFWriter(
@@ -160,6 +161,7 @@ class Assembly:
             compression=compression,
             provenance=history,
             workers=workers,
+            store_tolerance=store_tolerance,
         )
 
     def iter_plane(

@@ -56,7 +56,7 @@ def stored_plane(file: H5File) -> StoredPlane:
     if "uncertainty" in file:
         uncertainty = file.dataset("uncertainty")
         wide = float(scaling_of(uncertainty, 1)[0][0])
-    steps = steps_in(file, "", shape)
+    steps = steps_in(file, "", data)
     return StoredPlane(
         data,
         float(scale[0]),

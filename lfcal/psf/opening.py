@@ -145,7 +145,7 @@ def _matrix_of(file: H5File, group: str) -> PSFMatrix:
     sums = f"{prefix}depth_sum"
     scale, offset = scaling_of(data, shape[0])
     anchor = attributes.numbers("anchor", (2,))
-    steps = steps_in(file, prefix, data.shape)
+    steps = steps_in(file, prefix, data)
     return PSFMatrix(
         data if steps is None else SteppedPlanes(DatasetPlanes(data), *steps),
         depths=_depths(file, prefix, shape[0]),
@@ -187,17 +187,17 @@ def scaling_of(data: H5Data, planes: int) -> tuple[NDArray[np.float64], NDArray[
     return scale, offset
 
 
-def steps_in(
-    file: H5File, prefix: str, shape: tuple[int, ...]
-) -> tuple[NDArray[np.float32], NDArray[np.uint16]] | None:
+def steps_in(file: H5File, prefix: str, data: H5Data) -> tuple[NDArray[np.float32], NDArray[np.uint16]] | None:
     """Return step and zero of every pattern ``(nz, ny, nx)`` of an H in whole steps; None: its values are no steps.
+
+    ``data`` are the values of H, in the group that ``prefix`` names.
 
     Raises
     ------
     FileFormatError
         If they are not there in a file that needs them, or give values that are not finite.
     """
-    data = file.dataset(f"{prefix}H")
+    shape = data.shape
     if _check_format(file) < STEPPED_VERSION:
         return None
     where, remedy = f"{file.path}:/{prefix}step", "take the file from its source again"

@@ -161,7 +161,7 @@ class _Stored(NamedTuple):
                 (data.attributes.numbers("offset", (1, planes)), 0.0),
             )
         )
-        return cls(checksum, sums, scale, offset, steps_in(file, prefix, data.shape))
+        return cls(checksum, sums, scale, offset, steps_in(file, prefix, data))
 
     def sums_agree(self, z: int, plane: NDArray[Any], workers: int | None) -> bool:
         """Return whether the stored sum of plane ``z`` is that of its patterns, to rounding."""

@@ -327,6 +327,8 @@ def test_work_by_executors(bench: Bench, tmp_path: Path) -> None:
     found = bench.json("work", "bench", *options, "--executors", "threads,processes", "--many", 64)
     assert set(found["seconds"]) == {f"{name} {n}" for name in ("threads", "processes") for n in (1, 2)}
     assert found["overhead"] == {} and set(found["scaling"]) == {"threads", "processes"}
+    spent = found["cpu_seconds"]  # a process of one's own takes its start beside what threads take
+    assert set(spent) == set(found["seconds"]) and 0 < spent["threads 1"] < spent["processes 1"]
     assert found["forecast"]["units"] == 2 and found["forecast"]["workers"] == 64
     said = bench("work", "bench", *options, "--executors", "threads")
     assert "2 units" in said and "64 workers by forecast: 2 units of " in said

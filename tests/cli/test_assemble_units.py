@@ -142,3 +142,30 @@ def test_frames_are_opened_again_from_plain_values(tmp_path: Path, monkeypatch: 
     told: Any = given.plain()
     assert PartFrames.of(told) == given
     assert told["recipe"]["dark"] == str(tmp_path / "d")
+
+
+@pytest.mark.parametrize("more", [(), ("--executor", "threads", "--workers", 1), ("--executor", "processes")])
+@pytest.mark.few(2)
+def test_assembled_into_a_small_file(lfcal: Lfcal, scan: Path, more: tuple[object, ...]) -> None:
+    """Every pattern lacks at most its share of what is stored in full, padded and missing ones too."""
+    words = (*WORDS, "--pad", "--cutout", "39,11", "-o")
+    assert lfcal(*words, "full.h5", "--dtype", "float32").code == 0
+    run = lfcal(*words, "small.h5", "--store-tolerance", 0.01, *more)
+    assert run.code == 0, run.err
+    with open_psf("full.h5") as H, open_psf("small.h5") as small:
+        full, found = (np.asarray(one, np.float64) for one in (H, small))
+        lacks, light = (np.abs(a).sum(axis=(3, 4)) for a in (found - full, full))
+        assert (lacks <= 0.01 * light).all() and (lacks > 0).any()
+        assert (light == 0).any()  # a position that nobody recorded
+        assert small.facts.bound is not None and small.facts.bound.max() >= (lacks / np.maximum(light, 1e-9)).max()
+    if more:
+        assert lfcal(*words, "one.h5", "--store-tolerance", 0.01).code == 0
+        assert contents(Path("one.h5")) == contents(Path("small.h5"))
+
+
+def test_a_store_tolerance_that_fits_nothing(lfcal: Lfcal, scan: Path) -> None:
+    for given in (("--store-tolerance", 2), ("--store-tolerance", 0.01, "--dtype", "float32")):
+        run = lfcal("assemble", "frames", "-o", "o.h5", *given)
+        assert run.code == 2 and run.err.count("\n") == 1
+        assert "a share above 0 and below 1" in run.err or "expected uint16, got float32" in run.err
+        assert not Path("o.h5").exists() and not parts_folder("o.h5").exists()

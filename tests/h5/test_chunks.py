@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from itertools import cycle
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
 import pytest
 
 from lfcal.errors import FileFormatError
+from lfcal.h5.chunks import ChunkTable
 from lfcal.h5.file import H5File
 
 SHAPE = (5, 7, 11)
@@ -80,3 +85,51 @@ def test_a_file_that_is_still_written(tmp_path: Path) -> None:
         made = file.create_dataset("a", (4, 6), "f4", chunks=(1, 6), compression="gzip")
         made[...] = 3
         assert (H5Data(made).read() == 3).all()
+
+
+class Entry(NamedTuple):
+    """An entry of an index, as h5py has it."""
+
+    chunk_offset: tuple[int, ...]
+    filter_mask: int
+    byte_offset: int
+    size: int
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        ({"byte_offset": 0}, "8 bytes at 0"),
+        ({"byte_offset": 2**64 - 1}, f"8 bytes at {2**64 - 1}"),
+        ({"byte_offset": 10**6}, "8 bytes at 1000000"),
+        ({"size": 4}, "of 4 bytes"),
+        ({"size": 2**63 + 5}, f"of {2**63 + 5} bytes"),
+        ({"chunk_offset": (5, 0)}, r"chunk \(5, 0\)"),
+        ({"chunk_offset": (2**64 - 2, 0)}, f"chunk .{2**64 - 2}, 0"),
+        ({"chunk_offset": (0, 0)}, r"chunk \(0, 0\)"),
+    ],
+    ids=["nowhere", "undefined", "beyond", "small", "huge", "outside", "far", "twice"],
+)
+@pytest.mark.parametrize("endless", [False, True])
+@pytest.mark.parametrize("at_once", [1, 2, 1 << 14])
+def test_an_index_that_is_damaged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wrong: dict[str, Any], told: str, endless: bool, at_once: int
+) -> None:
+    """The first entry that cannot be is named; an index that leads round and round comes to an end."""
+    monkeypatch.setattr("lfcal.h5.chunks.AT_ONCE", at_once)
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_dataset("a", data=np.zeros((4, 6), "f4"), chunks=(1, 6), compression="gzip")
+    with h5py.File(tmp_path / "a.h5") as file:
+        real = file["a"]
+        good = [Entry((k, 0), 0, 100, 8) for k in range(3)]
+        entries = [*good, Entry((3, 0), 0, 100, 8)._replace(**wrong)]
+
+        def chunk_iter(look: Callable[[Entry], None]) -> None:
+            for entry in cycle(entries) if endless else entries:
+                look(entry)
+
+        index = SimpleNamespace(chunk_iter=chunk_iter, get_create_plist=real.id.get_create_plist)
+        names = ("shape", "chunks", "dtype", "fillvalue", "file")
+        data = SimpleNamespace(id=index, **{name: getattr(real, name) for name in names})
+        with pytest.raises(FileFormatError, match=told):
+            ChunkTable(data, tmp_path / "a.h5", "a")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ from lfcal.errors import InputError, StorageError
 from lfcal.files import only_writer
 from lfcal.progress import Progress, drain
 from lfcal.work import iter_run, read_run
+from lfcal.work.executors.base import Event, What
 from lfcal.work.executors.processes import Processes, TaskFailed, WorkerLost
 from lfcal.work.executors.threads import Threads
 from lfcal.work.journal import JOURNAL
@@ -167,6 +169,27 @@ def test_closing_ends_the_processes(folder: Path, tmp_path: Path) -> None:
     assert [path.name for path in folder.iterdir()] == [JOURNAL]
     parts = drain(iter_run([unit("b", text="whole")], folder, Threads(1)))
     assert texts(parts) == ["whole"]
+
+
+@pytest.mark.parametrize("harm", ["", "changed"])
+def test_what_a_worker_wrote_is_looked_through_by_nobody(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, harm: str
+) -> None:
+    """Unless it is something else by then: H of a unit is joined without another process that reads it first."""
+
+    class Harming(Threads):
+        def events(self) -> list[Event]:
+            found = super().events()
+            for event in found:
+                if event.what is What.DONE and harm:
+                    Path(event.job.out).write_text(harm)
+            return found
+
+    trusted: list[Path] = []
+    monkeypatch.setattr("lfcal.work.runs.trust", trusted.append)
+    units = [replace(unit("a"), suffix=".h5"), unit("b")]
+    parts = drain(iter_run(units, folder, Harming(1)))
+    assert trusted == ([] if harm else [parts[0]])
 
 
 # -- what an earlier run left ------------------------------------------------------------------------------

@@ -14,7 +14,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import make_interp_spline
 
 from lfcal.axes import centre
 from lfcal.simulate.engines.base import Certificate, Pilot, PlaneEngine, Sampling
@@ -39,6 +38,8 @@ def _sums(fine: int, oblong: int, step: float, fill: float, shift: float, degree
     ``step`` fine pixels lie between oblong ones, whose middle one is ``shift`` fine pixels from the fine middle. The
     running sum is a spline of ``degree``: 5 for waves, 1 for the sharp edges of rays.
     """
+    from scipy.interpolate import make_interp_spline  # takes long to load
+
     edges = np.arange(fine + 1) - 0.5 - centre(fine)
     # the spline through the running sum of one fine pixel's light alone, for each of them
     running = make_interp_spline(edges, np.tri(fine + 1, fine, -1), k=degree)

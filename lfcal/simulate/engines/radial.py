@@ -6,7 +6,6 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import make_interp_spline
 from scipy.special import j0, j1
 
 from lfcal.simulate.engines.quadrature import gauss_legendre
@@ -77,6 +76,8 @@ def parity_spline(values: NDArray[np.complex128], step: float, *, odd: bool = Fa
     mirrored = values[8:0:-1]
     whole = np.concatenate([-mirrored if odd else mirrored, values])
     at = step * np.arange(-len(mirrored), len(values))
+    from scipy.interpolate import make_interp_spline  # takes long to load
+
     spline = make_interp_spline(at, np.stack([whole.real, whole.imag], axis=1), k=5)
 
     def field(r: NDArray[np.float64]) -> NDArray[np.complex128]:
