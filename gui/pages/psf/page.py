@@ -58,6 +58,7 @@ class Page(BasePage):
         self._export_intent = ExportSettings.of(context.state).on(ExportIntent())
         self._held = False
         self._levels: Mapping[str, tuple[float, float]] = {}
+        self._summed: PSFMatrix | None = None
         self.tool_button("Open H …", OPEN, self.choose_file)
         self.tool_button(
             "Reference …", "An H to hold this one against: simulated, or measured earlier", self.choose_reference
@@ -120,7 +121,7 @@ class Page(BasePage):
         about = f"{Path(state.psf).name}: (z, y, x, t, s) = {matrix.shape}, {format_bytes(matrix.nbytes)}"
         self.hint.setText("; ".join((about, *opening_notes(matrix))))
         self.panel.show_matrix(matrix.depths, unit_of(matrix), reference=self.reference is not None)
-        self._load_sums(matrix)
+        self._summed = None
         if matrix is before:
             self.set_intent()
         else:
@@ -148,9 +149,19 @@ class Page(BasePage):
             },
         )
 
+    @property
+    def shown(self) -> bool:
+        """Whether the plane is drawn, and what is known of all planes is asked for."""
+        return self._summed is self.matrix
+
     def _load_sums(self, matrix: PSFMatrix) -> None:
-        """Find what is known of each plane in the background: all sums, one after the other, then all apertures."""
-        count = len(matrix)
+        """Find what is known of each plane in the background: all sums, one after the other, then all apertures.
+
+        Once the plane that is looked at is drawn: reading all of H beside it makes drawing half as fast.
+        """
+        if matrix is self._summed:
+            return
+        self._summed, count = matrix, len(matrix)
 
         def load(k: int) -> None:
             if k < 2 * count and matrix is self.matrix:
@@ -277,9 +288,11 @@ class Page(BasePage):
         assert matrix is not None
         self.plane = None
         self.panel.readout.setText(f"reading plane {z} …")
-        self.context.jobs.compute(
-            "psf plane", lambda: read_plane(matrix, reference, z), self._plane_read, self.context.message.emit
-        )
+        def failed(words: str) -> None:
+            self.context.message.emit(words)
+            self._load_sums(matrix)
+
+        self.context.jobs.compute("psf plane", lambda: read_plane(matrix, reference, z), self._plane_read, failed)
 
     def _plane_read(self, loaded: PlaneData) -> None:
         self.plane, self.reference_plane, self._levels = loaded.plane, loaded.reference, loaded.levels
@@ -301,6 +314,7 @@ class Page(BasePage):
             self._show_aperture,
             self.panel.aperture_text.setText,
         )
+        self._load_sums(matrix)
 
     def _show_picture(self) -> None:
         if self.plane is None:

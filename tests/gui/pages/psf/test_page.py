@@ -20,7 +20,7 @@ from lfcal.camera import preset
 from lfcal.psf import PSFMatrix, save
 from lfcal.psf.aperture.shape import Aperture, blade_radius
 from tests.gui.conftest import OpenPage
-from tests.gui.waiting import idle
+from tests.gui.waiting import GUARD_MS, idle
 
 
 def test_psf_controls_follow_the_intent_and_back(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:
@@ -143,6 +143,11 @@ def test_the_depth_that_is_chosen_is_not_tinted(page: Any) -> None:
     assert icon.pixmap(size, QIcon.Mode.Selected).toImage() == icon.pixmap(size, QIcon.Mode.Normal).toImage()
 
 
+def drawn(page: Any, qtbot: QtBot) -> None:
+    """Wait until all that is known of H is on the page."""
+    qtbot.waitUntil(lambda: page.shown and not page.context.jobs.busy, timeout=GUARD_MS)
+
+
 def test_apertures_of_all_planes_are_drawn_beside_the_expected_ones(
     open_page: OpenPage, context: Context, qtbot: QtBot, tmp_path: Path
 ) -> None:
@@ -156,7 +161,7 @@ def test_apertures_of_all_planes_are_drawn_beside_the_expected_ones(
     save(PSFMatrix(values, depths=depths, camera=camera), tmp_path / "H.h5")
     context.project.update("open", psf=str(tmp_path / "H.h5"))
     page = open_page("psf")
-    idle(context.jobs, qtbot)
+    drawn(page, qtbot)
     tiles = page.panel.strip.tiles
     assert [tile.depth_um for tile in tiles] == depths
     for z, tile in enumerate(tiles):
@@ -212,7 +217,7 @@ def test_the_window_s_thread_loads_no_kernel_for_the_apertures(
     context.matrices.put("disc", PSFMatrix(np.broadcast_to(disc, (1, 2, 2, 31, 31)).copy()))
     context.project.update("open", psf="disc")
     page = open_page("psf")
-    idle(context.jobs, qtbot)
+    drawn(page, qtbot)
     assert len(page.panel.outline.getData()[0]) == 360
     main = threading.main_thread().name
     assert first[0] != main and main in first
@@ -227,7 +232,7 @@ def test_the_planes_and_their_legend_are_red_where_all_is_red(window: MainWindow
     window.project.update("open", psf="disc")
     window.go("psf")
     page: Any = window.page("psf")
-    idle(window.jobs, qtbot)
+    drawn(page, qtbot)
     large = page.panel.show_apertures()
 
     def colours() -> set[bool]:
