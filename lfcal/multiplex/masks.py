@@ -106,9 +106,7 @@ def dirichlet_minimum(p: int) -> float:
     return min(float(found.fun), profile(min(2.0, p / 2)))
 
 
-def mask_at_distance(
-    pattern: ArrayLike, shift_px: float, *, view_width: float = 0.0, name: str = "mask"
-) -> Modulator:
+def mask_at_distance(pattern: ArrayLike, shift_px: float, *, view_width: float = 0.0, name: str = "mask") -> Modulator:
     """Return the modulator of a periodic mask in front of the sensor, i(x) = sum_v l(x, v) m(x - s v) (equation 9).
 
     The mask is made of cells of one pixel, and a transmission is the mean of the shadow over the pixel and over the
