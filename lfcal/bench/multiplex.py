@@ -94,7 +94,7 @@ def measure(shape: tuple[int, int], filters: list[str], workers: int | None, rou
 def command(
     *,
     quick: bool = typer.Option(False, "--quick", help="One round on a quarter of the frame."),
-    filters: str = typer.Option("linear,cubic,lanczos", help="Filters of the demosaicing."),
+    filters: str = typer.Option("linear,cubic,lmmse,directional", help="Filters of the demosaicing."),
     rounds: int = typer.Option(5, min=1, help="Times each way is run; the median counts."),
     workers: int | None = typer.Option(None, min=1, help="Threads, OpenCV's too; every processor by default."),
     json: JsonOption = False,

@@ -90,7 +90,8 @@ def _mosaic(path: Path, cfa: str, black: Any, dark: Path | None, names: tuple[st
 
     frame = read_image(path)
     light = without_dark(frame, black) if dark is None else frame - _level(dark, frame.shape, None).astype(np.float32)
-    colours = demultiplex(light, modulator_of(cfa))
+    # a response is measured here: the filter must neither depend on the scene nor mix the colours
+    colours = demultiplex(light, modulator_of(cfa), filter="cubic")
     return {name: np.ascontiguousarray(colours[COLOURS.index(name)], np.float32) for name in names}
 
 

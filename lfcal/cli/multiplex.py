@@ -178,7 +178,11 @@ def demosaic(
     out: Path = typer.Option(..., "--out", "-o", help="float32 TIFF of red, green and blue."),
     pattern: str | None = typer.Option(None, help="Filters, e.g. GRBG; RAW files know theirs."),
     route: str = typer.Option("spatial", help="spatial or fourier."),
-    filter: str = typer.Option("cubic", help="nearest, linear, cubic, lanczos, sinc or bilateral (spatial route)."),
+    filter: str | None = typer.Option(
+        None,
+        help="Of the spatial route: directional, lmmse, nearest, linear, cubic, lanczos, sinc or bilateral; "
+        "by default directional, and cubic where a colour is missing.",
+    ),
     dark: float | None = typer.Option(None, help="Level of no light; RAW files state theirs."),
     page: int = typer.Option(0, min=0, help="Page of a file of many frames."),
     workers: WorkersOption = None,
@@ -186,7 +190,7 @@ def demosaic(
 ) -> None:
     """Demosaic a frame by the spatial or the Fourier route.
 
-    Example: `lfcal multiplex demosaic shot.dng -o shot.tif --filter bilateral`
+    Example: `lfcal multiplex demosaic shot.dng -o shot.tif`
     """
     from lfcal.frames import open_image
     from lfcal.multiplex import cfa, demultiplex
@@ -265,6 +269,7 @@ def search(
     chi2: Chi2Option = None,
     camera: PresetOption = None,
     gain: GainOption = 1.0,
+    starts: int = typer.Option(6, min=0, help="Random masks per noise; six changed ones follow each."),
     out: Path | None = typer.Option(None, "--out", "-o", help="Draw the frontier as PNG."),
     workers: WorkersOption = None,
     force: ForceOption = False,
@@ -288,7 +293,7 @@ def search(
         return
     kept: list[SearchProgress] = []
     try:
-        frontier = run_work(_kept(iter_mask_frontier(int(what), ratio), kept), quiet=json)
+        frontier = run_work(_kept(iter_mask_frontier(int(what), ratio, starts=starts), kept), quiet=json)
     except BaseException:  # stopped: the best so far is what it was run for
         if kept and kept[-1].done:
             report(f"stopped after {kept[-1].count} searches; the best found so far:")

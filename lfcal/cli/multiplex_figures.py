@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lfcal import tiff_file
-from lfcal.cli.console import print_json, print_table
+from lfcal.cli.console import print_json, print_table, report
 from lfcal.errors import InputError
 from lfcal.progress import Clock, Work
 
@@ -96,6 +96,7 @@ def show_frontier(frontier: Frontier, *, json: bool, stopped: bool = False) -> N
                 "candidates": len(frontier.modulators),
                 "frontier": rows,
                 "best": frontier.best.matrix,
+                "bound_db": frontier.bound,
                 "stopped": stopped,
             }
         )
@@ -104,6 +105,9 @@ def show_frontier(frontier: Frontier, *, json: bool, stopped: bool = False) -> N
     cells = [[r["name"], *(f"{r[k]:+.3f}" for k in ("gain_db", "gain_additive_db", "gain_photon_db"))] for r in rows]
     title = f"Gain over {frontier.reference}: {len(rows)} of {len(frontier.modulators)} candidates nothing beats"
     print_table(headers, cells, title=title)
+    if frontier.bound is not None:
+        left = frontier.bound - float(frontier.chosen[best])
+        report(f"no mask of this size gains more than {frontier.bound:+.3f} dB: at most {left:.3f} dB are left")
 
 
 def filter_choice(size: int, out: Path | None, *, json: bool) -> None:

@@ -6,7 +6,8 @@
 - ``noise``: transmission, amplification, gain over chi^2 (equations 12 to 14)
 - ``scenes``, ``acquisition``: a light field recorded with each modulator (figure 7)
 - ``quality``: ringing, error and time of each route and filter
-- ``search``: filter sets and masks of the best gain
+- ``demosaicing``: colours estimated from what images are like (``estimation``), along edges
+- ``search``: filter sets and masks of the best gain; ``mask_bounds``: what no mask exceeds
 - ``drawing``: the paper's figures as PNG
 """
 
@@ -14,6 +15,7 @@ from lfcal.multiplex.acquisition import Acquisition, acquire_light_field
 from lfcal.multiplex.colour_filters import CFA_PATTERNS, cfa
 from lfcal.multiplex.demultiplexing import arrange, demultiplex, multiplex
 from lfcal.multiplex.lattice import SuperPixelLattice, channel_grid, demultiplex_lattice, lattice_channels
+from lfcal.multiplex.mask_bounds import best_binary_mask, mask_gain_bound
 from lfcal.multiplex.masks import MASKS, mask, mask_at_distance, mask_pattern, shadow_shift_px
 from lfcal.multiplex.modulator import Modulator, modulator_from_matrix
 from lfcal.multiplex.noise import (
@@ -40,6 +42,7 @@ __all__ = [
     "acquire_light_field",
     "amplification",
     "arrange",
+    "best_binary_mask",
     "best_filter_set",
     "best_mask",
     "camera_chi2",
@@ -53,6 +56,7 @@ __all__ = [
     "mask",
     "mask_at_distance",
     "mask_frontier",
+    "mask_gain_bound",
     "mask_pattern",
     "measure_filters",
     "modulator_from_matrix",

@@ -9,10 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfcal.checks import check_choice, check_number, check_tuple
 from lfcal.errors import InputError
-from lfcal.multiplex.filters import SPATIAL_FILTERS
+from lfcal.multiplex.filters import COLOUR_FILTERS, SPATIAL_FILTERS
 from lfcal.multiplex.modulator import Modulator
 
-__all__ = ["ROUTES", "arrange", "demultiplex", "multiplex"]
+__all__ = ["ROUTES", "arrange", "default_filter", "demultiplex", "multiplex"]
 
 ROUTES = ("spatial", "fourier")
 
@@ -22,7 +22,7 @@ def demultiplex(
     modulator: Modulator,
     *,
     route: str = "spatial",
-    filter: str = "cubic",
+    filter: str | None = None,
     samples: int | tuple[int, int] | None = None,
     origin: tuple[int, int] = (0, 0),
     rcond: float | None = None,
@@ -46,7 +46,9 @@ def demultiplex(
         ``"spatial"`` or ``"fourier"``.
     filter
         Of the spatial route: ``"nearest"``, ``"linear"``, ``"cubic"``, ``"lanczos"``, ``"sinc"`` (periodic) or
-        ``"bilateral"`` (edge-preserving, guided by the mean over a super-pixel).
+        ``"bilateral"`` (edge-preserving, guided by the mean over a super-pixel); for colour filter arrays also
+        ``"lmmse"`` and ``"directional"`` (`lfcal.multiplex.demosaicing`), which take no ``rcond``. None:
+        `default_filter`.
     samples
         Output samples per super-pixel, one number or (rows, columns); by default one per pixel for colours and one
         per lenslet or mask period for light fields.
@@ -70,11 +72,13 @@ def demultiplex(
     InputError
         If the frame is smaller than a super-pixel or not finite, or an option is not known.
     """
+    from lfcal.multiplex.demosaicing import reconstruct_by_estimation
     from lfcal.multiplex.fourier import reconstruct_fourier
     from lfcal.multiplex.spatial import reconstruct_spatial
 
     check_choice("route", route, ROUTES)
-    check_choice("filter", filter, SPATIAL_FILTERS)
+    if filter is not None:
+        check_choice("filter", filter, (*SPATIAL_FILTERS, *COLOUR_FILTERS))
     image = check_frame(frame, modulator.side)
     counts = _samples(samples, modulator)
     at = check_tuple("origin of the super-pixels (px)", origin, 2, integer=True)
@@ -85,15 +89,32 @@ def demultiplex(
     shape = tuple(n // side * m for n, side, m in zip(whole.shape, placed.side, counts, strict=True))
     cut = tuple(n if m == side else s for n, side, m, s in zip(image.shape, placed.side, counts, shape, strict=True))
     final = (placed.count, *cut)
+    chosen = filter or ("cubic" if rcond is not None else default_filter(modulator, counts))
+    if chosen in COLOUR_FILTERS and route == "spatial" and rcond is not None:
+        raise InputError.expected("cut-off", f"none with the filter {chosen}", rcond, "leave it out, or choose cubic")
     result = _output(out, final, image.dtype)
     target = result if cut == shape else np.empty((placed.count, *shape), result.dtype)
     if route == "fourier":
         reconstruct_fourier(whole, placed, counts, target, rcond)
+    elif chosen in COLOUR_FILTERS:
+        reconstruct_by_estimation(whole, placed, chosen, target, workers=workers)
     else:
-        reconstruct_spatial(whole, placed, placed.inverse(rcond), counts, filter, target, workers=workers)
+        reconstruct_spatial(whole, placed, placed.inverse(rcond), counts, chosen, target, workers=workers)
     if target is not result:
         result[:] = target[:, : cut[0], : cut[1]]
     return result
+
+
+def default_filter(modulator: Modulator, samples: tuple[int, int]) -> str:
+    """Return the spatial filter taken where none is named and ``samples`` per super-pixel are wanted.
+
+    ``"directional"`` for filter arrays over red, green and blue that tell all three, at one sample per pixel, otherwise
+    ``"cubic"``: samples of other kinds need not be alike as the colours of an image are.
+    """
+    from lfcal.multiplex.demosaicing import can_estimate
+
+    image = modulator.colours == ("R", "G", "B") and can_estimate(modulator, samples)
+    return "directional" if image and modulator.rank() == modulator.count else "cubic"
 
 
 def check_frame(frame: ArrayLike, side: tuple[int, int]) -> NDArray[Any]:

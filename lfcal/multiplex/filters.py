@@ -9,13 +9,24 @@ from numpy.typing import NDArray
 
 from lfcal.checks import check_choice
 
-__all__ = ["EDGE_PRESERVING", "LINEAR_FILTERS", "SPATIAL_FILTERS", "dirichlet_table", "kernel", "tap_table"]
+__all__ = [
+    "COLOUR_FILTERS",
+    "EDGE_PRESERVING",
+    "LINEAR_FILTERS",
+    "SPATIAL_FILTERS",
+    "dirichlet_table",
+    "kernel",
+    "tap_table",
+]
 
 Array = NDArray[np.float64]
 
 LINEAR_FILTERS = ("nearest", "linear", "cubic", "lanczos", "sinc")
 EDGE_PRESERVING = "bilateral"
 SPATIAL_FILTERS = (*LINEAR_FILTERS, EDGE_PRESERVING)
+"""Filters for every modulator."""
+COLOUR_FILTERS = ("lmmse", "directional")
+"""Filters that know how colours of images hang together: for colour filter arrays only."""
 
 _TAPS = {"nearest": 1, "linear": 2, "cubic": 4, "lanczos": 6}
 

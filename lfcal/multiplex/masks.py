@@ -11,12 +11,15 @@ from lfcal.checks import check_choice, check_number, check_tuple
 from lfcal.errors import InputError
 from lfcal.multiplex.modulator import MAX_SAMPLES, Modulator
 
-__all__ = ["MASKS", "dirichlet_minimum", "mask", "mask_at_distance", "mask_pattern", "shadow_shift_px"]
+__all__ = ["MASKS", "cell_overlap", "dirichlet_minimum", "mask", "mask_at_distance", "mask_pattern", "shadow_shift_px"]
 
 Array = NDArray[np.float64]
 
 MASKS = ("pinhole", "lenslet", "MURA", "sum_of_sinusoids")
 MAX_SIZE = math.isqrt(MAX_SAMPLES)
+
+MAX_SHIFT_PX = 1e4
+"""Largest motion of the shadow from view to view; the blur of a view is summed over as many periods."""
 
 
 def mask(kind: str, size: int) -> Modulator:
@@ -103,12 +106,14 @@ def dirichlet_minimum(p: int) -> float:
     return min(float(found.fun), profile(min(2.0, p / 2)))
 
 
-def mask_at_distance(pattern: ArrayLike, shift_px: float, *, name: str = "mask") -> Modulator:
+def mask_at_distance(pattern: ArrayLike, shift_px: float, *, view_width: float = 0.0, name: str = "mask") -> Modulator:
     """Return the modulator of a periodic mask in front of the sensor, i(x) = sum_v l(x, v) m(x - s v) (equation 9).
 
-    Sigma = F^-1 M-hat and Pi^T holds exp(-2 pi i s v w): the Fourier basis itself for s = 1. With s = 0 (mask on the
-    sensor) all views pass the same mask and only their sum can be recovered. A shift that is no whole number moves the
-    mask's band-limited profile.
+    The mask is made of cells of one pixel, and a transmission is the mean of the shadow over the pixel and over the
+    directions of the view: it stays within the mask's own, and each view's light through a whole super-pixel is that
+    through the mask, whatever the shift. Sigma = F^-1 M-hat, and Pi^T holds the Fourier transform of a moved cell as
+    a pixel and a view see it: exp(-2 pi i s v w), the Fourier basis itself for s = 1, for whole shifts and views
+    without extent. With s = 0 (mask on the sensor) all views pass the same mask and only their sum can be recovered.
 
     Parameters
     ----------
@@ -116,13 +121,16 @@ def mask_at_distance(pattern: ArrayLike, shift_px: float, *, name: str = "mask")
         Transmission ``(rows, columns)`` of one period, one value per pixel.
     shift_px
         s: by how many pixels the mask's shadow moves from one view to the next (`shadow_shift_px`).
+    view_width
+        Share of the step from one view to the next that a view spans, 0 … 1. 0: one direction each, as in the
+        paper's sum; 1: views that touch, as behind an aperture without gaps, whose shadows are blurred by s pixels.
     name
         For tables and plots.
 
     Raises
     ------
     InputError
-        If the pattern is not an array of transmissions from 0 to 1.
+        If the pattern is not an array of transmissions from 0 to 1, or the width is out of range.
     """
     values = np.asarray(pattern, float)
     good = values.ndim == 2 and values.size and np.isfinite(values).all() and values.min() >= 0 and values.max() <= 1
@@ -130,24 +138,49 @@ def mask_at_distance(pattern: ArrayLike, shift_px: float, *, name: str = "mask")
         raise InputError.expected("mask", "rows and columns of transmissions from 0 to 1", _told(values), "correct it")
     if values.size > MAX_SAMPLES:
         raise InputError.expected("mask", f"up to {MAX_SAMPLES} pixels", values.size, "choose a smaller one")
-    check_number("shift of the shadow (px per view)", shift_px)
+    check_number("shift of the shadow (px per view)", shift_px, at_least=-MAX_SHIFT_PX, at_most=MAX_SHIFT_PX)
+    check_number("width of a view (steps)", view_width, at_least=0, at_most=1)
     rows, columns = values.shape
     transfer = np.fft.fft2(values).ravel()
-    inverse = np.kron(_fourier(rows, -1.0), _fourier(columns, -1.0)) / values.size
-    plenoptic = np.kron(_fourier(rows, shift_px), _fourier(columns, shift_px))  # views x frequencies
+    inverse = np.kron(_fourier(rows), _fourier(columns)).conj() / values.size
+    plenoptic = np.kron(*(_moved_cell(n, shift_px, view_width) for n in values.shape))  # views x frequencies
     return Modulator(name, (rows, columns), inverse * transfer, plenoptic, (rows, columns), cell=(rows, columns))
 
 
-def _fourier(n: int, shift: float) -> NDArray[np.complex128]:
-    """Return exp(-2 pi i shift k w/n), ``(k, w)``, frequencies w from zero up and then negative."""
-    frequencies = np.fft.fftfreq(n, 1 / n)
-    whole = float(shift).is_integer()
-    # whole shifts: reduce the phase in integers, exact to rounding
-    product = np.outer(np.arange(n), frequencies) * shift
-    result: NDArray[np.complex128] = np.exp(-2j * np.pi * (np.mod(product, n) if whole else product) / n)
-    if n % 2 == 0 and not whole:
-        result[:, n // 2] = result[:, n // 2].real  # the highest frequency is half at each end
+def _fourier(n: int) -> NDArray[np.complex128]:
+    """Return exp(-2 pi i k w/n), ``(k, w)``; phases are reduced in integers, exact to rounding."""
+    k = np.arange(n)
+    result: NDArray[np.complex128] = np.exp(-2j * np.pi * (np.outer(k, k) % n) / n)
     return result
+
+
+def _moved_cell(n: int, shift: float, view_width: float) -> NDArray[np.complex128]:
+    """Return the Fourier transform of a mask's cell as each view sees it on the pixels, ``(view, frequency)``."""
+    width = abs(shift) * view_width
+    views = np.arange(n)
+    distance = np.arange(n) - shift * views[:, None]  # from the shadow of the first cell to each pixel
+    nearest = distance - n * np.rint(distance / n)
+    seen = np.zeros((n, n))
+    reach = math.ceil((1 + width / 2) / n) + 1  # periods of the mask that one pixel may see
+    for period in range(-reach, reach + 1):
+        seen += cell_overlap(nearest + n * period, width)
+    result: NDArray[np.complex128] = seen @ _fourier(n)
+    return result
+
+
+def cell_overlap(distance: ArrayLike, blur: float) -> Array:
+    """Return which share of a pixel one mask cell of a pixel's width covers, blurred over ``blur`` pixels.
+
+    The convolution of three boxes at ``distance`` (pixels) between their middles: cell, pixel and the way that the
+    shadow moves within a view. Over all pixels it adds up to one.
+    """
+    t = np.asarray(distance, float)
+    if blur < 1e-6:  # below, the difference of the integrals would be rounding
+        return np.asarray(np.maximum(0.0, 1.0 - np.abs(t)))
+    ends = [np.clip(t + sign * blur / 2, -1.0, 1.0) for sign in (1, -1)]
+    # the integral of the triangle 1 - |t| up to each end
+    upper, lower = (0.5 + e - np.sign(e) * e * e / 2 for e in ends)
+    return np.asarray((upper - lower) / blur)
 
 
 def _told(values: Array) -> str:

@@ -11,15 +11,22 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.errors import InputError
+from lfcal.multiplex.demosaicing import can_estimate
 from lfcal.multiplex.demultiplexing import demultiplex, multiplex
-from lfcal.multiplex.filters import SPATIAL_FILTERS
+from lfcal.multiplex.filters import COLOUR_FILTERS, SPATIAL_FILTERS
 from lfcal.multiplex.modulator import Modulator
 from lfcal.progress import Clock, Work, drain
 
-__all__ = ["WAYS", "FilterTrial", "Ringing", "iter_measure_filters", "measure_filters", "ringing"]
+__all__ = ["WAYS", "FilterTrial", "Ringing", "iter_measure_filters", "measure_filters", "ringing", "ways_of"]
 
 WAYS = (*(("spatial", name) for name in SPATIAL_FILTERS), ("fourier", "sinc"))
-"""Every route with its filters."""
+"""Every route with the filters for every modulator."""
+
+
+def ways_of(modulator: Modulator) -> tuple[tuple[str, str], ...]:
+    """Return `WAYS`, and for colour filter arrays the filters for these before the Fourier route."""
+    colour = can_estimate(modulator, modulator.side)
+    return (*WAYS[:-1], *(("spatial", name) for name in COLOUR_FILTERS if colour), WAYS[-1])
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +124,7 @@ def iter_measure_filters(
     scene: ArrayLike,
     modulator: Modulator,
     *,
-    ways: Sequence[tuple[str, str]] = WAYS,
+    ways: Sequence[tuple[str, str]] | None = None,
     noise: NDArray[Any] | float = 0.0,
     rounds: int = 3,
     workers: int | None = None,
@@ -127,6 +134,7 @@ def iter_measure_filters(
     frame = multiplex(truth, modulator) + noise
     inner = _inside(truth.shape[1:], modulator.side)
     span = float(np.ptp(truth)) or 1.0
+    ways = ways_of(modulator) if ways is None else ways
     clock, trials = Clock("filters", len(ways)), []
     for k, (route, name) in enumerate(ways):
         yield clock.at(k, f"{route} {name}")
@@ -149,7 +157,7 @@ def measure_filters(
     scene: ArrayLike,
     modulator: Modulator,
     *,
-    ways: Sequence[tuple[str, str]] = WAYS,
+    ways: Sequence[tuple[str, str]] | None = None,
     noise: NDArray[Any] | float = 0.0,
     rounds: int = 3,
     workers: int | None = None,
@@ -163,7 +171,7 @@ def measure_filters(
     modulator
         It is acquired with this.
     ways
-        Pairs of route and filter.
+        Pairs of route and filter; None: `ways_of` the modulator.
     noise
         Added to the frame.
     rounds

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from lfcal.checks import check_number
 from lfcal.errors import InputError
 from lfcal.multiplex.colour_filters import CFA_PATTERNS, FILTERS, cfa
+from lfcal.multiplex.mask_bounds import MAX_EXHAUSTIVE, best_binary_mask, mask_gain_bound, noise_shares
 from lfcal.multiplex.masks import MASKS, mask, mask_at_distance, mask_pattern
 from lfcal.multiplex.modulator import Modulator, modulator_from_matrix
 from lfcal.multiplex.noise import amplification, snr_gain
@@ -33,6 +34,9 @@ Array = NDArray[np.float64]
 
 FREE_LETTERS = "RGBCMYW"
 
+CHANGES = 6
+"""Changed masks to each random one: near a good mask there are better ones more often than elsewhere."""
+
 
 @dataclass(frozen=True, eq=False)
 class Frontier:
@@ -50,6 +54,8 @@ class Frontier:
         The camera's.
     efficient
         ``(n,)``: no other has more gain in both limits.
+    bound
+        Gain at `chi2` that no candidate of this kind can exceed (dB), None where none is known.
     """
 
     modulators: tuple[Modulator, ...] = field(repr=False)
@@ -59,6 +65,7 @@ class Frontier:
     chosen: Array = field(repr=False)
     chi2: float
     efficient: NDArray[np.bool_] = field(repr=False)
+    bound: float | None = None
 
     @property
     def best(self) -> Modulator:
@@ -139,21 +146,13 @@ def best_filter_set(
     return modulator_from_matrix("best filters", _layout(filters), found, colours=("R", "G", "B"))
 
 
-def _weights(chi2: float) -> tuple[float, float]:
-    """Share of additive and of photon noise."""
-    if not chi2 >= 0:
-        raise InputError.expected("chi^2", "a number from 0 to inf", chi2, "correct it")
-    additive = 1.0 / (1.0 + chi2)
-    return additive, 1.0 - additive
-
-
 def _filters_cost(a: Array, chi2: float) -> tuple[float, Array]:
     """Return the log of the samples' variance and its gradient for the transmissions ``a`` ``(K, N)``.
 
     Shot noise is that of each pixel's own light. With equation 12's mean a dark pixel would seem to help, as it
     lowers the transmission.
     """
-    additive, photon = _weights(chi2)
+    additive, photon = noise_shares(chi2)
     size = a.shape[1]
     gram = np.linalg.inv(a.T @ a + 1e-12 * np.eye(size))
     inverse = gram @ a.T
@@ -169,7 +168,7 @@ def _filters_cost(a: Array, chi2: float) -> tuple[float, Array]:
 
 def _mask_cost(m: Array, chi2: float) -> tuple[float, Array]:
     """Return log(alpha^2 s^2) and its gradient for the circulant mask ``m`` ``(p, p)``."""
-    additive, photon = _weights(chi2)
+    additive, photon = noise_shares(chi2)
     spectrum = np.fft.fft2(m)
     power = np.abs(spectrum) ** 2 + 1e-12
     noise = float((1 / power).sum())
@@ -192,11 +191,19 @@ def _descend(cost: Any, start: Array, chi2: float) -> tuple[float, Array]:
     return float(found.fun), np.clip(found.x, 0.0, 1.0).reshape(start.shape)
 
 
-def best_mask(size: int, chi2: float, *, starts: int = 3, rng: np.random.Generator | None = None) -> Modulator:
+def best_mask(
+    size: int,
+    chi2: float,
+    *,
+    starts: int = 24,
+    begin: Sequence[Array] = (),
+    rng: np.random.Generator | None = None,
+) -> Modulator:
     """Return the attenuation mask ``size`` x ``size`` with most gain at ``chi2`` that the search finds.
 
-    The starts are the known masks, and random ones open to various shares; the result is never worse than the best
-    known mask, and no proof of the optimum.
+    Descends from the known masks, from random ones of various shares of open pixels, and from the best so far with a
+    few pixels turned over; of up to `MAX_EXHAUSTIVE` pixels a side also from the best of all open-or-closed ones. The
+    result is never worse than any of its starts; `mask_gain_bound` says how much better a mask could be.
 
     Parameters
     ----------
@@ -205,15 +212,27 @@ def best_mask(size: int, chi2: float, *, starts: int = 3, rng: np.random.Generat
     chi2
         The camera's, 0 … inf.
     starts
-        Random starts.
+        Random starts; the best found is changed `CHANGES` times as often.
+    begin
+        Further patterns ``(size, size)`` to begin with.
     rng
         Source of the starts; seeded by default.
     """
     random = rng or np.random.default_rng(0)
-    begin = [mask_pattern(kind, size) for kind in _known(size)]
-    begin += [np.clip(m + 0.05 * random.standard_normal(m.shape), 0, 1) for m in begin]
-    begin += [(random.random((size, size)) < share).astype(float) for share in np.linspace(0.05, 0.5, starts)]
-    found = min((_descend(_mask_cost, m, chi2) for m in begin), key=lambda pair: pair[0])[1]
+    first = [*begin, *(mask_pattern(kind, size) for kind in _known(size))]
+    first += [np.clip(m + 0.05 * random.standard_normal(m.shape), 0, 1) for m in first]
+    if size <= MAX_EXHAUSTIVE:
+        first.append(best_binary_mask(size, chi2))
+    for k in range(starts):
+        some = random.random((size, size))
+        first.append(some if k % 2 else (some < random.uniform(0.05, 0.6)).astype(float))
+    least, found = min((_descend(_mask_cost, m, chi2) for m in first), key=lambda pair: pair[0])
+    for _ in range(CHANGES * starts):
+        # few enough pixels to stay near, and enough to leave the minimum
+        change = random.random(found.shape) < max(random.uniform(0.04, 0.25), 1 / found.size)
+        value, other = _descend(_mask_cost, np.where(change, 1 - found, found), chi2)
+        if value < least:
+            least, found = value, other
     return mask_at_distance(found, 1.0, name=f"best mask at chi^2 = {chi2:.3g}")
 
 
@@ -243,7 +262,7 @@ class SearchProgress(Progress):
 
 
 def iter_mask_frontier(
-    size: int, chi2: float, *, points: int = 7, starts: int = 3, rng: np.random.Generator | None = None
+    size: int, chi2: float, *, points: int = 7, starts: int = 6, rng: np.random.Generator | None = None
 ) -> Work[Frontier]:
     """Search mask by mask; parameters and result as in `mask_frontier`, progress as `SearchProgress`."""
     random = rng or np.random.default_rng(0)
@@ -253,21 +272,24 @@ def iter_mask_frontier(
 
     def so_far() -> Frontier:
         usable = [m for m in found if math.isfinite(amplification(m))]
-        return _frontier(usable, mask("pinhole", size), chi2)
+        return replace(_frontier(usable, mask("pinhole", size), chi2), bound=mask_gain_bound(size, chi2))
 
     def at(k: int, note: str = "") -> SearchProgress:
         now = clock.at(k, note)
         return SearchProgress(now.done, now.total, now.stage, now.seconds, note, found=so_far())
 
+    known = len(found)
     for k, ratio in enumerate(ratios):
         yield at(k, f"chi^2 = {ratio:.3g}")
-        found.append(best_mask(size, float(ratio), starts=starts, rng=random))
+        # what was good for one camera is a good start for the next
+        begin = [m.matrix[:, 0].reshape(m.side) for m in found[known:]]
+        found.append(best_mask(size, float(ratio), starts=starts, begin=begin, rng=random))
     yield at(len(ratios))
     return so_far()
 
 
 def mask_frontier(
-    size: int, chi2: float, *, points: int = 7, starts: int = 3, rng: np.random.Generator | None = None
+    size: int, chi2: float, *, points: int = 7, starts: int = 6, rng: np.random.Generator | None = None
 ) -> Frontier:
     """Return the known masks and those searched for chi^2 from 0 to infinity, with their gains over a pinhole.
 

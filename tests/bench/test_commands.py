@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -130,6 +131,23 @@ def test_multiplex(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     assert [r["name"] for r in whole if "demosaic" in r["name"]] == ["demosaic, nearest", "demosaic, linear"]
     assert whole[0]["output_megabytes"] == pytest.approx(4 * small[0]["output_megabytes"])
     assert "192 x 128 px, 1 threads" in bench("multiplex", "--quick", "--filters", "linear", "--workers", 1)
+
+
+def test_demosaic(bench: Bench, tmp_path: Path) -> None:
+    y, x = np.indices((160, 192))
+    scene = np.stack([128 + 90 * np.sin(y / 9.0 + k / 5) * np.cos(x / 7.0) for k in range(3)], -1)
+    cv2.imwrite(str(tmp_path / "waves.png"), np.rint(scene).astype(np.uint8))
+    options = ("demosaic", tmp_path / "waves.png", "--rounds", 1, "--workers", 1)
+    found = bench.json(*options, "--pattern", "RGGB")
+    quality = {row["name"]: row["psnr_db"] for row in found["rows"]}
+    assert found["images"] == ["waves.png"] and list(quality.values()) == sorted(quality.values(), reverse=True)
+    assert quality["lfcal directional"] > quality["OpenCV bilinear"] and quality["OpenCV VNG"] > 20
+    assert all(row["seconds_per_megapixel"] > 0 for row in found["rows"])
+    others = bench.json(*options, "--pattern", "X-Trans")["rows"]
+    assert {row["name"].split()[0] for row in others} == {"lfcal"}
+    assert "grace_hopper" in bench("demosaic", "--rounds", 1, "--workers", 1)
+    refused = bench("demosaic", tmp_path / "none.png", code=2)
+    assert "none.png" in refused and refused.count("\n") == 1
 
 
 def test_project(bench: Bench) -> None:

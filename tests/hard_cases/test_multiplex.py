@@ -141,6 +141,7 @@ def test_mask_shadow_of_a_fraction_of_a_pixel_says_what_it_loses() -> None:
         m = mask_at_distance(pattern, shift)
         assert np.isfinite(m.inverse()).all() and np.isrealobj(m.matrix)
         assert m.rank() + round(m.lost().sum()) == 25
+        assert -1e-12 < m.matrix.min() and m.matrix.max() < 1 + 1e-12
     assert mask_at_distance(pattern, 5.0).rank() == 1
 
 

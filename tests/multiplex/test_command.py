@@ -19,6 +19,7 @@ from lfcal.multiplex import (
     demultiplex_lattice,
     lattice_channels,
     mask,
+    mask_gain_bound,
     multiplex,
     snr_gain,
 )
@@ -163,6 +164,13 @@ def test_search_filters_and_pictures(lfcal, tmp_path: Path) -> None:  # noqa: F8
     found = lfcal("multiplex", "search", "--chi2", 0, "--json", "-o", tmp_path / "front.png").json
     assert found["frontier"][0]["gain_db"] == pytest.approx(0.645, abs=1e-3)
     masks = lfcal("multiplex", "search", "3", "--chi2", 1)
+    limit = mask_gain_bound(3, 1.0)
+    assert f"no mask of this size gains more than {limit:+.3f} dB" in masks.err + masks.out
+    few, many = (
+        lfcal("multiplex", "search", "5", "--chi2", 10, "--starts", n, "--json").json["frontier"][0]["gain_db"]
+        for n in (0, 3)
+    )
+    assert few < many < mask_gain_bound(5, 10.0)
     assert masks.code == 0 and "pinhole" in masks.out
     trials = lfcal("multiplex", "filters", "--size", 64, "--json", "-o", tmp_path / "filters.png").json
     assert {t["filter"] for t in trials["sharp edges"]} >= {"nearest", "cubic", "bilateral", "sinc"}

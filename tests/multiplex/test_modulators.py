@@ -67,19 +67,44 @@ def test_mask_at_one_pixel_per_view_is_the_shifted_pattern(kind: str, p: int) ->
     np.testing.assert_allclose(m.pattern()[p // 2, p // 2, 0], pattern[0, 0], atol=1e-12)
 
 
-def test_mask_at_a_distance_by_its_integral() -> None:
-    """Equation 9 for a band-limited mask, evaluated at x - s v."""
-    p, s = 7, 1.6
-    harmonics = np.arange(-3, 4)
-    weight = np.array([0.02, 0.05, 0.1, 0.5, 0.1, 0.05, 0.02])
-    profile = lambda t: (weight * np.exp(2j * np.pi * harmonics * t[..., None] / p)).sum(-1).real  # noqa: E731
-    grid = np.arange(p, dtype=float)
-    pattern = np.outer(profile(grid), profile(grid))
-    one = profile(grid[:, None] - s * grid[None])
-    np.testing.assert_allclose(mask_at_distance(pattern, s).matrix, np.kron(one, one), atol=1e-12)
-    wrong = profile(grid[:, None] + s * grid[None])
-    assert not np.allclose(mask_at_distance(pattern, s).matrix, np.kron(wrong, wrong), atol=1e-3)
+def shadows(n: int, shift: float, width: float, parts: int) -> np.ndarray:
+    """Return which share ``(pixel, view, cell)`` of a pixel each cell of a mask covers, by counting points."""
+    points = (np.arange(parts) + 0.5) / parts - 0.5
+    grid = np.arange(n, dtype=float)
+    ray = grid[:, None, None, None] + points - shift * (grid[:, None, None] + width * points[:, None])
+    cells = np.floor(ray + 0.5).astype(int) % n
+    return (cells[..., None] == np.arange(n)).mean((2, 3))
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.37, 0.5, 1.0, 1.6, -0.7, 3.25])
+@pytest.mark.parametrize("width", [0.0, 0.4, 1.0])
+def test_mask_at_a_distance_by_counting_rays(shift: float, width: float) -> None:
+    """Equation 9 over the areas of pixels and views; a transmission is a share, and no light is lost or made."""
+    pattern = (np.random.default_rng(3).random((5, 4)) < 0.5) * 1.0
+    found = mask_at_distance(pattern, shift, view_width=width).matrix
+    down, across = (shadows(n, shift, width, 200) for n in pattern.shape)
+    wanted = np.einsum("yvk,xul,kl->yxvu", down, across, pattern).reshape(found.shape)
+    np.testing.assert_allclose(found, wanted, atol=2e-2)  # each of the points counts for 1/200
+    assert np.sqrt(np.mean((found - wanted) ** 2)) < 5e-3
+    assert found.min() > -1e-12 and found.max() < 1 + 1e-12
+    np.testing.assert_allclose(found.sum(0), pattern.sum(), rtol=1e-6)
+
+
+def test_a_shadow_moved_by_whole_pixels_is_the_pattern() -> None:
+    pattern = np.random.default_rng(4).random((5, 3))
+    moved = mask_at_distance(pattern, 2.0).matrix.reshape(5, 3, 5, 3)
+    np.testing.assert_allclose(moved[:, :, 2, 1], np.roll(pattern, (4, 2), (0, 1)), atol=1e-12)
+    # views that touch blur what a wide step moves
+    assert np.ptp(mask_at_distance(pattern, 2.0, view_width=1.0).matrix) < np.ptp(moved)
     assert shadow_shift_px(1000.0, 0.01, 5.0) == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("width", [0.0, 0.3, 1.0])
+def test_a_shadow_far_wider_than_the_mask_keeps_its_light(width: float) -> None:
+    pattern = mask_pattern("MURA", 5)
+    found = mask_at_distance(pattern, 1234.5, view_width=width).matrix
+    assert found.min() > -1e-9 and found.max() < 1 + 1e-9
+    np.testing.assert_allclose(found.sum(0), pattern.sum(), rtol=1e-6)
 
 
 def test_mask_on_the_sensor_cannot_tell_the_views() -> None:
@@ -154,6 +179,9 @@ def test_shifting_moves_the_pattern() -> None:
         lambda: mask("pinhole", 101),
         lambda: mask_at_distance([[2.0]], 1),
         lambda: mask_at_distance([[np.nan]], 1),
+        lambda: mask_at_distance([[1.0]], np.nan),
+        lambda: mask_at_distance([[1.0]], 1e6),
+        lambda: mask_at_distance([[1.0]], 1, view_width=1.5),
         lambda: cfa("Bayer") * cfa("Bayer"),
         lambda: mask("MURA", 5) * mask("MURA", 3),
         lambda: modulator_from_matrix("odd", (2, 2), np.ones((3, 3))),
@@ -176,6 +204,7 @@ def test_bad_modulators_are_refused_in_one_line(make) -> None:
         mask_at_distance(np.zeros((3, 3)), 1.0),
         mask_at_distance(np.eye(4), 1.0),
         mask_at_distance(np.eye(3), 0.4),
+        mask_at_distance(np.eye(4), 0.7, view_width=1.0),
     ],
     ids=lambda m: m.name,
 )

@@ -7,11 +7,24 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.optimize import approx_fprime
+from scipy.optimize import approx_fprime, minimize
 
 from lfcal.errors import InputError
-from lfcal.multiplex import best_filter_set, best_mask, cfa, filter_set_frontier, mask, monte_carlo_gain, snr_gain
+from lfcal.multiplex import (
+    best_binary_mask,
+    best_filter_set,
+    best_mask,
+    cfa,
+    filter_set_frontier,
+    mask,
+    mask_at_distance,
+    mask_gain_bound,
+    monte_carlo_gain,
+    snr_gain,
+)
 from lfcal.multiplex.search import _filters_cost, _mask_cost, iter_mask_frontier, mask_frontier
+
+RATIOS = np.logspace(-2, 2, 81)
 
 
 @pytest.mark.parametrize("chi2", [0.0, 2.0, math.inf])
@@ -51,6 +64,60 @@ def test_masks_are_no_worse_than_the_known_ones(chi2: float) -> None:
     assert snr_gain(found, pinhole, chi2) >= known - 1e-6
     if chi2 == 0:
         assert snr_gain(found, pinhole, chi2) > known + 0.2
+
+
+@pytest.mark.parametrize(("size", "chi2"), [(5, 10.0), (7, 10.0), (5, 1.0)])
+def test_many_plain_random_starts_find_no_better_mask(size: int, chi2: float) -> None:
+    """The cost written anew, from uniform and from open-or-closed masks, by another method."""
+    pinhole = mask("pinhole", size)
+
+    def gain(x: np.ndarray) -> float:
+        noise = np.sum(1 / (np.abs(np.fft.fft2(x.reshape(size, size))) ** 2 + 1e-9)) / size**2 * (1 + chi2 * x.mean())
+        return 5 * math.log10((1 + chi2 / size**2) / noise)
+
+    found = snr_gain(best_mask(size, chi2), pinhole, chi2)
+    rng = np.random.default_rng(11)
+    for k in range(25):
+        start = rng.random(size * size) if k % 2 else (rng.random(size * size) < 0.3) * 0.98 + 0.01
+        other = minimize(
+            lambda x: -gain(x), start, bounds=[(0, 1)] * size**2, method="L-BFGS-B", options={"maxiter": 60}
+        )
+        assert gain(other.x) < found + 1e-3
+    assert found < mask_gain_bound(size, chi2)
+
+
+@pytest.mark.parametrize("chi2", [0.0, 1.0, 30.0, math.inf])
+def test_no_mask_exceeds_the_bound_and_difference_sets_reach_it(chi2: float) -> None:
+    rng = np.random.default_rng(5)
+    for size in (2, 3, 4, 8):
+        bound, pinhole = mask_gain_bound(size, chi2), mask("pinhole", size)
+        for k in range(60):
+            pattern = rng.random((size, size)) ** (k % 4) if k % 2 else (rng.random((size, size)) < k / 60) * 1.0
+            assert snr_gain(mask_at_distance(pattern, 1.0), pinhole, chi2) <= bound + 1e-9
+    # difference set of the 4 x 4 torus: 6 of 16 open, all other Fourier weights equal
+    pattern = np.array([[1, 1, 1, 0], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]], float)
+    power = np.abs(np.fft.fft2(pattern)).ravel()[1:] ** 2
+    np.testing.assert_allclose(power, power[0])
+    # the bound is over all shares of light: it is met where this one is the best
+    gaps = [mask_gain_bound(4, c) - snr_gain(mask_at_distance(pattern, 1.0), mask("pinhole", 4), c) for c in RATIOS]
+    assert -1e-9 < min(gaps) < 1e-3
+    assert mask_gain_bound(1, chi2) == 0
+
+
+@pytest.mark.parametrize("chi2", [0.0, 2.0, 50.0])
+def test_exhaustive_search_of_small_masks(chi2: float) -> None:
+    best = snr_gain(mask_at_distance(best_binary_mask(3, chi2), 1.0), mask("pinhole", 3), chi2)
+    every = []
+    for code in range(1, 512):
+        m = mask_at_distance(np.array(list(f"{code:09b}"), float).reshape(3, 3), 1.0)
+        every.append(snr_gain(m, mask("pinhole", 3), chi2))
+    assert best == pytest.approx(max(every), abs=1e-9)
+    for size in (3, 4):  # grey masks may be better, never worse
+        binary = mask_at_distance(best_binary_mask(size, chi2), 1.0)
+        found = best_mask(size, chi2, starts=0)
+        assert snr_gain(found, binary, chi2) > -1e-6
+    with pytest.raises(InputError, match="size of the mask"):
+        best_binary_mask(5, chi2)
 
 
 def test_frontier_of_masks() -> None:

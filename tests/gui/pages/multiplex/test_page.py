@@ -121,7 +121,8 @@ def test_reconstructions_equal_the_library_s_and_zoom_together(page: Page, qtbot
     truth = colour_edges((240, 240))
     frame = multiplex(truth, cfa("CYMG"))
     shown.sample.setCurrentIndex(shown.sample.findData(1))
-    spatial, fourier = (demultiplex(frame, cfa("CYMG"), route=r)[1] for r in ("spatial", "fourier"))
+    chosen = page.settings.filter
+    spatial, fourier = (demultiplex(frame, cfa("CYMG"), route=r, filter=chosen)[1] for r in ("spatial", "fourier"))
     for view, expected in zip(shown.views, (spatial, fourier, spatial - fourier, frame), strict=True):
         assert view.image is not None
         np.testing.assert_allclose(view.image, expected, atol=1e-9)
