@@ -39,9 +39,9 @@ class OffsetSearch:
     Attributes
     ----------
     phases, images, tolerance_px
-        As of `lfcal.targets.covering.cover`.
-    step
-        Of the grid (pixels).
+        As of `lfcal.targets.covering.iter_cover`.
+    step, first
+        Of the grid, and its first offset (rows, columns) (pixels).
     corner
         First cells ``(phases, holes, 2)`` of the grid that serve a pair; -1 where none does.
     counts
@@ -52,6 +52,7 @@ class OffsetSearch:
     images: HoleImages
     tolerance_px: float
     step: float
+    first: Array
     corner: NDArray[np.int32]
     counts: NDArray[np.int32]
 
@@ -59,15 +60,16 @@ class OffsetSearch:
     def of(cls, phases: Phases, images: HoleImages, tolerance_px: float) -> OffsetSearch:
         """Return the search when nothing has been shown."""
         step = 2 * tolerance_px / SIDE
-        size = np.ceil(phases.period / step).astype(int) + SIDE
         asked = _asked(phases, images)
-        corner = np.ceil((asked + phases.period / 2 - tolerance_px) / step).astype(np.int32)
+        # half a period and a little: what is asked at its very end is met from either side
+        first = -(np.abs(asked).max(axis=(0, 1)) + 2 * tolerance_px)
+        size = np.ceil(-2 * first / step).astype(int) + SIDE
+        corner = np.ceil((asked - first - tolerance_px) / step).astype(np.int32)
         plan = phases.plan
         pixels = images.pixels + images.shift[:, None] * asked
         usable = whole_at(pixels, plan.camera.sensor.shape, plan.cutout)
-        usable &= ((corner >= 0) & (corner <= size - SIDE)).all(axis=-1)
         corner[~usable] = -1
-        search = cls(phases, images, tolerance_px, step, corner, np.zeros(tuple(size), np.int32))
+        search = cls(phases, images, tolerance_px, step, first, corner, np.zeros(tuple(size), np.int32))
         search._add(np.arange(phases.count), 1)
         return search
 
@@ -88,7 +90,7 @@ class OffsetSearch:
             # cells side by side are the same frame: some from all over
             chosen = cells[np.linspace(0, len(cells) - 1, min(left, len(cells))).astype(np.intp)]
             for cell in chosen.tolist():
-                offset = np.array(divmod(cell, self.counts.shape[1])) * self.step - self.phases.period / 2
+                offset = np.array(divmod(cell, self.counts.shape[1])) * self.step + self.first
                 found = covered_by(self.phases, self.images, offset, self.tolerance_px)
                 new = found[missing[found]]
                 left -= 1

@@ -135,6 +135,14 @@ def test_a_single_point_needs_a_frame_for_each_position() -> None:
     assert len(found.shown) == 252 and (found.shown == 1).all()
 
 
+@pytest.mark.parametrize("rotation", [0.0, 0.3])
+def test_two_points_show_every_phase(rotation: float) -> None:
+    scan = scan_of(small())
+    # half a period apart in columns: what one hole is asked lies at the very end of what offsets reach
+    found = covering_of(scan, target_of(scan, (40.0, 42.0 + 10.5), (1, 2), Pose(rotation_rad=rotation)))
+    assert found.coverage == 1.0 and len(found.shown) <= 252
+
+
 def test_holes_on_one_phase_count_once() -> None:
     scan = scan_of(small())
     found = covering_of(scan, target_of(scan, (3 * 12.12435565, 42.0), (5, 5)), most=9)
@@ -143,7 +151,7 @@ def test_holes_on_one_phase_count_once() -> None:
 
 def test_frames_can_be_limited_and_the_first_show_most() -> None:
     scan = scan_of(small())
-    target = target_of(scan, (41.37, 38.9), (6, 6))
+    target = target_of(scan, (41.37, 38.9), (6, 6), Pose(rotation_rad=0.01))
     whole, part = covering_of(scan, target), covering_of(scan, target, most=10)
     assert len(part.shown) == 10 and part.coverage < 1
     assert part.offsets_px.tolist() == whole.offsets_px[:10].tolist()
