@@ -8,6 +8,7 @@
 - ``simulate``: the simulated camera
 - ``fit``: the optics retrieved from measured patterns
 - ``campaign``: what needs both recording and fit: adaptive sessions
+- ``targets``: many points in one frame: targets, and the few frames that show all phases
 - ``reconstruct``: projector pair and solvers
 - ``multiplex``: plenoptic multiplexing
 - ``accuracy``: curves of error against seconds, bytes or frames, everywhere accuracy is paid for

@@ -27,6 +27,16 @@ from lfcal.cli.options import (
 )
 from lfcal.cli.outputs import check_output
 from lfcal.cli.plan_for_fit import Wanted, check_wanted, half_positions, ready_plan, show_chosen, write_positions
+from lfcal.cli.plan_target import (
+    CrosstalkOption,
+    MostFramesOption,
+    PhaseOption,
+    PoseOption,
+    SourceOption,
+    TargetWanted,
+    WithinOption,
+    plan_source,
+)
 from lfcal.errors import InputError
 from lfcal.files import replace_whole
 from lfcal.units import format_bytes, format_length, format_seconds
@@ -227,6 +237,12 @@ def command(
     ),
     candidates: int = typer.Option(300, "--candidates", min=0, help="With --for-fit: positions looked at; 0: all."),
     draw: Path | None = typer.Option(None, "--draw", help="With --for-fit: draw the expected error (.png)."),
+    source: SourceOption = "",
+    tolerance: PhaseOption = None,
+    crosstalk: CrosstalkOption = None,
+    pose: PoseOption = "",
+    pose_within: WithinOption = "",
+    most_frames: MostFramesOption = None,
     out: Path | None = typer.Option(None, "-o", "--out", help="Write the plan as JSON."),
     workers: WorkersOption = None,
     force: ForceOption = False,
@@ -238,8 +254,10 @@ def command(
     """
     wanted = Wanted(for_fit, half_cell, chosen, earlier, unknowns, full, beside, candidates, draw, speed, workers)
     check_wanted(wanted, out, camera, positions, force=force)
+    aimed = TargetWanted(source, tolerance, crosstalk, pose, pose_within, most_frames, speed)
+    aimed.check(for_fit=bool(for_fit), half_cell=half_cell, listed=positions is not None)
     if out is not None:
-        check_output(out, camera, positions, frames, force=force)
+        check_output(out, camera, positions, frames, aimed.path, force=force)
     if for_fit and camera.endswith(".json") and (ready := ready_plan(Path(camera))) is not None:
         if depths or virtual_depths or cutout or anchor or out is not None:
             raise InputError("planes, cutout, anchor and -o: expected those of the plan, got others; leave them out")
@@ -282,6 +300,9 @@ def command(
             frames_averaged=average,
             **settings,
         )
+    if source:
+        plan_source(plan, aimed, out, json=json)
+        return
     # of a list that states neither, both follow from the steps
     computed = [name for name, given in (("depths", lengths), ("virtual depths", virtual)) if given is None]
     if for_fit:

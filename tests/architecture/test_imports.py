@@ -53,6 +53,7 @@ ALLOWED: dict[str, set[str]] = {
     "psf": COMMON | {"work", "camera", "frames"},
     "simulate": COMMON | {"work", "camera", "frames", "psf"},
     "fit": COMMON | {"work", "camera", "psf", "simulate"},
+    "targets": COMMON | {"camera", "frames", "simulate"},
     "devices": COMMON | {"camera", "frames"},
     "acquire": COMMON | {"devices", "camera", "frames", "psf"},
     "campaign": COMMON | {"acquire", "devices", "fit", "camera", "frames", "psf"},

@@ -1,0 +1,211 @@
+"""``lfcal plan --source``: how a target of many points shows the positions of a scan with few frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+
+import typer
+
+from lfcal.cli.console import print_json, print_table, report, run_work
+from lfcal.errors import InputError
+from lfcal.files import read_text, replace_whole
+from lfcal.units import format_length, format_seconds, format_share
+
+if TYPE_CHECKING:
+    from lfcal.camera import ScanPlan
+    from lfcal.targets import Target, TargetPlan, Wishes
+
+__all__ = [
+    "CrosstalkOption",
+    "MostFramesOption",
+    "PhaseOption",
+    "PoseOption",
+    "SourceOption",
+    "TargetWanted",
+    "WithinOption",
+    "plan_source",
+]
+
+SourceOption: TypeAlias = Annotated[
+    str,
+    typer.Option(
+        "--source",
+        help="Points of a target in one frame: array:12x12@1.2mm,hole=20um (hex; ROWxCOLUMN pitches), a target's .json "
+        "file, or array alone: the pitch that needs the fewest frames.",
+    ),
+]
+"""What is put before the camera."""
+
+PhaseOption: TypeAlias = Annotated[
+    float | None, typer.Option("--tolerance", help="With --source: how far off a phase may be (px); 0.1.")
+]
+"""How well positions are met."""
+
+CrosstalkOption: TypeAlias = Annotated[
+    float | None, typer.Option("--crosstalk", help="With --source: most light of neighbours in a cutout; 0.005.")
+]
+"""How far apart holes must be."""
+
+PoseOption: TypeAlias = Annotated[
+    str,
+    typer.Option(
+        "--pose",
+        help="With --source: how it lies, rotation=1,tilt_right=2,tilt_down=0 (degrees), right=0.3mm,down=0,away=0.",
+    ),
+]
+"""Where the target is, as far as that is known."""
+
+WithinOption: TypeAlias = Annotated[
+    str, typer.Option("--pose-within", help="With --source: by how much these may be off, in the same words.")
+]
+"""How badly the pose is known."""
+
+MostFramesOption: TypeAlias = Annotated[
+    int | None, typer.Option("--most-frames", min=1, help="With --source: no more frames a plane; coverage is printed.")
+]
+"""A session that must end."""
+
+
+@dataclass(frozen=True)
+class TargetWanted:
+    """Which target is to be planned, by the options' words."""
+
+    source: str
+    tolerance: float | None
+    crosstalk: float | None
+    pose: str
+    within: str
+    most_frames: int | None
+    speed: float
+
+    @property
+    def path(self) -> Path | None:
+        """The file that describes the target, where it is one."""
+        return Path(self.source) if self.source.endswith(".json") else None
+
+    def check(self, *, for_fit: bool, half_cell: bool, listed: bool) -> None:
+        """Raise where options go without a target, or a target does not go with others."""
+        given = {
+            "--tolerance": self.tolerance,
+            "--crosstalk": self.crosstalk,
+            "--pose": self.pose or None,
+            "--pose-within": self.within or None,
+            "--most-frames": self.most_frames,
+        }
+        names = [name for name, value in given.items() if value is not None]
+        if not self.source and names:
+            raise InputError(f"{names[0]}: is of a target of many points; name it with --source")
+        beside = {"--for-fit": for_fit, "--half-cell": half_cell, "--positions": listed}
+        if self.source and any(beside.values()):
+            name = next(name for name, there in beside.items() if there)
+            raise InputError(f"{name}: is of single points; leave it out beside --source")
+
+    def wishes(self) -> Wishes:
+        """Return what the plan must keep."""
+        from lfcal.targets import Wishes
+
+        given = {"tolerance_px": self.tolerance, "crosstalk": self.crosstalk, "most_frames": self.most_frames}
+        return Wishes(**{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]
+
+    def target(self, scan: ScanPlan) -> Target:
+        """Return the target: described, read, or proposed for the scan."""
+        from lfcal.targets import Pose, Target, parse_target, propose_target
+        from lfcal.targets.parsing import proposed_hole
+
+        if self.path is not None:
+            found = Target.from_json(read_text(self.path))
+        elif (hole := proposed_hole(self.source)) is not None:
+            found = propose_target(scan, self.wishes(), hole_um=hole)
+        else:
+            found = parse_target(self.source)
+        if self.pose:
+            found = replace(found, pose=Pose.parse(self.pose))
+        return replace(found, within=Pose.parse(self.within)) if self.within else found
+
+
+def plan_source(scan: ScanPlan, wanted: TargetWanted, out: Path | None, *, json: bool) -> None:
+    """Plan the target, write the plan where asked, and print it beside the scan of a single point."""
+    # a speed that makes no sense must not wait for the plan
+    from lfcal.camera import Forecast
+    from lfcal.targets import iter_plan_target
+    from lfcal.targets.planning import shown_within
+
+    Forecast.of(scan, stage_um_per_s=wanted.speed)
+    plan = run_work(iter_plan_target(scan, wanted.target(scan), wanted.wishes()), quiet=json)
+    unsure = None
+    if not plan.target.within.known:
+        unsure = [shown_within(plan, z) for z in range(len(scan.depths_um))]
+    if out is not None:
+        with replace_whole(out) as part:
+            part.write_text(plan.to_json(), encoding="utf-8")
+    facts = _facts(plan, wanted.speed, unsure)
+    if json:
+        print_json(facts)
+        return
+    _show(plan, facts)
+    if out is not None:
+        typer.echo(f"written: {out}")
+
+
+def _facts(plan: TargetPlan, speed: float, unsure: list[Any] | None) -> dict[str, Any]:
+    from lfcal.targets.parsing import target_words
+
+    forecast, single = plan.forecast(speed), plan.single(speed)
+    planes = []
+    for z, depth in enumerate(plan.scan.depths_um):
+        counts = plan.shown(z)
+        planes.append(
+            {
+                "depth_um": depth,
+                "frames": len(plan.offsets_px[z]),
+                "least_frames": plan.least_frames(z),
+                "points_a_frame": plan.points_a_frame(z),
+                "coverage": float((counts > 0).mean()),
+                "mean_repeats": float(counts.mean()),
+                "crosstalk": plan.crosstalk[z],
+                "coverage_within_pose": None if unsure is None else unsure[z],
+            }
+        )
+    return {
+        "target": target_words(plan.target),
+        "tolerance_px": plan.tolerance_px,
+        "tails": plan.tails,
+        "planes": planes,
+        "frames": forecast.frames,
+        "hours": forecast.hours,
+        "single_point": {"frames": single.frames, "hours": single.hours},
+        "plan": plan.to_dict(),
+    }
+
+
+def _show(plan: TargetPlan, facts: dict[str, Any]) -> None:
+    head = ["plane", "frames", "at least", "points a frame", "phases shown", "crosstalk"]
+    rows = []
+    for depth, found in zip(plan.scan.depths_um, facts["planes"], strict=True):
+        few, many = found["points_a_frame"]
+        points = f"{few}" if few == many else f"{few} … {many}"
+        shown, crossing = format_share(found["coverage"]), format_share(found["crosstalk"])
+        rows.append([format_length(depth), str(found["frames"]), str(found["least_frames"]), points, shown, crossing])
+    ny, nx = plan.scan.period
+    print_table(head, rows, title=f"{ny * nx} phases within {plan.tolerance_px:g} px by {facts['target']}")
+    single, hours = facts["single_point"], facts["hours"]
+    rows = [
+        ["this target", str(facts["frames"]), format_seconds(3600 * hours)],
+        ["a single point", str(single["frames"]), format_seconds(3600 * single["hours"])],
+    ]
+    print_table(["source", "frames", "time in all"], rows)
+    for found in facts["planes"]:
+        drawn = found["coverage_within_pose"]
+        if drawn is not None:
+            report(
+                f"note: with the pose within these bounds {format_share(float(drawn.mean()))} of the phases are shown "
+                f"({format_share(float(drawn.min()))} at worst of {len(drawn)} poses drawn): record one frame, measure "
+                "the pose, and plan again with it"
+            )
+            break
+    if plan.tails == "geometric":
+        report("note: crosstalk is by rays, whose patterns end")
+    if min(found["coverage"] for found in facts["planes"]) < 1:
+        report("note: not all phases are shown: record the rest with other offsets, or fit the optics to what is shown")

@@ -1,0 +1,32 @@
+"""Targets: many points in one frame instead of one.
+
+Points whose cutouts do not meet are independent measurements, each of its own phase: its place in the period of
+the lenslet array. What is done with a target, and where:
+
+1. Describe it: ``target`` (holes, marks), ``pose`` (how it lies, and how badly that is known), ``parsing`` (in words).
+2. Know where its holes are imaged: ``images`` (chief rays, each hole at its own depth), ``phases`` (counted in
+   lenslets, so that an array that is turned, distorted, or of no whole period is none the worse).
+3. Plan: ``pitches`` (which target), ``covering`` with ``lines`` and ``search`` (which offsets), ``tails`` (how close
+   holes may be), ``planning`` (all of it), ``plan`` (`TargetPlan`, a file of its own beside the scan it stands for).
+
+A scan plan keeps its meaning: a `TargetPlan` holds one, whose positions it shows by other means. See docs/targets.md.
+"""
+
+from lfcal.targets.parsing import parse_target, target_words
+from lfcal.targets.plan import TargetForecast, TargetPlan
+from lfcal.targets.planning import Wishes, iter_plan_target, plan_target, propose_target
+from lfcal.targets.pose import Pose
+from lfcal.targets.target import Target
+
+__all__ = [
+    "Pose",
+    "Target",
+    "TargetForecast",
+    "TargetPlan",
+    "Wishes",
+    "iter_plan_target",
+    "parse_target",
+    "plan_target",
+    "propose_target",
+    "target_words",
+]

@@ -1,0 +1,89 @@
+"""Where the images of a target's holes land on the sensor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import Camera
+from lfcal.targets.target import Target
+
+__all__ = ["HoleImages", "hole_images", "whole_at"]
+
+
+@dataclass(frozen=True, eq=False)
+class HoleImages:
+    """The images of a target's holes in one frame.
+
+    Attributes
+    ----------
+    holes
+        Labels ``(n, 2)`` as (row, column) of the target.
+    pixels
+        Sensor position ``(n, 2)`` as (row, column) of each chief ray; whole numbers are centres of pixels.
+    away_um
+        Depth of each hole ``(n,)``: a tilted target is not of one plane (µm).
+    shift
+        Pixels by which an image moves where that of a hole in the depth plane moves by one ``(n,)``.
+    """
+
+    holes: NDArray[np.intp]
+    pixels: NDArray[np.float64]
+    away_um: NDArray[np.float64]
+    shift: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        """Return the number of holes."""
+        return len(self.holes)
+
+    def moved(self, offset_px: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the pixels ``(n, 2)`` when the target is moved so that images in the depth plane move by an offset."""
+        moved: NDArray[np.float64] = self.pixels + self.shift[:, None] * offset_px
+        return moved
+
+    def whole(
+        self, sensor: tuple[int, int], cutout: tuple[int, int], offset_px: tuple[float, float] = (0.0, 0.0)
+    ) -> NDArray[np.bool_]:
+        """Return which holes' cutouts lie on the sensor whole ``(n,)``; a cutout is laid about the nearest pixel."""
+        return whole_at(self.moved(np.array(offset_px)), sensor, cutout)
+
+    def only(self, which: NDArray[np.bool_]) -> HoleImages:
+        """Return some of them."""
+        return HoleImages(self.holes[which], self.pixels[which], self.away_um[which], self.shift[which])
+
+
+def hole_images(target: Target, camera: Camera, z_um: float) -> HoleImages:
+    """Return the images of all holes of ``target`` in the depth plane ``z_um``, on the sensor or beside it.
+
+    The chief ray is followed as for a scan (`lfcal.camera.ScanPlan.object_um`), at each hole's own depth.
+
+    Raises
+    ------
+    InputError
+        If a hole lies where the camera has no image of it.
+    """
+    placed = target.pose.points(target.flat_um(target.holes))
+    away = z_um + placed[:, 2]
+    steps = _steps(camera, away)
+    pixels = np.array(camera.sensor.centre_px) + placed[:, 1::-1] / steps[:, None]
+    return HoleImages(target.holes, pixels, away, camera.step_um(z_um) / steps)
+
+
+def whole_at(pixels: NDArray[np.float64], sensor: tuple[int, int], cutout: tuple[int, int]) -> NDArray[np.bool_]:
+    """Return which cutouts about ``pixels`` ``(..., 2)`` lie on the sensor whole."""
+    middle = np.floor(pixels + 0.5)
+    half = (np.array(cutout) - 1) // 2
+    inside: NDArray[np.bool_] = ((middle >= half) & (middle <= np.array(sensor) - 1 - half)).all(axis=-1)
+    return inside
+
+
+def _steps(camera: Camera, away_um: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return `Camera.step_um` of many depths: it is a straight line, as the chief ray is."""
+    near, far = float(away_um.min()), float(away_um.max())
+    first, last = camera.step_um(near), camera.step_um(far)
+    if far == near:
+        return np.full(away_um.shape, first)
+    steps: NDArray[np.float64] = first + (away_um - near) * ((last - first) / (far - near))
+    return steps

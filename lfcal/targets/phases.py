@@ -1,0 +1,106 @@
+"""Phases: where in the period of the lenslet array an image lies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
+
+from lfcal.camera import LensletLattice, ScanPlan
+
+__all__ = ["Phases"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Phases:
+    """The phases of a scan: what its positions are in the lenslet array's own cell.
+
+    The array's period is no whole number of pixels, it may be turned, and it may be distorted: modulo the plan's whole
+    period a pattern six cells away is another one. A phase is therefore counted in lenslets, from the lenslet that the
+    image is next to, and only then expressed in pixels.
+
+    Attributes
+    ----------
+    plan
+        The scan of a single point.
+    lattice
+        The array as it is, with its distortion.
+    to_cells
+        Matrix ``(2, 2)`` from lattice indices (q, r) to cells (y, x).
+    period
+        Height and width of a cell at the anchor (pixels).
+    """
+
+    plan: ScanPlan
+    lattice: LensletLattice
+    to_cells: Array
+    period: Array
+
+    @classmethod
+    def of(cls, plan: ScanPlan) -> Phases:
+        """Return the phases of a scan."""
+        lattice, pixel = plan.cell_camera.lattice, plan.camera.sensor.pixel_um
+        hexagonal = lattice.kind == "hexagonal"
+        # a cell in lattice indices: rows of three types repeat after three, a hexagonal array's after two rows
+        along = np.array([len(lattice.types) if hexagonal else 1, 0.0])
+        across = np.array([-1.0, 2.0]) if hexagonal else np.array([0.0, 1.0])
+        cells = [across, along]
+        if lattice.quarter_turns % 2:
+            cells.reverse()
+        index = np.stack(cells) * np.array(plan.cells)[:, None]
+        sides = index @ lattice.basis_um() / pixel
+        # from the top and from the left, whichever way the rows run
+        index *= np.sign([sides[0, 1], sides[1, 0]])[:, None]
+        period = np.abs([sides[0, 1], sides[1, 0]])
+        return cls(plan, plan.camera.lattice, np.linalg.inv(index), period)
+
+    @property
+    def count(self) -> int:
+        """Positions of a plane."""
+        return self.plan.period[0] * self.plan.period[1]
+
+    def cells(self, pixels: ArrayLike) -> Array:
+        """Return sensor pixels ``(..., 2)`` as cells (y, x) from the anchor."""
+        camera = self.plan.camera
+        index = self.lattice.lenslet_at(camera.sensor_um(pixels))
+        start = self.lattice.lenslet_at(camera.sensor_um(self.plan.anchor))
+        cells: Array = (index - start) @ self.to_cells
+        return cells
+
+    def at(self, pixels: ArrayLike) -> Array:
+        """Return the phases ``(..., 2)`` (y, x) of sensor pixels, 0 to the period (pixels)."""
+        cells = self.cells(pixels)
+        phases: Array = (cells - np.floor(cells)) * self.period
+        # just below a whole cell the share rounds to 1
+        return np.where(phases >= self.period, 0.0, phases)
+
+    def rates(self, pixels: Array, step: float = 1.0) -> Array:
+        """Return the change of each phase with its pixel ``(n, 2, 2)``: the identity for an upright, straight array."""
+        columns = [(self.cells(pixels + e) - self.cells(pixels - e)) / (2 * step) for e in step * np.eye(2)]
+        rates: Array = np.stack(columns, axis=-1) * self.period[:, None]
+        return rates
+
+    def wanted(self) -> Array:
+        """Return the phases ``(ny nx, 2)`` of the positions of the scan, row by row."""
+        rows, columns = np.indices(self.plan.period).reshape(2, -1)
+        return self.at(self.plan.image_px(np.stack([np.zeros_like(rows), rows, columns], axis=1)))
+
+    def covered(self, pixels: Array, tolerance_px: float) -> NDArray[np.intp]:
+        """Return the positions, numbered row by row, that images at ``pixels`` ``(n, 2)`` show within a tolerance.
+
+        An image shows a position if its phase is as far off as ``tolerance_px`` at most, in rows and in columns.
+        """
+        if not len(pixels):
+            return np.zeros(0, np.intp)
+        lists = self._tree.query_ball_point(self.at(pixels), tolerance_px + 1e-9, p=np.inf)
+        return np.unique(np.concatenate([np.array(found, np.intp) for found in lists]))
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        """Wanted phases, to be found from either side of the period."""
+        return cKDTree(self.wanted(), boxsize=self.period)

@@ -1,0 +1,218 @@
+"""The plan of a target: the scan it stands for, the target, and where it is moved for each frame."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import Forecast, ScanPlan
+from lfcal.camera.description import build
+from lfcal.checks import check_number, check_tuple, check_type
+from lfcal.errors import FileFormatError, InputError
+from lfcal.plain import parse_json
+from lfcal.targets.images import HoleImages, hole_images
+from lfcal.targets.phases import Phases
+from lfcal.targets.search import covered_by
+from lfcal.targets.target import Target
+
+__all__ = ["TargetForecast", "TargetPlan"]
+
+FORMAT = "lfcal-target-plan"
+VERSION = 1
+MOST_OFFSETS = 10_000_000
+
+Offsets = tuple[tuple[tuple[float, float], ...], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class TargetForecast:
+    """Time that a plan of a target needs, counted as `lfcal.camera.Forecast` counts it.
+
+    Attributes
+    ----------
+    frames
+        Frames in all, repetitions included.
+    exposure_hours, settle_hours, move_hours
+        Exposing, settling and moving (h).
+    """
+
+    frames: int
+    exposure_hours: float
+    settle_hours: float
+    move_hours: float
+
+    @property
+    def hours(self) -> float:
+        """Time in all (h)."""
+        return self.exposure_hours + self.settle_hours + self.move_hours
+
+
+@dataclass(frozen=True, slots=True)
+class TargetPlan:
+    """Where a target is put for each frame.
+
+    Attributes
+    ----------
+    scan
+        The scan of a single point whose positions are to be shown: camera, planes, cutout, stage, exposures.
+    target
+        What is moved, with its pose where no offset is added.
+    offsets_px
+        For each plane, how far images in the depth plane move from there, as (rows, columns) in pixels: one a frame.
+    tolerance_px
+        How far off the phase of an image may be to show a position.
+    crosstalk
+        For each plane, the largest share of neighbours' light in a cutout, of equally bright holes.
+    tails
+        How that was computed: ``"geometric"`` (rays: patterns end) or by waves.
+    """
+
+    scan: ScanPlan
+    target: Target
+    offsets_px: Offsets
+    tolerance_px: float
+    crosstalk: tuple[float, ...]
+    tails: str
+
+    def __post_init__(self) -> None:
+        """Check every value, and that the camera sees the target in every plane."""
+        check_type("scan", self.scan, ScanPlan)
+        check_type("target", self.target, Target)
+        check_number("tolerance of a phase (px)", self.tolerance_px, above=0, at_most=0.5)
+        check_type("computation of tails", self.tails, str)
+        planes = len(self.scan.depths_um)
+        object.__setattr__(self, "crosstalk", check_tuple("crosstalk", self.crosstalk, planes, at_least=0))
+        check_type("offsets of the target", self.offsets_px, (tuple, list))
+        if len(self.offsets_px) != planes or sum(map(len, self.offsets_px)) > MOST_OFFSETS:
+            wanted = f"a list for each of {planes} planes"
+            raise InputError.expected("offsets of the target", wanted, len(self.offsets_px), "correct them")
+        offsets = tuple(
+            tuple(check_tuple("offset (rows, columns) (px)", offset, 2) for offset in plane)
+            for plane in self.offsets_px
+        )
+        object.__setattr__(self, "offsets_px", offsets)
+        for z in range(planes):
+            self.images(z)
+
+    # -- frames ----------------------------------------------------------------------------------------
+    @property
+    def frames(self) -> tuple[tuple[int, int], ...]:
+        """All frames as (plane, number of its offset), in the order they are recorded."""
+        return tuple((z, k) for z, plane in enumerate(self.offsets_px) for k in range(len(plane)))
+
+    def images(self, z: int) -> HoleImages:
+        """Return the images of all holes in plane ``z`` without an offset."""
+        return hole_images(self.target, self.scan.camera, self.scan.depths_um[z])
+
+    def points(self, z: int, k: int) -> HoleImages:
+        """Return the images of one frame whose cutouts lie on the sensor whole."""
+        images, offset = self.images(z), self.offsets_px[z][k]
+        moved = HoleImages(images.holes, images.moved(np.array(offset)), images.away_um, images.shift)
+        return moved.only(moved.whole(self.scan.camera.sensor.shape, self.scan.cutout))
+
+    def offsets_um(self, z: int) -> NDArray[np.float64]:
+        """Return the offsets of plane ``z`` in object space, ``(frames, 2)`` as (right, down) (µm)."""
+        offsets = np.array(self.offsets_px[z]).reshape(-1, 2)
+        moved: NDArray[np.float64] = offsets[:, ::-1] * self.scan.camera.step_um(self.scan.depths_um[z])
+        return moved
+
+    def stage_um(self) -> NDArray[np.float64]:
+        """Return the stage's coordinates ``(frames, 3)`` as (x, y, z) of all frames (µm).
+
+        Without an offset the stage is where it puts a single source on the axis, in the plane.
+        """
+        places = []
+        for z, depth in enumerate(self.scan.depths_um):
+            moved = self.offsets_um(z)
+            places.append(np.concatenate([moved, np.full((len(moved), 1), depth)], axis=1))
+        return self.scan.stage.to_stage(np.concatenate(places))
+
+    def forecast(self, stage_um_per_s: float = 1000.0) -> TargetForecast:
+        """Return the time of all frames, with a stage that moves its axes at once at this speed (µm/s)."""
+        check_number("stage speed (µm/s)", stage_um_per_s, above=0)
+        path, scan = self.stage_um(), self.scan
+        way = float(np.abs(np.diff(path, axis=0)).max(axis=1).sum()) if len(path) > 1 else 0.0
+        counts = [len(plane) for plane in self.offsets_px]
+        exposing = sum(n * seconds for n, seconds in zip(counts, scan.exposures, strict=True))
+        return TargetForecast(
+            sum(counts) * scan.frames_averaged,
+            exposing * scan.frames_averaged / 3600,
+            sum(counts) * scan.settle_s / 3600,
+            way / stage_um_per_s / 3600,
+        )
+
+    def single(self, stage_um_per_s: float = 1000.0) -> Forecast:
+        """Return the forecast of the scan with a single point."""
+        return Forecast.of(self.scan, stage_um_per_s=stage_um_per_s)
+
+    # -- what is shown ---------------------------------------------------------------------------------
+    def points_a_frame(self, z: int) -> tuple[int, int]:
+        """Return the fewest and the most holes of a frame of plane ``z`` whose cutouts are on the sensor."""
+        counts = [len(self.points(z, k)) for k in range(len(self.offsets_px[z]))]
+        return (min(counts), max(counts)) if counts else (0, 0)
+
+    def least_frames(self, z: int) -> int:
+        """Return the least number of frames: positions over the most holes of a frame."""
+        return math.ceil(math.prod(self.scan.period) / max(1, self.points_a_frame(z)[1]))
+
+    def shown(self, z: int, *, target: Target | None = None, tolerance_px: float | None = None) -> NDArray[np.intp]:
+        """Return how many frames show each position of plane ``z`` ``(ny, nx)``.
+
+        Parameters
+        ----------
+        target
+            The target as it really lies; None: as planned.
+        tolerance_px
+            How far off a phase may be; None: the plan's.
+        """
+        phases = Phases.of(self.scan)
+        images = hole_images(target or self.target, self.scan.camera, self.scan.depths_um[z])
+        counts = np.zeros(phases.count, np.intp)
+        for offset in np.array(self.offsets_px[z]).reshape(-1, 2):
+            counts[covered_by(phases, images, offset, tolerance_px or self.tolerance_px)] += 1
+        return counts.reshape(self.scan.period)
+
+    def coverage(self, z: int, *, target: Target | None = None, tolerance_px: float | None = None) -> float:
+        """Return the share of the positions of plane ``z`` that some frame shows; arguments as of `shown`."""
+        return float((self.shown(z, target=target, tolerance_px=tolerance_px) > 0).mean())
+
+    # -- JSON ------------------------------------------------------------------------------------------
+    def to_dict(self) -> dict[str, Any]:
+        """Return the plan as plain JSON types."""
+        scan = self.scan.to_dict()
+        # told apart from a scan plan by its first lines: the scan's own format is not repeated here
+        version = scan.pop("version")
+        del scan["format"]
+        body = {name: getattr(self, name) for name in ("offsets_px", "tolerance_px", "crosstalk", "tails")}
+        target = asdict(self.target)
+        return {"format": FORMAT, "version": VERSION, "scan_version": version, **body, "target": target, "scan": scan}
+
+    def to_json(self) -> str:
+        """Return the plan as JSON text."""
+        return json.dumps(self.to_dict(), indent=1, allow_nan=False)
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> TargetPlan:
+        """Return the plan described by ``data``; unknown or missing entries raise `InputError`."""
+        what = "plan of a target"
+        if not isinstance(data, Mapping) or data.get("format") != FORMAT:
+            raise FileFormatError.expected(what, f'"format": "{FORMAT}"', "something else", "check the file")
+        if data.get("version") != VERSION:
+            raise FileFormatError.expected(what, f"version {VERSION}", data.get("version"), "update lfcal")
+        body = {k: v for k, v in data.items() if k not in ("format", "version", "scan_version")}
+        if not isinstance(body.get("scan"), Mapping):
+            raise FileFormatError.expected(what, "a scan", type(body.get("scan")).__name__, "check the file")
+        whole = {"format": "lfcal-plan", "version": data.get("scan_version"), **body["scan"]}
+        body["scan"] = ScanPlan.from_dict(whole)
+        return build(cls, body, what)
+
+    @classmethod
+    def from_json(cls, text: str) -> TargetPlan:
+        """Return the plan described by JSON ``text``."""
+        return cls.from_dict(parse_json(text, "plan of a target"))

@@ -1,0 +1,132 @@
+"""From a scan and a target to a plan; and what a plan shows when the target lies otherwise."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import ScanPlan
+from lfcal.checks import check_number
+from lfcal.errors import InputError
+from lfcal.progress import Work, drain
+from lfcal.targets.covering import iter_cover
+from lfcal.targets.images import hole_images
+from lfcal.targets.phases import Phases
+from lfcal.targets.pitches import proposed_target
+from lfcal.targets.plan import TargetPlan
+from lfcal.targets.pose import Pose
+from lfcal.targets.tails import Tails, simulated_tails
+from lfcal.targets.target import Target
+from lfcal.units import format_length, format_share
+
+__all__ = ["Wishes", "iter_plan_target", "plan_target", "poses_within", "propose_target", "shown_within"]
+
+
+@dataclass(frozen=True, slots=True)
+class Wishes:
+    """What a plan must keep.
+
+    Attributes
+    ----------
+    tolerance_px
+        How far off the phase of an image may be to show a position, in rows and in columns (pixels).
+    crosstalk
+        Most light of neighbours in a cutout, over that of its own point.
+    most_frames
+        No more frames than this for a plane; None: as many as all phases need.
+    level
+        How tails are computed: ``"auto"`` (waves) or ``"geometric"``.
+    """
+
+    tolerance_px: float = 0.1
+    crosstalk: float = 0.005
+    most_frames: int | None = None
+    level: str = "auto"
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        check_number("tolerance of a phase (px)", self.tolerance_px, above=0, at_most=0.5)
+        check_number("crosstalk allowed", self.crosstalk, at_least=1e-6, below=1)
+
+
+def propose_target(scan: ScanPlan, wishes: Wishes | None = None, *, hole_um: float = 0.0) -> Target:
+    """Return the array of holes that shows all phases of the middle plane with the fewest frames.
+
+    Holes are as close to each other as crosstalk allows, in all planes.
+    """
+    wishes = wishes or Wishes()
+    planes = range(len(scan.depths_um))
+    middle = len(planes) // 2
+    steps = [scan.camera.step_um(depth) for depth in scan.depths_um]
+    # a pitch is more or fewer pixels in another plane
+    least = max(
+        simulated_tails(scan, z, level=wishes.level).least_pitch(wishes.crosstalk) * steps[z] / steps[middle]
+        for z in planes
+    )
+    return proposed_target(scan, middle, least, wishes.tolerance_px, hole_um=hole_um)[0]
+
+
+def iter_plan_target(scan: ScanPlan, target: Target, wishes: Wishes | None = None) -> Work[TargetPlan]:
+    """Plan where ``target`` is put so that its holes show all phases of ``scan`` with few frames.
+
+    Every plane is planned for itself: its magnification is another one. The pose is taken as it is stated; see
+    `shown_within` for one that is not known so well.
+
+    Raises
+    ------
+    InputError
+        If no hole's cutout is on the sensor, or holes are too close together.
+    """
+    wishes, phases = wishes or Wishes(), Phases.of(scan)
+    offsets, crosstalk, level = [], [], wishes.level
+    for z, depth in enumerate(scan.depths_um):
+        images = hole_images(target, scan.camera, depth)
+        usable = int(images.whole(scan.camera.sensor.shape, scan.cutout).sum())
+        if not usable:
+            wanted = f"a hole whose cutout of {scan.cutout[0]} x {scan.cutout[1]} px is on the sensor"
+            raise InputError.expected("target", wanted, "none", "move it, or choose another pose")
+        tails = simulated_tails(scan, z, level=wishes.level)
+        crosstalk.append(tails.among(images))
+        level = tails.level
+        _check_apart(scan, z, target, tails, (crosstalk[z], wishes.crosstalk))
+        found = yield from iter_cover(phases, images, wishes.tolerance_px, most=wishes.most_frames)
+        offsets.append(tuple((float(row), float(column)) for row, column in found.offsets_px))
+    return TargetPlan(scan, target, tuple(offsets), wishes.tolerance_px, tuple(crosstalk), level)
+
+
+def plan_target(scan: ScanPlan, target: Target, wishes: Wishes | None = None) -> TargetPlan:
+    """Plan a target at once; see `iter_plan_target`."""
+    return drain(iter_plan_target(scan, target, wishes))
+
+
+def _check_apart(scan: ScanPlan, z: int, target: Target, tails: Tails, shares: tuple[float, float]) -> None:
+    got, limit = shares
+    if got > limit:
+        apart = tails.least_pitch(limit) * scan.camera.step_um(scan.depths_um[z])
+        raise InputError.expected(
+            f"crosstalk of holes {format_length(target.nearest_um)} apart in plane {z}",
+            f"at most {format_share(limit)}",
+            format_share(got),
+            f"take holes {format_length(apart)} apart, or allow more",
+        )
+
+
+def poses_within(target: Target, count: int, seed: int = 0) -> Iterator[Pose]:
+    """Iterate over poses drawn evenly from the bounds of the target's pose."""
+    rng = np.random.default_rng(seed)
+    for _ in range(count):
+        yield target.pose.off_by(target.within, rng.uniform(-1.0, 1.0, 6))
+
+
+def shown_within(plan: TargetPlan, z: int, *, count: int = 8, seed: int = 0) -> NDArray[np.float64]:
+    """Return what share of the positions the plan shows for each of some poses within the target's bounds ``(count,)``.
+
+    Offsets are as planned, the pose is not: with bounds beyond the tolerance at the target's rim its holes lie on
+    phases that nobody chose. A frame that is recorded first and measured tells the pose, and the plan of that pose
+    covers all.
+    """
+    poses = poses_within(plan.target, count, seed)
+    return np.array([plan.coverage(z, target=replace(plan.target, pose=pose)) for pose in poses])

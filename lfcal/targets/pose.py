@@ -1,0 +1,122 @@
+"""How a target lies before the camera."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.checks import check_number
+from lfcal.errors import InputError
+
+__all__ = ["Pose", "length_um"]
+
+MOST_TILT_RAD = math.radians(60.0)
+"""Beyond this holes are hardly seen, and their images no longer a lattice."""
+
+DEGREES = {"rotation": "rotation_rad", "tilt_right": "tilt_right_rad", "tilt_down": "tilt_down_rad"}
+LENGTHS = {"right": "right_um", "down": "down_um", "away": "away_um"}
+UNITS = {"um": 1.0, "µm": 1.0, "mm": 1e3}
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """Where the middle of a target is, and how it is turned; or by how much each of these may be off.
+
+    Positions are object points as `lfcal.camera.ScanPlan.object_um` has them: right and down in the sense in which the
+    image moves, from the optical axis; away from the camera, from the depth plane.
+
+    Attributes
+    ----------
+    rotation_rad
+        Turn of the target in its plane, from right towards down.
+    tilt_right_rad, tilt_down_rad
+        By how much its right side, and its lower side, lie farther away; the tilt to the right comes first.
+    right_um, down_um, away_um
+        Middle of the target (µm).
+    """
+
+    rotation_rad: float = 0.0
+    tilt_right_rad: float = 0.0
+    tilt_down_rad: float = 0.0
+    right_um: float = 0.0
+    down_um: float = 0.0
+    away_um: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        check_number("rotation of the target (rad)", self.rotation_rad, at_least=-math.pi, at_most=math.pi)
+        for name in ("tilt_right_rad", "tilt_down_rad"):
+            check_number("tilt of the target (rad)", getattr(self, name), above=-MOST_TILT_RAD, below=MOST_TILT_RAD)
+        for name in LENGTHS.values():
+            check_number("place of the target (µm)", getattr(self, name))
+
+    @classmethod
+    def parse(cls, text: str) -> Pose:
+        """Return the pose of ``"rotation=1,tilt_right=2,right=0.3mm"``: angles in degrees, lengths in µm or mm.
+
+        Raises
+        ------
+        InputError
+            If a name or a number is none.
+        """
+        found: dict[str, float] = {}
+        for part in filter(None, (piece.strip() for piece in text.split(","))):
+            name, _, value = (piece.strip() for piece in part.partition("="))
+            if name not in DEGREES and name not in LENGTHS:
+                raise InputError.expected(
+                    "pose", " or ".join([*DEGREES, *LENGTHS]), repr(part), "for example rotation=1"
+                )
+            key = DEGREES.get(name) or LENGTHS[name]
+            if key in found:
+                raise InputError.expected("pose", "each value once", repr(name), "leave one out")
+            found[key] = math.radians(_number(value)) if name in DEGREES else length_um(value)
+        return cls(**found)
+
+    def points(self, flat_um: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return object points ``(..., 3)`` (right, down, away) of points ``(..., 2)`` (right, down) of the target."""
+        middle = np.array([self.right_um, self.down_um, self.away_um])
+        placed: NDArray[np.float64] = flat_um @ self.turn()[:, :2].T + middle
+        return placed
+
+    def turn(self) -> NDArray[np.float64]:
+        """Return the rotation matrix ``(3, 3)`` from the target's axes to (right, down, away)."""
+        c, s = math.cos(self.rotation_rad), math.sin(self.rotation_rad)
+        flat = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        c, s = math.cos(self.tilt_right_rad), math.sin(self.tilt_right_rad)
+        right = np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
+        c, s = math.cos(self.tilt_down_rad), math.sin(self.tilt_down_rad)
+        down = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+        turn: NDArray[np.float64] = down @ right @ flat
+        return turn
+
+    def off_by(self, within: Pose, shares: NDArray[np.float64]) -> Pose:
+        """Return this pose, off by ``shares`` (6,) of -1 … 1 of the bounds ``within``, in the attributes' order."""
+        names = [field.name for field in fields(self)]
+        moved = [getattr(self, n) + s * getattr(within, n) for n, s in zip(names, shares.tolist(), strict=True)]
+        return Pose(*moved)
+
+    @property
+    def known(self) -> bool:
+        """Of bounds: whether none of the values may be off."""
+        return not any(getattr(self, field.name) for field in fields(self))
+
+
+def length_um(text: str) -> float:
+    """Return a length in µm of ``"1.2mm"``, ``"20um"`` or a bare number of µm."""
+    for unit, factor in UNITS.items():
+        if text.endswith(unit):
+            return factor * _number(text.removesuffix(unit))
+    return _number(text)
+
+
+def _number(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError.expected("number of a target", "a number, a length in um or mm", repr(text), "correct it")
+    return value

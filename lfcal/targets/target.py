@@ -1,0 +1,145 @@
+"""What is put before the camera: a point, or an array of pinholes."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera.description import build
+from lfcal.checks import check_choice, check_number, check_tuple, check_type
+from lfcal.errors import FileFormatError, InputError
+from lfcal.plain import parse_json
+from lfcal.targets.pose import Pose
+
+__all__ = ["KINDS", "MOST_HOLES", "Target"]
+
+FORMAT = "lfcal-target"
+VERSION = 1
+KINDS = ("point", "square", "hexagonal")
+
+MOST_HOLES = 100_000
+"""Far more than a sensor has room for: a slip of the pen ends here."""
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """Point sources in one plane.
+
+    Attributes
+    ----------
+    kind
+        ``"point"``; ``"square"``: a rectangular grid of holes; ``"hexagonal"``: every second row is shifted to the
+        right by half a pitch.
+    shape
+        Holes (rows, columns).
+    pitch_um
+        Distance of neighbouring rows, and of neighbouring holes in a row (µm).
+    hole_um
+        Diameter of a hole (µm); 0: a point.
+    absent
+        Holes (row, column) that are left out on purpose. An array is its own mirror image; with marks that tell its
+        sides apart it can be seen to lie the wrong way round.
+    pose
+        Where it is, as far as that is known.
+    within
+        By how much each value of the pose may be off: what is fitted. All 0: the pose is known.
+    """
+
+    kind: str = "point"
+    shape: tuple[int, int] = (1, 1)
+    pitch_um: tuple[float, float] = (0.0, 0.0)
+    hole_um: float = 0.0
+    absent: tuple[tuple[int, int], ...] = ()
+    pose: Pose = field(default=Pose())
+    within: Pose = field(default=Pose())
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        check_choice("target", self.kind, KINDS)
+        shape = check_tuple("holes of the target (rows, columns)", self.shape, 2, integer=True, at_least=1)
+        object.__setattr__(self, "shape", shape)
+        check_number("holes of the target", math.prod(shape), at_most=MOST_HOLES, integer=True)
+        pitch = check_tuple("pitch of the target (rows, columns) (µm)", self.pitch_um, 2, at_least=0)
+        object.__setattr__(self, "pitch_um", pitch)
+        check_number("holes' diameter (µm)", self.hole_um, at_least=0)
+        self._check_kind()
+        self._check_absent()
+        check_type("pose of the target", self.pose, Pose)
+        check_type("bounds of the target's pose", self.within, Pose)
+        for bound in fields(Pose):
+            check_number("bound of the target's pose", getattr(self.within, bound.name), at_least=0)
+
+    def _check_kind(self) -> None:
+        if self.kind == "point":
+            if self.shape != (1, 1):
+                raise InputError.expected("target", "one hole of a point", f"{self.shape}", "call it an array")
+            return
+        for pitch in self.pitch_um:
+            check_number("pitch of the target (µm)", pitch, above=self.hole_um, remedy="holes may not touch")
+        if math.prod(self.shape) < 2:
+            raise InputError.expected("target", "an array of 2 holes or more", f"{self.shape}", "call it a point")
+
+    def _check_absent(self) -> None:
+        check_type("absent holes", self.absent, (tuple, list))
+        holes = tuple(check_tuple("absent hole (row, column)", a, 2, integer=True, at_least=0) for a in self.absent)
+        object.__setattr__(self, "absent", holes)
+        outside = [hole for hole in holes if hole[0] >= self.shape[0] or hole[1] >= self.shape[1]]
+        if outside or len(set(holes)) < len(holes) or len(holes) >= math.prod(self.shape):
+            wanted = f"some of the holes of {self.shape}, each once"
+            raise InputError.expected("absent holes", wanted, outside[:1] or len(holes), "correct them")
+
+    @property
+    def holes(self) -> NDArray[np.intp]:
+        """Labels ``(n, 2)`` as (row, column) of the holes that are there, row by row."""
+        there = np.ones(self.shape, np.bool_)
+        for hole in self.absent:
+            there[hole] = False
+        return np.argwhere(there)
+
+    def flat_um(self, holes: NDArray[np.intp]) -> NDArray[np.float64]:
+        """Return where holes ``(n, 2)`` are on the target, (right, down) of its middle (µm)."""
+        index = np.asarray(holes, float)
+        down, right = np.moveaxis(index - (np.array(self.shape) - 1) / 2, -1, 0)
+        if self.kind == "hexagonal":
+            # a quarter each way: the middle stays the middle
+            right = right + np.where(index[..., 0] % 2 == 1, 0.25, -0.25)
+        return np.stack([right * self.pitch_um[1], down * self.pitch_um[0]], axis=-1)
+
+    @property
+    def nearest_um(self) -> float:
+        """Distance of neighbouring holes (µm); infinite for a point."""
+        near = [math.inf]
+        rows, columns = self.shape
+        lean = 0.5 * self.pitch_um[1] if self.kind == "hexagonal" else 0.0
+        near += [self.pitch_um[1]] if columns > 1 else []
+        near += [math.hypot(self.pitch_um[0], lean)] if rows > 1 else []
+        return min(near)
+
+    # -- JSON ------------------------------------------------------------------------------------------
+    def to_dict(self) -> dict[str, Any]:
+        """Return the description as plain JSON types."""
+        return {"format": FORMAT, "version": VERSION, **asdict(self)}
+
+    def to_json(self) -> str:
+        """Return the description as JSON text."""
+        return json.dumps(self.to_dict(), indent=2, allow_nan=False)
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Target:
+        """Return the target described by ``data``; unknown or missing entries raise `InputError`."""
+        if not isinstance(data, Mapping) or data.get("format") != FORMAT:
+            raise FileFormatError.expected("target", f'"format": "{FORMAT}"', "something else", "check the file")
+        if data.get("version") != VERSION:
+            raise FileFormatError.expected("target", f"version {VERSION}", data.get("version"), "update lfcal")
+        return build(cls, {k: v for k, v in data.items() if k not in ("format", "version")}, "target")
+
+    @classmethod
+    def from_json(cls, text: str) -> Target:
+        """Return the target described by JSON ``text``."""
+        return cls.from_dict(parse_json(text, "target"))

@@ -1,0 +1,263 @@
+"""Plans of targets: proposed pitches, crosstalk, poses that are not known, files."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lfcal.camera import Camera, Forecast, ScanPlan, StageAxes, preset
+from lfcal.errors import InputError
+from lfcal.simulate.accuracy.planner import plan_effects
+from lfcal.simulate.response import PlaneResponse
+from lfcal.targets import Pose, Target, TargetPlan, Wishes, parse_target, plan_target, propose_target
+from lfcal.targets.images import hole_images
+from lfcal.targets.phases import Phases
+from lfcal.targets.pitches import proposed_axis
+from lfcal.targets.planning import poses_within, shown_within
+from lfcal.targets.tails import Tails, simulated_tails
+from tests.targets.common import bench, scan_of, small
+
+RAYS = Wishes(level="geometric")
+
+
+def brute(scan: ScanPlan, plan: TargetPlan, tolerance: float) -> int:
+    """Return how many phases a plan of an upright, straight array shows: distances modulo the true period, no tree."""
+    period = np.array(scan.camera.period_px)
+    rows, columns = np.indices(scan.period).reshape(2, -1)
+    wanted = np.stack([rows, columns], axis=1) + np.array(scan.anchor)
+    shown = np.zeros(len(wanted), np.bool_)
+    for k in range(len(plan.offsets_px[0])):
+        for place in plan.points(0, k).pixels:
+            off = wanted - place
+            off -= period * np.round(off / period)
+            shown |= (np.abs(off) <= tolerance).all(axis=1)
+    return int(shown.sum())
+
+
+@pytest.mark.parametrize("cutout", [pytest.param(None, marks=pytest.mark.long), 181])
+def test_an_r29_is_covered_with_nearly_the_fewest_frames(cutout: int | None) -> None:
+    scan = ScanPlan.for_camera(preset("r29"), virtual_depths=(4.0,), cutout=cutout)
+    plan = plan_target(scan, propose_target(scan, RAYS), RAYS)
+    few, many = plan.points_a_frame(0)
+    assert few == many > 600
+    least = math.ceil(5225 / many)
+    assert plan.least_frames(0) == least
+    assert plan.coverage(0) == 1.0 and brute(scan, plan, 0.1001) == 5225
+    assert len(plan.offsets_px[0]) <= 1.6 * least
+    assert plan.crosstalk[0] <= RAYS.crosstalk
+    assert plan.single().frames == 5225 and plan.single().hours > 100 * plan.forecast().hours
+    assert len(plan.to_json()) < 20_000
+
+
+@pytest.mark.parametrize(
+    ("camera", "planes"),
+    [(bench(720), {"virtual_depths": (4.0,)}), (preset("lfm_20x05"), {"depths_um": (20.0,)})],
+    ids=["bench", "microscope"],
+)
+def test_proposals_for_other_cameras(camera: Camera, planes: dict[str, Any]) -> None:
+    scan = ScanPlan.for_camera(camera, **planes)
+    plan = plan_target(scan, propose_target(scan, RAYS, hole_um=0.5), RAYS)
+    assert plan.target.hole_um == 0.5 and plan.coverage(0) == 1.0
+    # few frames are a product of two whole numbers, each rounded up
+    assert len(plan.offsets_px[0]) <= 2 * plan.least_frames(0)
+
+
+def test_a_vernier_goes_round_its_period_once() -> None:
+    phases = Phases.of(ScanPlan.for_camera(preset("r29"), virtual_depths=(4.0,)))
+    for axis, (length, count) in enumerate(((31.7 * math.sqrt(3), 55), (95.1, 95))):
+        found = proposed_axis(phases, axis, 150.0, 0.1)
+        assert (found.pitch_px - found.step) / length == pytest.approx(round((found.pitch_px - found.step) / length))
+        assert found.pitch_px >= 150 and found.frames <= 1.6 * math.ceil(count / found.holes)
+        # half a period of offsets, and a cutout at either end
+        span = (found.holes - 1) * found.pitch_px + length + 129
+        assert span <= (4384, 6576)[axis]
+
+
+def test_no_proposal_without_room() -> None:
+    with pytest.raises(InputError, match="room for two cutouts"):
+        propose_target(scan_of(bench(64)), RAYS)
+
+
+# -- crosstalk -------------------------------------------------------------------------------------------
+
+
+def test_light_of_neighbours_is_added_up_as_frames_add_it() -> None:
+    scan = ScanPlan.for_camera(bench(), virtual_depths=(4.0,))
+    tails = simulated_tails(scan, 0)
+    assert tails.level == "wave" and tails.light.shape == (3 * scan.cutout[0], 3 * scan.cutout[1])
+    half = tails.light.shape[0] // 2
+    # a frame of three by three patterns 47 px apart, laid on each other pixel by pixel
+    size = tails.light.shape[0] + 2 * 47
+    frame, alone = np.zeros((size, size)), np.zeros((size, size))
+    for i in range(3):
+        for j in range(3):
+            frame[47 * i : 47 * i + 2 * half + 1, 47 * j : 47 * j + 2 * half + 1] += tails.light
+    alone[47 : 47 + 2 * half + 1, 47 : 47 + 2 * half + 1] += tails.light
+    middle, reach = size // 2, (scan.cutout[0] - 1) // 2
+    part = (slice(middle - reach, middle + reach + 1),) * 2
+    crossing = frame[part].sum() / alone[part].sum() - 1
+    index = np.mgrid[-1:2, -1:2].reshape(2, -1).T * 47.0
+    assert tails.share(index[np.abs(index).any(axis=1)]).sum() == pytest.approx(crossing, rel=1e-6)
+    assert tails.grid((47.0, 47.0)) == pytest.approx(crossing, rel=0.05)
+    assert tails.share(np.zeros((1, 2)))[0] == pytest.approx(1.0)
+
+
+def test_waves_have_tails_and_rays_have_not() -> None:
+    scan = ScanPlan.for_camera(bench(), virtual_depths=(4.0,))
+    rays, waves = simulated_tails(scan, 0, level="geometric"), simulated_tails(scan, 0)
+    far = (float(scan.cutout[0]),) * 2
+    assert rays.grid(far) == 0 and 1e-4 < waves.grid(far) < 5e-3
+    assert rays.least_pitch(0.001) < waves.least_pitch(0.001)
+    assert waves.least_pitch(0.02) < waves.least_pitch(0.001)
+
+
+def test_tails_are_those_of_the_simulated_pattern() -> None:
+    scan = ScanPlan.for_camera(bench(), virtual_depths=(4.0,))
+    waves = simulated_tails(scan, 0)
+    wide = PlaneResponse(
+        scan, 0, plan_effects(scan.camera, scan, 0.1).effects, tolerance=0.1, cutout=(147, 147), on_sensor=True
+    )
+    one = wide.point(6.0, 11.0)[0][2].astype(float)
+    reach = (scan.cutout[0] - 1) // 2
+    inside = one[73 - reach : 74 + reach, 73 - reach : 74 + reach].sum()
+    beside = one[73 - reach : 74 + reach, 73 + 50 - reach : 74 + 50 + reach].sum()
+    # patterns of single phases scatter about their mean
+    assert waves.share(np.array([[0.0, -50.0]]))[0] == pytest.approx(beside / inside, rel=1.0, abs=2e-4)
+
+
+def test_crosstalk_among_holes_is_that_of_the_worst() -> None:
+    light = np.zeros((27, 27))
+    light[13, 13], light[13, 23] = 1.0, 0.25
+    tails = Tails(light, (9, 9), "geometric")
+    # a hole 10 px to the left throws a quarter into the cutout
+    assert tails.share(np.array([[0.0, -10.0], [0.0, 10.0], [10.0, 0.0]])).tolist() == [0.25, 0.0, 0.0]
+    camera = bench()
+    step = camera.step_um(-26e3)
+    images = hole_images(Target("square", (2, 3), (40 * step, 10 * step)), camera, -26e3)
+    assert tails.among(images) == pytest.approx(0.25)
+    assert tails.among(images.only(np.arange(6) == 0)) == 0.0
+
+
+def test_holes_too_close_are_refused_with_how_far_they_must_be() -> None:
+    scan = ScanPlan.for_camera(bench(), virtual_depths=(4.0,))
+    with pytest.raises(InputError, match=r"crosstalk of holes 1 mm apart.*at most 0\.5 %.*take holes .* apart"):
+        plan_target(scan, parse_target("array:4x4@1mm"))
+    with pytest.raises(InputError, match="is on the sensor"):
+        plan_target(scan, replace(parse_target("array:4x4@2mm"), pose=Pose(right_um=1e5)))
+
+
+# -- plans -----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def tilted() -> TargetPlan:
+    """Return a plan of two planes, of a target that is turned and tilted."""
+    camera = small()
+    scan = ScanPlan.for_camera(
+        camera, virtual_depths=(4.0, 3.0), cutout=31, stage=StageAxes("-x", "+y", "+z", (1.0, 2.0, 3.0))
+    )
+    pose = Pose(math.radians(1), math.radians(2), 0.0, right_um=50.0)
+    target = Target("square", (6, 6), (1021.3, 1021.3), 20.0, pose=pose, within=Pose(rotation_rad=0.01))
+    return plan_target(scan, target, Wishes(level="geometric", most_frames=20))
+
+
+def test_every_plane_is_planned_for_its_own_magnification(tilted: TargetPlan) -> None:
+    assert [len(plane) for plane in tilted.offsets_px] == [20, 20] and len(tilted.frames) == 40
+    assert tilted.offsets_px[0] != tilted.offsets_px[1]
+    for z in (0, 1):
+        assert 0.3 < tilted.coverage(z) < 1
+        counts = tilted.shown(z)
+        assert counts.shape == tilted.scan.period and (counts > 0).mean() == tilted.coverage(z)
+        assert tilted.coverage(z, tolerance_px=0.5) > tilted.coverage(z)
+
+
+def test_points_of_a_frame_are_where_the_stage_puts_them(tilted: TargetPlan) -> None:
+    scan, stage = tilted.scan, tilted.stage_um()
+    assert stage.shape == (40, 3)
+    for number in (0, 19, 20, 39):
+        z, k = tilted.frames[number]
+        right, down, away = scan.stage.to_object(stage[number])
+        assert away == pytest.approx(scan.depths_um[z])
+        pose = replace(tilted.target.pose, right_um=tilted.target.pose.right_um + right, down_um=down)
+        images = hole_images(replace(tilted.target, pose=pose), scan.camera, scan.depths_um[z])
+        points = tilted.points(z, k)
+        on = images.whole(scan.camera.sensor.shape, scan.cutout)
+        assert points.holes.tolist() == images.holes[on].tolist()
+        assert points.pixels == pytest.approx(images.pixels[on], abs=1e-6)
+
+
+def test_a_plan_s_time_is_counted_as_that_of_a_scan(tilted: TargetPlan) -> None:
+    got = tilted.forecast(500.0)
+    moves = np.abs(np.diff(tilted.stage_um(), axis=0)).max(axis=1).sum()
+    assert got.frames == 40 and got.exposure_hours == pytest.approx(40 * 0.02 / 3600)
+    assert got.settle_hours == pytest.approx(40 * 0.05 / 3600) and got.move_hours == pytest.approx(moves / 500 / 3600)
+    assert tilted.single(500.0) == Forecast.of(tilted.scan, stage_um_per_s=500.0)
+    scan = replace(scan_of(small()), exposure_s=0.5, frames_averaged=3)
+    single = plan_target(scan, Target(), RAYS)
+    # a target of one point is the scan itself, up to the order of its moves
+    assert single.forecast().frames == single.single().frames == 3 * 252
+    assert single.forecast().exposure_hours == pytest.approx(single.single().exposure_hours)
+    assert single.forecast().settle_hours == pytest.approx(single.single().settle_hours)
+    with pytest.raises(InputError, match="speed"):
+        single.forecast(0.0)
+
+
+def test_a_plan_survives_its_file(tilted: TargetPlan) -> None:
+    assert TargetPlan.from_json(tilted.to_json()) == tilted
+    with pytest.raises(InputError, match="scan plan"):
+        ScanPlan.from_json(tilted.to_json())
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"format": "lfcal-plan"},
+        {"version": 7},
+        {"scan": None},
+        {"scan_version": 9},
+        {"offsets_px": [[[0.0, 0.0]]]},
+        {"offsets_px": [[[0.0]], [[0.0, 0.0]]]},
+        {"crosstalk": [0.1]},
+        {"tolerance_px": 0},
+        {"extra": 1},
+    ],
+)
+def test_damaged_plans_are_refused(tilted: TargetPlan, change: dict[str, Any]) -> None:
+    data = {**json.loads(tilted.to_json()), **change}
+    with pytest.raises(InputError) as caught:
+        TargetPlan.from_dict(data)
+    assert "\n" not in str(caught.value)
+
+
+# -- poses that are not known ----------------------------------------------------------------------------
+
+
+def test_a_pose_that_is_off_shows_phases_nobody_chose() -> None:
+    scan = scan_of(small())
+    target = Target("square", (6, 6), (1021.3, 1021.3), pose=Pose(rotation_rad=math.radians(1)))
+    plan = plan_target(scan, target, RAYS)
+    assert plan.coverage(0) == 1.0
+    # bounds that move no hole by more than what its phase was off already lose little
+    near = replace(plan, target=replace(target, within=Pose(right_um=0.1)))
+    assert (shown_within(near, 0) > 0.9).all()
+    far = replace(plan, target=replace(target, within=Pose(rotation_rad=math.radians(0.5))))
+    drawn = shown_within(far, 0, count=6)
+    assert drawn.mean() < 0.5 and drawn.min() < 0.2 and (drawn > 0.05).all()
+    assert shown_within(far, 0, count=6).tolist() == drawn.tolist()
+    # what the first frame tells: the plan of the measured pose covers all
+    measured = replace(target, pose=next(poses_within(far.target, 1, seed=5)))
+    assert plan_target(scan, measured, RAYS).coverage(0) == 1.0
+
+
+def test_poses_are_drawn_within_their_bounds() -> None:
+    within = Pose(0.01, 0.02, 0.0, 3.0, 4.0, 5.0)
+    target = Target("square", (2, 2), (9.0, 9.0), pose=Pose(right_um=100.0), within=within)
+    drawn = list(poses_within(target, 200))
+    right = np.array([pose.right_um for pose in drawn])
+    assert abs(right - 100).max() <= 3 and np.ptp(right) > 5
+    assert all(pose.tilt_down_rad == 0 for pose in drawn) and Pose().known and not within.known
