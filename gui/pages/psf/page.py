@@ -288,6 +288,7 @@ class Page(BasePage):
         assert matrix is not None
         self.plane = None
         self.panel.readout.setText(f"reading plane {z} …")
+
         def failed(words: str) -> None:
             self.context.message.emit(words)
             self._load_sums(matrix)
