@@ -10,7 +10,8 @@ import itertools
 import os
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from typing import Any, TypeVar
@@ -18,8 +19,18 @@ from typing import Any, TypeVar
 from lfcal.errors import InputError
 from lfcal.system import processors
 
-__all__ = ["WORKERS", "bounded_threads", "chunks", "for_each_chunk", "one_blas_thread", "worker_count"]
+__all__ = [
+    "WORKERS",
+    "bounded_threads",
+    "chunks",
+    "for_each_block",
+    "for_each_chunk",
+    "in_order",
+    "one_blas_thread",
+    "worker_count",
+]
 
+T = TypeVar("T")
 R = TypeVar("R")
 
 WORKERS = "LFCAL_WORKERS"
@@ -122,6 +133,33 @@ def for_each_chunk(
         return [function(a, b) for a, b in ranges]
     with ThreadPoolExecutor(count) as pool:
         return list(pool.map(lambda ab: function(*ab), ranges))
+
+
+def for_each_block(function: Callable[[int, int], object], n: int, step: int, workers: int | None = None) -> None:
+    """Call ``function(start, stop)`` in threads over blocks of ``step`` items of ``range(n)``, the last one shorter.
+
+    Blocks are the same for any number of workers: sums and products come out the same to the last bit.
+    """
+    blocks = [(k, min(k + step, n)) for k in range(0, n, step)]
+    for _ in in_order(lambda ab: function(*ab), blocks, workers):
+        pass
+
+
+def in_order(function: Callable[[T], R], items: Iterable[T], workers: int | None = None) -> Iterator[R]:
+    """Yield ``function(item)`` of each item, worked out in threads, in order: sums of them do not depend on chance.
+
+    At most one result more than there are workers is in memory.
+    """
+    count = worker_count(workers)
+    waiting = iter(items)
+    if count == 1:
+        yield from map(function, waiting)
+        return
+    with ThreadPoolExecutor(count) as pool:
+        under_way = deque(pool.submit(function, item) for item in itertools.islice(waiting, count + 1))
+        while under_way:
+            yield under_way.popleft().result()
+            under_way.extend(pool.submit(function, item) for item in itertools.islice(waiting, 1))
 
 
 class _BlasGate:

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
 
 import cv2
 import numpy as np
@@ -16,7 +17,7 @@ from threadpoolctl import threadpool_info
 
 from lfcal import threads
 from lfcal.errors import InputError
-from lfcal.threads import WORKERS, bounded_threads, chunks, for_each_chunk, worker_count
+from lfcal.threads import WORKERS, bounded_threads, chunks, for_each_block, for_each_chunk, in_order, worker_count
 
 
 def test_argument_before_variable_before_processors(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -95,3 +96,31 @@ def test_libraries_that_are_loaded_later_find_the_number() -> None:
     done = subprocess.run([sys.executable, "-c", LATE], env=environment, capture_output=True, text=True, check=True)
     counts, opencv, tiff = json.loads(done.stdout)
     assert set(counts) == {1} and opencv == 1 and tiff == 1
+
+
+@pytest.mark.parametrize("workers", [1, 2, 5])
+def test_blocks_are_the_same_for_any_number_of_workers(workers: int) -> None:
+    seen: list[tuple[int, int]] = []
+    for_each_block(lambda a, b: seen.append((a, b)), 10, 4, workers)
+    assert sorted(seen) == [(0, 4), (4, 8), (8, 10)]
+
+
+@pytest.mark.parametrize("workers", [1, 2, 5])
+def test_results_in_order_few_at_a_time(workers: int) -> None:
+    taken: list[int] = []
+
+    def items() -> Iterator[int]:
+        for k in range(20):
+            taken.append(k)
+            yield k
+
+    found = in_order(lambda k: k * k, items(), workers)
+    for k in range(20):
+        assert next(found) == k * k
+        assert len(taken) <= k + 2 + workers
+    assert list(found) == []
+
+
+def test_an_error_among_results_in_order() -> None:
+    with pytest.raises(ZeroDivisionError):
+        list(in_order(lambda k: 1 / k, [1, 2, 0, 3], 2))

@@ -285,8 +285,8 @@ def _solve_in_units(
     # each process has an H of its own
     share = 1 if run.executor == "threads" else worker_count(run.workers)
     room, asked = where
-    hints = {"projection": P.method, "memory": room(share=share), **device_hints(P.device, asked, share)}
-    units = frame_units(task.frames, shared, task.choice, out, hints, warm=task.warm)
+    hints = {"memory": room(share=share), **device_hints(P.device, asked, share)}
+    units = frame_units(task.frames, shared, task.choice, out, hints, P.recipe, warm=task.warm)
     results: list[FrameResult] = []
     names = [frame.name for frame in task.frames]
     made = iter_made(

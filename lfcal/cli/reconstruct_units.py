@@ -74,12 +74,13 @@ def frame_units(
     choice: SolverChoice,
     out: Path,
     hints: Mapping[str, Any],
+    recipe: str,
     *,
     warm: bool,
 ) -> list[Unit]:
     """Return a unit for each frame; with ``warm`` each begins with the volume of the one before it.
 
-    ``hints`` are the method of projection that is quickest here, the memory it may use, and `device_hints`.
+    ``hints`` are the memory that projections may use, and `device_hints`; ``recipe`` is how they are quickest here.
     """
     shared = {"settings": settings.plain(), "choice": asdict(choice)}
     units: list[Unit] = []
@@ -92,6 +93,7 @@ def frame_units(
             shared | own,
             (*settings.inputs, *frame.inputs),
             hints=hints,
+            settled={"projection": recipe},
         )
         units.append(unit)
         if warm:
@@ -125,6 +127,7 @@ def do_frame(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None
         "stopped": result.stopped,
         "seconds": time.perf_counter() - began,
         "notes": result.notes,
+        "method": tool.projector.method,
     }
     save_volume(out, result.volume, details=details)
 
@@ -212,6 +215,8 @@ def iter_collect(parts: Sequence[Path], names: Sequence[str], saved: Saved, resu
             with H5File(part) as file:
                 known = json.loads(file.attributes().text("details", "{}"))
             notes, stopped = tuple(known["notes"]), known["stopped"]
-            save(name, load_volume(part), {"notes": notes, "residual": known["residual"], "stopped": stopped})
+            # a run that went on took the method that it was begun with
+            told = {key: known[key] for key in ("residual", "stopped", "method")}
+            save(name, load_volume(part), told | {"notes": notes})
             results.append(FrameResult(name, known["iterations"], known["residual"], known["seconds"], notes, stopped))
             yield clock.at(k + 1)

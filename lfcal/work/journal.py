@@ -9,7 +9,7 @@ import json
 import os
 import socket
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,9 +20,24 @@ from lfcal.errors import InputError, LfcalError
 from lfcal.files import read_text, storage_errors
 from lfcal.system import is_alive
 
-__all__ = ["JOURNAL", "PASS", "Journal", "RunState", "UnitState", "read_events", "read_notes", "read_run", "read_seals"]
+__all__ = [
+    "JOURNAL",
+    "PASS",
+    "SETTLED",
+    "Journal",
+    "RunState",
+    "UnitState",
+    "read_events",
+    "read_notes",
+    "read_run",
+    "read_seals",
+    "read_settled",
+]
 
 JOURNAL = "run.jsonl"
+
+SETTLED = "settled"
+"""What it says of how units are computed: with the fingerprints of those that were begun so."""
 
 PASS = "pass"
 """What it says when a run of several passes has written one of them whole."""
@@ -49,10 +64,19 @@ class Journal:
         self._file.write(json.dumps({"at": round(time.time(), 3), "event": event, **values}) + "\n")
         self._file.flush()
 
+    def settle(self, values: Mapping[str, Any], fingerprints: Iterable[str]) -> None:
+        """Write how units are computed, for a run that goes on with them."""
+        self.note(SETTLED, values=dict(values), units=list(fingerprints))
+
     def begin(self, title: str, units: Iterable[str], executor: str, workers: int, place: str) -> None:
         """Write what is to be done, and by whom."""
         here = {"process": os.getpid(), "host": socket.gethostname()}
         self.note("begin", title=title, units=list(units), executor=executor, workers=workers, place=place, **here)
+
+
+def read_settled(folder: Path) -> dict[str, dict[str, Any]]:
+    """Return what runs in ``folder`` settled about their units when they were begun, by fingerprint."""
+    return {name: dict(note["values"]) for note in read_notes(folder, SETTLED) for name in note["units"]}
 
 
 @dataclass(frozen=True)

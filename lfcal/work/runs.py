@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import shutil
 import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +18,7 @@ from lfcal.files import only_writer, storage_errors, sweep_scratch
 from lfcal.h5.probe import trust
 from lfcal.progress import Clock, Progress, Work
 from lfcal.work.executors.base import Ended, Event, Executor, What
-from lfcal.work.journal import JOURNAL, Journal, read_events, read_run, read_seals
+from lfcal.work.journal import JOURNAL, Journal, read_events, read_run, read_seals, read_settled
 from lfcal.work.unit import Job, Unit, file_name, seal_of
 
 __all__ = ["check_begun", "discard", "iter_run", "note_joining", "parts_folder", "was_joining"]
@@ -113,18 +115,28 @@ def iter_run(
     with storage_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
     with only_writer(folder):
-        jobs = [
-            Job(k, unit, str(folder.absolute() / file_name(unit, unit.fingerprint()))) for k, unit in enumerate(units)
-        ]
+        prints = [unit.fingerprint() for unit in units]
+        earlier = read_settled(folder)
+        units = [replace(u, settled=earlier.get(p, u.settled)) for u, p in zip(units, prints, strict=True)]
+        names = [file_name(unit, p) for unit, p in zip(units, prints, strict=True)]
+        jobs = [Job(k, unit, str(folder.absolute() / names[k])) for k, unit in enumerate(units)]
         _sweep(folder, {Path(job.out).name for job in jobs})
         seals = read_seals(folder)
         try:
             with Journal.open(folder) as journal, executor:
+                _note_settled(journal, units, prints, earlier)
                 journal.begin(title, [u.name for u in units], executor.name, executor.workers, executor.place)
                 yield from _Run(jobs, executor, journal, attempts).steps(seals)
         finally:
             sweep_scratch(folder)  # what workers that were killed have left
     return tuple(Path(job.out) for job in jobs)
+
+
+def _note_settled(journal: Journal, units: Sequence[Unit], prints: Sequence[str], earlier: Mapping[str, Any]) -> None:
+    """Note how units are computed of which the journal does not know it, in a line for each way."""
+    new = [(u.settled, p) for u, p in zip(units, prints, strict=True) if u.settled and p not in earlier]
+    for values, group in itertools.groupby(new, lambda one: one[0]):
+        journal.settle(values, [fingerprint for _, fingerprint in group])
 
 
 def _sweep(folder: Path, wanted: set[str]) -> None:

@@ -47,7 +47,10 @@ class Unit:
     suffix
         Ending of the file that it writes.
     hints
-        Further arguments that do not change the result but for rounding, and are not in the fingerprint: memory to use.
+        Further arguments that do not change the result, and are not in the fingerprint: memory to use.
+    settled
+        Further arguments that do not change the result but for rounding, and are not in the fingerprint, as they depend
+        on the machine: how to compute it. A run that goes on takes those that it was begun with.
     """
 
     name: str
@@ -56,6 +59,7 @@ class Unit:
     inputs: tuple[str, ...] = ()
     suffix: str = ".h5"
     hints: Mapping[str, Any] = field(default_factory=dict)
+    settled: Mapping[str, Any] = field(default_factory=dict)
 
     def fingerprint(self) -> str:
         """Return what tells this unit's result from that of other inputs, settings, or another lfcal.
@@ -96,7 +100,7 @@ class Job:
     def steps(self, workers: int) -> Work[str]:
         """Do it with so many threads; yields progress, returns the `seal_of` its file, and closing it stops."""
         path = Path(self.out)
-        yield from self.unit.function()({**self.unit.arguments, **self.unit.hints}, path, workers)
+        yield from self.unit.function()({**self.unit.arguments, **self.unit.hints, **self.unit.settled}, path, workers)
         if not path.exists():
             raise InputError.expected(f"unit {self.unit.name}", f"the file {path.name}", "none", "mend its task")
         return seal_of(path)

@@ -83,7 +83,7 @@ def test_transpose(lfcal: Lfcal, place: Path, method: str) -> None:
 @pytest.mark.parametrize("executor", ["threads", "processes"])
 def test_reconstruct(lfcal: Lfcal, place: Path, executor: str, warm: bool) -> None:
     more = ("--warm",) if warm else ()
-    words = ("reconstruct", "H.h5", "--batch", "frames.tif", "-n", 3, "--workers", 1, *more, "-o")
+    words = ("reconstruct", "H.h5", "--batch", "frames.tif", "-n", 3, "--method", "direct", *more, "-o")
     assert lfcal(*words, "one").code == 0
     run = lfcal(*words, "two", "--executor", executor)
     if warm and executor == "processes":
@@ -98,7 +98,7 @@ def test_reconstruct(lfcal: Lfcal, place: Path, executor: str, warm: bool) -> No
 
 
 def test_all_volumes_in_one_file(lfcal: Lfcal, place: Path) -> None:
-    words = ("reconstruct", "H.h5", "frames.tif", "-n", 2, "--workers", 1, "-o")
+    words = ("reconstruct", "H.h5", "frames.tif", "-n", 2, "--method", "polyphase:2x2", "-o")
     assert lfcal(*words, "one.tif").code == 0
     assert lfcal(*words, "two.tif", "--executor", "threads").code == 0
     np.testing.assert_array_equal(tifffile.imread(place / "one.tif"), tifffile.imread(place / "two.tif"))
@@ -109,7 +109,7 @@ def test_a_series_in_one_ome_zarr(lfcal: Lfcal, place: Path, warm: bool) -> None
     """The same volumes as in files of their own, whether or not the work was in units."""
     zarr = pytest.importorskip("zarr", reason="zarr is not installed")
     more = ("--warm",) if warm else ()
-    words = ("reconstruct", "H.h5", "--batch", "frames.tif", "-n", 2, "--workers", 1, *more, "-o")
+    words = ("reconstruct", "H.h5", "--batch", "frames.tif", "-n", 2, "--method", "sparse", *more, "-o")
     for out, by in (("one.ome.zarr", ()), ("two.ome.zarr", ("--executor", "threads")), ("single", ())):
         run = lfcal(*words, out, *by)
         assert run.code == 0, run.err
@@ -169,6 +169,28 @@ def listing(path: Path) -> Any:
     if path.suffix == ".h5":
         return contents(path)
     return path.read_bytes() if path.is_file() else {one.name: one.read_bytes() for one in sorted(path.iterdir())}
+
+
+def test_a_run_that_goes_on_projects_as_it_was_begun(
+    lfcal: Lfcal, place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is quickest differs from moment to moment: volumes of one run are all made in one way."""
+    words = ("reconstruct", "H.h5", "--batch", "frames.tif", "-n", 1, "--executor", "threads", "-o", "out", "--resume")
+    read = importlib.import_module("lfcal.cli.reconstruct_frames").read_frame
+
+    def damaged(file: Path, page: int | None) -> Any:
+        if page == 2:
+            raise StorageError("the third frame cannot be read")
+        return read(file, page)
+
+    with monkeypatch.context() as patch:
+        patch.setattr("lfcal.reconstruct.projectors.projector.Projector.recipe", "sparse")
+        patch.setattr("lfcal.cli.reconstruct_frames.read_frame", damaged)
+        assert "the third frame cannot be read" in lfcal(*words).err
+    monkeypatch.setattr("lfcal.reconstruct.projectors.projector.Projector.recipe", "direct")
+    run = lfcal(*words)
+    assert run.code == 0, run.err
+    assert [said(place / "out" / f"frames_000{k}.tif")["method"] for k in range(3)] == ["sparse"] * 3
 
 
 @pytest.mark.parametrize(

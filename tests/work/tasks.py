@@ -89,3 +89,10 @@ def endless(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]
         while True:
             yield clock.at(0)
             time.sleep(0.01)
+
+
+def told(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]:
+    """Write how it was told to do it."""
+    yield Clock("writing", 1).at(0)
+    with replace_whole(out) as part:
+        part.write_text(str(arguments["how"]))

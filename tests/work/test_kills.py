@@ -44,10 +44,12 @@ CASES = {
     "assemble": Case("assemble scan.json --keep-pedestal --orientation as-is", "out.h5", 3),
     "transpose": Case("transpose H.h5", "out.h5", 6),
     "reduce": Case("reduce H.h5", "out.h5", 6),
-    "reconstruct": Case("reconstruct H.h5 --batch frames.tif -n 4 --solver rl", "out", 6),
+    # the method is named: what is quickest here may be another one in the run that these are held against
+    "reconstruct": Case("reconstruct H.h5 --batch frames.tif -n 4 --solver rl --method direct", "out", 6),
 }
 if find_spec("zarr"):
-    CASES["series"] = Case("reconstruct H.h5 --batch frames.tif -n 4 --solver rl", "out.ome.zarr", 6)
+    words = "reconstruct H.h5 --batch frames.tif -n 4 --solver rl --method polyphase:2x2"
+    CASES["series"] = Case(words, "out.ome.zarr", 6)
 
 
 @pytest.fixture(scope="module")

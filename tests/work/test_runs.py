@@ -12,11 +12,11 @@ import pytest
 from lfcal.errors import InputError, StorageError
 from lfcal.files import only_writer
 from lfcal.progress import Progress, drain
-from lfcal.work import iter_run, read_run
+from lfcal.work import Unit, iter_run, read_run
 from lfcal.work.executors.base import Event, What
 from lfcal.work.executors.processes import Processes, TaskFailed, WorkerLost
 from lfcal.work.executors.threads import Threads
-from lfcal.work.journal import JOURNAL
+from lfcal.work.journal import JOURNAL, SETTLED, read_notes
 from lfcal.work.numbers import numbered, worker_number
 from lfcal.work.runs import check_begun, discard
 from tests.work.tasks import unit
@@ -277,3 +277,20 @@ def test_seconds_and_what_is_left(folder: Path) -> None:
     ]
     assert state.units[0].seconds == 10
     assert state.eta_seconds == 3 * 10 / 2
+
+
+def test_a_run_that_goes_on_computes_as_it_was_begun(folder: Path) -> None:
+    """What depends on the machine and the moment is settled once for each unit."""
+
+    def units(settled: str, *more: str) -> list[Unit]:
+        named = [unit("a", text="a"), unit("b", "refuse"), *(unit(name, "told", of=name) for name in ("c", *more))]
+        return [replace(one, settled={"how": settled}) for one in named]
+
+    with pytest.raises(InputError):
+        drain(iter_run(units("first"), folder, Threads(1)))
+    kept = [unit("a", text="a"), unit("b", text="b"), *units("second", "d")[2:]]
+    parts = drain(iter_run(kept, folder, Threads(1)))
+    assert [part.read_text() for part in parts[2:]] == ["first", "second"]
+    assert [note["values"]["how"] for note in read_notes(folder, SETTLED)] == ["first", "second"]
+    discard(folder)
+    assert drain(iter_run(units("third")[2:], folder, Threads(1)))[0].read_text() == "third"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import time
 from collections.abc import Callable, Iterator
@@ -18,7 +17,7 @@ from lfcal.reconstruct.projectors.device_direct import direct_bytes
 from lfcal.reconstruct.projectors.device_polyphase import band_bytes
 from lfcal.reconstruct.projectors.device_sparse import sparse_bytes
 from lfcal.reconstruct.projectors.engine import Cost, DeviceUse
-from lfcal.reconstruct.projectors.forecast import PAIRS, REDUCED, Problem, ProjectionForecast, tile_counts
+from lfcal.reconstruct.projectors.forecast import PAIRS, REDUCED, Problem, ProjectionForecast
 from lfcal.reconstruct.projectors.nodes import Nodes
 from lfcal.reconstruct.projectors.reduction import quickest_spacing
 from lfcal.reconstruct.projectors.tiles import TilePlan
@@ -232,9 +231,7 @@ def _windows_s(problem: Problem, sources: tuple[int, int], rates: DeviceRates) -
 
 def _polyphase(problem: Problem, rates: DeviceRates) -> Iterator[_Option]:
     grid, item = problem.grid, problem.dtype.itemsize
-    down, across = (tile_counts(c, r) for c, r in zip(grid.cells, grid.reach, strict=True))
-    for counts in itertools.product(down, across):
-        plan = TilePlan(grid, counts)
+    for plan in problem.tile_plans():
         operand = plan.spectrum_bytes(2 * item, problem.pixels)
         image = band_bytes(plan, plan.counts[0], item)
         # spectra of H are read once for each projection; windows and their spectra several times

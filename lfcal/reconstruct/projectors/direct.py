@@ -17,15 +17,22 @@ from lfcal.reconstruct.projectors._kernels import Tiling, gather_windows, lay_pa
 from lfcal.reconstruct.projectors.grid import Grid
 from lfcal.reconstruct.projectors.nodes import Nodes, source_places
 from lfcal.reconstruct.projectors.planes import centre_of, runs_of_rows, trim
-from lfcal.threads import for_each_chunk, one_blas_thread, worker_count
+from lfcal.threads import chunks, in_order, one_blas_thread, worker_count
 
-__all__ = ["WINDOW_BYTES", "Direct", "cells_at_once", "rows_at_once", "rows_together"]
+__all__ = ["PARTS", "WINDOW_BYTES", "Direct", "cells_at_once", "rows_at_once", "rows_together", "strips_of"]
 
 WINDOW_BYTES = 1 << 21
 """Size of the window buffer of a product: about the second-level cache."""
 
 CELLS, SOURCES = 256, 200
 """Lattice cells and sources that a product takes at least, where there are as many (measured)."""
+
+PARTS = 16
+"""Into which a projection falls, whoever works on it: its sums are the same for any number of workers."""
+
+
+Task = tuple[tuple[int, int], slice]
+"""A run of lattice rows, and the groups of rows of sources that are added up there."""
 
 
 class _Scratch:
@@ -54,9 +61,17 @@ def cells_at_once(rows: int, width: int, itemsize: int) -> int:
     return max(16, WINDOW_BYTES // (rows * width * itemsize))
 
 
-def rows_together(rows: int, columns: int, workers: int) -> int:
-    """Return how many rows of sources, ``columns`` each, share a window: its additions are spared all but once."""
-    return max(1, min(math.ceil(SOURCES / columns), math.ceil(rows / workers)))
+def strips_of(cells: tuple[int, int]) -> list[tuple[int, int]]:
+    """Return the runs of lattice rows that are worked on at a time, where there are cells enough."""
+    return chunks(cells[0], min(PARTS, cells[0] * cells[1] // CELLS))
+
+
+def rows_together(rows: int, columns: int, strips: int) -> int:
+    """Return how many rows of sources, ``columns`` each, share a window: its additions are spared all but once.
+
+    Where there are few strips of the lattice to work on at a time, so many that there are some groups of rows.
+    """
+    return max(1, min(math.ceil(SOURCES / columns), math.ceil(4 * rows * strips / PARTS)))
 
 
 class Direct:
@@ -104,21 +119,24 @@ class Direct:
 
     def image_of(self, operand: NDArray[Any], cells: NDArray[Any]) -> NDArray[Any]:
         """Return the image of sources ``cells`` ``(rows, lattice cells, columns)``, those of nodes where it has any."""
-        total = np.zeros(self.grid.image_shape, self.dtype)
-
         groups = self._groups(operand)
+        (ny, nx), (cells_y, cells_x), (nt, ns) = self.grid.period, self.grid.cells, operand.shape[2:]
 
-        def work(start: int, stop: int) -> NDArray[Any]:
-            image, scratch = self._empty_image(operand), _Scratch(self.dtype)
-            for group in groups[start:stop]:
-                self._spread(cells[group], operand, group, image, scratch)
-            return image
+        def work(task: Task) -> NDArray[Any]:
+            (top, bottom), own = task
+            strip = np.zeros(((bottom - top) * ny + nt - 1, cells_x * nx + ns - 1), self.dtype)
+            scratch = _Scratch(self.dtype)
+            for group in groups[own]:
+                self._spread(cells[group, top * cells_x : bottom * cells_x], operand, group, strip, scratch)
+            return strip
 
-        # threads over groups of rows, each with an image of its own: BLAS's threads on top would only queue
+        total = np.zeros((cells_y * ny + nt - 1, cells_x * nx + ns - 1), self.dtype)
+        tasks = self._tasks(len(groups))
+        # threads over strips: BLAS's threads on top would only queue
         with one_blas_thread():
-            for image in for_each_chunk(work, len(groups), self.workers, parts_per_worker=1):
-                total += self.grid.unpack(image, before=centre_of(operand))
-        return total
+            for ((top, _), _), strip in zip(tasks, in_order(work, tasks, self.workers), strict=True):
+                total[top * ny : top * ny + len(strip)] += strip
+        return self.grid.unpack(total, before=centre_of(operand))
 
     def adjoint(self, image: NDArray[Any], operands: Iterable[NDArray[Any]]) -> Iterator[NDArray[Any]]:
         """Yield the back projection of ``image`` for each operand."""
@@ -135,13 +153,19 @@ class Direct:
         cells = np.zeros((len(operand), self.grid.cells[0] * self.grid.cells[1], operand.shape[1]), self.dtype)
         groups = self._groups(operand)
 
-        def work(start: int, stop: int) -> None:
+        (ny, _), (_, cells_x) = self.grid.period, self.grid.cells
+
+        def work(task: Task) -> None:
+            (top, bottom), own = task
             scratch = _Scratch(self.dtype)
-            for group in groups[start:stop]:
-                self._collect(packed, operand, group, cells[group], scratch)
+            for group in groups[own]:
+                self._collect(
+                    packed[top * ny :], operand, group, cells[group, top * cells_x : bottom * cells_x], scratch
+                )
 
         with one_blas_thread():
-            for_each_chunk(work, len(groups), self.workers)
+            for _ in in_order(work, self._tasks(len(groups)), self.workers):
+                pass
         return cells
 
     # -- steps -----------------------------------------------------------------------------------------
@@ -150,14 +174,16 @@ class Direct:
         (ny, nx), (cells_y, cells_x) = self.grid.period, self.grid.cells
         return packed.reshape(cells_y, ny, cells_x, nx).swapaxes(0, 1).reshape(ny, cells_y * cells_x, nx)
 
-    def _empty_image(self, operand: NDArray[Any]) -> NDArray[Any]:
-        (ny, nx), (cells_y, cells_x), (nt, ns) = self.grid.period, self.grid.cells, operand.shape[2:]
-        return np.zeros((cells_y * ny + nt - 1, cells_x * nx + ns - 1), self.dtype)
-
     def _groups(self, operand: NDArray[Any]) -> list[slice]:
         """Return runs of rows of sources that share windows."""
-        step = rows_together(len(operand), operand.shape[1], self.workers)
+        step = rows_together(len(operand), operand.shape[1], len(strips_of(self.grid.cells)))
         return [slice(k, min(k + step, len(operand))) for k in range(0, len(operand), step)]
+
+    def _tasks(self, groups: int) -> list[Task]:
+        """Return what is worked on at a time."""
+        strips = strips_of(self.grid.cells)
+        parts = chunks(groups, math.ceil(PARTS / len(strips)))
+        return [(strip, slice(*part)) for strip in strips for part in parts]
 
     def _spread(
         self, sources: NDArray[Any], operand: NDArray[Any], group: slice, image: NDArray[Any], scratch: _Scratch

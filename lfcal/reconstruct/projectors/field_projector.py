@@ -20,6 +20,7 @@ from lfcal.reconstruct.projectors.forecast import ProjectionForecast
 from lfcal.reconstruct.projectors.grid import Grid
 from lfcal.reconstruct.projectors.planes import PlaneReader
 from lfcal.reconstruct.projectors.projector import Projector
+from lfcal.reconstruct.projectors.recipe import BESIDE
 from lfcal.system import free_memory
 from lfcal.threads import worker_count
 from lfcal.units import format_bytes
@@ -108,7 +109,7 @@ class FieldProjector(Projector):
         self._reader = PlaneReader(first, np.dtype(dtype), threshold)
         self._grid = Grid(shape, period, (int(first.shape[3]), int(first.shape[4])), (anchors[0][0], anchors[0][1]))
         self._phases = None if phases is None else np.array(phases, np.bool_)
-        self._workers, self._requested = worker_count(workers), method
+        self._workers = worker_count(workers)
         self._limit = free_memory() // 2 if memory_limit is None else int(memory_limit)
         middles = [(a[0] + (period[0] - 1) / 2, a[1] + (period[1] - 1) / 2) for a in anchors]
         self._parts = self._placed(device, anchors, field_weights(middles, shape), method)
@@ -170,6 +171,10 @@ class FieldProjector(Projector):
     def _built(self, places: Sequence[_Place], first: tuple[int, ...], method: str, share: int) -> list[_Part]:
         """Return the projectors of regions, each within ``share`` bytes."""
         parts: list[_Part] = []
+        recipes = method.split(BESIDE)
+        if len(recipes) not in (1, len(places)):
+            wanted = f"one, or one for each of {len(places)} regions"
+            raise InputError.expected("projection method", wanted, len(recipes), "give one")
         for H, at, window, weight in places:
             top, left = window[0].start, window[1].start
             size = (window[0].stop - top, window[1].stop - left)
@@ -178,7 +183,7 @@ class FieldProjector(Projector):
                 size,
                 (at[0] - top, at[1] - left),
                 # what is quickest of the largest one: a name says how all are projected
-                parts[0].projector.method if parts else method,
+                recipes[len(parts)] if len(recipes) > 1 else parts[0].projector.method if parts else method,
                 memory_limit=share,
                 workers=self._workers,
                 phases=self._phases_of(at, first),
@@ -225,6 +230,11 @@ class FieldProjector(Projector):
     def regions(self) -> int:
         """How many regions have a part in the image."""
         return len(self._parts)
+
+    @property
+    def recipe(self) -> str:
+        """The methods of the regions with their tiles: with it as ``method`` another one computes the same bits."""
+        return BESIDE.join(part.projector.recipe for part in self._parts)
 
     @property
     def rounding(self) -> float:
@@ -286,7 +296,7 @@ class FieldProjector(Projector):
         device = "cpu" if self._device is None else replace(self._device, room=None)
         settings = self._settings | own | {"device": device}
         at = tuple(a + d for a, d in zip(self._matrices[0].anchor, self._moved, strict=True))
-        return partial(FieldProjector, self._matrices, self.image_shape, at, self.method, **settings), ()
+        return partial(FieldProjector, self._matrices, self.image_shape, at, self.recipe, **settings), ()
 
     def __repr__(self) -> str:
         """Return size, regions and method in a line."""

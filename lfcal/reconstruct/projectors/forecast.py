@@ -12,11 +12,12 @@ import numpy as np
 
 from lfcal.errors import InputError
 from lfcal.reconstruct.projectors import rates
-from lfcal.reconstruct.projectors.direct import WINDOW_BYTES, cells_at_once, rows_at_once, rows_together
+from lfcal.reconstruct.projectors.direct import WINDOW_BYTES, cells_at_once, rows_at_once, rows_together, strips_of
 from lfcal.reconstruct.projectors.engine import Cost, DeviceUse
 from lfcal.reconstruct.projectors.grid import Grid
 from lfcal.reconstruct.projectors.nodes import Nodes
 from lfcal.reconstruct.projectors.planes import PlaneReader
+from lfcal.reconstruct.projectors.recipe import Tiles
 from lfcal.reconstruct.projectors.reduction import quickest_spacing
 from lfcal.reconstruct.projectors.tiles import TilePlan
 from lfcal.units import format_bytes, format_seconds
@@ -64,6 +65,8 @@ class Problem:
         Seconds to read one plane of H.
     kept
         Spacing of nodes to the share of entries that H reduced to them keeps; empty where no tolerance is given.
+    tiles
+        Where they are given.
     """
 
     grid: Grid
@@ -74,6 +77,13 @@ class Problem:
     density: float = 1.0
     read_s: float = 0.0
     kept: Mapping[float, float] = field(default_factory=dict)
+    tiles: Tiles | None = None
+
+    def tile_plans(self) -> list[TilePlan]:
+        """Return those worth trying, or the one that is given."""
+        counts = [tile_counts(c, r) for c, r in zip(self.grid.cells, self.grid.reach, strict=True)]
+        given = None if self.tiles is None else [(self.tiles.down, self.tiles.across)]
+        return [TilePlan(self.grid, (y, x)) for y, x in given or itertools.product(*counts)]
 
     @property
     def plane_bytes(self) -> int:
@@ -222,11 +232,15 @@ def _direct_scratch(problem: Problem, grid: Grid, sources: tuple[int, int]) -> i
     """Return the working memory of a projection with patterns at ``sources`` (rows, columns) of a period."""
     (ny, nx), (nt, ns), item = grid.period, grid.cutout, problem.dtype.itemsize
     height, width = grid.cells[0] * ny, grid.cells[1] * nx
-    together = rows_together(*sources, problem.workers)
-    band = together * sources[1] * rows_at_once(nt, nx + ns - 1, item) * (nx + ns - 1) * item
-    # each worker has an image of its own, and makes windows and bands of two sizes
-    own = (height + nt - 1) * (width + ns - 1) * item + 2 * WINDOW_BYTES + 2 * band
-    return 3 * height * width * item + problem.workers * own
+    strips = strips_of(grid.cells)
+    rows, lines = rows_at_once(nt, nx + ns - 1, item), -(-grid.cells[0] // len(strips))
+    window = rows * (nx + ns - 1) * item
+    # each worker makes windows and bands of two sizes in a strip of its own; one more strip waits to be added
+    own = 2 * min(WINDOW_BYTES, lines * grid.cells[1] * window)
+    own += 2 * rows_together(*sources, len(strips)) * sources[1] * window
+    strip = (lines * ny + nt - 1) * (width + ns - 1) * item
+    image = (height + nt - 1) * (width + ns - 1) * item
+    return 2 * height * width * item + image + (problem.workers + 1) * strip + problem.workers * own
 
 
 def _direct_seconds(problem: Problem, sources: tuple[int, int]) -> tuple[float, float]:
@@ -235,9 +249,10 @@ def _direct_seconds(problem: Problem, sources: tuple[int, int]) -> tuple[float, 
     nx, (nt, ns), cells = grid.period[1], grid.cutout, grid.cells[0] * grid.cells[1]
     (down, across), width = sources, nx + ns - 1
     rows = rows_at_once(nt, width, problem.dtype.itemsize)
-    block = min(cells, cells_at_once(rows, width, problem.dtype.itemsize))
+    strips = strips_of(grid.cells)
+    block = min(cells // len(strips), cells_at_once(rows, width, problem.dtype.itemsize))
     share = problem.pixels / grid.phases
-    together = rows_together(down, across, workers)
+    together = rows_together(down, across, len(strips))
     height = nt + (together - 1) * grid.period[0] / down  # of the windows that rows of sources share
     runs = down / together * height / rows * cells / block * share
     add, gather = rates.window_seconds(rows, width, dtype, workers)
@@ -246,7 +261,7 @@ def _direct_seconds(problem: Problem, sources: tuple[int, int]) -> tuple[float, 
     reaching = round(across * max(1.0, together * (nt + rows) / (height + rows)))
     ahead = rates.gemm_seconds(block, reaching, rows * width, dtype, workers)
     back = rates.gemm_seconds(block, rows * width, reaching, dtype, workers, turned=True)
-    bands = down * across * nt * 2 * ns / rates.copy_rate(dtype, workers) / 2
+    bands = len(strips) * down * across * nt * 2 * ns / rates.copy_rate(dtype, workers) / 2
     return runs * (ahead + add * values) + bands, runs * (back + gather * values) + bands
 
 
@@ -308,9 +323,7 @@ def _polyphase(problem: Problem, limit: int) -> list[Option]:
     dft = rates.gemm_seconds(2 * length, 2 * length, 2 * grid.phases, problem.dtype.str, workers)
     flops_s = 8 * length * length * 2 * grid.phases / dft
     options: list[Option] = []
-    down, across = (tile_counts(c, r) for c, r in zip(grid.cells, grid.reach, strict=True))
-    for counts in itertools.product(down, across):
-        plan = TilePlan(grid, counts)
+    for plan in problem.tile_plans():
         transform = plan.transform_flops(grid.phases) / flops_s + 2.5 * plan.scratch_bytes(1) / copies
         image_share = problem.pixels / grid.phases
         forward, adjoint = (
@@ -322,9 +335,12 @@ def _polyphase(problem: Problem, limit: int) -> list[Option]:
         prepare = problem.read_s + (12 * spectra + taps * grid.phases * problem.pixels) / copies
         prepare += 8 * spectra * (2 * grid.reach[0] + 1) / flops_s
         whole = plan.scratch_bytes(complex_type.itemsize)
-        band = max(1, min(counts[0], int(counts[0] * 0.25 * limit / max(1, whole))))
+        tall = plan.counts[0]
+        band = max(1, min(tall, int(tall * 0.25 * limit / max(1, whole))))
+        if problem.tiles is not None:
+            band = min(tall, problem.tiles.band)
         # bands are cut from the whole lattice, packed, and put together on it
-        scratch = whole * band // counts[0] + (0 if band == counts[0] else 2 * problem.image_bytes)
+        scratch = whole * band // tall + (0 if band == tall else 2 * problem.image_bytes)
         operand = problem.planes * plan.spectrum_bytes(complex_type.itemsize, problem.pixels)
         taps_bytes = taps * grid.phases * problem.pixels // max(1, grid.phases // 64) * complex_type.itemsize
         cost = Cost(

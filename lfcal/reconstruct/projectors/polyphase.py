@@ -18,9 +18,12 @@ from numpy.typing import NDArray
 
 from lfcal.reconstruct.projectors.grid import Grid
 from lfcal.reconstruct.projectors.tiles import TilePlan
-from lfcal.threads import for_each_chunk, one_blas_thread, worker_count
+from lfcal.threads import for_each_block, for_each_chunk, one_blas_thread, worker_count
 
 __all__ = ["Polyphase"]
+
+PARTS, COLUMNS = 16, 512
+"""Into how many blocks lattice rows fall at most, and columns that a product of them takes at least."""
 
 
 class Polyphase:
@@ -73,10 +76,7 @@ class Polyphase:
         out = np.empty((fx, fy, n, m), self.complex)
         flat = out.reshape(fx, fy, n * m)
         step = max(1, (1 << 19) // (m * fx * (2 * self.grid.reach[0] + 1)))  # so that the taps stay in the caches
-
-        def work(start: int, stop: int) -> None:
-            for j in range(start, stop, step):
-                transform(j, min(j + step, stop))
+        step = min(step, -(-n // PARTS))
 
         def transform(start: int, stop: int) -> None:
             taps = self._taps(plane, start, stop)  # (kx, ky, sources, pixels)
@@ -87,7 +87,7 @@ class Polyphase:
 
         # many small products side by side: BLAS's own threads would cost more than they do
         with one_blas_thread():
-            for_each_chunk(work, n, self.workers)
+            for_each_block(transform, n, step, self.workers)
         return out
 
     def operand_bytes(self, operand: NDArray[Any]) -> int:
@@ -187,7 +187,7 @@ class Polyphase:
                 window = columns[k * x.valid : k * x.valid + x.taken]
                 np.matmul(along, window, out=slabs[k].reshape(x.frequencies, -1)[:, inside])
 
-        for_each_chunk(transform, rows, self.workers, parts_per_worker=2)
+        for_each_block(transform, rows, _step(rows, len(phases)), self.workers)
         return slabs
 
     def _spread(self, slabs: NDArray[Any], operand: NDArray[Any] | None, total: NDArray[Any] | None) -> NDArray[Any]:
@@ -265,7 +265,7 @@ class Polyphase:
                 else:
                     cells[columns, rows, phases] = block
 
-        for_each_chunk(transform, slabs.shape[2], self.workers, parts_per_worker=2)
+        for_each_block(transform, slabs.shape[2], _step(slabs.shape[2], len(phases)), self.workers)
 
     def _cells(self, phases: NDArray[np.intp]) -> NDArray[Any]:
         x, y = self.plan.x, self.plan.y
@@ -277,6 +277,11 @@ class Polyphase:
         (ny, nx), (cy, cx) = self.grid.period, self.grid.cells
         whole = cells[:cx, :cy].reshape(cx, cy, ny, nx).transpose(1, 2, 0, 3).reshape(cy * ny, cx * nx)
         return np.ascontiguousarray(self.grid.unpack(whole))
+
+
+def _step(rows: int, phases: int) -> int:
+    """Return how many rows of the lattice are transformed at once, by whoever works."""
+    return max(-(-rows // PARTS), -(-COLUMNS // phases))
 
 
 def _inside(start: int, length: int, limit: int) -> slice:

@@ -27,6 +27,7 @@ from lfcal.reconstruct.projectors.grid import Grid
 from lfcal.reconstruct.projectors.planes import PlaneReader
 from lfcal.reconstruct.projectors.polyphase import Polyphase
 from lfcal.reconstruct.projectors.position_fft import PositionFFT
+from lfcal.reconstruct.projectors.recipe import Tiles, read_recipe, recipe_of
 from lfcal.reconstruct.projectors.reduced import Reduced
 from lfcal.reconstruct.projectors.reduction import SPACINGS
 from lfcal.reconstruct.projectors.sparse import Sparse
@@ -57,7 +58,8 @@ class Projector:
         (0, 0). Rounded down to whole pixels.
     method
         ``"polyphase"``, ``"direct"``, ``"sparse"``, ``"reduced"`` (with a ``tolerance``), ``"fft"`` (the per-position
-        reference), or ``"auto"``: the cheapest by the `forecast`.
+        reference), or ``"auto"``: the cheapest by the `forecast`. With a `recipe` (``"polyphase:7x3"``: tiles down
+        and across) projections are those of the projector that gave it, to the last bit, by any number of workers.
     dtype
         float32 or float64.
     threshold
@@ -98,6 +100,7 @@ class Projector:
         device: str | ArrayDevice = "cpu",
     ) -> None:
         check_number("tolerance of the projection", tolerance, at_least=0, below=1)
+        method, tiles = read_recipe(method)
         if method == REDUCED and tolerance == 0:
             what = f"projection method {REDUCED}"
             raise InputError.expected(what, "a tolerance above 0", 0, "give one, such as 0.005")
@@ -110,9 +113,8 @@ class Projector:
         self._grid = Grid(shape, (ny, nx), (nt, ns), (int(np.floor(at[0])), int(np.floor(at[1]))))
         self._phases = None if phases is None else _phase_mask(phases, (ny, nx))
         self._workers = worker_count(workers)
-        self._requested = method
         self._limit = free_memory() // 2 if memory_limit is None else int(memory_limit)
-        self._device, self._forecast = forecast_on(device, self._problem(method), method, self._limit)
+        self._device, self._forecast = forecast_on(device, self._problem(method, tiles), method, self._limit)
         self._engine = self._build()
         self._operands: dict[int, Any] = {}
         self._lock = threading.RLock()
@@ -148,6 +150,11 @@ class Projector:
     def method(self) -> str:
         """Name of the method in use."""
         return self._engine.name
+
+    @property
+    def recipe(self) -> str:
+        """The method with its tiles: with it as ``method`` another projector computes the same bits."""
+        return recipe_of(self.method, self._forecast.plan, self._forecast.band)
 
     @property
     def device(self) -> ArrayDevice | None:
@@ -243,7 +250,7 @@ class Projector:
             "phases": self._phases,
             "device": "cpu" if self._device is None else self._device,
         }
-        made = partial(Projector, self._reader.H, self.image_shape, self._grid.anchor, self.method, **settings)
+        made = partial(Projector, self._reader.H, self.image_shape, self._grid.anchor, self.recipe, **settings)
         return made, ()
 
     def iter_prepare(self) -> Work[None]:
@@ -260,12 +267,13 @@ class Projector:
         return self
 
     # -- inside ----------------------------------------------------------------------------------------
-    def _problem(self, method: str) -> Problem:
+    def _problem(self, method: str, tiles: Tiles | None = None) -> Problem:
         pixels = self._grid.phases if self._phases is None else int(self._phases.sum())
         density = self._reader.density() if method in ("auto", "sparse") else 1.0
         nz = self._reader.shape[0]
         kept = self._reader.reduced(self._tolerance, SPACINGS) if self._tolerance > 0 else {}
-        return Problem(self._grid, nz, pixels, self.dtype, self._workers, density, reading_seconds(self._reader), kept)
+        read_s = reading_seconds(self._reader)
+        return Problem(self._grid, nz, pixels, self.dtype, self._workers, density, read_s, kept, tiles)
 
     def _build(self) -> Engine:
         chosen = self._forecast
