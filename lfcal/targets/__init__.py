@@ -8,10 +8,12 @@ the lenslet array. What is done with a target, and where:
    lenslets, so that an array that is turned, distorted, or of no whole period is none the worse).
 3. Plan: ``pitches`` (which target), ``covering`` with ``lines`` and ``search`` (which offsets), ``tails`` (how close
    holes may be), ``planning`` (all of it), ``plan`` (`TargetPlan`, a file of its own beside the scan it stands for).
+4. Simulate its frames: ``camera`` (`TargetCamera`).
 
 A scan plan keeps its meaning: a `TargetPlan` holds one, whose positions it shows by other means. See docs/targets.md.
 """
 
+from lfcal.targets.camera import TargetCamera, uneven
 from lfcal.targets.parsing import parse_target, target_words
 from lfcal.targets.plan import TargetForecast, TargetPlan
 from lfcal.targets.planning import Wishes, iter_plan_target, plan_target, propose_target
@@ -21,6 +23,7 @@ from lfcal.targets.target import Target
 __all__ = [
     "Pose",
     "Target",
+    "TargetCamera",
     "TargetForecast",
     "TargetPlan",
     "Wishes",
@@ -29,4 +32,5 @@ __all__ = [
     "plan_target",
     "propose_target",
     "target_words",
+    "uneven",
 ]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from collections import OrderedDict
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property, partial
@@ -16,7 +15,6 @@ from numpy.typing import NDArray
 from lfcal.axes import Position
 from lfcal.camera import ScanPlan
 from lfcal.camera.plan import FORMAT as PLAN_FORMAT
-from lfcal.camera.shadow import half_extent_px
 from lfcal.checks import check_number
 from lfcal.errors import InputError
 from lfcal.files import read_text
@@ -27,26 +25,16 @@ from lfcal.simulate.accuracy.planner import plan_effects
 from lfcal.simulate.effects.base import FrameEffect, MotionEffect
 from lfcal.simulate.effects.light import FiniteSource
 from lfcal.simulate.engines.base import Sampling
-from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.sensor.noise import FrameKind, expose, random_numbers, sample_type, temporal_noise
+from lfcal.simulate.sensor.responses import Responses
 from lfcal.simulate.sensor.white import white_light, white_tile
 from lfcal.simulate.sensor.windows import place, sum_of
 from lfcal.simulate.simulate import EffectsLike, budgeted, describe
-from lfcal.simulate.staging import origin_of
 
 __all__ = ["SOURCE", "SimulatedCamera"]
 
 PROBES = 8
 """Positions per axis at which the brightest pixel is looked for."""
-
-DISPLACED_KEPT = 8
-"""Responses away from the planes in memory."""
-
-NEAR_PX = 0.5
-"""Change of the shadow's radius up to which a plane's sampling serves beside it, too."""
-
-ROWS_KEPT = 4
-"""Rows of responses that are kept for the next frames."""
 
 
 class SimulatedCamera(Frames):
@@ -98,9 +86,8 @@ class SimulatedCamera(Frames):
         self.peak, self.seed = peak, seed
         self._frame_effects = [e for e in self.effects if isinstance(e, FrameEffect)]
         self._order = plan.order_indices()
-        self._responses: dict[tuple[int, float], PlaneResponse] = {}
-        self._rows: OrderedDict[tuple[int, int], NDArray[np.float32]] = OrderedDict()
-        self._lock = threading.RLock()
+        self._responses = Responses(plan, self.budget, level, sampling)
+        self._lock = threading.Lock()
         self._white: NDArray[np.float32] | None = None
 
     def __reduce__(self) -> Any:
@@ -158,13 +145,13 @@ class SimulatedCamera(Frames):
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
         """Return frame ``index``, or a part of it, in sample values; every frame is computed whole."""
-        frame = self._expose(self.light(index), self.exposure_s(index), FrameKind.LIGHT, index)
+        frame = self.expose(self.light(index), self.exposure_s(index), FrameKind.LIGHT, index)
         return frame if region is None else np.ascontiguousarray(frame[check_region(region, self.shape)])
 
     def dark_frame(self, index: int = 0, exposure_s: float | None = None) -> NDArray[np.uint16] | NDArray[np.float32]:
         """Return the ``index``-th frame without light, by default at the first plane's exposure."""
         seconds = self.plan.exposures[0] if exposure_s is None else exposure_s
-        return self._expose(np.zeros(self.shape, np.float32), seconds, FrameKind.DARK, index)
+        return self.expose(np.zeros(self.shape, np.float32), seconds, FrameKind.DARK, index)
 
     def white_frame(self, index: int = 0, level: float = 0.6) -> NDArray[np.uint16] | NDArray[np.float32]:
         """Return the ``index``-th frame of an even, white scene; its brightest pixels reach ``level`` of full well."""
@@ -173,18 +160,21 @@ class SimulatedCamera(Frames):
                 tile = white_tile(self.plan, 0, self.effects)
                 self._white = white_light(self.plan, tile / tile.max(), self.effects)
         light = self._white * np.float32(level * self.camera.sensor.full_well_e)
-        return self._expose(light, self.plan.exposures[0], FrameKind.WHITE, index)
+        return self.expose(light, self.plan.exposures[0], FrameKind.WHITE, index)
 
     # -- light -------------------------------------------------------------------------------------------
     def light(self, index: int) -> NDArray[np.float32]:
         """Return the photoelectrons of frame ``index`` before the sensor disturbs them, ``(rows, columns)``."""
         z, y, x = self.position(index)
         moved = self.displacement_um(index)
-        if not any(moved) and not self._spread_out and self._response(z, 0.0).scene.image_map is None:
-            windows = [(y, x, self._kept_row(z, y)[x])]
-        else:
-            windows = self._windows_at(z, moved[0], self.image_px(index))
-        return self._frame(windows, z)
+        out = np.zeros(self.shape, np.float32)
+        if any(moved) or self._spread_out or self._responses.at(z).scene.image_map is not None:
+            self._add(out, z, self.image_px(index), moved[0])
+            return out
+        row, column, values = self._responses.of_position(z, y, x)
+        place(out, values, row, column)
+        out *= np.float32(self.electrons_per_unit(z))
+        return out
 
     def light_of(self, source_um: tuple[float, float, float]) -> NDArray[np.float32]:
         """Return the photoelectrons ``(rows, columns)`` of a source anywhere, at the exposure of the nearest plane.
@@ -198,21 +188,15 @@ class SimulatedCamera(Frames):
         z = int(np.argmin(np.abs(np.array(self.plan.depths_um) - away)))
         step, (row, column) = self.camera.step_um(away), self.camera.sensor.centre_px
         image = row + down / step, column + right / step
-        return self._frame(self._windows_at(z, away - self.plan.depths_um[z], image), z)
-
-    def _windows_at(
-        self, z: int, depth_error_um: float, image_px: tuple[float, float]
-    ) -> list[tuple[int, int, NDArray[np.float32]]]:
-        """Return the windows of light of a source whose chief ray meets the sensor at ``image_px``."""
-        row, column = image_px
-        return self._response(z, depth_error_um).point(row - self._origin[0], column - self._origin[1])
-
-    def _frame(self, windows: list[tuple[int, int, NDArray[np.float32]]], z: int) -> NDArray[np.float32]:
         out = np.zeros(self.shape, np.float32)
-        for row, column, values in windows:
-            place(out, values, row + self._origin[0], column + self._origin[1])
-        out *= np.float32(self.electrons_per_unit(z))
+        self._add(out, z, image, away - self.plan.depths_um[z])
         return out
+
+    def _add(self, out: NDArray[np.float32], z: int, image_px: tuple[float, float], depth_error_um: float) -> None:
+        """Add the photoelectrons of a source near plane ``z`` whose paraxial chief ray meets the sensor there."""
+        rate = np.float32(self.electrons_per_unit(z))
+        for row, column, values in self._responses.windows(z, depth_error_um, image_px):
+            place(out, rate * values, row, column)
 
     def displacement_um(self, index: int) -> tuple[float, float, float]:
         """Return where the source truly stood minus where the plan says, (z, y, x) in object space (µm)."""
@@ -247,11 +231,6 @@ class SimulatedCamera(Frames):
         return out
 
     @cached_property
-    def _origin(self) -> tuple[int, int]:
-        row, column, _, _ = origin_of(self.plan)
-        return row, column
-
-    @cached_property
     def _spread_out(self) -> bool:
         """Whether windows cannot be taken from whole rows: a source of finite size, or resampled steps."""
         return any(isinstance(e, FiniteSource) for e in self.effects) or self.plan.resample_factors != (1.0, 1.0)
@@ -263,7 +242,7 @@ class SimulatedCamera(Frames):
         ys, xs = (np.unique(np.linspace(0, n - 1, PROBES).round().astype(np.intp)) for n in (ny, nx))
         brightest = 0.0
         for z, seconds in enumerate(self.plan.exposures):
-            response = self._response(z, 0.0)
+            response = self._responses.at(z)
             peaks = response.engine().rows(ys, xs).max(axis=(2, 3))
             y, x = np.unravel_index(int(peaks.argmax()), peaks.shape)
             image = sum_of(response.point(float(ys[y]), float(xs[x])))
@@ -272,54 +251,10 @@ class SimulatedCamera(Frames):
             raise InputError.expected("simulated light", "some in the cutout", "none", "check cutout and depths")
         return self.peak * self.camera.sensor.full_well_e / brightest
 
-    def _response(self, z: int, depth_error_um: float) -> PlaneResponse:
-        """Return the plane's response with a window that holds the whole pattern."""
-        with self._lock:
-            key = (z, depth_error_um)
-            if key not in self._responses:
-                self._forget_displaced()
-                extents = [half_extent_px(self.camera, self.plan.depths_um[z] + dz) for dz in (0.0, depth_error_um)]
-                reach = max(extents) + 2 * self.camera.pitch_px
-                cutout = tuple(max(n, 2 * int(reach) + 1) for n in self.plan.cutout)
-                effects, share = self.budget.at(self.plan.depths_um[z])
-                self._responses[key] = PlaneResponse(
-                    self.plan,
-                    z,
-                    effects,
-                    level=self.level,
-                    tolerance=share,
-                    sampling=self.sampling,
-                    cutout=(cutout[0], cutout[1]),
-                    depth_error_um=depth_error_um,
-                    on_sensor=True,
-                )
-                # a little away from the plane its light is as fine
-                if depth_error_um and abs(extents[1] - extents[0]) < NEAR_PX:
-                    self._responses[key].adopt(self._response(z, 0.0))
-            return self._responses[key]
-
-    def _forget_displaced(self) -> None:
-        """Let the oldest responses away from the planes go: a stage that is moved along leaves one at every step."""
-        displaced = [key for key in self._responses if key[1]]
-        for key in displaced[: max(0, len(displaced) - DISPLACED_KEPT + 1)]:
-            del self._responses[key]
-
-    def _kept_row(self, z: int, y: int) -> NDArray[np.float32]:
-        """Return the responses of one row of positions ``(nx, nt, ns)``; the last few rows are kept."""
-        with self._lock:
-            if (z, y) in self._rows:
-                self._rows.move_to_end((z, y))
-                return self._rows[z, y]
-        row: NDArray[np.float32] = self._response(z, 0.0).rows([y], range(self.plan.period[1]), workers=1)[0]
-        with self._lock:
-            self._rows[z, y] = row
-            while len(self._rows) > ROWS_KEPT:
-                self._rows.popitem(last=False)
-        return row
-
-    def _expose(
+    def expose(
         self, light_e: NDArray[np.float32], seconds: float, kind: FrameKind, index: int
     ) -> NDArray[np.uint16] | NDArray[np.float32]:
+        """Return what the sensor makes of photoelectrons ``(rows, columns)`` that it gathered in some seconds."""
         return expose(
             light_e, self.camera, self._frame_effects, exposure_s=seconds, seed=self.seed, kind=kind, index=index
         )

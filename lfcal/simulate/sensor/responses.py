@@ -1,0 +1,141 @@
+"""Responses of a plan's planes on the sensor, and of places in front of and behind them, kept for the next frames."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import ScanPlan
+from lfcal.camera.shadow import half_extent_px
+from lfcal.simulate.engines.base import Sampling
+from lfcal.simulate.response import PlaneResponse
+from lfcal.simulate.simulate import Budget
+from lfcal.simulate.staging import origin_of
+
+__all__ = ["DISPLACED_KEPT", "NEAR_PX", "Responses", "Window"]
+
+DISPLACED_KEPT = 8
+"""Responses away from the planes in memory."""
+
+NEAR_PX = 0.5
+"""Change of the shadow's radius up to which one sampling serves."""
+
+ROWS_KEPT = 4
+"""Rows of responses in memory."""
+
+Window = tuple[int, int, NDArray[np.float32]]
+"""Row and column of the sensor where its middle lies, and the light there."""
+
+
+class Responses:
+    """What sources of a plan's planes, and of depths beside them, send to the sensor.
+
+    Parameters
+    ----------
+    plan
+        The scan plan.
+    budget
+        Effects, and what they leave of the tolerance.
+    level, sampling
+        As in `simulate_psf`.
+    like
+        Those of another region of the field, which are computed as finely: what they have probed is not probed again.
+    """
+
+    def __init__(
+        self,
+        plan: ScanPlan,
+        budget: Budget,
+        level: str,
+        sampling: Sampling | None,
+        *,
+        like: Responses | None = None,
+    ) -> None:
+        self.plan, self.budget, self.level, self.sampling, self.like = plan, budget, level, sampling, like
+        self.kept: dict[tuple[int, float], PlaneResponse] = {}
+        self._probed: set[tuple[int, float]] = set()
+        self._rows: OrderedDict[tuple[int, int], NDArray[np.float32]] = OrderedDict()
+        self._lock = threading.RLock()
+
+    def at(self, z: int, depth_error_um: float = 0.0) -> PlaneResponse:
+        """Return the response of a depth so much farther away than plane ``z``; its window holds the whole pattern."""
+        with self._lock:
+            key = (z, depth_error_um)
+            if key not in self.kept:
+                self._forget()
+                reach = max(self._extent_px(z, dz) for dz in (0.0, depth_error_um)) + 2 * self.plan.camera.pitch_px
+                cutout = tuple(max(n, 2 * int(reach) + 1) for n in self.plan.cutout)
+                effects, share = self.budget.at(self.plan.depths_um[z])
+                made = PlaneResponse(
+                    self.plan,
+                    z,
+                    effects,
+                    level=self.level,
+                    tolerance=share,
+                    sampling=self.sampling,
+                    cutout=(cutout[0], cutout[1]),
+                    depth_error_um=depth_error_um,
+                    on_sensor=True,
+                )
+                near = (self.like or self)._probed_near(z, depth_error_um)
+                if near is None and self.like is not None:
+                    near = self.like.at(z, depth_error_um)
+                if near is None:
+                    self._probed.add(key)
+                else:
+                    made.adopt(near)
+                self.kept[key] = made
+            return self.kept[key]
+
+    def windows(self, z: int, depth_error_um: float, image_px: tuple[float, float]) -> list[Window]:
+        """Return the light of a source whose paraxial chief ray meets the sensor at ``image_px`` (row, column)."""
+        top, left = self.origin
+        found = self.at(z, depth_error_um).point(image_px[0] - top, image_px[1] - left)
+        return [(row + top, column + left, values) for row, column, values in found]
+
+    def of_position(self, z: int, y: int, x: int) -> Window:
+        """Return the light of a position that is met exactly; the last few rows of positions are kept."""
+        return y + self.origin[0], x + self.origin[1], self._row(z, y)[x]
+
+    @cached_property
+    def origin(self) -> tuple[int, int]:
+        """The pixel (row, column) on which position (0, 0) is imaged."""
+        row, column, _, _ = origin_of(self.plan)
+        return row, column
+
+    # -- workings --------------------------------------------------------------------------------------
+    def _extent_px(self, z: int, depth_error_um: float) -> float:
+        return half_extent_px(self.plan.camera, self.plan.depths_um[z] + depth_error_um)
+
+    def _probed_near(self, z: int, depth_error_um: float) -> PlaneResponse | None:
+        """Return the nearest response that was probed, where its light is as fine; the plane's own comes first."""
+        if depth_error_um:
+            self.at(z)
+        here = self._extent_px(z, depth_error_um)
+        apart = {dz: abs(self._extent_px(z, dz) - here) for plane, dz in self._probed if plane == z}
+        nearest = min(apart, key=apart.__getitem__, default=None)
+        return self.kept[z, nearest] if nearest is not None and apart[nearest] < NEAR_PX else None
+
+    def _forget(self) -> None:
+        """Let the oldest responses away from the planes go: a stage that is moved along leaves one at every step."""
+        displaced = [key for key in self.kept if key[1]]
+        for key in displaced[: max(0, len(displaced) - DISPLACED_KEPT + 1)]:
+            del self.kept[key]
+            self._probed.discard(key)
+
+    def _row(self, z: int, y: int) -> NDArray[np.float32]:
+        """Return the responses of one row of positions ``(nx, nt, ns)``."""
+        with self._lock:
+            if (z, y) in self._rows:
+                self._rows.move_to_end((z, y))
+                return self._rows[z, y]
+        row: NDArray[np.float32] = self.at(z).rows([y], range(self.plan.period[1]), workers=1)[0]
+        with self._lock:
+            self._rows[z, y] = row
+            while len(self._rows) > ROWS_KEPT:
+                self._rows.popitem(last=False)
+        return row

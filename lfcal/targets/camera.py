@@ -1,0 +1,211 @@
+"""Frames of a target that are simulated: the light of all its holes on the whole sensor."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.camera.shadow import half_extent_px
+from lfcal.errors import InputError
+from lfcal.frames.regions import Region, check_region
+from lfcal.frames.source import FrameInfo, Frames
+from lfcal.simulate.accuracy.planner import plan_effects
+from lfcal.simulate.effects.base import MotionEffect
+from lfcal.simulate.effects.light import FiniteSource
+from lfcal.simulate.engines.base import Sampling
+from lfcal.simulate.sensor.camera_source import SimulatedCamera
+from lfcal.simulate.sensor.noise import FrameKind
+from lfcal.simulate.sensor.responses import Responses
+from lfcal.simulate.sensor.windows import place
+from lfcal.simulate.simulate import EffectsLike, budgeted
+from lfcal.targets.images import HoleImages, hole_images
+from lfcal.targets.plan import TargetPlan
+from lfcal.targets.target import Target
+
+__all__ = ["TargetCamera", "uneven"]
+
+DEPTH_PX = 0.05
+"""Change of a shadow's radius below which two holes are computed at one depth."""
+
+REGIONS = 256
+"""Of the sensor at most, in each of which the optics are those of its middle."""
+
+
+class TargetCamera(Frames):
+    """A `FrameSource` whose frames show a target where a plan moves it, in the plan's order.
+
+    Every hole is the source that a scan has, at its own depth and in its own region of the field: what the optics do
+    there (cat's eye, field curvature, distortion) is done to each. Their light adds up, then the sensor makes a frame
+    of it. Exposures are those of the scan: the brightest pixel of a single point reaches ``peak``.
+
+    Parameters
+    ----------
+    plan
+        The target and its offsets.
+    effects
+        As of `SimulatedCamera`, without motion. The target's ``hole_um`` is the size of sources, unless `FiniteSource`
+        is among effects that are given.
+    really
+        The target as it is and lies, where that is not as planned: its pose, pitch, missing holes.
+    brightness
+        Light of each hole of ``really`` over that of the scan's source, ``(n,)`` in the order of `Target.holes`; None:
+        all 1. See `uneven`.
+    level, tolerance, sampling, peak, seed
+        As of `SimulatedCamera`.
+
+    Raises
+    ------
+    InputError
+        If there are not as many values of brightness as holes, or an effect moves the source.
+    """
+
+    def __init__(
+        self,
+        plan: TargetPlan,
+        effects: EffectsLike = "auto",
+        *,
+        really: Target | None = None,
+        brightness: ArrayLike | None = None,
+        level: str = "auto",
+        tolerance: float = 0.03,
+        sampling: Sampling | None = None,
+        peak: float = 0.8,
+        seed: int = 0,
+    ) -> None:
+        self.plan, self.target = plan, really or plan.target
+        scan = plan.scan
+        if effects == "auto":
+            effects = plan_effects(scan.camera, scan, tolerance, frames=True, peak=peak).effects
+        chosen = budgeted(effects, scan, tolerance).effects
+        if any(isinstance(effect, MotionEffect) for effect in chosen):
+            raise InputError.expected("effects of a target's frames", "none of a stage", "motion", "leave it out")
+        if self.target.hole_um > 0 and not any(isinstance(effect, FiniteSource) for effect in chosen):
+            chosen = (*chosen, FiniteSource(self.target.hole_um))
+        count = len(self.target.holes)
+        light = np.ones(count) if brightness is None else np.asarray(brightness, float)
+        if light.shape != (count,) or not np.isfinite(light).all() or (light < 0).any():
+            wanted = f"{count} values of 0 or more, one for each hole"
+            raise InputError.expected("brightness of holes", wanted, light.shape, "correct it")
+        self.brightness: NDArray[np.float64] = light
+        # light alone; what the sensor does comes once for all holes
+        self.single = SimulatedCamera(
+            scan,
+            chosen,
+            level=level,
+            tolerance=tolerance,
+            sampling=sampling,
+            peak=peak,
+            seed=seed,
+        )
+        self._middle = Responses(scan, self.single.budget, level, sampling)
+        self._regions: dict[tuple[int, int], Responses] = {}
+        self._side = max(1, math.ceil(math.sqrt(math.prod(self.shape) / REGIONS)))
+        self._lock = threading.Lock()
+        self._frames = plan.frames
+
+    # -- frame source ----------------------------------------------------------------------------------
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the sensor."""
+        return self.single.shape
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """uint16 sample values, or float32 where nothing rounds them."""
+        return self.single.dtype
+
+    @property
+    def metadata(self) -> Mapping[str, Any]:
+        """What a `SimulatedCamera` of the scan tells of its frames, but for their number: they are no scan's."""
+        facts = dict(self.single.metadata)
+        del facts["plan_shape"]
+        return facts
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+        return len(self._frames)
+
+    def info(self, index: int) -> FrameInfo:
+        """Return what is known of frame ``index``: not which positions it shows, they have to be found in it."""
+        z, k = self._at(index)
+        label = f"simulated target {index} (z {z}, offset {k})"
+        return FrameInfo((), exposure_s=self.plan.scan.exposures[z], label=label)
+
+    def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
+        """Return frame ``index``, or a part of it, in sample values; every frame is computed whole."""
+        z, _ = self._at(index)
+        frame = self.single.expose(self.light(index), self.plan.scan.exposures[z], FrameKind.LIGHT, index)
+        return frame if region is None else np.ascontiguousarray(frame[check_region(region, self.shape)])
+
+    # -- light -----------------------------------------------------------------------------------------
+    def points(self, index: int) -> HoleImages:
+        """Return where the paraxial chief rays of all holes truly meet the plane of the sensor in frame ``index``."""
+        z, k = self._at(index)
+        images = hole_images(self.target, self.plan.scan.camera, self.plan.scan.depths_um[z])
+        return replace(images, pixels=images.moved(np.array(self.plan.offsets_px[z][k])))
+
+    def light(self, index: int) -> NDArray[np.float32]:
+        """Return the photoelectrons of frame ``index`` before the sensor disturbs them, ``(rows, columns)``."""
+        z, _ = self._at(index)
+        points = self.points(index)
+        errors = self._depth_errors(z, points.away_um)
+        out = np.zeros(self.shape, np.float32)
+        reach = [
+            2 * half_extent_px(self.plan.scan.camera, away) + max(self.plan.scan.cutout) for away in points.away_um
+        ]
+        # one depth after the other: what is computed for one serves the next
+        for k in np.argsort(errors, kind="stable").tolist():
+            row, column = points.pixels[k].tolist()
+            beside = max(-row, -column, row - self.shape[0], column - self.shape[1])
+            if self.brightness[k] == 0 or beside >= reach[k]:
+                continue
+            factor = np.float32(self.brightness[k] * self.single.electrons_per_unit(z))
+            for top, left, values in self._region(row, column).windows(z, float(errors[k]), (row, column)):
+                place(out, factor * values, top, left)
+        return out
+
+    def _region(self, row: float, column: float) -> Responses:
+        """Return the responses of the region about a pixel."""
+        key = math.floor(row / self._side), math.floor(column / self._side)
+        scan = self.plan.scan
+        with self._lock:
+            if key not in self._regions:
+                middle = [(k + 0.5) * self._side for k in key]
+                moved = [
+                    at + round(there - at - (n - 1) / 2)
+                    for at, there, n in zip(scan.anchor, middle, scan.period, strict=True)
+                ]
+                own = replace(scan, anchor=(moved[0], moved[1]))
+                level, sampling = self.single.level, self.single.sampling
+                self._regions[key] = Responses(own, self.single.budget, level, sampling, like=self._middle)
+            return self._regions[key]
+
+    def _depth_errors(self, z: int, away_um: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how much farther away than the plane each hole is, in steps that change no shadow (µm)."""
+        camera, depth = self.plan.scan.camera, self.plan.scan.depths_um[z]
+        errors = away_um - depth
+        widest = float(np.abs(errors).max(initial=0.0))
+        if widest == 0:
+            return errors
+        change = max(abs(half_extent_px(camera, depth + e) - half_extent_px(camera, depth)) for e in (widest, -widest))
+        step = widest / max(1, math.ceil(change / DEPTH_PX))
+        rounded: NDArray[np.float64] = np.rint(errors / step) * step
+        return rounded
+
+    def _at(self, index: int) -> tuple[int, int]:
+        if not 0 <= index < len(self):
+            raise InputError.expected("frame index", f"0 … {len(self) - 1}", index, "ask for a frame that is there")
+        return self._frames[index]
+
+
+def uneven(target: Target, spread: float, seed: int = 0) -> NDArray[np.float64]:
+    """Return brightnesses ``(n,)`` of the holes of ``target`` that differ by a relative standard deviation."""
+    draws = np.random.default_rng(seed).normal(1.0, spread, len(target.holes))
+    light: NDArray[np.float64] = np.maximum(draws, 0.0)
+    return light
