@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from lfcal.camera import ScanPlan, preset
+from lfcal.inspect.cost import FEWEST
 
 SHAPE = (2, 3, 4)
 SENSOR = (40, 48)
@@ -50,6 +51,13 @@ def lfcal(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) ->
         return Run(code, captured.out, captured.err)
 
     return run
+
+
+@pytest.fixture(autouse=True)
+def _fewest_patterns(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let inspections compare the fewest patterns: as many as there is time for would be others each time."""
+    monkeypatch.setattr("lfcal.inspect.compared.MOST_SAMPLES", 0)
+    monkeypatch.setattr("lfcal.inspect.cost.MOST", FEWEST)
 
 
 def small_plan() -> ScanPlan:
