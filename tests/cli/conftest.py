@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,6 +14,7 @@ import pytest
 
 from lfcal.camera import ScanPlan, preset
 from lfcal.inspect.cost import FEWEST
+from tests.fit.shared import shared_models
 
 SHAPE = (2, 3, 4)
 SENSOR = (40, 48)
@@ -51,6 +52,12 @@ def lfcal(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) ->
         return Run(code, captured.out, captured.err)
 
     return run
+
+
+@pytest.fixture(scope="package", autouse=True)
+def _shared_models() -> Iterator[None]:
+    with shared_models():
+        yield
 
 
 @pytest.fixture(autouse=True)
