@@ -6,6 +6,7 @@ import os
 import sys
 import zlib
 from collections import defaultdict
+from collections.abc import Iterator
 
 import pytest
 
@@ -31,6 +32,15 @@ def pytest_cmdline_main(config: pytest.Config) -> None:
     asked = any(str(one).startswith("--dist") for one in config.invocation_params.args)
     if getattr(config.option, "dist", "no") == "load" and not asked:
         config.option.dist = "worksteal"
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _same_speeds() -> Iterator[None]:
+    """Let nothing be chosen by how fast this machine is at the moment."""
+    from tests.speeds import same_speeds
+
+    with same_speeds():
+        yield
 
 
 OTHER_KERNELS = ("lattice", "multiplex", "reconstruct", "psf")

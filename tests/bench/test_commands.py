@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import cv2
 import numpy as np
 import pytest
 
-from lfcal.bench import _r29, _reduced, aperture
+from lfcal.bench import _r29, _reduced, acquire, aperture
 from lfcal.bench import multiplex as multiplex_bench
 from lfcal.bench import reconstruct as reconstruct_bench
 from lfcal.bench._solver_scenes import CAMERAS, problem_of, subject_of
@@ -69,9 +70,11 @@ def test_accuracy_checks_the_prediction(bench: Bench, monkeypatch: pytest.Monkey
     assert "whole H: predicted 4 s, took" in bench("accuracy", *options)
 
 
-def test_acquire(bench: Bench, tmp_path: Path) -> None:
+def test_acquire(bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    plan_of = acquire.bench_plan
+    monkeypatch.setattr(acquire, "bench_plan", lambda cutout: replace(plan_of(cutout), period=(4, 5)))
     found = bench.json("acquire", "--folder", tmp_path, "--cutout", 21, "--rounds", 2)
-    assert found["cutout"] == 21 and len(found["ratios"]) == 2
+    assert found["cutout"] == 21 and found["positions"] == 40 and len(found["ratios"]) == 2
     assert found["ratio"] == pytest.approx(np.median(found["ratios"]))
     assert list(tmp_path.iterdir()) == [], "what was written is gone"
     bench("acquire", "--folder", tmp_path / "nowhere", code=2)
@@ -180,14 +183,16 @@ def test_projection_of_the_r29_on_a_small_copy(bench: Bench, monkeypatch: pytest
 
 def test_projection_within_tolerances(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(_reduced, "CAMERA", "bench")
+    monkeypatch.setattr(_reduced, "REPEATS", 1)
+    monkeypatch.setattr(_reduced, "simulate_psf", cache(_reduced.simulate_psf))
     options = ("project", "--r29", "--side", 150, "--workers", 1, "--tolerance", "0.005,0.05")
     exact, fine, coarse = bench.json(*options)["rows"]
     assert (exact["tolerance"], fine["tolerance"], coarse["tolerance"]) == (0, 0.005, 0.05)
     assert (exact["method"], coarse["method"]) == ("direct", "reduced")
     assert exact["worst"] == 0 and 0 < coarse["worst"] <= 0.05 and fine["worst"] <= 0.005
     assert coarse["operand_bytes"] < exact["operand_bytes"]
-    assert "times quicker" in " ".join(bench(*options).split())
-    assert "no accelerator took part" in " ".join(bench(*options, "--device", "cpu").split())
+    said = " ".join(bench(*options, "--device", "cpu").split())
+    assert "times quicker" in said and "no accelerator took part" in said
     # the processor's memory stands in for that of an accelerator
     monkeypatch.setattr(_reduced, "find_device", lambda text: ArrayDevice("numpy"))
     rows = bench.json(*options, "--device", "cuda")["rows"]

@@ -32,7 +32,7 @@ from lfcal.simulate.effects.described import Entry, entries_json
 from tests.acquire.rigs import frames_of, rig_for
 from tests.fit.common import small_plan
 
-PLAN = small_plan(15, (2.2,))
+PLAN = replace(small_plan(15, (2.2,)), period=(10, 21))
 GOAL = Goal(0.0027, first=6, unknowns=("geometry",), candidates=40)
 OPTIONS = Options(darks=2, keep_free_bytes=0, retries=0)
 GAP = 1.01

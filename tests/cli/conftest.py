@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,6 +13,8 @@ import numpy as np
 import pytest
 
 from lfcal.camera import ScanPlan, preset
+from lfcal.inspect.cost import FEWEST
+from tests.fit.shared import shared_models
 
 SHAPE = (2, 3, 4)
 SENSOR = (40, 48)
@@ -50,6 +52,19 @@ def lfcal(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) ->
         return Run(code, captured.out, captured.err)
 
     return run
+
+
+@pytest.fixture(scope="package", autouse=True)
+def _shared_models() -> Iterator[None]:
+    with shared_models():
+        yield
+
+
+@pytest.fixture(autouse=True)
+def _fewest_patterns(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let inspections compare the fewest patterns: as many as there is time for would be others each time."""
+    monkeypatch.setattr("lfcal.inspect.compared.MOST_SAMPLES", 0)
+    monkeypatch.setattr("lfcal.inspect.cost.MOST", FEWEST)
 
 
 def small_plan() -> ScanPlan:

@@ -34,7 +34,21 @@ def scan(tmp_path: Path) -> Path:
 
 def test_a_curve_of_h_as_json_and_drawn(lfcal: Lfcal, h: Path, tmp_path: Path) -> None:
     chart = tmp_path / "a.png"
-    run = lfcal("accuracy", h, "--place", "storage", "--error", "0.5%", "--draw", chart, "--json", "--workers", 1)
+    run = lfcal(
+        "accuracy",
+        h,
+        "--place",
+        "storage",
+        "--error",
+        "0.5%",
+        "--seconds",
+        600,
+        "--draw",
+        chart,
+        "--json",
+        "--workers",
+        1,
+    )
     assert run.code == 0, run.err
     found: Any = run.json
     assert found["subject"] == "H.h5" and found["error"] == 0.005 and chart.stat().st_size > 5000
@@ -49,7 +63,7 @@ def test_a_curve_of_h_as_json_and_drawn(lfcal: Lfcal, h: Path, tmp_path: Path) -
 
 
 def test_a_plan_as_a_table(lfcal: Lfcal, scan: Path) -> None:
-    run = lfcal("accuracy", scan, "--place", "bases", "--place", "averaging", "--seconds", 5, "--error", "20 %")
+    run = lfcal("accuracy", scan, "--place", "bases", "--place", "averaging", "--seconds", 600, "--error", "20 %")
     assert run.code == 0, run.err
     assert run.out.index("Multiplexing: masks and exposure") < run.out.index("Recording: averaging and exposure")
     assert "20 % costs" in run.out and "measured by: even light, the same in every sample" in run.out

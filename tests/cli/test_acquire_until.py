@@ -22,7 +22,7 @@ SIMULATED = ("--option", "optics=grid", "--option", "effects=effects.json", "--n
 
 @pytest.fixture
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    plan = replace(small_plan(15, (2.2,)), period=(8, 12))
+    plan = replace(small_plan(15, (2.2,)), period=(6, 8))
     (tmp_path / "plan.json").write_text(plan.to_json())
     entries = [Entry(one, one.name, {}, "on") for one in described_effects(plan.camera)]
     (tmp_path / "effects.json").write_text(entries_json(entries))

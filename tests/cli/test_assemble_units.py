@@ -39,10 +39,18 @@ def scan(session: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 WORDS = ("assemble", "frames", "--dark", "dark", "--white", "white", "--white-mode", "pixels", "--skip-damaged")
 
 
-@pytest.mark.parametrize("executor", ["threads", "processes", "dask"])
-@pytest.mark.parametrize("dtype", ["uint16", "float32"])
-@pytest.mark.few(4)
-def test_the_same_file_by_whoever(lfcal: Lfcal, scan: Path, executor: str, dtype: str) -> None:
+@pytest.mark.parametrize(
+    ("dtype", "executor"),
+    [
+        ("uint16", "threads"),
+        ("float32", "processes"),
+        ("uint16", "dask"),
+        pytest.param("float32", "threads", marks=pytest.mark.long),
+        pytest.param("uint16", "processes", marks=pytest.mark.long),
+        pytest.param("float32", "dask", marks=pytest.mark.long),
+    ],
+)
+def test_the_same_file_by_whoever(lfcal: Lfcal, scan: Path, dtype: str, executor: str) -> None:
     if executor == "dask":
         pytest.importorskip("distributed", reason="dask.distributed is not installed")
     words = (*WORDS, "--dtype", dtype, "--pad", "--cutout", "39,11", "--interpolation", "linear")

@@ -16,6 +16,7 @@ from lfcal.progress import drain
 from lfcal.psf import save
 from lfcal.work import RunChoice, parts_folder
 from tests.cli.conftest import Run
+from tests.fit.commands import undrawn
 from tests.fit.common import few_fit, few_patterns
 from tests.psf.test_joining import contents
 
@@ -31,7 +32,7 @@ def two_planes() -> Fit:
     return replace(fit, planned=planned, setup=setup, levels=replace(fit.levels, gains=gains))
 
 
-@pytest.mark.parametrize("executor", ["threads", "processes", "dask"])
+@pytest.mark.parametrize("executor", ["threads", "processes", pytest.param("dask", marks=pytest.mark.long)])
 def test_the_same_file_by_whoever(tmp_path: Path, executor: str) -> None:
     if executor == "dask":
         pytest.importorskip("distributed", reason="dask.distributed is not installed")
@@ -63,6 +64,7 @@ def test_the_command(lfcal: Lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPat
     """The fit is made again after a stop, and gives the same camera to the last bit."""
     save(few_patterns(), tmp_path / "few.h5")
     monkeypatch.chdir(tmp_path)
+    undrawn(monkeypatch)
     words = ("fit", "few.h5", "--unknowns", "geometry", "--workers", 1, "-o")
     assert lfcal(*words, "one").code == 0
     run = lfcal(*words, "two", "--executor", "processes")
@@ -75,6 +77,7 @@ def test_a_fit_that_ended_after_h_goes_on(lfcal: Lfcal, tmp_path: Path, monkeypa
     """Its report was not there yet; it asked for --force, as if H were somebody else's."""
     save(few_patterns(), tmp_path / "few.h5")
     monkeypatch.chdir(tmp_path)
+    undrawn(monkeypatch)
     words = ("fit", "few.h5", "--unknowns", "geometry", "--workers", 1, "-o", "fit")
     with monkeypatch.context() as full:
 

@@ -30,7 +30,9 @@ def test_a_hot_column_is_named_and_not_a_step_of_the_stage(
     undrawn(monkeypatch)
     image = sensor(0.0)
     image[:, 25] = 60.0
-    save(matrix(added(clean(), image)), place / "H.h5")
+    H = matrix(added(clean(), image))
+    one_plane = PSFMatrix(H[:1], depths=H.depths[:1], camera=H.camera, anchor=H.anchor)
+    save(one_plane, place / "H.h5")
     run = lfcal("inspect", "H.h5", "--seconds", 2, "--strict")
     assert run.code == 1 and "hot line of the sensor" in run.out and "column 25 of the scanned part" in run.out
     assert "stage step: see hot line of the sensor, which makes it" in run.out

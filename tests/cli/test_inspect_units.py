@@ -17,6 +17,7 @@ from lfcal.psf import PSFMatrix, save
 from lfcal.work import parts_folder
 from tests.acquire.rigs import CAREFUL, rig_for, small_plan
 from tests.cli.conftest import Run
+from tests.psf.plain_report import undrawn
 
 Lfcal = Callable[..., Run]
 
@@ -62,6 +63,7 @@ def test_the_same_report_by_whoever(lfcal: Lfcal, H: Path, executor: str) -> Non
 
 def test_with_control_frames(lfcal: Lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
+    undrawn(monkeypatch)
     plan = small_plan()
     record(tmp_path / "session", plan, rig_for(plan), replace(CAREFUL, controls=1))
     assert lfcal("assemble", "session", "-o", "H.h5").code == 0
@@ -73,6 +75,7 @@ def test_with_control_frames(lfcal: Lfcal, tmp_path: Path, monkeypatch: pytest.M
 
 def test_planes_are_kept_until_the_report_is_written(lfcal: Lfcal, H: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     words = ("inspect", "H.h5", "--report", "out", "--workers", 1, "--seconds", 0)
+    undrawn(monkeypatch)
 
     def full(*_: Any, **__: Any) -> Any:
         raise StorageError("out: no space is left")

@@ -81,7 +81,7 @@ def test_turned_frames_are_named_refused_and_turned_on_request(
             with open_psf(tmp_path / made) as matrix:
                 assert np.array_equal(np.asarray(matrix), np.asarray(true))
                 assert matrix.provenance["orientation"]["applied"] == name
-    assert f"turned upright: {name}" in lfcal("inspect", tmp_path / "auto.h5").out
+    assert f"turned upright: {name}" in lfcal("inspect", tmp_path / "auto.h5", "--seconds", 0).out
 
 
 def test_upright_frames_pass_with_a_record_and_no_word(

@@ -51,7 +51,7 @@ def _matrix(kind: str, file: str, family: str = "bytes") -> list[Target]:
         "out.tif": ("export", file, "-o", "out.tif", "--position", "0,0"),
         "out.h5": ("transpose", file, "-o", "out.h5"),
         "volume.npy": ("reconstruct", file, "light.tif", "-o", "volume.npy", "-n", "2"),
-        "": ("inspect", file),
+        "": ("inspect", file, "--seconds", "0.01"),
     }
     return [Target(kind, file, family, arguments, output) for output, arguments in commands.items()]
 
@@ -73,7 +73,7 @@ def _image(kind: str, file: str, family: str) -> list[Target]:
 def _session(kind: str, folder: str, file: str, family: str) -> list[Target]:
     return [
         Target(kind, f"{folder}/{file}", family, ("assemble", folder, "-o", "out.h5"), "out.h5"),
-        Target(kind, f"{folder}/{file}", family, ("inspect", "H.h5", "--session", folder)),
+        Target(kind, f"{folder}/{file}", family, ("inspect", "H.h5", "--session", folder, "--seconds", "0.01")),
     ]
 
 
@@ -89,7 +89,7 @@ TARGETS: tuple[Target, ...] = (
     *_matrix("HT.h5", "HT.h5"),
     *_matrix("mat", "H.mat"),
     *_matrix("npy H", "H.npy", "npy"),
-    Target("H.h5 reference", "Hz.h5", "bytes", ("inspect", "H.h5", "--reference", "Hz.h5")),
+    Target("H.h5 reference", "Hz.h5", "bytes", ("inspect", "H.h5", "--reference", "Hz.h5", "--seconds", "0.01")),
     _stack("npy stack", "stack.npy", "npy"),
     _stack("h5 stack", "stack.h5", "bytes"),
     *(_stack(f"tiff {name}", f"{name}.tif", "tiff") for name in ("plain", "lzw", "deflate", "big", "ome", "imagej")),

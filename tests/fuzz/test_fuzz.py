@@ -51,7 +51,9 @@ class _workplace:
 
 def test_good_files_are_accepted(workplace: Workplace) -> None:
     """One command for each kind of file; else a command that refuses everything would pass."""
-    for target in {target.kind: target for target in TARGETS}.values():
+    # an inspection, which takes longest, only of what no other command reads
+    quick = {target.kind: target for target in TARGETS if target.arguments[0] != "inspect"}
+    for target in ({target.kind: target for target in TARGETS} | quick).values():
         wrong, outcome = workplace.verdict(target, (workplace.good / target.file).read_bytes())
         assert not wrong and outcome.code == 0, (target.name, wrong, outcome)
 

@@ -109,7 +109,7 @@ def moving(page: Any) -> list[str]:
     ]
 
 
-@pytest.mark.parametrize("camera", ["bench", "lfm_60x12"])
+@pytest.mark.parametrize("camera", ["bench", pytest.param("lfm_60x12", marks=pytest.mark.long)])
 def test_no_page_scrolls_in_a_small_window(window: MainWindow, camera: str) -> None:
     """Camera, Acquire, Frames and Reconstruct had scroll bars at 1280 x 800."""
     window.files.start_with(ProjectState(camera=preset(camera)))

@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.bench._fault_costs import TrueCost
 from lfcal.bench._fault_recordings import CAMERAS, PEAK, Recording
 from lfcal.bench._fault_sensor import compressed
 from lfcal.camera import ScanPlan
@@ -32,6 +33,7 @@ __all__ = [
     "recording",
     "scaled",
     "sensor",
+    "truth",
 ]
 
 PATTERNS = 60
@@ -71,6 +73,12 @@ def light() -> Values:
 def matrix(values: Values) -> PSFMatrix:
     """Return H of the values."""
     return recording().matrix(values)
+
+
+@cache
+def truth() -> TrueCost:
+    """Return what values cost, beside the recording without a fault."""
+    return TrueCost(light(), clean())
 
 
 def scaled(values: Values, image: Values) -> Values:

@@ -1,41 +1,25 @@
-"""Patterns of the camera's model that tests share: the same places of the same camera come again in each of them."""
+"""What all tests of inspections share."""
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Iterator
 
-import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from lfcal.fit.model import PlaneModel
-
-Key = tuple[bytes, bytes, bytes]
-MOST_BYTES = 300_000_000
+from lfcal.bench import _fault_costs
+from tests.fit.shared import shared_models
 
 
 @pytest.fixture(scope="package", autouse=True)
 def _shared_models() -> Iterator[None]:
-    """Keep what `PlaneModel` computes by all that it depends on: setup, scan, plane, fineness, places and sources."""
-    kept: dict[Key, NDArray[np.float32]] = {}
-    made, computed = PlaneModel.__init__, PlaneModel.patterns
-    named: dict[int, bytes] = {}
+    with shared_models():
+        yield
 
-    def make(self: PlaneModel, *arguments: object) -> None:
-        made(self, *arguments)  # type: ignore[arg-type]
-        named[id(self)] = pickle.dumps(arguments)
 
-    def patterns(self: PlaneModel, places: NDArray[np.intp], offsets_px: NDArray[np.float64]) -> NDArray[np.float32]:
-        key = (named[id(self)], np.asarray(places, np.intp).tobytes(), np.asarray(offsets_px, np.float64).tobytes())
-        if key not in kept:
-            found = computed(self, places, offsets_px)
-            if sum(one.nbytes for one in kept.values()) + found.nbytes > MOST_BYTES:
-                return found
-            kept[key] = found
-        return kept[key].copy()
-
+@pytest.fixture(scope="package", autouse=True)
+def _fewer_scenes(pytestconfig: pytest.Config) -> Iterator[None]:
+    """Let true costs be those of the first scene; of all of them with --long."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(PlaneModel, "__init__", make)
-        patch.setattr(PlaneModel, "patterns", patterns)
+        if not pytestconfig.getoption("--long"):
+            patch.setattr(_fault_costs, "SEEDS", _fault_costs.SEEDS[:1])
         yield

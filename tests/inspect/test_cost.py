@@ -29,6 +29,7 @@ from tests.inspect.common import (
     plan,
     scaled,
     sensor,
+    truth,
 )
 from tests.inspect.test_inspection import inspected
 from tests.inspect.test_stage_faults import displaced, grid
@@ -91,12 +92,7 @@ KINDS: dict[str, Callable[[], Values]] = {
     "backlash": lambda: displaced(0 * y, np.where(rows == 1, 0.25, -0.25) + 0 * y, everywhere=True),
     "jitter": lambda: displaced(*np.random.default_rng(5).normal(0, 0.1, (2, *plan().period)), everywhere=True),
 }
-SHORT = ("dead_line", "lamp")
-
-
-@cache
-def truth() -> TrueCost:
-    return TrueCost(light(), clean())
+SHORT = ("lamp",)
 
 
 @cache

@@ -24,7 +24,7 @@ def trial(side: int, seed: int) -> SceneTrial:
     return SceneTrial(light(), side, (seed,))
 
 
-@pytest.mark.parametrize("row", [20, 31, pytest.param(40, marks=pytest.mark.long)])
+@pytest.mark.parametrize("row", [31, *(pytest.param(row, marks=pytest.mark.long) for row in (20, 40))])
 def test_a_dead_pixel_costs_the_same_wherever_the_image_ends_and_by_whatever_noise(row: int) -> None:
     """Its row lies at the border of one image and amid another: light that is divided by noise cost .01 or .3."""
     image = sensor(1.0)

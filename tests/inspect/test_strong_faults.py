@@ -5,16 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lfcal.bench._fault_costs import TrueCost
 from lfcal.inspect import Evidence, iter_evidence, iter_search
 from lfcal.progress import drain
-from tests.inspect.common import FEWEST, Values, clean, faults_of, light, matrix, plan
+from tests.inspect.common import FEWEST, clean, faults_of, light, matrix, plan, truth
 from tests.inspect.test_inspection import inspected
 from tests.inspect.test_levels_order_pupil import put_in
-
-
-def true_cost(values: Values) -> float:
-    return TrueCost(light(), clean()).cost(values)
 
 
 def test_bent_values_are_straightened_before_lines_are_looked_for() -> None:
@@ -42,7 +37,7 @@ def test_noise_that_was_cut_off_at_zero_is_told_by_its_dark_samples() -> None:
     (one,) = found.findings
     told = [float(part.split()[0]) for part in one.detail.split("noise of ")[1].split("about ")]
     assert one.name == "cut_off" and told == pytest.approx([3.0, -3.0], abs=0.5), one.detail
-    true = true_cost(values)
+    true = truth().cost(values)
     assert one.cost is not None and true > 0.005 and true / 2 < one.cost < 2 * true
     assert not found.alarms
 
@@ -56,7 +51,7 @@ def test_a_strong_compression_costs_what_it_takes_away() -> None:
     values = put_in("JPEG", 30)
     found = inspected(matrix(values), FEWEST)
     (one,) = found.findings
-    true = true_cost(values)
+    true = truth().cost(values)
     assert one.name == "compression" and one.cost is not None
     assert true > 0.3 and true / 2 < one.cost < 2 * true
 

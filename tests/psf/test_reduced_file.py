@@ -18,7 +18,7 @@ from lfcal.psf import Facts, PSFMatrix, compare, export, inspect, open_psf, open
 from lfcal.psf.facts import pack_valid
 from lfcal.psf.transpose import transpose
 from lfcal.reconstruct import Projector, richardson_lucy
-from tests.fit.common import few_patterns
+from tests.fit.common import few_fit, few_patterns
 from tests.reconstruct.oracles import dense, lenslet_psf
 
 TOLERANCE = 0.005
@@ -133,7 +133,7 @@ def test_inspection_and_comparison(tmp_path: Path) -> None:
 def test_fit(tmp_path: Path) -> None:
     """A recorded H within a tolerance below its noise is fitted as it is."""
     with open_psf(save(few_patterns(), tmp_path / "fit.h5", store_tolerance=0.002)) as small:
-        fits = [fit_camera(one, unknowns=["geometry"], workers=1) for one in (small, few_patterns())]
+        fits = fit_camera(small, unknowns=["geometry"], workers=1), few_fit()
     gaps = [fit.parameters["gap_um"] for fit in fits]
     assert abs(gaps[0].value - gaps[1].value) < 0.5 * gaps[1].sigma
 

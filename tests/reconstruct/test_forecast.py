@@ -1,10 +1,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from lfcal.reconstruct import Projector
 from lfcal.reconstruct.projectors.grid import Grid
 from lfcal.reconstruct.projectors.tiles import AxisTiles, TilePlan
+from tests.speeds import measured_speeds, same_speeds
 
 
 def test_transform_matrices_are_the_fourier_transform():
@@ -36,7 +38,13 @@ def test_grid_packs_and_unpacks():
     assert all(tiled[y, x] == label[(y + 2) % 3, (x - 5) % 4] for y in range(7) for x in range(9))
 
 
-def test_auto_takes_the_method_that_suits():
+@pytest.mark.parametrize("speeds", [same_speeds, measured_speeds])
+def test_auto_takes_the_method_that_suits(speeds):
+    with speeds():
+        check_the_method_that_suits()
+
+
+def check_the_method_that_suits():
     rng = np.random.default_rng(2)
     many_taps = Projector(rng.random((1, 5, 5, 61, 61), np.float32), (240, 240))
     assert many_taps.method == "polyphase"

@@ -148,6 +148,7 @@ def test_what_noise_alone_leaves_is_one(gain, read_noise):
 
 @pytest.mark.parametrize("name", ["rl", "sieve", "phase-space", "cg", "ems"])
 @pytest.mark.parametrize("margin", [0, 8])
+@pytest.mark.few(6)
 def test_stops_once_the_frame_is_met_to_within_its_noise(noisy, name, margin):
     P, truth, image = noisy
     wide = P if not margin else Projector(lenslet_psf(), (SHAPE[0] + 16, SHAPE[1] + 16), (1 + 8, 3 + 8))

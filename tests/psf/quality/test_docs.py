@@ -14,6 +14,7 @@ from lfcal.psf import PSFMatrix, save
 from lfcal.psf.quality import METRICS, MetricSpec, inspect
 from tests.cli.conftest import Run, lfcal  # noqa: F401  the fixture
 from tests.distribution import names_of
+from tests.psf.plain_report import undrawn
 
 
 @pytest.fixture
@@ -73,7 +74,9 @@ def test_the_documented_metric_is_shown(
     declare: Callable[..., None],
     lfcal: Callable[..., Run],  # noqa: F811
     tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    undrawn(monkeypatch)
     declare(row_offsets=documented())
     save(recorded(5.0), tmp_path / "H.h5")
     run = lfcal("inspect", tmp_path / "H.h5", "--report", tmp_path / "out")

@@ -17,6 +17,7 @@ from lfcal.psf import PSFMatrix
 from lfcal.psf.quality import METRICS, UNKNOWN, Limits, Metric, MetricSpec, QualityReport, Reading, inspect
 from lfcal.psf.quality.metric import judge
 from lfcal.psf.report import report as write_report
+from tests.psf.plain_report import undrawn
 
 from .faults import base, matrix
 from .scenes import hexagonal, single
@@ -85,9 +86,12 @@ def test_unknown_is_unknown_in_json(report: QualityReport) -> None:
     assert math.isfinite(report.cost)
 
 
-def test_unknown_is_unknown_for_people(report: QualityReport, tmp_path_factory: pytest.TempPathFactory) -> None:
+def test_unknown_is_unknown_for_people(
+    report: QualityReport, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from gui.pages.quality.model import metric_rows
 
+    undrawn(monkeypatch)
     rows = {row.key: row for row in metric_rows(Inspection(report, (), 0, 0.0, "no camera is known", 0.0))}
     assert (rows["saturation"].value, rows["saturation"].merit, rows["saturation"].cost) == ("unknown", "unknown", "–")
     assert "unknown" in report.verdict and report.merit == "good"

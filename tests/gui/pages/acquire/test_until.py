@@ -34,7 +34,7 @@ from tests.fit.common import small_plan
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import GUARD_MS
 
-PLAN = replace(small_plan(15, (2.2,)), period=(8, 12), settle_s=0.0)
+PLAN = replace(small_plan(15, (2.2,)), period=(6, 8), settle_s=0.0)
 QUICK = {"first": 6, "unknowns": ("geometry",), "candidates": 40}
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,9 +13,16 @@ from gui.models.project import ProjectState
 from gui.pages.fit.model_run import Kept, Question
 from gui.pages.fit.page import Page
 from lfcal.progress import Progress, Work
+from tests.fit.shared import shared_models
 from tests.gui.conftest import OpenPage
 from tests.gui.pages.fit.common import fit_of, project_of, saved, with_outlier
 from tests.gui.waiting import idle
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _shared_models() -> Iterator[None]:
+    with shared_models():
+        yield
 
 
 @pytest.fixture

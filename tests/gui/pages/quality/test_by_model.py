@@ -26,6 +26,7 @@ from lfcal.psf import save
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import GUARD_MS, idle
 from tests.inspect.common import added, clean, matrix, plan, sensor
+from tests.psf.plain_report import undrawn
 
 SECONDS = QualitySettings(seconds=0.5)
 
@@ -213,7 +214,10 @@ def test_a_folder_that_is_no_fit_is_said(page: Page, qtbot: QtBot, tmp_path: Pat
 
 
 @pytest.mark.usefixtures("known")
-def test_the_report_tells_what_the_page_shows(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
+def test_the_report_tells_what_the_page_shows(
+    page: Page, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    undrawn(monkeypatch)
     found = found_by(page, qtbot)
     page.write_report(str(tmp_path / "report"))
     idle(page.context.jobs, qtbot)

@@ -10,9 +10,12 @@ import pytest
 from pytestqt.qtbot import QtBot
 
 from gui.models.project import ProjectState
+from gui.models.stamp import stamp_of
 from gui.pages.quality.model import QualitySettings
 from gui.pages.quality.model_compare import both_at, plane_of_row
+from gui.pages.quality.model_run import Kept, Question, asked_of, iter_judge
 from gui.pages.quality.page import Page
+from lfcal.progress import Work, drain
 from lfcal.psf import PSFMatrix, save
 from lfcal.psf.pairing import pair
 from tests.gui.conftest import OpenPage
@@ -27,17 +30,45 @@ def written(path: Path, values: np.ndarray, depths: tuple[float, ...] = DEPTHS) 
     return str(path)
 
 
-@pytest.fixture
-def state(tmp_path: Path) -> ProjectState:
-    """Return a project of an H in which one position is far off, with no time for the camera."""
+METRICS_ALONE = QualitySettings(seconds=0)
+"""No time for the camera."""
+
+
+def one_far_off() -> np.ndarray:
+    """Return an H in which one position is far off."""
     values = 2 * moved((0.3, -0.2))
     values[1, 2, 3] = np.roll(values[1, 2, 3], 5, 0)
-    state = replace(ProjectState(), psf=written(tmp_path / "H.h5", values))
-    return replace(state, settings=QualitySettings(seconds=0).into(state))
+    return values
 
 
 @pytest.fixture
-def page(open_page: OpenPage, qtbot: QtBot) -> Page:
+def state(tmp_path: Path) -> ProjectState:
+    state = replace(ProjectState(), psf=written(tmp_path / "H.h5", one_far_off()))
+    return replace(state, settings=METRICS_ALONE.into(state))
+
+
+@pytest.fixture(scope="module")
+def judged_once(tmp_path_factory: pytest.TempPathFactory) -> Kept:
+    """Return what this H is found to be."""
+    stamp, kept = stamp_of(written(tmp_path_factory.mktemp("judged") / "H.h5", one_far_off())), Kept()
+    assert stamp is not None
+    drain(iter_judge(asked_of(stamp, METRICS_ALONE, None), kept))
+    return kept
+
+
+@pytest.fixture
+def page(
+    open_page: OpenPage, state: ProjectState, judged_once: Kept, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> Page:
+    first = stamp_of(state.psf)
+
+    def at_once(asked: Question, kept: Kept) -> Work[None]:
+        if asked.stamp == first and not asked.seconds:
+            kept.report, kept.depths, kept.inspection = judged_once.report, judged_once.depths, judged_once.inspection
+        else:
+            yield from iter_judge(asked, kept)
+
+    monkeypatch.setattr("gui.pages.quality.page.iter_judge", at_once)
     made: Page = open_page("quality")
     made.measure()
     idle(made.context.jobs, qtbot)
