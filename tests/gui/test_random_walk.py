@@ -76,7 +76,7 @@ def walk(window: MainWindow, qtbot: QtBot, files: list[Path], out: Path, seed: i
 def test_a_random_walk_meets_no_wrong_state(
     window: MainWindow, qtbot: QtBot, files: list[Path], tmp_path: Path
 ) -> None:
-    walk(window, qtbot, files, tmp_path / "out", seed=1, steps=350)
+    walk(window, qtbot, files, tmp_path / "out", seed=1, steps=600)
 
 
 @pytest.mark.long
