@@ -179,17 +179,8 @@ def iter_em(
 
 def iter_run(P: Projector, image: ArrayLike, run: SolverRun, options: EmOptions) -> SolverWork:
     """Iterate as ``run`` asks; ``options`` say what makes the solver this one."""
-    data = Measurement.of(
-        image,
-        dtype=P.dtype,
-        weights=run.weights,
-        saturation=run.saturation,
-        background=run.background,
-        read_noise=run.read_noise,
-        left_out=run.left_out,
-    )
     options = replace(options, tolerance=run.tolerance)
-    return iter_em(P, data, run.iterations, options, initial=run.initial, resume=run.resume)
+    return iter_em(P, run.measure(P, image), run.iterations, options, initial=run.initial, resume=run.resume)
 
 
 # -- steps ---------------------------------------------------------------------------------------------
