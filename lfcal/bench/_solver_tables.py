@@ -50,9 +50,8 @@ def verdict(trials: Sequence[Trial]) -> list[str]:
     return lines
 
 
-def markdown(trials: Sequence[Trial], *, full: bool) -> str:
-    """Return the page of the table."""
-    command = "lfcal bench solvers" + (" --full" if full else "") + " --table docs/solvers.md --force"
+def markdown(trials: Sequence[Trial], command: str, chart: str = "") -> str:
+    """Return the page of the table that ``command`` made, with the picture ``chart`` where there is one."""
     times = ", ".join(f"{n}" for n in UNITS)
     parts = [
         "# Solvers compared",
@@ -61,7 +60,7 @@ def markdown(trials: Sequence[Trial], *, full: bool) -> str:
         f"Numbers are the NRMSE of the volume after as much processor time as {times} iterations of",
         "Richardson-Lucy take with that camera; `auto` is where a run that stops by left-out pixels ends, and after",
         "how many processor seconds. Bead width is the full width at half maximum of the beads at the end, over that",
-        "of the truth.",
+        f"of the truth. What is within {100 * (TIE - 1):.0f} % of the best counts as a tie.",
         "",
         f"Noise is that of photons, {PEAK:g} in the brightest pixel beside a background of {BACKGROUND:g}. The light",
         f"lies in twice as many planes as are sought, none of them one of these, and {BESIDE:g} pixels beside the",
@@ -71,6 +70,8 @@ def markdown(trials: Sequence[Trial], *, full: bool) -> str:
         "",
         *(f"- {line}" for line in verdict(trials)),
     ]
+    if chart:
+        parts += ["", f"![Error of each solver against processor time]({chart})", "", "Dots: where `auto` ends."]
     for name in dict.fromkeys(one.camera for one in trials):
         own = [one for one in trials if one.camera == name]
         headers, rows = rows_of(own)
