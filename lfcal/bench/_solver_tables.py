@@ -35,19 +35,28 @@ def rows_of(trials: Sequence[Trial]) -> tuple[list[str], list[list[str]]]:
 
 def verdict(trials: Sequence[Trial]) -> list[str]:
     """Return how often the default is the best, or within 3 % of it, at each time, camera by camera."""
-    ours = SolverChoice().name
-    lines = []
-    for units in UNITS:
-        won: dict[str, list[str]] = {}
-        for camera, scene in _pairs(trials):
-            there = [one for one in trials if (one.camera, one.scene) == (camera, scene)]
-            found = {one.solver: error for one in there if (error := one.at(units)) is not None}
-            won.setdefault(camera, [])
-            if ours in found and found[ours] <= TIE * min(found.values()):
-                won[camera].append(scene)
-        said = ", ".join(f"{camera} {' and '.join(scenes) or 'nothing'}" for camera, scenes in won.items())
-        lines.append(f"{ours} wins or ties after {units} iterations of rl: {said}")
-    return lines
+    ours = SolverChoice()
+    lines = [
+        f"{ours.name} wins or ties after {units} iterations of rl: {_won(trials, ours.name, units)}" for units in UNITS
+    ]
+    own = f"{ours.name} wins or ties after its own {ours.iterations} iterations"
+    return [*lines, f"{own}: {_won(trials, ours.name, None, ours.iterations)}"]
+
+
+def _won(trials: Sequence[Trial], ours: str, units: float | None, iterations: int = 1) -> str:
+    """Return the scenes of each camera where ``ours`` is best at a time; None: that of so many iterations of its."""
+    won: dict[str, list[str]] = {}
+    for camera, scene in _pairs(trials):
+        there = {one.solver: one for one in trials if (one.camera, one.scene) == (camera, scene)}
+        won.setdefault(camera, [])
+        if ours not in there:
+            continue
+        own = there[ours]
+        time = own.seconds[min(iterations, len(own.seconds)) - 1] / own.unit_s if units is None else units
+        found = {name: error for name, one in there.items() if (error := one.at(time)) is not None}
+        if ours in found and found[ours] <= TIE * min(found.values()):
+            won[camera].append(scene)
+    return ", ".join(f"{camera} {' and '.join(scenes) or 'nothing'}" for camera, scenes in won.items())
 
 
 def markdown(trials: Sequence[Trial], command: str, chart: str = "") -> str:

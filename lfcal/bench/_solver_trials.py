@@ -51,7 +51,7 @@ class Trial:
 
     def at(self, units: float) -> float | None:
         """Return the error at a time, in iterations of Richardson-Lucy; None: before the first iteration's end."""
-        done = [e for s, e in zip(self.seconds, self.errors, strict=True) if s <= units * self.unit_s]
+        done = [e for s, e in zip(self.seconds, self.errors, strict=True) if s <= units * self.unit_s * (1 + 1e-9)]
         return done[-1] if done else None
 
 

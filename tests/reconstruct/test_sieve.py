@@ -9,9 +9,12 @@ import pytest
 
 from lfcal.bench._fault_recordings import CAMERAS
 from lfcal.camera import ScanPlan, preset
+from lfcal.errors import InputError
 from lfcal.psf import PSFMatrix
 from lfcal.reconstruct import Projector
 from lfcal.reconstruct.solvers.choice import SolverChoice, reconstruct
+from lfcal.reconstruct.solvers.em import EmOptions
+from lfcal.reconstruct.solvers.records import SolverState
 from lfcal.reconstruct.solvers.repeating import Repeating
 from lfcal.reconstruct.solvers.sieve import sieve_of
 from lfcal.reconstruct.solvers.smoothing import FINE, SIEVE, Sieve
@@ -185,6 +188,20 @@ def test_stretched_updates_have_no_more_of_what_repeats():
     # beside a period what is no pattern counts in a coarse plane, too
     blob = np.exp(0.3 * np.exp(-((y - 35) ** 2 + (x - 30) ** 2) / (2 * 8.0**2)))
     assert np.log(stretch.apply(0, blob, np.ones(shape, bool), 2.0)[35, 30]) > 1.2 * np.log(blob[35, 30])
+
+
+def test_what_begins_elsewhere_is_not_stretched():
+    """A state that remembers nothing is a volume that was found already: the next update is Richardson-Lucy's."""
+    rng = np.random.default_rng(2)
+    P = Projector(rng.random((2, 3, 3, 5, 5)), (12, 11), dtype=np.float64)
+    f, found = rng.uniform(1, 20, (12, 11)), rng.uniform(1, 2, P.volume_shape)
+    plain = reconstruct(P, f, SolverChoice("rl", 1, 0.5), initial=found).volume
+    late = reconstruct(P, f, SolverChoice("sieve", 1, 0.5), resume=SolverState(found, 7)).volume
+    np.testing.assert_array_equal(late, plain)
+    first = reconstruct(P, f, SolverChoice("sieve", 1, 0.5), initial=found).volume
+    assert np.abs(first - plain).max() > 0.01 * plain.max()
+    with pytest.raises(InputError, match="stretched updates: expected acceleration nesterov"):
+        EmOptions(stretch=Stretch((5, 5)))
 
 
 def lattice_excess(plane: np.ndarray, period: int) -> float:

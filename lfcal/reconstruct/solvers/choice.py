@@ -90,7 +90,7 @@ class SolverChoice:
     """
 
     name: str = "sieve"
-    iterations: int = 20
+    iterations: int = 15
     background: float = 0.0
     read_noise: float = 0.0
     saturation: float | None = None

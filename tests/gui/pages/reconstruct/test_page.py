@@ -145,7 +145,7 @@ def test_form_and_project_follow_each_other(page: Page, context: Context, qtbot:
     assert editor.text() == "20"
     editor.setText("0")
     editor.textEdited.emit("0")
-    assert "iterations" in form.error and page.settings.iterations == 20
+    assert "iterations" in form.error and page.settings.iterations == SolverChoice().iterations == 15
     solver: Any = form.editor("solver")
     assert solver.currentData() == SolverChoice().name, "as the command"
     solver.setCurrentIndex(solver.findData("rl-tv"))
