@@ -97,11 +97,14 @@ def markdown(trials: Sequence[Trial], command: str, chart: str = "") -> str:
 
 def draw(path: Path, trials: Sequence[Trial]) -> None:
     """Draw error against processor seconds: a panel per camera and scene, dots where runs stop by themselves."""
+    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
+    ours = SolverChoice().name
     pairs = _pairs(trials)
     cameras = list(dict.fromkeys(camera for camera, _ in pairs))
     across = max(sum(camera == own for own, _ in pairs) for camera in cameras)
     kinds = list(dict.fromkeys(one.solver for one in trials))
-    with figure(3.6 * across + 1.6, 2.8 * len(cameras)) as fig:
+    with figure(3.6 * across + 1.6, 2.8 * len(cameras), dpi=90) as fig:
         panels = fig.subplots(len(cameras), across, squeeze=False)
         for k, (camera, scene) in enumerate(pairs):
             panel = panels[k // across][k % across]
@@ -109,14 +112,19 @@ def draw(path: Path, trials: Sequence[Trial]) -> None:
                 if (one.camera, one.scene) == (camera, scene):
                     n = kinds.index(one.solver)
                     colour, style = LINES[n % len(LINES)], ("-", "--", ":")[n // len(LINES) % 3]
-                    panel.plot(one.seconds, one.errors, style, color=colour, label=one.solver)
+                    width = 3.0 if one.solver == ours else 1.2
+                    panel.plot(one.seconds, one.errors, style, color=colour, label=one.solver, linewidth=width)
                     panel.plot(*one.stop, "o", color=colour, markersize=4)
             panel.set_xscale("log")
             panel.set_yscale("log")
+            for axis, steps in ((panel.xaxis, (1, 2, 5)), (panel.yaxis, range(1, 10))):
+                axis.set_major_locator(LogLocator(subs=steps))
+                axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+                axis.set_minor_formatter(NullFormatter())
             panel.set_title(f"{camera}: {scene}")
             if k // across == len(cameras) - 1:
                 panel.set_xlabel("processor time (s)")
             if k % across == 0:
                 panel.set_ylabel("NRMSE (1)")
         panels[0][-1].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-        save_figure(fig, path)
+        save_figure(fig, path, colours=64)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from lfcal.reconstruct.solvers.measurement import Measurement
 
-__all__ = ["Stretch"]
+__all__ = ["Stretch", "weaker"]
 
 FIRST = 2.0
 """Strength of the first update."""
@@ -85,8 +85,6 @@ def weaker(strength: float, before: NDArray[Any], model: NDArray[Any], data: Mea
     """Return the strength of the next update, given the models ``(Y, X)`` of the last iteration and of this one."""
     way = np.subtract(model, before, dtype=np.float64)
     rise, left = (_slope(at, way, data, floor) for at in (before, model))
-    if strength < IDLE:
-        return 0.0
     # the top of a parabola with these slopes at 0 and at 1; where it bends upwards there is none
     top = rise / (rise - left) if rise > left else math.inf
     found = strength * FADING * min(max(top, LEAST), 1.0)
