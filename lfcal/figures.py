@@ -62,11 +62,20 @@ def figure(width: float = 6.4, height: float = 4.0, dpi: int = 130) -> Iterator[
         fig.clear()
 
 
-def save_figure(fig: Figure, path: str | os.PathLike[str]) -> None:
-    """Write ``fig`` as a PNG (or the format of the suffix) that appears whole or not at all."""
+def save_figure(fig: Figure, path: str | os.PathLike[str], *, colours: int = 0) -> None:
+    """Write ``fig`` as a PNG (or the format of the suffix) that appears whole or not at all.
+
+    ``colours``: at most so many in a PNG, up to 256, which makes it several times smaller; 0: all.
+    """
     suffix = os.path.splitext(os.fspath(path))[1].lstrip(".").lower() or "png"
     with replace_whole(path) as part:
         fig.savefig(part, format=suffix)
+        if colours and suffix == "png":
+            from PIL import Image
+
+            with Image.open(part) as drawn:
+                few = drawn.convert("RGB").quantize(colours, dither=Image.Dither.NONE)
+            few.save(part, format="PNG", optimize=True)
 
 
 def draw_image(

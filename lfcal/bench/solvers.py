@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import typer
@@ -31,7 +32,7 @@ def command(
 ) -> None:
     """Reconstruct beads, a tilted sheet and a shell by every solver: the error after equal processor time.
 
-    Example: `lfcal bench solvers --chart solvers.png`
+    Example: `lfcal bench solvers --chart docs/images/solvers.png --table docs/solvers.md`
     """
     from lfcal.bench._solver_scenes import CAMERAS, SCENES, problem_of, subject_of
     from lfcal.bench._solver_tables import draw, markdown, rows_of, verdict
@@ -59,7 +60,7 @@ def command(
                     report(f"{name}, {one}: {kind} ({k + 1} of {len(tried)})")
     if table is not None:
         with replace_whole(table) as part:
-            part.write_text(markdown(trials, full=full), encoding="utf-8")
+            part.write_text(markdown(trials, *_origin(table, chart, full=full)), encoding="utf-8")
     if chart is not None:
         draw(chart, trials)
     if json:
@@ -70,6 +71,15 @@ def command(
         print_table(headers, rows, title=name)
     for line in verdict(trials):
         typer.echo(line)
+
+
+def _origin(table: Path, chart: Path | None, *, full: bool) -> tuple[str, str]:
+    """Return the command that makes the page ``table`` again, and its link to the chart."""
+    words = ["lfcal bench solvers", *(["--full"] if full else [])]
+    if chart is not None:
+        words.append(f"--chart {chart.as_posix()}")
+    link = "" if chart is None else Path(os.path.relpath(chart, table.parent)).as_posix()
+    return " ".join([*words, f"--table {table.as_posix()} --force"]), link
 
 
 def _names(option: str, text: str, known: tuple[str, ...]) -> tuple[str, ...]:

@@ -59,7 +59,7 @@ def command(
     ),
     solver: str = typer.Option("sieve", "--solver", help="Solver; --solver list shows all."),
     iterations: str = typer.Option(
-        "20",
+        "15",
         "--iterations",
         "-n",
         help="Iterations; auto: until pixels left out of the fit are foretold no better; auto:discrepancy: until the "

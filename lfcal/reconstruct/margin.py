@@ -21,7 +21,7 @@ def usual_margin(period: tuple[int, int], cutout: tuple[int, int], shape: tuple[
     """Return the margin (pixels) for H of this period and cutout ``(nt, ns)`` and frames ``shape``.
 
     Two periods catch most of the light that falls in: edges are 1.0 times as bright as the rest where without margin
-    they are 1.6 times. No more than patterns reach, and no more than an eighth of the frame, which takes half as much
+    they are 1.3 times. No more than patterns reach, and no more than an eighth of the frame, which takes half as much
     time again.
     """
     return max(0, min(2 * max(period), (max(cutout) - 1) // 2, max(shape) // 8))

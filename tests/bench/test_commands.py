@@ -305,6 +305,7 @@ def test_solvers(bench: Bench, tmp_path: Path, small_cameras: None) -> None:
         assert (one["width"] is None) == (one["scene"] == "shell")
     assert (tmp_path / "a.png").stat().st_size > 5000
     table = (tmp_path / "t.md").read_text(encoding="utf-8")
+    assert "(a.png)" in table and f"--chart {tmp_path.as_posix()}/a.png --table {tmp_path.as_posix()}/t.md" in table
     assert table.count("\n| beads | ") == 2 and "sieve wins or ties after 5 iterations of rl: bench" in table
     assert "exists" in bench("solvers", *options, "--table", tmp_path / "t.md", code=2)
     assert "--solver: expected" in bench("solvers", "--solver", "magic", code=2)

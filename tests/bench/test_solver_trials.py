@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from lfcal.bench._solver_scenes import Problem, Subject
-from lfcal.bench._solver_trials import trial
+from lfcal.bench._solver_tables import verdict
+from lfcal.bench._solver_trials import Trial, trial
 from lfcal.psf import PSFMatrix
 from lfcal.reconstruct import Projector
 
@@ -18,3 +19,19 @@ def test_a_solver_that_ends_before_its_time_is_judged_by_its_last_volume() -> No
     # of ten iterations at most, in more time than they take
     found = trial(Subject("small", H, H, 18), P, problem, ("shell", "rl"), 1e9, 1.0)
     assert len(found.errors) == 10 and found.at(1) == found.errors[-1]
+
+
+def test_who_wins_is_told_at_equal_time_and_after_its_own_iterations() -> None:
+    """One iteration a second: the default is behind after 5 and 10, within 3 % after 15 and before 20."""
+    seconds = tuple(float(k) for k in range(1, 21))
+    ours = tuple(2.0 if k < 15 else 1.02 for k in seconds)
+    trials = [
+        Trial("bench", "shell", name, 1.0, seconds, errors, None, (1.0, 1.0))
+        for name, errors in (("sieve", ours), ("rl", (1.0,) * 20))
+    ]
+    assert verdict(trials) == [
+        "sieve wins or ties after 5 iterations of rl: bench nothing",
+        "sieve wins or ties after 10 iterations of rl: bench nothing",
+        "sieve wins or ties after 20 iterations of rl: bench shell",
+        "sieve wins or ties after its own 15 iterations: bench shell",
+    ]

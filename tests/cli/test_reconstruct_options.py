@@ -50,6 +50,15 @@ def by_the_library(folder: Path, projector: dict[str, Any], choice: dict[str, An
         )
 
 
+def test_the_command_and_the_library_do_as_many_iterations_where_none_are_asked_for() -> None:
+    from inspect import signature
+
+    from lfcal.cli.reconstruct import command
+
+    asked = {name: signature(command).parameters[name].default.default for name in ("solver", "iterations")}
+    assert asked == {"solver": SolverChoice().name, "iterations": str(SolverChoice().iterations)}
+
+
 CASES: dict[str, tuple[tuple[object, ...], dict[str, Any], dict[str, Any]]] = {
     "iterations": (("--iterations", 6), {}, {"iterations": 6}),
     "background": (("--background", 5), {}, {"background": 5.0}),

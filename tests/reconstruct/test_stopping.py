@@ -76,6 +76,19 @@ def test_stops_near_the_least_error(noisy, name):
         assert found.state.iteration <= len(found.history)
 
 
+@pytest.mark.parametrize(("stop", "most"), [("left-out", 1), ("discrepancy", 2)])
+def test_a_frame_is_measured_once(monkeypatch, noisy, stop, most):
+    """For the fit and the notes alike; by discrepancy once more, for negative pixels count there."""
+    P, _, image = noisy
+    made = []
+    whole = Measurement.of
+    monkeypatch.setattr(Measurement, "of", lambda *args, **given: made.append(given) or whole(*args, **given))
+    image = image.copy()
+    image[3, 4] = np.nan
+    found = reconstruct(P, image, SolverChoice("rl", 3, 2.0, auto=True, stop=stop))
+    assert len(made) == most and any("not finite" in note for note in found.notes)
+
+
 def test_a_method_that_follows_the_noise_is_stopped(noisy):
     P, truth, image = noisy
     long = reconstruct(P, image, SolverChoice("phase-space", 60, 2.0))

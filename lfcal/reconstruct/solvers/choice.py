@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from lfcal.errors import InputError
 from lfcal.progress import drain
 from lfcal.reconstruct.margin import cropped, widened, widened_start
 from lfcal.reconstruct.projectors.projector import Projector
-from lfcal.reconstruct.solvers.measurement import Measurement, foretold
+from lfcal.reconstruct.solvers.measurement import foretold
 from lfcal.reconstruct.solvers.records import Reconstruction, SolverProgress, SolverState, SolverWork
 from lfcal.reconstruct.solvers.solver import Solver, SolverRun
 from lfcal.reconstruct.solvers.stopping import STOPS, iter_until_best, iter_until_noise, left_out_pixels, misfit
@@ -91,7 +90,7 @@ class SolverChoice:
     """
 
     name: str = "sieve"
-    iterations: int = 20
+    iterations: int = 15
     background: float = 0.0
     read_noise: float = 0.0
     saturation: float | None = None
@@ -186,21 +185,13 @@ def iter_reconstruct(
 
 def _iter_auto(P: Projector, image: ArrayLike, run: SolverRun, solver: Solver) -> SolverWork:
     """Return a run that stops by pixels it leaves out."""
-    own = partial(
-        Measurement.of,
-        image,
-        dtype=P.dtype,
-        weights=run.weights,
-        saturation=run.saturation,
-        background=run.background,
-        read_noise=run.read_noise,
-        left_out=left_out_pixels(P.image_shape),
-    )
+    held_out = replace(run, left_out=left_out_pixels(P.image_shape))
     if "left_out" in solver.honours:
-        found = replace(run, left_out=left_out_pixels(P.image_shape))
-        return iter_until_best(solver.iterate(P, image, found), own().notes, settles=solver.settles)
+        found = held_out.measure(P, image)
+        work = solver.iterate(P, image, replace(held_out, measured=found))
+        return iter_until_best(work, found.notes, settles=solver.settles)
     # a solver that knows nothing of them does not see them, and is judged by its projected volumes
-    data = own(signed=True)
+    data = held_out.measure(P, image, signed=True)
     held = np.zeros(P.image_shape) if data.held is None else data.held
 
     def score(state: SolverState) -> tuple[float, float]:
@@ -213,15 +204,7 @@ def _iter_auto(P: Projector, image: ArrayLike, run: SolverRun, solver: Solver) -
 
 def _iter_to_noise(P: Projector, image: ArrayLike, run: SolverRun, choice: SolverChoice) -> SolverWork:
     """Return a run that stops by the noise of the sensor; each volume is projected once more for it."""
-    data = Measurement.of(
-        image,
-        dtype=P.dtype,
-        weights=run.weights,
-        saturation=run.saturation,
-        background=run.background,
-        read_noise=run.read_noise,
-        signed=True,
-    )
+    data = run.measure(P, image, signed=True)
 
     def misfit_of(volume: NDArray[Any]) -> float:
         return misfit(P.forward(volume) + data.background, data, run.read_noise, choice.gain)

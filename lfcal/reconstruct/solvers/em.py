@@ -26,6 +26,7 @@ from lfcal.reconstruct.solvers.records import (
 from lfcal.reconstruct.solvers.repeating import Repeating
 from lfcal.reconstruct.solvers.smoothing import DepthSmoothing
 from lfcal.reconstruct.solvers.solver import SolverRun
+from lfcal.reconstruct.solvers.stretch import Stretch, weaker
 from lfcal.reconstruct.solvers.subsets import Masks, check_partition
 
 __all__ = ["EmOptions", "iter_em", "iter_run"]
@@ -56,6 +57,8 @@ class EmOptions:
         Stop when the relative change falls below.
     repeating
         What repeats from lenslet to lenslet, to be left out of updates; None: nothing is.
+    stretch
+        How updates are lengthened at the start, with the acceleration ``"nesterov"``; None: they are not.
     """
 
     rule: str = "richardson-lucy"
@@ -66,6 +69,7 @@ class EmOptions:
     smoothing: DepthSmoothing | None = None
     tolerance: float = 0.0
     repeating: Repeating | None = None
+    stretch: Stretch | None = None
 
     def __post_init__(self) -> None:
         """Check names, ranges and what excludes what."""
@@ -78,6 +82,8 @@ class EmOptions:
             raise InputError.expected(
                 "solver", "subsets or acceleration", "both", "leave one out: they extrapolate twice"
             )
+        if self.stretch is not None and self.acceleration != "nesterov":
+            raise InputError.expected("stretched updates", "acceleration nesterov", self.acceleration, "choose it")
 
 
 @dataclass(frozen=True)
@@ -89,6 +95,21 @@ class _Part:
     sensitivity: NDArray[Any]
     matched: NDArray[Any] | None
     """HT f for ISRA."""
+
+
+@dataclass
+class _Pace:
+    """How far updates go: the strength by which they are stretched, and the model that the last one began with."""
+
+    strength: float
+    model: NDArray[Any] | None = None
+
+    def at(self, model: NDArray[Any], data: Measurement, floor: float) -> float:
+        """Return the strength of the update that begins with ``model``."""
+        if self.strength > 0 and self.model is not None:
+            self.strength = weaker(self.strength, self.model, model, data, floor)
+        self.model = model
+        return self.strength
 
 
 def iter_em(
@@ -125,15 +146,18 @@ def iter_em(
     history: list[SolverProgress] = []
     total = state.iteration + iterations
     before, stopped = -np.inf, ""
+    pace = _pace(state, options)
     for _ in range(iterations):
         began = time.perf_counter()
         start, step = extrapolate(state, options.acceleration)
-        volume, fit = _iterate(start, parts, data, options)
+        volume, fit = _iterate(start, parts, data, options, pace)
         change = relative_change(volume, state.volume)
         # The likelihood belongs to the extrapolated start: where it fell, the last step was too long.
         restart = step > 0 and fit.likelihood < before
         before = fit.likelihood
         arrays, numbers = remember(state, start, volume, options.acceleration, restart=restart)
+        if pace.strength > 0 and pace.model is not None:
+            arrays, numbers = (*arrays, pace.model), (*numbers, pace.strength)
         seconds = state.seconds + time.perf_counter() - began
         state = SolverState(volume, state.iteration + 1, seconds, arrays, numbers)
         record = progress_of(
@@ -155,17 +179,8 @@ def iter_em(
 
 def iter_run(P: Projector, image: ArrayLike, run: SolverRun, options: EmOptions) -> SolverWork:
     """Iterate as ``run`` asks; ``options`` say what makes the solver this one."""
-    data = Measurement.of(
-        image,
-        dtype=P.dtype,
-        weights=run.weights,
-        saturation=run.saturation,
-        background=run.background,
-        read_noise=run.read_noise,
-        left_out=run.left_out,
-    )
     options = replace(options, tolerance=run.tolerance)
-    return iter_em(P, data, run.iterations, options, initial=run.initial, resume=run.resume)
+    return iter_em(P, run.measure(P, image), run.iterations, options, initial=run.initial, resume=run.resume)
 
 
 # -- steps ---------------------------------------------------------------------------------------------
@@ -216,8 +231,15 @@ def _start(P: Projector, data: Measurement, parts: tuple[_Part, ...], initial: A
     return start
 
 
+def _pace(state: SolverState, options: EmOptions) -> _Pace:
+    """Return how far the next update goes, as the state remembers it; one that does not is past its start."""
+    if options.stretch is None or (state.iteration > 0 and len(state.arrays) < 2):
+        return _Pace(0.0)
+    return _Pace(state.numbers[1], state.arrays[1]) if state.iteration > 0 else _Pace(options.stretch.first)
+
+
 def _iterate(
-    volume: NDArray[Any], parts: tuple[_Part, ...], data: Measurement, options: EmOptions
+    volume: NDArray[Any], parts: tuple[_Part, ...], data: Measurement, options: EmOptions, pace: _Pace
 ) -> tuple[NDArray[Any], GoodnessOfFit]:
     """Return the volume after one pass over all subsets, and the fit met on the way."""
     square, likelihood, foretold, error, norm = 0.0, 0.0, 0.0, 0.0, float(np.linalg.norm(data.weighted(data.image)))
@@ -232,7 +254,8 @@ def _iterate(
         # Subsets are disjoint: their squares add up to that of the whole image, each at its own estimate.
         own = data.image if part.mask is None else data.image * part.mask
         square += (fit.residual * float(np.linalg.norm(data.weighted(own)))) ** 2
-        volume = _update(volume, model, floor, part, data, options)
+        strength = pace.at(model, data, floor)
+        volume = _update(volume, model, floor, part, data, options, strength)
     if options.smoothing is not None:
         volume = options.smoothing.apply(volume)
     residual = fit.residual if len(parts) == 1 else (square**0.5 / norm if norm > 0 else 0.0)
@@ -240,7 +263,13 @@ def _iterate(
 
 
 def _update(
-    volume: NDArray[Any], model: NDArray[Any], floor: float, part: _Part, data: Measurement, options: EmOptions
+    volume: NDArray[Any],
+    model: NDArray[Any],
+    floor: float,
+    part: _Part,
+    data: Measurement,
+    options: EmOptions,
+    strength: float,
 ) -> NDArray[Any]:
     """Return the volume after the update of one subset; a model below ``floor`` is rounding."""
     P = part.projector
@@ -255,6 +284,7 @@ def _update(
         updated = above
     scale = below.max(initial=0) if options.rule == "isra" else top
     steep = None if options.penalty is None else options.penalty.gradient(volume)
+    light, longer = 0.0, 0.0
     # plane by plane, into the array that is not needed again: volumes may fill the memory
     for z in range(len(volume)):
         share = below[z]
@@ -265,7 +295,15 @@ def _update(
         factor = np.divide(np.maximum(above[z], 0), share, out=np.ones_like(volume[z]), where=seen)
         if options.repeating is not None:
             factor = options.repeating.without(z, factor, seen)
+        if options.stretch is not None and strength > 0:
+            weight = part.sensitivity[z] * volume[z]
+            light += float(np.vdot(weight, factor))
+            factor = options.stretch.apply(z, factor, seen, strength)
+            longer += float(np.vdot(weight, factor))
         if options.relaxation < 1:
             factor = 1 + options.relaxation * (factor - 1)
         np.multiply(volume[z], factor.astype(volume.dtype, copy=False), out=updated[z])
+    if longer > 0:
+        # as much light in the image as the plain update has
+        updated *= updated.dtype.type(light / longer)
     return updated

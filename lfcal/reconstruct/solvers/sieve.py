@@ -2,12 +2,14 @@
 
 Near the native plane a lenslet sees all points behind it alike, and what tells them apart is mostly the error of H:
 Richardson-Lucy draws the lenslets there. The method of sieves (Snyder & Miller 1985) seeks ``g = S s`` with s not
-negative and S a narrow Gaussian in those planes alone, ``s <- s / (S HT1) * S HT(f / (H S s + b))``: the likelihood is
+negative and S a Gaussian, ``s <- s / (S HT1) * S HT(f / (H S s + b))``: the likelihood is
 that of H and the volume fits the image, other than where the volume is smoothed after each iteration. A Gaussian
-does not ring, and what it cannot hold is not looked for. What repeats from lenslet to lenslet in the updates of those
+does not ring, and what it cannot hold is not looked for; elsewhere it is half a voxel wide, and keeps out noise that is
+finer than the grid. What repeats from lenslet to lenslet in the updates of those
 planes is left out (`repeating`): a wrong H says the same.
 
-All views are taken at once, extrapolated by the iteration number (Beck & Teboulle 2009) as `rl-nesterov` is. Blocks of
+All views are taken at once, extrapolated by the iteration number (Beck & Teboulle 2009) as `rl-nesterov` is, and the
+first updates are longer than its own (`stretch`). Blocks of
 views in turn, brightest first, take fewer iterations still, but where H is not quite that of the camera they draw
 lenslets in planes beside the native one.
 """
@@ -27,9 +29,10 @@ from lfcal.reconstruct.solvers.records import Reconstruction, SolverState, Solve
 from lfcal.reconstruct.solvers.repeating import Repeating
 from lfcal.reconstruct.solvers.smoothing import Sieve, coarseness
 from lfcal.reconstruct.solvers.solver import EM, Solver, SolverRun
+from lfcal.reconstruct.solvers.stretch import Stretch
 from lfcal.reconstruct.solvers.subsets import Masks, interleaved_subsets
 
-__all__ = ["SOLVER", "repeating_of", "sieve_of"]
+__all__ = ["SOLVER", "repeating_of", "sieve_of", "stretch_of"]
 
 
 def sieve_of(P: Projector) -> Sieve:
@@ -45,6 +48,12 @@ def repeating_of(P: Projector) -> Repeating | None:
         return None
     shares = coarseness(P.camera, P.depths)
     return Repeating(P.period, shares) if any(shares) else None
+
+
+def stretch_of(P: Projector) -> Stretch:
+    """Return how updates are lengthened: nothing that repeats in planes that lenslets sample coarsely."""
+    repeating = repeating_of(P)
+    return Stretch(P.grid.cutout, P.period, () if repeating is None else repeating.shares)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,8 +83,11 @@ def iterate(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:
         own = replace(run.resume, volume=run.resume.arrays[0], arrays=run.resume.arrays[1:])
         run = replace(run, resume=own)
     parts = _parts_of(P, image, run.subsets)
+    repeating = repeating_of(P)
     # subsets extrapolate already
-    options = EmOptions(acceleration="nesterov" if parts is None else "none", subsets=parts, repeating=repeating_of(P))
+    options = EmOptions(subsets=parts, repeating=repeating)
+    if parts is None:
+        options = EmOptions(acceleration="nesterov", repeating=repeating, stretch=stretch_of(P))
     work = iter_run(cast(Projector, _Sieved(P, sieve)), image, run, options)
 
     def seen(state: SolverState) -> SolverState:

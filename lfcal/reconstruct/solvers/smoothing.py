@@ -21,6 +21,10 @@ SIEVE = 0.27
 Richardson-Lucy finds them there, and 0.23 of a pattern that repeats from lenslet to lenslet is let through."""
 
 
+FINE = 0.5
+"""Standard deviation of a sieve in every other plane (voxels): what is finer than the grid is noise."""
+
+
 def coarseness(camera: Any, depths: ArrayLike) -> tuple[float, ...]:
     """Return how coarse lenslets sample planes at ``depths`` (µm): 1 up to virtual depth 1, 0 from 2 on."""
     found = [abs(camera.virtual_depth(float(z))) for z in np.atleast_1d(np.asarray(depths, float))]
@@ -125,10 +129,10 @@ class Sieve:
 
         Up to virtual depth 1 a lenslet sees points nearer together than its pitch all alike: there the Gaussian has a
         standard deviation of `SIEVE` times the pitch. Its width falls to nothing at 2, where every point lies under
-        several lenslets.
+        several lenslets; there and elsewhere it is at least `FINE`.
         """
         wide = SIEVE * camera.pitch_px
-        return cls(tuple(wide * share for share in coarseness(camera, depths)))
+        return cls(tuple(max(FINE, wide * share) for share in coarseness(camera, depths)))
 
     def apply(self, volume: NDArray[Any]) -> NDArray[Any]:
         """Return ``volume`` ``(nz, Y, X)`` seen through the sieve; its own transpose, with zeros beyond the border."""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from numpy.typing import ArrayLike
 
 from lfcal.errors import InputError
 from lfcal.reconstruct.projectors.projector import Projector
+from lfcal.reconstruct.solvers.measurement import Measurement
 from lfcal.reconstruct.solvers.records import SolverState, SolverWork
 
 __all__ = ["COMMON", "EM", "OPTIONS", "Solver", "SolverRun"]
@@ -53,6 +54,8 @@ class SolverRun:
         State to go on from.
     left_out
         Mask ``(Y, X)`` of pixels that are not fitted; `SolverProgress.left_out` tells how well they are foretold.
+    measured
+        What `measure` returns where it is known already.
     """
 
     iterations: int = 20
@@ -66,6 +69,22 @@ class SolverRun:
     initial: ArrayLike | None = None
     resume: SolverState | None = None
     left_out: ArrayLike | None = None
+    measured: Measurement | None = field(default=None, repr=False, compare=False)
+
+    def measure(self, P: Projector, image: ArrayLike, *, signed: bool = False) -> Measurement:
+        """Return ``image`` ``(Y, X)`` with its weights, background and noise; ``signed``: negative pixels stay."""
+        if self.measured is not None and not signed:
+            return self.measured
+        return Measurement.of(
+            image,
+            dtype=P.dtype,
+            weights=self.weights,
+            saturation=self.saturation,
+            background=self.background,
+            read_noise=self.read_noise,
+            left_out=self.left_out,
+            signed=signed,
+        )
 
 
 def _one(subsets: int | None) -> int:

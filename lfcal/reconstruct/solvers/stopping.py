@@ -3,9 +3,9 @@
 Deconvolution first finds what is there and then fits noise, subsets and acceleration sooner. What a volume fitted to
 most of the pixels says of the few others gets better as long as it finds what is there, and worse from then on
 (cross-validation: Coakley 1991 for Richardson-Lucy). The last gains are slight while noise still grows: a run ends
-where what is yet to be gained is less than the standard deviation of the score (the rule of one standard error, Breiman
-et al. 1984, section 3.4.3). Methods that keep noise out by a penalty lose nothing by going on: they end at the best.
-Neither the gain of the camera nor its noise needs to be known.
+where what is yet to be gained is, twice, less than the standard deviation of the score (the rule of one standard
+error, Breiman et al. 1984, section 3.4.3). Methods that keep noise out by a penalty lose nothing by going on: they end
+at the best. Neither the gain of the camera nor its noise needs to be known.
 
 Where both are known the discrepancy principle (Morozov 1966; for photons Bertero et al. 2010, Inverse Problems 26,
 105004) needs no pixel left out: a volume is good enough once its image is no farther from the frame than noise is.
@@ -58,6 +58,7 @@ class _Best:
     settles: bool
     state: SolverState | None = None
     scores: list[float] = field(default_factory=list)
+    idle: int = 0
 
     def take(self, state: SolverState, score: float, error: float) -> str:
         """Return why to stop at an estimate with its score and the score's error, empty where to go on."""
@@ -71,7 +72,9 @@ class _Best:
         assert best is not None  # the first finite score made it
         if state.iteration - best.iteration >= PATIENCE:
             return f"left-out pixels are foretold best after iteration {best.iteration}"
-        if not self.settles and best.iteration == state.iteration and self.remaining() < error:
+        # twice, for the first updates of a method may shrink faster than those that follow
+        self.idle = self.idle + 1 if self.remaining() < error else 0
+        if not self.settles and best.iteration == state.iteration and self.idle > 1:
             return f"left-out pixels would be foretold no better beyond their noise after iteration {best.iteration}"
         return ""
 

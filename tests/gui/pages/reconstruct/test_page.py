@@ -142,10 +142,10 @@ def test_form_and_project_follow_each_other(page: Page, context: Context, qtbot:
     editor.textEdited.emit("7")
     assert page.settings.iterations == 7
     context.project.undo()
-    assert editor.text() == "20"
+    assert editor.text() == str(SolverChoice().iterations)
     editor.setText("0")
     editor.textEdited.emit("0")
-    assert "iterations" in form.error and page.settings.iterations == 20
+    assert "iterations" in form.error and page.settings.iterations == SolverChoice().iterations == 15
     solver: Any = form.editor("solver")
     assert solver.currentData() == SolverChoice().name, "as the command"
     solver.setCurrentIndex(solver.findData("rl-tv"))

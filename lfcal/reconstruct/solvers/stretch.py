@@ -1,0 +1,97 @@
+"""Longer updates while a reconstruction begins: what tells planes and details apart is taken further at once.
+
+A multiplicative update is short because all planes answer for the same light: a mode of one plane alone comes nearer by
+about its share of the light, and only what all planes have in common, light that changes little over the width of a
+pattern, comes all the way. So the logarithm of an update, beside its mean over as many pixels as a pattern has, is
+taken ``1 + strength`` times (over-relaxation in the exponent, Tanaka 1987; Lewitt & Muehllehner 1986) and the volume's
+light stays that of the plain update.
+
+How long is too long, the image tells: between the models of two iterations the likelihood is nearly a parabola, and
+where its top lies before the second one (a Newton step along the way, Kaufman 1987) the strength is lowered as much.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.reconstruct.solvers.measurement import Measurement
+
+__all__ = ["Stretch", "weaker"]
+
+FIRST = 2.0
+"""Strength of the first update."""
+
+FADING = 0.9
+"""What is left of the strength from one iteration to the next."""
+
+LEAST = 0.3
+"""The least that is left of it, however far the last step was beyond the top."""
+
+IDLE = 0.2
+"""Strengths below are not worth their time: updates are plain from there on."""
+
+STEEPEST = 3.0
+"""Stretching changes the logarithm of a factor by no more than this."""
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """How updates are lengthened.
+
+    Attributes
+    ----------
+    window
+        ``(rows, columns)`` in voxels, over which the mean of an update is not stretched.
+    period
+        ``(ny, nx)`` of H in voxels.
+    shares
+        How much of what is finer than a period is not stretched, either, for each plane, in [0, 1]; none: nothing.
+    first
+        Strength of the first update.
+    """
+
+    window: tuple[int, int]
+    period: tuple[int, int] = (1, 1)
+    shares: tuple[float, ...] = ()
+    first: float = FIRST
+
+    def apply(self, z: int, factor: NDArray[Any], seen: NDArray[np.bool_], strength: float) -> NDArray[Any]:
+        """Return the update ``(Y, X)`` of plane ``z`` stretched: times ``exp(strength (l - mean l))``, l its logarithm.
+
+        ``seen``: which voxels have an update; the others stay as they are, and count as unchanged.
+        """
+        from scipy.ndimage import uniform_filter  # slow to load
+
+        logs = np.zeros_like(factor)
+        np.log(np.maximum(factor, math.exp(-STEEPEST)), out=logs, where=seen)
+        beside = logs - uniform_filter(logs, self.window, mode="nearest")
+        share = self.shares[z] if self.shares else 0.0
+        if share > 0:
+            # the mean over a period has nothing of what repeats from lenslet to lenslet
+            beside -= logs.dtype.type(share) * (logs - uniform_filter(logs, self.period, mode="nearest"))
+        beside *= logs.dtype.type(strength)
+        np.clip(beside, -STEEPEST, STEEPEST, out=beside)
+        np.exp(beside, out=beside)
+        found: NDArray[Any] = np.multiply(factor, beside, out=factor.copy(), where=seen)
+        return found
+
+
+def weaker(strength: float, before: NDArray[Any], model: NDArray[Any], data: Measurement, floor: float) -> float:
+    """Return the strength of the next update, given the models ``(Y, X)`` of the last iteration and of this one."""
+    way = np.subtract(model, before, dtype=np.float64)
+    rise, left = (_slope(at, way, data, floor) for at in (before, model))
+    # the top of a parabola with these slopes at 0 and at 1; where it bends upwards there is none
+    top = rise / (rise - left) if rise > left else math.inf
+    found = strength * FADING * min(max(top, LEAST), 1.0)
+    return found if found >= IDLE else 0.0
+
+
+def _slope(model: NDArray[Any], way: NDArray[np.float64], data: Measurement, floor: float) -> float:
+    """Return the derivative of the likelihood at ``model`` along ``way``."""
+    ratio = np.divide(data.image, model, out=np.zeros_like(model), where=model > floor)
+    return float(np.sum(data.weighted(ratio - 1) * way, dtype=np.float64))
