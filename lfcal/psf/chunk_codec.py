@@ -186,7 +186,10 @@ def copy_plane(source: H5Data, dataset: Any, z: int) -> None:
 
 
 def _in_threads(function: Any, batches: Iterator[Any], workers: int) -> Iterator[Any]:
-    """Yield ``function(batch)`` in order, at most two batches per worker ahead."""
+    """Yield ``function(batch)`` in order, at most two batches per worker ahead; one worker is the caller's thread."""
+    if workers == 1:
+        yield from map(function, batches)
+        return
     pending: deque[Future[Any]] = deque()
     with ThreadPoolExecutor(workers) as pool:
         try:

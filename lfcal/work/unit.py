@@ -48,6 +48,9 @@ class Unit:
         Ending of the file that it writes.
     hints
         Further arguments that do not change the result but for rounding, and are not in the fingerprint: memory to use.
+    beside_bytes
+        Bytes of memory that it takes with one thread, where units like it may be done beside each other in one process;
+        0 where it is done alone.
     """
 
     name: str
@@ -56,6 +59,7 @@ class Unit:
     inputs: tuple[str, ...] = ()
     suffix: str = ".h5"
     hints: Mapping[str, Any] = field(default_factory=dict)
+    beside_bytes: int = 0
 
     def fingerprint(self) -> str:
         """Return what tells this unit's result from that of other inputs, settings, or another lfcal.

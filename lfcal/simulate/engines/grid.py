@@ -17,6 +17,7 @@ import scipy.fft as sf
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.errors import InputError
+from lfcal.progress import leave_if_unwanted
 from lfcal.simulate.engines._binning import bin_light
 from lfcal.simulate.engines._kernels import Aperture, Split, mask_from_disc, mask_from_table
 from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot, Sampling
@@ -234,6 +235,7 @@ class GridPlane:
         def some(start: int, stop: int) -> None:
             work = self._workspace()
             for r, c in own[start:stop]:
+                leave_if_unwanted()
                 y, x = int(rows[r]), int(columns[c])
                 self._respond(scene.source_um(y, x), (y, x), work, result[r, c])
 
