@@ -66,7 +66,8 @@ def iter_simulate_units(
     stored = {"dtype": dtype, "compression": compression, "store_tolerance": store_tolerance}
     units = [unit_of(work.task(z), stored) for z in range(plan.shape[0])]
     writer = work.writer(target, dtype, compression, provenance, store_tolerance)
-    yield from iter_made(units, target, run, partial(iter_join, writer=writer), title=f"simulate {target.name}")
+    join, title = partial(iter_join, writer=writer), f"simulate {target.name}"
+    yield from iter_made(units, target, run, join, title=title, in_order=True)
     return open_psf(target)
 
 
