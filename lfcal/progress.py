@@ -6,10 +6,10 @@ Work that takes time is written once as ``iter_work(...) -> Generator[Progress, 
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -98,7 +98,8 @@ class Unwanted(Exception):
     """Nobody waits for what is computed any more."""
 
 
-_asked = threading.local()
+_WANTED: ContextVar[Callable[[], bool] | None] = ContextVar("wanted", default=None)
+"""Of this thread, and of those that help it in its context (`lfcal.threads.for_each_chunk`)."""
 
 
 @contextmanager
@@ -107,16 +108,15 @@ def wanted_while(wanted: Callable[[], bool]) -> Iterator[None]:
 
     For functions that are no generators, and answer questions that may be asked anew before they are answered.
     """
-    before = getattr(_asked, "wanted", None)
-    _asked.wanted = wanted
+    token = _WANTED.set(wanted)
     try:
         yield
     finally:
-        _asked.wanted = before
+        _WANTED.reset(token)
 
 
 def leave_if_unwanted() -> None:
     """Raise `Unwanted` where nobody waits for what this thread computes any more."""
-    wanted = getattr(_asked, "wanted", None)
+    wanted = _WANTED.get()
     if wanted is not None and not wanted():
         raise Unwanted

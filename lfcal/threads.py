@@ -14,6 +14,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
+from contextvars import copy_context
 from typing import Any, TypeVar
 
 from lfcal.errors import InputError
@@ -132,7 +133,13 @@ def for_each_chunk(
     if count == 1 or len(ranges) <= 1:
         return [function(a, b) for a, b in ranges]
     with ThreadPoolExecutor(count) as pool:
-        return list(pool.map(lambda ab: function(*ab), ranges))
+        # in the caller's context, a copy for each: where nobody waits for the caller any more, what helps it ends, too
+        waiting = [pool.submit(copy_context().run, function, a, b) for a, b in ranges]
+        try:
+            return [one.result() for one in waiting]
+        finally:
+            for one in waiting:
+                one.cancel()
 
 
 def for_each_block(function: Callable[[int, int], object], n: int, step: int, workers: int | None = None) -> None:

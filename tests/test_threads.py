@@ -17,6 +17,7 @@ from threadpoolctl import threadpool_info
 
 from lfcal import threads
 from lfcal.errors import InputError
+from lfcal.progress import Unwanted, leave_if_unwanted, wanted_while
 from lfcal.threads import WORKERS, bounded_threads, chunks, for_each_block, for_each_chunk, in_order, worker_count
 
 
@@ -55,6 +56,22 @@ def test_chunks_keep_to_the_bound(monkeypatch: pytest.MonkeyPatch) -> None:
         for_each_chunk(work, 64)
     assert 1 <= most <= 2
     assert chunks(5, 3) == [(0, 1), (1, 3), (3, 5)]
+
+
+@pytest.mark.parametrize("workers", [1, 3])
+def test_threads_that_help_end_where_nobody_waits_for_the_caller(workers: int) -> None:
+    went = []
+
+    def some(start: int, stop: int) -> None:
+        for k in range(start, stop):
+            leave_if_unwanted()
+            went.append(k)
+
+    with wanted_while(lambda: len(went) < 5), pytest.raises(Unwanted):
+        for_each_chunk(some, 1000, workers)
+    assert 5 <= len(went) < 5 + workers
+    for_each_chunk(some, 10, workers)
+    assert set(range(10)) <= set(went)
 
 
 def blas_threads() -> set[int]:

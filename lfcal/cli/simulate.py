@@ -241,18 +241,27 @@ def _write_h(task: _Task, runner: _Runner, choose: Callable[[float], EffectSelec
 
 
 def _memory(task: _Task, run: RunChoice | None, workers: int | None) -> int:
-    """Return the bytes that all processes together take at most."""
+    """Return the bytes that all planes under way take at most together."""
     from lfcal.simulate import predict_bytes
     from lfcal.threads import worker_count
+    from lfcal.work.executors.threads import at_once, memory_beside
 
-    alone = run is None or run.executor == "threads"
-    # each process has a plane and engines of its own
-    threads, processes = (workers, 1) if alone else (1, worker_count(workers))
-    plan, tolerance = task.planned, task.tolerance
-    one = predict_bytes(plan, task.found, task.level, tolerance=tolerance, to_file=True, workers=threads)
-    if task.store_tolerance is not None:  # a plane in steps, and as it is read back
-        one += math.prod(plan.shape[1:]) * 6
-    return processes * one
+    plan, count = task.planned, worker_count(workers)
+
+    def plane(threads: int) -> int:
+        tolerance = task.tolerance
+        most = predict_bytes(plan, task.found, task.level, tolerance=tolerance, to_file=True, workers=threads)
+        # in steps, and as it is read back
+        more = 0 if task.store_tolerance is None else math.prod(plan.shape[1:]) * 6
+        return most + more
+
+    if run is None:
+        return plane(count)
+    one = plane(1)  # each has engines of its own
+    if run.executor != "threads":
+        return count * one
+    beside = at_once([one] * len(plan.depths_um), count, memory_beside())
+    return beside * one if beside > 1 else plane(count)
 
 
 def _in_units(task: _Task, out: Path, run: RunChoice) -> Work[Any]:

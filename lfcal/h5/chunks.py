@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import threading
 import weakref
+from collections.abc import Iterable, Iterator
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,9 @@ FILTER_NAMES = {1: "deflate", 2: "shuffle", 3: "fletcher32"}
 
 AT_ONCE = 1 << 14
 """Entries of an index that are looked at together."""
+
+READ_AHEAD = 1 << 20
+"""Bytes that are read at a time of chunks that are read one after the other."""
 
 Start = tuple[int, ...]
 
@@ -130,6 +134,22 @@ class ChunkTable:
         with storage_errors(self._path):
             raw = read_at(self._open(), size, at)
         return int(self._left_out[place]), raw
+
+    def each_stored(self, starts: Iterable[Start]) -> Iterator[tuple[Start, int, memoryview]]:
+        """Yield the chunks at ``starts`` that were written, as `stored`: many that follow each other at a time.
+
+        For one thread at a time; a chunk is valid until the next is asked for.
+        """
+        first, held = 0, memoryview(b"")
+        for start in starts:
+            place = tuple(k // length for k, length in zip(start, self._chunk, strict=True))
+            at, size = int(self._at[place]), int(self._size[place])
+            if at < 0:
+                continue
+            if at < first or at + size > first + len(held):
+                with storage_errors(self._path):
+                    first, held = at, memoryview(read_at(self._open(), max(size, READ_AHEAD), at))
+            yield start, int(self._left_out[place]), held[at - first : at - first + size]
 
     def _open(self) -> int:
         """Return a descriptor of the file: HDF5's own must not be moved under its feet."""

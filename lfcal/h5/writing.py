@@ -15,6 +15,7 @@ from typing import Any
 
 from lfcal.files import replace_whole, storage_errors
 from lfcal.h5.probe import trust
+from lfcal.system import write_at
 
 __all__ = ["new_h5"]
 
@@ -111,10 +112,7 @@ class _Bytes:
         return len(view)
 
     def _write(self, view: memoryview) -> None:
-        self._file.seek(self._at)
-        done = 0
-        while done < len(view):
-            done += self._file.write(view[done:]) or 0
+        write_at(self._file.fileno(), view, self._at)
 
     def _fail(self, error: OSError) -> None:
         self._failure = error

@@ -179,14 +179,16 @@ def copy_plane(source: H5Data, dataset: Any, z: int) -> None:
     theirs = (source.dtype, source.chunks, source.filters)
     if theirs != (dataset.dtype, tuple(dataset.chunks), filters) or source.table is None:
         raise InputError.expected(source.where, f"{dataset.dtype} stored as the others", str(theirs), "write it anew")
-    for y, x in np.ndindex(*source.shape[1:3]):
-        stored = source.table.stored((0, y, x, 0, 0))
-        if stored is not None:
-            dataset.id.write_direct_chunk((z, y, x, 0, 0), stored[1], stored[0])
+    places = ((0, y, x, 0, 0) for y, x in np.ndindex(*source.shape[1:3]))
+    for (_, *place), left_out, stored in source.table.each_stored(places):
+        dataset.id.write_direct_chunk((z, *place), stored, left_out)
 
 
 def _in_threads(function: Any, batches: Iterator[Any], workers: int) -> Iterator[Any]:
-    """Yield ``function(batch)`` in order, at most two batches per worker ahead."""
+    """Yield ``function(batch)`` in order, at most two batches per worker ahead; one worker is the caller's thread."""
+    if workers == 1:
+        yield from map(function, batches)
+        return
     pending: deque[Future[Any]] = deque()
     with ThreadPoolExecutor(workers) as pool:
         try:

@@ -9,10 +9,20 @@ from numpy.typing import NDArray
 
 from lfcal.simulate.scene import Iris, Scene
 
-__all__ = ["is_mirror_symmetric", "mirrored_rows"]
+__all__ = ["folded", "is_mirror_symmetric", "mirrored_rows"]
 
 EXACT = 1e-6
 """Misplacement (pixels) up to which two rows are the mirror images of each other."""
+
+
+def folded(axis: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """Return the different distances from 0 along an axis, and which of them each of its places has.
+
+    What is even along both axes of a grid has ``values[np.ix_(places, places)]`` of the distances' alone: about a
+    quarter of the work, and the same to the last bit.
+    """
+    distances, places = np.unique(np.abs(axis), return_inverse=True)
+    return distances, places
 
 
 def is_mirror_symmetric(scene: Scene) -> bool:

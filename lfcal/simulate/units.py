@@ -20,6 +20,7 @@ from lfcal.psf import PSFMatrix, open_psf
 from lfcal.psf.facts import Facts
 from lfcal.psf.joining import iter_join
 from lfcal.psf.store import PSFWriter, stored_bytes
+from lfcal.simulate.accuracy.memory import task_bytes
 from lfcal.simulate.effects import CATALOGUE
 from lfcal.simulate.effects.base import Effect
 from lfcal.simulate.effects.described import effect_from
@@ -65,7 +66,8 @@ def iter_simulate_units(
     stored = {"dtype": dtype, "compression": compression, "store_tolerance": store_tolerance}
     units = [unit_of(work.task(z), stored) for z in range(plan.shape[0])]
     writer = work.writer(target, dtype, compression, provenance, store_tolerance)
-    yield from iter_made(units, target, run, partial(iter_join, writer=writer), title=f"simulate {target.name}")
+    join, title = partial(iter_join, writer=writer), f"simulate {target.name}"
+    yield from iter_made(units, target, run, join, title=title, in_order=True)
     return open_psf(target)
 
 
@@ -82,8 +84,14 @@ def unit_of(task: PlaneTask, stored: Mapping[str, Any]) -> Unit:
         "sampling": sampling,
         **stored,
     }
+    stepped = stored.get("store_tolerance") is not None
     # plain lists and numbers, as they are on the other side of a file or a network
-    return Unit(f"plane {task.z:04d}", f"{__name__}:{do_plane.__name__}", plain(arguments))
+    return Unit(
+        f"plane {task.z:04d}",
+        f"{__name__}:{do_plane.__name__}",
+        plain(arguments),
+        beside_bytes=task_bytes(task, stepped=stepped),
+    )
 
 
 def told_effects(effects: Iterable[Effect]) -> list[dict[str, Any]]:

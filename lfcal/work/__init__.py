@@ -3,6 +3,7 @@
 - ``unit``: what is to be done, from which files, and the fingerprint that tells a result of these from any other
 - ``runs``: units through an executor, those that are done left out; `iter_run`
 - ``choice``: by whom, and what becomes of an earlier run; `iter_made` joins the units' files
+- ``following``: joining what is there while other units are under way
 - ``numbers``: which of the workers does a unit
 - ``held``: what units share, made once in each process
 - ``records``: what units found that is no plane or volume

@@ -12,6 +12,7 @@ from lfcal.errors import InputError
 from lfcal.progress import Work
 from lfcal.work.executors import EXECUTORS
 from lfcal.work.executors.base import Executor
+from lfcal.work.following import Following
 from lfcal.work.runs import check_begun, discard, iter_run, note_joining, parts_folder
 from lfcal.work.unit import Unit
 
@@ -59,7 +60,12 @@ class RunChoice:
 
 
 def iter_begun(
-    units: Sequence[Unit], out: str | os.PathLike[str], run: RunChoice, *, title: str
+    units: Sequence[Unit],
+    out: str | os.PathLike[str],
+    run: RunChoice,
+    *,
+    title: str,
+    following: Following | None = None,
 ) -> Work[tuple[Path, ...]]:
     """Do the units of ``out``; their files stay in `parts_folder` until the caller discards it.
 
@@ -69,7 +75,7 @@ def iter_begun(
     check_begun(folder, resume=run.begun != "refuse")
     if run.begun == "discard":
         discard(folder)
-    return (yield from iter_run(units, folder, run.make(), title=title))
+    return (yield from iter_run(units, folder, run.make(), title=title, following=following))
 
 
 def iter_made(
@@ -80,6 +86,7 @@ def iter_made(
     *,
     title: str,
     keep: bool = False,
+    in_order: bool = False,
 ) -> Work[None]:
     """Do units and join their files to ``out``; yields progress over both.
 
@@ -98,6 +105,9 @@ def iter_made(
     keep
         Leave the units' files when ``out`` is there: more belongs to it, and who writes that discards them.
 
+    in_order
+        ``join`` takes a file with each step, after a first step that takes none: it begins while others are made.
+
     Raises
     ------
     InputError
@@ -105,8 +115,13 @@ def iter_made(
     LfcalError
         As `iter_run`, and what ``join`` raises.
     """
-    parts = yield from iter_begun(units, out, run, title=title)
-    note_joining(parts_folder(out))
-    yield from join(parts)
+    following = Following(join)
+    try:
+        parts = yield from iter_begun(units, out, run, title=title, following=following if in_order else None)
+        # not before: until now nothing of this run has the name of ``out``
+        note_joining(parts_folder(out))
+        yield from following.rest(parts)
+    finally:
+        following.close()
     if not keep:
         discard(parts_folder(out))

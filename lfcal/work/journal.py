@@ -147,7 +147,9 @@ class RunState:
         took = [u.seconds for u in self.units if u.state == "done" and u.seconds == u.seconds]
         if not took:
             return None
-        at_a_time = 1 if self.executor == "threads" else self.workers
+        at_a_time = self.workers
+        if self.executor == "threads":  # each of those that work beside each other has a name
+            at_a_time = min(self.workers, len({u.worker for u in self.units if u.state == "done" and u.worker})) or 1
         return 3600 * at_a_time * len(took) / max(sum(took), 1e-6)
 
 

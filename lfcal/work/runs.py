@@ -18,6 +18,7 @@ from lfcal.files import only_writer, storage_errors, sweep_scratch
 from lfcal.h5.probe import trust
 from lfcal.progress import Clock, Progress, Work
 from lfcal.work.executors.base import Ended, Event, Executor, What
+from lfcal.work.following import Following
 from lfcal.work.journal import JOURNAL, Journal, read_events, read_run, read_seals, read_settled
 from lfcal.work.unit import Job, Unit, file_name, seal_of
 
@@ -76,7 +77,13 @@ def discard(folder: Path) -> None:
 
 
 def iter_run(
-    units: Sequence[Unit], folder: Path, executor: Executor, *, title: str = "", attempts: int = ATTEMPTS
+    units: Sequence[Unit],
+    folder: Path,
+    executor: Executor,
+    *,
+    title: str = "",
+    attempts: int = ATTEMPTS,
+    following: Following | None = None,
 ) -> Work[tuple[Path, ...]]:
     """Do what is not done of ``units``; yields progress over all of them.
 
@@ -96,6 +103,8 @@ def iter_run(
         What they make, for people.
     attempts
         How often a unit is begun whose worker ends before it does.
+    following
+        What takes the files that are there, while others are under way; closed by the caller.
 
     Returns
     -------
@@ -126,7 +135,7 @@ def iter_run(
             with Journal.open(folder) as journal, executor:
                 _note_settled(journal, units, prints, earlier)
                 journal.begin(title, [u.name for u in units], executor.name, executor.workers, executor.place)
-                yield from _Run(jobs, executor, journal, attempts).steps(seals)
+                yield from _Run(jobs, executor, journal, attempts, following).steps(seals)
         finally:
             sweep_scratch(folder)  # what workers that were killed have left
     return tuple(Path(job.out) for job in jobs)
@@ -150,8 +159,11 @@ def _sweep(folder: Path, wanted: set[str]) -> None:
 class _Run:
     """The state of a run while it lasts."""
 
-    def __init__(self, jobs: list[Job], executor: Executor, journal: Journal, attempts: int) -> None:
+    def __init__(
+        self, jobs: list[Job], executor: Executor, journal: Journal, attempts: int, following: Following | None
+    ) -> None:
         self.jobs, self.executor, self.journal, self.attempts = jobs, executor, journal, attempts
+        self.following, self.files = following, [Path(job.out) for job in jobs]
         self.shares = [0.0] * len(jobs)
         self.tries: Counter[int] = Counter()
         self.open: set[int] = set()
@@ -168,12 +180,19 @@ class _Run:
                 for event in events:
                     self._heard(event)
                     yield self._progress(event, began, kept)
+                if self.following is not None and not any(event.what in Ended for event in events):
+                    # workers that are free have been given another unit by now
+                    self.following.advance(self.files, self._there())
                 if not events:  # a window that stops the work is heard here
                     yield self._progress(None, began, kept)
         except BaseException:
             self.journal.note("stopped")
             raise
         self.journal.note("end")
+
+    def _there(self) -> int:
+        """Return how many units are done before the first that is not."""
+        return next((k for k, share in enumerate(self.shares) if share < 1.0), len(self.shares))
 
     def _look(self, seals: Mapping[str, str]) -> Work[None]:
         """Keep what is there and whole, and submit the rest."""

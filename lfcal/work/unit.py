@@ -51,6 +51,9 @@ class Unit:
     settled
         Further arguments that do not change the result but for rounding, and are not in the fingerprint, as they depend
         on the machine: how to compute it. A run that goes on takes those that it was begun with.
+    beside_bytes
+        Bytes of memory that it takes with one thread, where units like it may be done beside each other in one process;
+        0 where it is done alone.
     """
 
     name: str
@@ -60,6 +63,7 @@ class Unit:
     suffix: str = ".h5"
     hints: Mapping[str, Any] = field(default_factory=dict)
     settled: Mapping[str, Any] = field(default_factory=dict)
+    beside_bytes: int = 0
 
     def fingerprint(self) -> str:
         """Return what tells this unit's result from that of other inputs, settings, or another lfcal.

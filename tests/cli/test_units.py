@@ -253,7 +253,7 @@ def test_long_work_is_kept_without_being_asked(lfcal: Lfcal, place: Path, monkey
     assert run.code == 0 and "kept plane by plane in out.h5.parts: --resume goes on after a stop" in run.err
 
 
-def test_memory_is_that_of_all_processes(lfcal: Lfcal, place: Path) -> None:
+def test_memory_is_that_of_all_planes_under_way(lfcal: Lfcal, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def told(*more: object) -> float:
         run = lfcal("simulate", "plan.json", "--level", "geometric", "-o", "out.h5", "--force", *more)
         found = re.search(r"at most ([\d.]+) MB of memory", run.err)
@@ -263,6 +263,9 @@ def test_memory_is_that_of_all_processes(lfcal: Lfcal, place: Path) -> None:
     one = told("--workers", 1)
     assert told("--executor", "threads", "--workers", 1) == one
     assert told("--executor", "processes", "--workers", 2) == pytest.approx(2 * one, rel=0.05)
+    assert told("--executor", "threads", "--workers", 2) == pytest.approx(2 * one, rel=0.05)
+    monkeypatch.setattr("lfcal.work.executors.threads.free_memory", lambda: 0)  # then one after the other
+    assert told("--executor", "threads", "--workers", 2) == pytest.approx(one, rel=0.05)
 
 
 def test_choices_that_do_not_go_together(lfcal: Lfcal, place: Path) -> None:

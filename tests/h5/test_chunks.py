@@ -78,6 +78,28 @@ def test_holes_read_as_the_fill_value(tmp_path: Path) -> None:
         assert data.read((slice(None), 0)).tolist() == [-2.5, 7, -2.5, -2.5]
 
 
+@pytest.mark.parametrize("ahead", [1, 100, 1 << 20])
+def test_chunks_that_are_read_together_are_those_that_are_read_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ahead: int
+) -> None:
+    """In any order, whatever lies between them, and whichever are missing."""
+    monkeypatch.setattr("lfcal.h5.chunks.READ_AHEAD", ahead)
+    random = np.random.default_rng(5)
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        made = file.create_dataset("a", (40, 30), "i4", chunks=(1, 30), compression="gzip")
+        other = file.create_dataset("b", (40, 30), "i4", chunks=(1, 30))
+        for k in random.permutation(40)[:33]:
+            made[k], other[k] = random.integers(0, 9 + k, 30), k
+    with H5File(tmp_path / "a.h5") as file:
+        table = file.dataset("a", holes=True).table
+        assert table is not None
+        for order in (range(40), random.permutation(40).tolist()):
+            starts = [(k, 0) for k in order]
+            found = {start: (left_out, bytes(raw)) for start, left_out, raw in table.each_stored(starts)}
+            assert found == {start: stored for start in starts if (stored := table.stored(start)) is not None}
+            assert len(found) == 33 and list(found) == [start for start in starts if start in found]
+
+
 def test_a_file_that_is_still_written(tmp_path: Path) -> None:
     from lfcal.h5.dataset import H5Data
 

@@ -91,6 +91,23 @@ def test_pixels_of_a_cutout_anywhere(per: int, taps: int, start: tuple[int, int]
     np.testing.assert_array_equal(other, out)
 
 
+def test_many_positions_in_one_call_are_each_alone() -> None:
+    field, table, step = made(108)
+    weights, corners = np.random.default_rng(2).random(5).astype(np.float32), [(0, 0), (11, 5), (7, 3), (7, 3)]
+    response, shape = FusedResponse(step), (20, 15)
+    work, out = response.workspace(shape[0]), np.empty((4, *shape), np.float32)
+    powers = response.each(field, (table, corners), weights, (4, 9, 31), work, out)
+    for corner, power, one in zip(corners, powers, out, strict=True):
+        alone = np.empty(shape, np.float32)
+        assert response.respond(field, (table, corner), weights, (4, 9, 31), work, alone) == power
+        np.testing.assert_array_equal(one, alone)
+    assert len(set(powers)) == 3
+    with pytest.raises(ValueError, match="3 grids: expected one for each of 4 cutouts"):
+        response.each(field, (table, corners[:3]), weights, (4, 9, 31), work, out)
+    with pytest.raises(ValueError, match="grid at 12, 5: expected"):
+        response.each(field, (table, [*corners[:3], (12, 5)]), weights, (4, 9, 31), work, out)
+
+
 @pytest.mark.parametrize("n", [16, 132, 588])
 def test_frequencies_come_each_once(n: int) -> None:
     np.testing.assert_array_equal(np.sort(frequency_order(n)), np.arange(n))

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from lfcal.progress import Unwanted, wanted_while
 from lfcal.simulate.engines.base import Sampling
+from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.engines.wave import WavePlane
 from lfcal.simulate.response import at_wavelength
 from lfcal.simulate.scene import seidel
@@ -41,3 +43,17 @@ def test_a_path_is_more_waves_of_blue_light_on_the_sensor() -> None:
     same = camera_scene(4.0, wavelength_um=0.44, wavefront=scene.wavefront, cutout=(31, 31))
     assert relative_error(found, WavePlane(more, sampling).point(3.0, 2.0)) < 1e-6
     assert relative_error(WavePlane(same, sampling).point(3.0, 2.0), found) > 0.05
+
+
+@pytest.mark.parametrize("level", ["grid", "wave"])
+def test_it_is_left_within_a_block_of_rows(level: str) -> None:
+    engine = engine_for(camera_scene(4.0, cutout=(15, 15), period=(4, 3)), level)
+    rows = []
+
+    def wanted() -> bool:
+        rows.append(engine.certificate.responses)
+        return len(rows) <= 2
+
+    with wanted_while(wanted), pytest.raises(Unwanted):
+        engine.rows(range(4), range(3), workers=1)
+    assert len(rows) == 3 and rows[2] > rows[1] > rows[0] == 0

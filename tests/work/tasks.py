@@ -40,6 +40,22 @@ def count(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]:
         part.write_text(str(worker_number()))
 
 
+def meet(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]:
+    """Write the number of the worker, once ``count`` units have begun: none is done before all are under way."""
+    clock, marks = Clock("meeting", 0), Path(arguments["marks"])
+    with marks.open("a") as file:
+        file.write("x")
+    for _ in range(3000):
+        if len(marks.read_text()) >= arguments["count"]:
+            break
+        yield clock.at(0)
+        time.sleep(0.01)
+    else:
+        raise InputError.expected("units under way", arguments["count"], marks.read_text(), "begin them")
+    with replace_whole(out) as part:
+        part.write_text(str(worker_number()))
+
+
 def refuse(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]:
     """Raise a message for people."""
     yield Clock("refusing", 1).at(0)

@@ -14,11 +14,11 @@ from lfcal.simulate.accuracy.sampling import Step, grid_extent, steps_for, tilt_
 from lfcal.simulate.effects.base import Effect
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.scene import Scene
-from lfcal.simulate.simulate import EffectsLike, budgeted
+from lfcal.simulate.simulate import EffectsLike, PlaneTask, budgeted
 from lfcal.simulate.staging import filter_kernel, resolve_level, scene_for
 from lfcal.threads import worker_count
 
-__all__ = ["engine_bytes", "predict_bytes"]
+__all__ = ["engine_bytes", "predict_bytes", "task_bytes"]
 
 BESIDE = 24 << 20
 """Bytes of everything small: matrices, outlines, lists of lenslets."""
@@ -43,6 +43,9 @@ TRANSFER_MADE = 110
 
 WORK = 32
 """Bytes to a sample of a position's grid that each thread works on."""
+
+STEPPED = 6
+"""Bytes to a value of a plane that is stored in steps, and as it is read back, beside its own."""
 
 REFERENCE = 120
 """Bytes to a sample of the reference's grid, in double precision."""
@@ -77,6 +80,12 @@ def predict_bytes(
         chosen, share = budget.at(z_um)
         most = max(most, _plane_bytes(plan, z, chosen, level, share, sampling, worker_count(workers)))
     return held + most
+
+
+def task_bytes(task: PlaneTask, *, stepped: bool = False) -> int:
+    """Return the bytes that one plane takes at most by one thread, with its values, to be stored in steps or not."""
+    values = math.prod(task.plan.shape[1:]) * (8 + (STEPPED if stepped else 0))
+    return values + _plane_bytes(task.plan, task.z, task.effects, task.level, task.tolerance, task.sampling, 1)
 
 
 def _plane_bytes(

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from lfcal.compiled import njit
 
-__all__ = ["LANES", "RADICES", "STEP", "Grid", "Pixels", "Stages", "Way", "Work", "add_up", "light_on_rows"]
+__all__ = ["LANES", "RADICES", "STEP", "Grid", "Pixels", "Stages", "Way", "Work", "respond"]
 
 Reals = NDArray[np.float32]
 
@@ -58,12 +58,12 @@ class Way(NamedTuple):
 
 
 class Grid(NamedTuple):
-    """What a response is made of; the arrays of complex numbers flat, as reals (re, im)."""
+    """What responses are made of; the arrays of complex numbers flat, as reals (re, im)."""
 
     lit: Reals  # the field that meets the array (n, n)
-    seen: Reals  # what the array lets through, a table of which the grid is a part
+    seen: Reals  # what the array lets through, a table of which the grid of a position is a part
     width: int  # of that table
-    corner: int  # index in the table of the grid's first sample
+    corners: NDArray[np.int64]  # index in the table of the first sample of each position's grid
     side: int  # n
     transfer: Reals  # to the sensor: a buffer for each LANES rows of frequencies, over n^2
 
@@ -373,7 +373,7 @@ def _back(x: Reals, at: int, count: int, stages: Stages) -> None:
 
 
 @njit()
-def light_on_rows(grid: Grid, way: Way, pixels: Pixels, work: Work) -> float:
+def _light_on_rows(grid: Grid, corner: int, way: Way, pixels: Pixels, work: Work) -> float:
     """Fill ``work.lines`` with the light on rows of pixels, at the samples of columns that pixels see.
 
     Returns the power just behind the array, summed over its samples.
@@ -384,7 +384,7 @@ def light_on_rows(grid: Grid, way: Way, pixels: Pixels, work: Work) -> float:
     energy, sums, rows = 0.0, np.empty(LANES, np.float32), (n, 2 * n, 2 * grid.width)
     for g in range(groups):
         left, at = min(g * LANES, n - LANES), g * size
-        _multiply(grid.lit, 2 * left, grid.seen, 2 * (grid.corner + left), work.columns, at, rows, sums)
+        _multiply(grid.lit, 2 * left, grid.seen, 2 * (corner + left), work.columns, at, rows, sums)
         for k in range(g * LANES - left, LANES):
             energy += sums[k]
         _forth(work.columns, at, n, way.first)
@@ -422,7 +422,7 @@ def light_on_rows(grid: Grid, way: Way, pixels: Pixels, work: Work) -> float:
 
 
 @njit()
-def add_up(lines: Reals, side: int, pixels: Pixels, out: NDArray[Any]) -> None:
+def _add_up(lines: Reals, side: int, pixels: Pixels, out: NDArray[Any]) -> None:
     """Fill ``out`` (rows, columns) with the light on pixels, from that on the samples of their rows."""
     for t in range(pixels.rows):
         for s in range(pixels.columns):
@@ -430,3 +430,11 @@ def add_up(lines: Reals, side: int, pixels: Pixels, out: NDArray[Any]) -> None:
             for i in range(pixels.weights.size):
                 total += pixels.weights[i] * lines[first + i]
             out[t, s] = total
+
+
+@njit()
+def respond(grid: Grid, way: Way, pixels: Pixels, work: Work, out: Reals, powers: NDArray[np.float64]) -> None:
+    """Fill ``out`` (positions, rows, columns) with the light on pixels, and the powers just behind the array."""
+    for k in range(grid.corners.size):
+        powers[k] = _light_on_rows(grid, grid.corners[k], way, pixels, work)
+        _add_up(work.lines, grid.side, pixels, out[k])

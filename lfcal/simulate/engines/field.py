@@ -27,6 +27,7 @@ from lfcal.simulate.engines.polygon import Points, area, clip, disc_transform, i
 from lfcal.simulate.engines.radial import Radial, focus_integral, parity_spline
 from lfcal.simulate.engines.zernike import zernike_wavefront
 from lfcal.simulate.scene import Scene
+from lfcal.simulate.symmetry import folded
 
 __all__ = ["DIPOLE_MODES", "FieldTable", "choose_mode", "field_modes", "field_table", "wavefront_waves"]
 
@@ -195,10 +196,26 @@ def _envelope(scene: Scene, dx: float, half: float, outline: Points) -> FieldTab
 
 def _aberrate(pupil: Complex, scene: Scene, u: NDArray[np.float64]) -> None:
     """Multiply the pupil on the grid u x u by the phase of its aberration, in parts: each takes many arrays."""
+    if not scene.wavefront and not scene.exact_defocus:
+        return
+    if all(m == 0 for _, m, _ in scene.wavefront):  # even along both axes
+        distances, places = folded(u)
+        turns = np.empty((distances.size, distances.size), np.complex128)
+        for rows in np.array_split(np.arange(distances.size), 1 + turns.size // PART):
+            turns[rows] = _turns(scene, distances, distances[rows])
+        for row, place in zip(pupil, places, strict=True):
+            row *= turns[place, places]
+        return
     for rows in np.array_split(np.arange(u.size), 1 + u.size * u.size // PART):
-        waves = wavefront_waves(scene, u[None, :], u[rows, None])
-        if waves is not None:
-            pupil[rows[0] : rows[-1] + 1] *= np.exp(2j * np.pi * waves)
+        pupil[rows[0] : rows[-1] + 1] *= _turns(scene, u, u[rows])
+
+
+def _turns(scene: Scene, ux: NDArray[np.float64], uy: NDArray[np.float64]) -> Complex:
+    """Return what the aberration multiplies the pupil by on the grid uy x ux."""
+    waves = wavefront_waves(scene, ux[None, :], uy[:, None])
+    assert waves is not None
+    found: Complex = np.exp(2j * np.pi * waves)
+    return found
 
 
 def _near_field(scene: Scene, dx: float, half: float, outline: Points) -> FieldTable:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -17,8 +18,7 @@ from lfcal.simulate.engines._fused import (
     Stages,
     Way,
     Work,
-    add_up,
-    light_on_rows,
+    respond,
 )
 
 __all__ = ["FusedResponse", "aligned", "frequency_order", "way_of"]
@@ -126,14 +126,29 @@ class FusedResponse:
         work: Work,
         out: Reals,
     ) -> float:
-        """Fill ``out`` (rows, columns) with the light on pixels and return the power behind the array.
+        """Fill ``out`` (rows, columns) with the light on pixels and return the power behind the array; see `each`."""
+        table, corner = array
+        return float(self.each(lit, (table, [corner]), weights, place, work, out[None])[0])
+
+    def each(
+        self,
+        lit: NDArray[Any],
+        array: tuple[NDArray[Any], Sequence[tuple[int, int]]],
+        weights: Reals,
+        place: tuple[int, int, int],
+        work: Work,
+        out: Reals,
+    ) -> NDArray[np.float64]:
+        """Fill ``out`` (positions, rows, columns) with the light on pixels and return the powers behind the array.
+
+        One call for many positions: nothing else of this process waits for it, nor it for them.
 
         Parameters
         ----------
         lit
             Field that meets the array (n, n).
         array
-            Table of what it lets through, and where in it (row, column) the grid begins.
+            Table of what it lets through, and where in it (row, column) the grid of each position begins.
         weights
             Of the samples of a pixel, along either axis.
         place
@@ -144,20 +159,23 @@ class FusedResponse:
         Raises
         ------
         ValueError
-            Where pixels, or the grid, reach beyond what there is: compiled code does not look.
+            Where pixels, or a grid, reach beyond what there is: compiled code does not look.
         """
-        table, (row, column) = array
-        n, (per, *starts), width = self._n, place, table.shape[1]
-        ends = [first + (count - 1) * per + weights.size for first, count in zip(starts, out.shape, strict=True)]
+        table, corners = array
+        n, (per, *starts), (height, width) = self._n, place, table.shape
+        ends = [first + (count - 1) * per + weights.size for first, count in zip(starts, out.shape[1:], strict=True)]
         if min(starts) < 0 or max(ends) > n or lit.shape != (n, n):
             raise ValueError(f"samples {starts} to {ends} of a field {lit.shape}: expected some of {n} x {n}")
-        if min(row, column) < 0 or row + n > table.shape[0] or column + n > width:
-            raise ValueError(f"grid at {row}, {column}: expected {n} x {n} within {table.shape}")
-        grid = Grid(_flat(lit), _flat(table), width, row * width + column, n, self._transfer)
-        pixels = Pixels(weights, *place, *out.shape)
-        power = light_on_rows(grid, self._way, pixels, work)
-        add_up(work.lines, n, pixels, out)
-        return power
+        for row, column in corners:
+            if min(row, column) < 0 or row + n > height or column + n > width:
+                raise ValueError(f"grid at {row}, {column}: expected {n} x {n} within {table.shape}")
+        if len(corners) != len(out):
+            raise ValueError(f"{len(corners)} grids: expected one for each of {len(out)} cutouts")
+        first = np.array([row * width + column for row, column in corners], np.int64)
+        powers = np.empty(len(out))
+        pixels = Pixels(weights, *place, *out.shape[1:])
+        respond(Grid(_flat(lit), _flat(table), width, first, n, self._transfer), self._way, pixels, work, out, powers)
+        return powers
 
 
 def _flat(field: NDArray[Any]) -> Reals:

@@ -8,8 +8,11 @@ cuts their light, and rays have exact angles at any depth, the native plane incl
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
+from itertools import groupby
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +20,7 @@ import scipy.fft as sf
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.errors import InputError
+from lfcal.progress import leave_if_unwanted
 from lfcal.simulate.engines._binning import bin_light
 from lfcal.simulate.engines._kernels import Aperture, Split, mask_from_disc, mask_from_table
 from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot, Sampling
@@ -233,9 +237,11 @@ class GridPlane:
 
         def some(start: int, stop: int) -> None:
             work = self._workspace()
-            for r, c in own[start:stop]:
-                y, x = int(rows[r]), int(columns[c])
-                self._respond(scene.source_um(y, x), (y, x), work, result[r, c])
+            for r, places in groupby(own[start:stop], key=itemgetter(0)):
+                leave_if_unwanted()
+                cs = [c for _, c in places]  # follow each other
+                pixels = [(int(rows[r]), int(columns[c])) for c in cs]
+                self._respond([scene.source_um(*p) for p in pixels], pixels, work, result[r, cs[0] : cs[-1] + 1])
 
         for_each_chunk(some, len(own), workers)
         for r, twin in mirrored.items():
@@ -244,10 +250,10 @@ class GridPlane:
 
     def point(self, y_um: float, x_um: float) -> NDArray[np.float32]:
         """Return the cutout about the pixel nearest to a chief ray; see `PlaneEngine.point`."""
-        out = np.empty(self.scene.cutout, np.float32)
-        work = self._workspace()
-        self._respond((y_um, x_um), self.scene.nearest_pixel(y_um, x_um), work, out)
-        return out
+        out = np.empty((1, *self.scene.cutout), np.float32)
+        self._respond([(y_um, x_um)], [self.scene.nearest_pixel(y_um, x_um)], self._workspace(), out)
+        cutout: NDArray[np.float32] = out[0]
+        return cutout
 
     def predicted_seconds(self, n_positions: int) -> float:
         """Return the CPU-seconds of ``n_positions``; see `PlaneEngine.predicted_seconds`."""
@@ -259,23 +265,39 @@ class GridPlane:
             return np.empty((self._n, self._n), self._dtype)
         return self._gap.workspace(self.scene.cutout[0])
 
-    def _respond(self, source: Place, pixel: tuple[int, int], work: Any, out: NDArray[np.float32]) -> None:
-        """Fill ``out`` (nt, ns) for a source (y, x) on the sensor and its cutout's middle pixel."""
+    def _respond(
+        self, sources: Sequence[Place], pixels: Sequence[tuple[int, int]], work: Any, out: NDArray[np.float32]
+    ) -> None:
+        """Fill ``out`` (k, nt, ns) for sources (y, x) on the sensor and their cutouts' middle pixels."""
         scene, per = self.scene, self.per_px
-        aside = tuple((s - p * scene.pixel_um) / scene.scale / self._dx for s, p in zip(source, pixel, strict=True))
-        lit, table, corner = self._incoming((aside[0], aside[1])), *self._seen(pixel)
         # where the samples of the cutout's middle pixel begin, some of which lie in the pixel before it
         first = self._n // 2 - per // 2 - self._rule.beyond
         top, left = (first - (count // 2) * per for count in scene.cutout)
+
+        def met(source: Place, pixel: tuple[int, int]) -> tuple[Complex, Complex, tuple[int, int]]:
+            y, x = ((s - p * scene.pixel_um) / scene.scale / self._dx for s, p in zip(source, pixel, strict=True))
+            return self._incoming((y, x)), *self._seen(pixel)
+
         if isinstance(self._gap, np.ndarray):
-            seen = table[corner[0] : corner[0] + self._n, corner[1] : corner[1] + self._n]
-            power, spectrum = self._spectrum(lit, seen, pixel, work)
-            spectrum *= self._gap
-            light = sf.ifft2(spectrum, overwrite_x=True, workers=1)
-            bin_light(light, self._weights, per, top, left, out)
-        else:
-            power = self._gap.respond(lit, (table, corner), self._weights, (per, top, left), work, out)
-        self._certify(power * self._dx**2, float(out.sum(dtype=np.float64)))
+            for source, pixel, one in zip(sources, pixels, out, strict=True):
+                lit, table, (y, x) = met(source, pixel)
+                power, spectrum = self._spectrum(lit, table[y : y + self._n, x : x + self._n], pixel, work)
+                spectrum *= self._gap
+                light = sf.ifft2(spectrum, overwrite_x=True, workers=1)
+                bin_light(light, self._weights, per, top, left, one)
+                self._certify(power * self._dx**2, float(one.sum(dtype=np.float64)))
+            return
+        done = 0
+        # positions that have the field and the table in common are one call
+        for _, some in groupby(map(met, sources, pixels), key=lambda found: (id(found[0]), id(found[1]))):
+            alike = list(some)
+            lit, table, _ = alike[0]
+            part = out[done : done + len(alike)]
+            corners = [corner for _, _, corner in alike]
+            powers = self._gap.each(lit, (table, corners), self._weights, (per, top, left), work, part)
+            for power, one in zip(powers.tolist(), part, strict=True):
+                self._certify(power * self._dx**2, float(one.sum(dtype=np.float64)))
+            done += len(alike)
 
     def _spectrum(self, lit: Complex, seen: Complex, pixel: tuple[int, int], work: Complex) -> tuple[float, Complex]:
         """Return the power of the field behind the array, and its spectrum (n, n)."""

@@ -7,6 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.simulate.symmetry import folded
+
 __all__ = ["sensor_propagator"]
 
 Complex = NDArray[np.complex128]
@@ -25,12 +27,13 @@ def sensor_propagator(
     """
     if not exact:
         return np.exp(-1j * np.pi * wavelength * gap * f * f), True
-    k2 = f[:, None] ** 2 + f[None, :] ** 2
+    length = 1 / (f[1] - f[0])
+    limit = 1 / (wavelength * math.sqrt((2 * gap / length) ** 2 + 1))
+    distances, places = folded(f)
+    k2 = distances[:, None] ** 2 + distances[None, :] ** 2
     s = wavelength**2 * k2
     thick, index = glass
     air = (gap - thick / index) / (1 + np.sqrt(np.maximum(1 - s, 0)))
     phase = -2 * np.pi * wavelength * k2 * (air + thick / (index + np.sqrt(np.maximum(index**2 - s, 0))))
-    length = 1 / (f[1] - f[0])
-    limit = 1 / (wavelength * math.sqrt((2 * gap / length) ** 2 + 1))
-    seen = (np.abs(f) < limit)[:, None] & (np.abs(f) < limit)[None, :] & (s < 1)
-    return np.where(seen, np.exp(1j * phase), 0), False
+    seen = (distances < limit)[:, None] & (distances < limit)[None, :] & (s < 1)
+    return np.where(seen, np.exp(1j * phase), 0)[np.ix_(places, places)], False

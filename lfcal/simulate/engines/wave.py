@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lfcal.progress import leave_if_unwanted
 from lfcal.simulate.engines._kernels import Optics, Target, respond
 from lfcal.simulate.engines._lenslets import SPOT, Light, Window, select, square_fields
 from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot, Sampling
@@ -117,6 +118,7 @@ class WavePlane:
 
         def some(start: int, stop: int) -> None:
             for r in own[start:stop]:
+                leave_if_unwanted()
                 source = np.array([scene.source_um(int(rows[r]), int(x)) for x in columns])
                 pixel = np.stack([np.full(columns.size, rows[r]), columns], axis=1)
                 self._respond(source, pixel, result[r])

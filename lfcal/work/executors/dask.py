@@ -28,6 +28,8 @@ SETTINGS: dict[str, Any] = {
     "distributed.nanny.pre-spawn-environ": {"MALLOC_TRIM_THRESHOLD_": None},
     # a look at every thread each 10 ms, for a page of the dashboard that shows where Python code spends its time
     "distributed.worker.profile.enabled": False,
+    # a look every 20 ms whether the loops of scheduler and workers still turn: three hundredths of a processor
+    "distributed.admin.tick.interval": "500ms",
 }
 """What workers of this machine are started with that dask has otherwise."""
 

@@ -71,6 +71,23 @@ def test_workers_keep_the_memory_of_arrays(monkeypatch: pytest.MonkeyPatch) -> N
             assert set(executor._client.run(os.environ.get, TRIM).values()) == {said}
 
 
+def test_idle_loops_are_looked_at_seldom() -> None:
+    """On the scheduler and on every worker; elsewhere in this process dask's own setting holds."""
+    from dask import config
+
+    setting = "distributed.admin.tick.interval"
+    before = config.get(setting)
+    with Dask(1) as executor:
+        assert set(executor._client.run(config.get, setting).values()) == {"500ms"}
+        scheduler = executor._client.run_on_scheduler(_periods)
+        assert scheduler["tick"] == 500
+    assert config.get(setting) == before != "500ms"
+
+
+def _periods(dask_scheduler: Any) -> dict[str, float]:
+    return {name: call.callback_time for name, call in dask_scheduler.periodic_callbacks.items()}
+
+
 def test_workers_have_numbers(scheduler: str, tmp_path: Path) -> None:
     units = [unit(f"plane {k}", "count") for k in range(6)]
     parts = drain(iter_run(units, tmp_path / "run", Dask(None, scheduler)))

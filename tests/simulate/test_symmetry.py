@@ -1,0 +1,62 @@
+"""What is even along an axis is computed once for both sides of it, and is the same to the last bit."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from lfcal.simulate.engines.field import field_table
+from lfcal.simulate.engines.propagator import sensor_propagator
+from lfcal.simulate.scene import Iris
+from lfcal.simulate.symmetry import folded
+from tests.simulate.scenes import camera_scene
+
+
+@pytest.mark.parametrize("n", [2, 7, 8, 350])
+def test_places_of_an_axis_have_their_distances(n: int) -> None:
+    rows = np.arange(n, dtype=np.float64) - n // 2
+    for axis in (np.fft.fftfreq(n, 0.37), -np.fft.fftfreq(n, 0.37) / 0.021, rows * 0.31 / -7.1, rows[:1]):
+        distances, places = folded(axis)
+        assert distances.size == axis.size // 2 + 1
+        np.testing.assert_array_equal(distances[places], np.abs(axis))
+
+
+def test_what_has_no_symmetry_is_left_as_it_is() -> None:
+    axis = np.array([0.3, -1.0, 2.0])
+    distances, places = folded(axis)
+    np.testing.assert_array_equal(distances[places], np.abs(axis))
+    assert distances.size == 3
+
+
+@pytest.mark.parametrize("n", [64, 75])
+def test_the_propagator_is_its_formula_at_every_frequency(n: int) -> None:
+    f, lam, gap, (thick, index) = np.fft.fftfreq(n, 0.4), 0.55, 500.0, (100.0, 1.5)
+    k2 = f[:, None] ** 2 + f[None, :] ** 2
+    s = lam**2 * k2
+    air = (gap - thick / index) / (1 + np.sqrt(np.maximum(1 - s, 0)))
+    phase = -2 * np.pi * lam * k2 * (air + thick / (index + np.sqrt(np.maximum(index**2 - s, 0))))
+    limit = 1 / (lam * math.sqrt((2 * gap * f[1]) ** 2 + 1))
+    seen = (np.abs(f) < limit)[:, None] & (np.abs(f) < limit)[None, :] & (s < 1)
+    step, separable = sensor_propagator(f, lam, gap, True, (thick, index))
+    assert not separable and 0 < seen.sum() < seen.size
+    np.testing.assert_array_equal(step, np.where(seen, np.exp(1j * phase), 0))
+
+
+@pytest.mark.parametrize("v", [4.0, 0.6])
+@pytest.mark.parametrize("exact", [False, True])
+def test_even_aberrations_are_those_of_the_whole_pupil(v: float, exact: bool) -> None:
+    """A term that is not even, of no waves, has the whole pupil computed."""
+    even = ((2, 0, 0.4), (4, 0, -0.8))
+    iris = Iris(blades=5, rotation_rad=0.2)
+    scene = camera_scene(v, iris=iris, exact_rays=exact, wavefront=even)
+    whole = camera_scene(v, iris=iris, exact_rays=exact, wavefront=(*even, (2, -2, 0.0)))
+    dx = 0.2 * scene.reduced_pixel_um
+    found, expected = (field_table(s, dx, 40 * dx).values for s in (scene, whole))
+    assert np.abs(found).max() > 0
+    np.testing.assert_array_equal(found, expected)
+    other = field_table(
+        camera_scene(v, iris=iris, exact_rays=exact, wavefront=((2, 0, 0.4), (2, 2, -0.8))), dx, 40 * dx
+    )
+    assert not np.array_equal(other.values, expected)
