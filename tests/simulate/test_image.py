@@ -15,7 +15,7 @@ from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.engines.wave import WavePlane
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.sensor.camera_source import SimulatedCamera
-from lfcal.simulate.staging import outlook_of
+from lfcal.simulate.staging import origin_of, outlook_of
 from tests.simulate.common import BASE, FAST, difference, responses, small_camera, small_plan, switched
 from tests.simulate.scenes import camera_scene, microscope_scene, relative_error
 
@@ -105,7 +105,7 @@ def test_distorted_frames_hold_the_light_where_h_has_it() -> None:
     for more in ((), (FiniteSource(30.0),)):
         camera = SimulatedCamera(plan, (*effects, *more), sampling=FAST)
         found = camera.light(3)
-        (_, y, x), (row, column) = camera.position(3), camera._origin
+        (_, y, x), (row, column) = camera.position(3), origin_of(camera.plan)[:2]
         nt, ns = plan.cutout
         window = found[row + y - nt // 2 :, column + x - ns // 2 :][:nt, :ns] / camera.electrons_per_unit(0)
         h = PlaneResponse(plan, 0, (*effects, *more), sampling=FAST).rows([y], [x])[0, 0]
