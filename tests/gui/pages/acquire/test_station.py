@@ -20,7 +20,9 @@ def plan() -> ScanPlan:
 
 
 def seen(plan: ScanPlan, **options: str) -> np.ndarray:
+    """Return the live frame of a source on the axis, in the first plane."""
     station = open_station(plan, "sim", options)
+    station.move((0.0, 0.0, plan.depths_um[0]))
     frame = station.look(plan.exposures[0], plan).frame
     station.close()
     assert frame is not None
