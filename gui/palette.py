@@ -4,26 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from PySide6.QtCore import QEvent, QObject, Qt
-from PySide6.QtGui import QKeyEvent, QKeySequence
+from PySide6.QtGui import QAction, QKeyEvent, QKeySequence
 from PySide6.QtWidgets import QDialog, QLineEdit, QListWidget, QMenuBar, QPushButton, QVBoxLayout, QWidget
+from shiboken6 import isValid
 
 from gui.theme import style_sheet
 
 __all__ = ["Entry", "Palette", "doable"]
 
 SIZE = (520, 420)
+TITLE = "Command palette"
 STEPS = {Qt.Key.Key_Down: 1, Qt.Key.Key_Up: -1}
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One thing to do: its name, its key if it has one, and the call."""
+    """One thing to do: its name, its key if it has one, the call, and whether it can be done now."""
 
     name: str
     key: str
     do: Callable[[], object]
+    can_be_done: Callable[[], bool]
 
     def matches(self, typed: str) -> bool:
         """Return whether the name has every word of ``typed`` in it."""
@@ -32,18 +36,27 @@ class Entry:
 
 def doable(bar: QMenuBar, page: QWidget) -> list[Entry]:
     """Return the buttons of ``page`` and the actions of the menus that can be pressed now."""
+    # what was listed may be gone when it is chosen: a job's row, a file of the menu
     entries = [
-        Entry(button.text(), "", button.click)
+        Entry(button.text(), "", button.click, partial(_pressable, button, page))
         for button in page.findChildren(QPushButton)
-        if button.text() and button.isEnabled() and button.isVisibleTo(page)
+        if button.text() and _pressable(button, page)
     ]
     for menu in (action.menu() for action in bar.actions()):
         for action in [] if menu is None else menu.actions():
             if action.text() and action.isEnabled() and action.menu() is None and not action.isSeparator():
                 shortcut = action.shortcut().toString(QKeySequence.SequenceFormat.NativeText)
                 name = f"{menu.title()}: {action.text()}".replace("&", "")
-                entries.append(Entry(name, shortcut, action.trigger))
+                entries.append(Entry(name, shortcut, action.trigger, partial(_triggerable, action)))
     return entries
+
+
+def _pressable(button: QPushButton, page: QWidget) -> bool:
+    return isValid(button) and isValid(page) and button.isEnabled() and button.isVisibleTo(page)
+
+
+def _triggerable(action: QAction) -> bool:
+    return isValid(action) and action.isEnabled()
 
 
 class Palette(QDialog):
@@ -52,7 +65,7 @@ class Palette(QDialog):
     def __init__(self, parent: QWidget, entries: Sequence[Entry]) -> None:
         super().__init__(parent)
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        self.setWindowTitle("Command palette")
+        self.setWindowTitle(TITLE)
         self.setStyleSheet(style_sheet())
         self.resize(*SIZE)
         self._entries = tuple(entries)
@@ -85,9 +98,15 @@ class Palette(QDialog):
 
     def _do(self) -> None:
         row, shown = self.list.currentRow(), self.shown
-        if 0 <= row < len(shown):
-            self.accept()
-            shown[row].do()
+        if not 0 <= row < len(shown):
+            return
+        if not shown[row].can_be_done():
+            self.setWindowTitle(f"{TITLE}: “{shown[row].name}” is gone")
+            self._entries = tuple(entry for entry in self._entries if entry.can_be_done())
+            self._show("")
+            return
+        self.accept()
+        shown[row].do()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Move in the list by the arrow keys while the line is typed in."""

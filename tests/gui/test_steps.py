@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 import tifffile
-from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QApplication
+from PySide6.QtCore import QEvent, Qt
+from PySide6.QtWidgets import QApplication, QPushButton
 from pytestqt.qtbot import QtBot
 from typer.main import get_command
 from typer.testing import CliRunner
@@ -251,6 +251,23 @@ def test_the_palette_finds_menus_and_buttons_and_does_them(window: MainWindow, q
     qtbot.keyClicks(palette.line, " no such thing")
     qtbot.keyClick(palette.line, Qt.Key.Key_Return)
     assert palette.isVisible() and palette.list.count() == 0
+    palette.reject()
+
+
+def test_what_is_gone_when_it_is_chosen_from_the_palette(window: MainWindow, qtbot: QtBot) -> None:
+    """A job's row that ended, a page's button that was taken away: found by the random walk."""
+    held = QPushButton("Stop the job of a moment ago", window.stack.currentWidget())
+    held.show()
+    window.show_palette()
+    palette = next(p for p in window.findChildren(Palette) if p.isVisible())
+    qtbot.keyClicks(palette.line, "moment ago")
+    assert [entry.name for entry in palette.shown] == [held.text()]
+    held.deleteLater()
+    QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
+    qtbot.keyClick(palette.line, Qt.Key.Key_Return)
+    assert palette.isVisible() and palette.list.count() == 0 and palette.windowTitle().endswith("is gone")
+    palette.line.clear()
+    assert palette.list.count() > 5
     palette.reject()
 
 
