@@ -19,7 +19,7 @@ from gui.context import Context
 from gui.jobs import Jobs
 from gui.models.page import PAGES
 from gui.models.project import Project, ProjectState
-from gui.theme import LIGHT, apply_theme
+from gui.theme import LIGHT, apply_theme, current_theme
 from gui.window import MainWindow
 from tests.gui.waiting import GUARD_MS
 
@@ -36,6 +36,15 @@ def no_thread_left() -> Iterator[None]:
         if "lfcal" in thread.name:
             thread.join(GUARD_MS / 1e3)
             assert not thread.is_alive(), f"thread left behind: {thread}"
+
+
+@pytest.fixture(autouse=True)
+def _light_again() -> Iterator[None]:
+    """Leave the next test the theme that it expects, whichever that is."""
+    yield
+    app = QApplication.instance()
+    if isinstance(app, QApplication) and current_theme() is not LIGHT:
+        apply_theme(app, LIGHT)
 
 
 @pytest.fixture
