@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import threading
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,25 @@ def test_a_recorded_session_opens_by_dropping_it(qtbot: QtBot, context: Context,
     page.panel.lattice_box.setChecked(True)
     points = sum(len(item.getData()[0]) for item in page.panel.view.lattice)
     assert points > 4, "lenslets of the place the cutout was taken from"
+
+
+def test_playing_goes_through_the_positions_until_it_is_stopped(qtbot: QtBot, open_page: Any) -> None:
+    page = open_page("frames")
+    assert page.accept_drop([str(sample_recording())])
+    qtbot.waitUntil(lambda: page.loaded is not None, timeout=GUARD_MS)
+    first = page.position
+    page.panel.play_button.toggle()
+    seen = [first]
+
+    def moved() -> bool:
+        if page.position != seen[-1]:
+            seen.append(page.position)
+        return len(seen) > 3
+
+    qtbot.waitUntil(moved, timeout=GUARD_MS)
+    page.panel.play_button.toggle()
+    assert not page.play_timer.isActive()
+    assert all(a.z == b.z and (b.y, b.x) > (a.y, a.x) for a, b in pairwise(seen))
 
 
 def test_what_the_settings_say_is_what_the_widgets_show(qtbot: QtBot, context: Context, open_page: Any) -> None:
