@@ -179,6 +179,20 @@ class BasePage(QWidget):
         self.tools.addWidget(button)
         return button
 
+    def stop_tool(self, tip: str) -> QPushButton:
+        """Add the button Stop (Esc): it stops every job of this page, and can be pressed while there is one."""
+        button, jobs = self.tool_button("Stop", f"{tip} (Esc)", self.stop), self.context.jobs
+        button.setEnabled(False)
+        jobs.changed.connect(lambda _: button.setEnabled(self.spec.key in jobs.running_pages()))
+        self.shortcut("Escape", self.stop)
+        return button
+
+    def stop(self) -> None:
+        """Stop every job of this page; what they made so far stays."""
+        for job in self.context.jobs.jobs():
+            if job.active and job.page == self.spec.key:
+                self.context.jobs.cancel(job.number)
+
     def set_panel(self, panel: QWidget) -> None:
         """Make ``panel`` the body."""
         layout = QVBoxLayout(self.body)

@@ -28,8 +28,8 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from gui.jobs import JobState
 from gui.window import MainWindow
+from tests.gui.invariants import check_window
 
 __all__ = ["Walk"]
 
@@ -146,7 +146,7 @@ class Walk:
             for job in self.window.jobs.jobs():
                 if job.active:
                     self.window.jobs.cancel(job.number)
-        self.check()
+        check_window(self.window)
 
     @property
     def _page(self) -> QWidget:
@@ -293,32 +293,3 @@ class Walk:
             return "nothing"
         tabs.setCurrentIndex(self.random.randrange(tabs.count()))
         return str(tabs.tabText(tabs.currentIndex()))
-
-    # -- what must hold --------------------------------------------------------------------------------
-    def check(self) -> None:
-        """Raise `AssertionError` where the window shows what is not so."""
-        page = self.window.stack.currentWidget()
-        for view in page.findChildren(pg.GraphicsLayoutWidget):
-            for item in view.ci.items:
-                if isinstance(item, pg.PlotItem):
-                    for side in ("bottom", "left"):
-                        axis = item.getAxis(side)
-                        assert axis.autoSIPrefixScale == 1, f"{axis.labelText}: numbers off by {axis.autoSIPrefixScale}"
-        unforeseen = [
-            job for job in self.window.jobs.jobs() if job.state is JobState.FAILED and "LfcalError" not in _kinds(job)
-        ]
-        assert not unforeseen, unforeseen[0].details
-        states = self.window.context.state
-        if self.window.jobs.running_pages() == set():
-            assert "acquire" not in self.window.jobs.running_pages()
-        assert states.plan is None or states.plan.camera == states.camera, "the plan is of another camera"
-
-
-def _kinds(job: Any) -> str:
-    """Return "LfcalError" where the job failed with an error that was meant to be read."""
-    import lfcal.errors as errors
-
-    last = job.details.strip().splitlines()[-1] if job.details.strip() else ""
-    name = last.partition(":")[0].rpartition(".")[2]
-    known = set(dir(errors)) | {"AcquisitionStopped", "DeviceError", "Aborted", "StageError", "DeviceLost"}
-    return "LfcalError" if name in known else name

@@ -34,7 +34,7 @@ class Page(BasePage):
         self.all_button = self.tool_button(
             "Measure all", "Measure every place, one after the other", lambda: self.measure(PLACES.names())
         )
-        self.stop_button = self.tool_button("Stop", "Stop measuring, and keep what was measured (Esc)", self.stop)
+        self.stop_button = self.stop_tool("Stop measuring, and keep what was measured")
         self.panel = AccuracyPanel()
         self.panel.form.check = self._check
         self.panel.form.edited.connect(self._edited)
@@ -42,7 +42,6 @@ class Page(BasePage):
         self.panel.rung_chosen.connect(self.use)
         self.set_panel(self.panel)
         self.shortcut("F5", self.measure)
-        self.shortcut("Escape", self.stop)
         self.theme_changed.connect(self._apply_theme)
         context.jobs.changed.connect(self._job_changed)
         context.jobs.finished.connect(self._job_finished)
@@ -82,7 +81,6 @@ class Page(BasePage):
         there = subjects(state)
         for button in (self.measure_button, self.all_button):
             button.setEnabled(bool(there) and not self._job)
-        self.stop_button.setEnabled(bool(self._job))
         if not there:
             self.show_empty(
                 "Accuracy is measured for a scan plan, or for H.\nMake a plan first, or open an H file.",
@@ -137,11 +135,6 @@ class Page(BasePage):
             abandon=settings.subject == "psf",
         )
         self._show(state)
-
-    def stop(self) -> None:
-        """Stop measuring; what was measured stays."""
-        if self._job:
-            self.context.jobs.cancel(self._job)
 
     def _failed(self, job: Job) -> None:
         self.refuse(job.error)

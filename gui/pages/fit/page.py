@@ -67,13 +67,12 @@ class Page(BasePage):
             self.results.save,
         )
         self.report_button = self.tool_button("Open report", "The fit as a page for people", self.results.open_report)
-        self.stop_button = self.tool_button("Stop", "Stop the fit (Esc)", self.stop)
+        self.stop_button = self.stop_tool("Stop the fit; what was found before stays")
         self.fit_button = self.tool_button("Fit", "Fit the recorded positions of H (F5)", self.fit, primary=True)
 
     def _add_shortcuts(self) -> None:
         see = self.panel.on_patterns
         self.shortcut("F5", self.fit)
-        self.shortcut("Escape", self.stop)
         self.shortcut("Left", lambda: see(lambda view: view.step(-1)))
         self.shortcut("Right", lambda: see(lambda view: view.step(1)))
         self.shortcut("PgUp", lambda: see(lambda view: view.step_plane(-1)))
@@ -179,7 +178,6 @@ class Page(BasePage):
     def _show_buttons(self) -> None:
         there, done = self._stamp is not None, self.found is not None and not self._busy
         self.fit_button.setEnabled(there and not self._busy)
-        self.stop_button.setEnabled(self._busy)
         for button in (self.model_button, self.save_button, self.report_button):
             button.setEnabled(done)
         self.use_button.setEnabled(done and not self._recording)
@@ -244,11 +242,6 @@ class Page(BasePage):
         self._show_buttons()
         waits = self._job in jobs.waiting()
         self.panel.show_running(WAITS if waits else "Fitting: reading H …", None, ())
-
-    def stop(self) -> None:
-        """Stop the fit; what was found before stays."""
-        if self._busy:
-            self.context.jobs.cancel(self._job)
 
     def _job_changed(self, job: Job) -> None:
         if job.number == self._job and job.state is JobState.RUNNING:

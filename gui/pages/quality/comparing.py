@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -52,12 +51,10 @@ class Comparing:
     ----------
     panel, context
         What shows it, and the window.
-    tell
-        Called when a comparison begins or ends, with whether one is at work.
     """
 
-    def __init__(self, panel: ComparePanel, context: Context, tell: Callable[[bool], None]) -> None:
-        self._panel, self._context, self._tell = panel, context, tell
+    def __init__(self, panel: ComparePanel, context: Context) -> None:
+        self._panel, self._context = panel, context
         self.found: Difference | None = None
         self._asked: Asked | None = None
         self._pair: Pair | None = None
@@ -101,15 +98,9 @@ class Comparing:
             self._context.jobs.cancel(number)
         self.found = self._pair = self._asked = None
 
-    @property
-    def busy(self) -> bool:
-        """Whether a comparison is at work."""
-        return bool(self._job)
-
     def _show_buttons(self) -> None:
         self._panel.compare_button.setEnabled(self._asked is not None and not self._job)
         self._panel.report_button.setEnabled(self.found is not None and not self._job)
-        self._tell(self.busy)
 
     def choose(self, path: str = "") -> None:
         """Take a second H, and compare with it."""
@@ -157,11 +148,6 @@ class Comparing:
             taken=self._taken(asked),
         )
         self._show_buttons()
-
-    def stop(self) -> None:
-        """Stop comparing."""
-        if self._job:
-            self._context.jobs.cancel(self._job)
 
     def _job_changed(self, job: Job) -> None:
         if job.number == self._job and job.progress is not None:

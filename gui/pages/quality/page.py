@@ -47,21 +47,18 @@ class Page(BasePage):
         self._stamp: Stamp | None = None
         self._question: Question | None = None
         self._kept = Kept()
-        self._job = 0
+        self._job = self._report = 0
         self._make_buttons()
         self.panel = QualityPanel()
         inspect = self.panel.inspect
         self.showing = Showing(inspect, context)
-        self.comparing = Comparing(
-            self.panel.compare, context, lambda busy: self.stop_button.setEnabled(busy or bool(self._job))
-        )
+        self.comparing = Comparing(self.panel.compare, context)
         self.trending = Trending(self.panel.trend, context)
         inspect.form.check = self._check
         inspect.edited.connect(self._edited)
         inspect.folder_asked.connect(self.choose_fit)
         self.set_panel(self.panel)
         self.shortcut("F5", self.begin)
-        self.shortcut("Escape", self.stop)
         self.theme_changed.connect(self._apply_theme)
         context.fitted_changed.connect(self._show_state)
         context.jobs.changed.connect(self._job_changed)
@@ -77,7 +74,7 @@ class Page(BasePage):
             "Keep what was found: an HTML page with all figures, and JSON for programs",
             self.write_report,
         )
-        self.stop_button = self.tool_button("Stop", "Stop; what was found so far stays (Esc)", self.stop)
+        self.stop_button = self.stop_tool("Stop; what was found so far stays")
         self.measure_button = self.tool_button("Inspect", INSPECT, lambda: self.measure(force=True))
         self.measure_button.setProperty("role", "primary")
 
@@ -199,18 +196,15 @@ class Page(BasePage):
         else:
             self.measure(force=True)
 
-    def stop(self) -> None:
-        """Stop the inspection; metrics that were measured stay. Stop a comparison, too."""
-        self.comparing.stop()
-        if self._job:
-            self.context.jobs.cancel(self._job)
-
     def _job_changed(self, job: Job) -> None:
         if job.number == self._job and job.progress is not None and self.empty is not None:
             record = job.progress
             self.empty.label.setText(f"{job.title}\n{capital(record.stage)}: {100 * record.fraction:.0f} %")
 
     def _job_finished(self, job: Job) -> None:
+        if job.number == self._report:
+            self._report = 0
+            self._show_buttons()
         if job.number != self._job:
             return
         self._job = 0
@@ -232,8 +226,7 @@ class Page(BasePage):
         redo = () if self.inspection is None else worst_positions(self.inspection)
         self.redo_button.setEnabled(bool(redo))
         self.redo_button.setText(f"Send {len(redo)} to Acquire" if redo else "Send to Acquire")
-        self.report_button.setEnabled(self._stamp is not None and not self._job)
-        self.stop_button.setEnabled(bool(self._job) or self.comparing.busy)
+        self.report_button.setEnabled(self._stamp is not None and not self._job and not self._report)
         self.measure_button.setEnabled(self._stamp is not None and not self._job)
 
     def _show(self) -> None:
@@ -281,7 +274,7 @@ class Page(BasePage):
         if not folder or not psf or (asked and not may_replace(self, report_files(folder))):
             return
         found = self.inspection if stamp_of(psf) == self._stamp else None
-        self.context.jobs.start(
+        self._report = self.context.jobs.start(
             "Report",
             "quality",
             lambda: iter_write_report(psf, folder, found),
@@ -291,6 +284,7 @@ class Page(BasePage):
             needs=(psf,),
             taken=self.context.taken("quality", "Report", folder),
         )
+        self._show_buttons()
 
     def _apply_theme(self) -> None:
         self.panel.apply_theme()

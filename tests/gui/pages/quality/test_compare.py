@@ -165,7 +165,7 @@ def test_what_cannot_be_compared_is_said_in_a_line(page: Page, qtbot: QtBot, tmp
 def test_stopping_says_so(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
     page.context.project.update("second H", reference=written(tmp_path / "earlier.h5", moved()))
     page.begin()
-    assert page.stop_button.isEnabled() and page.comparing.busy
+    assert page.stop_button.isEnabled()
     page.stop()
     idle(page.context.jobs, qtbot)
     assert page.comparing.found is None and page.panel.compare.message.text().startswith("Stopped")

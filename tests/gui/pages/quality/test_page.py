@@ -1,13 +1,17 @@
 from __future__ import annotations
 
+import threading
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from pytestqt.qtbot import QtBot
 
+from gui.jobs import JobState
 from gui.pages.quality.model import map_of, metric_rows, metric_words, worst_positions
 from gui.window import MainWindow
+from lfcal.progress import Progress, Work
 from lfcal.psf import PSFMatrix, save
 from tests.gui.waiting import GUARD_MS, idle
 
@@ -50,6 +54,39 @@ def test_from_h_to_the_list_of_positions(window: MainWindow, qtbot: QtBot, tmp_p
     assert window.stack.currentWidget() is window.page("psf")
     idle(window.jobs, qtbot)
     assert window.page("psf").intent.z == 1  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("key", ["quality", "fit", "accuracy"])
+def test_stop_ends_every_job_of_its_page(window: MainWindow, qtbot: QtBot, key: str) -> None:
+    """A report could be stopped in the dock Jobs alone, beside a button Stop that was grey."""
+    page: Any = window.page(key)
+    going_on = threading.Event()
+
+    def report() -> Work[None]:
+        while True:
+            yield Progress(0, 1, "writing")
+            going_on.set()
+
+    assert not page.stop_button.isEnabled()
+    number = window.jobs.start("Report", key, report)
+    qtbot.waitUntil(going_on.is_set, timeout=GUARD_MS)
+    assert page.stop_button.isEnabled()
+    page.stop_button.click()
+    idle(window.jobs, qtbot)
+    assert not page.stop_button.isEnabled()
+    assert {job.number: job.state for job in window.jobs.jobs()}[number] is JobState.CANCELLED
+
+
+def test_one_report_at_a_time(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:
+    window.project.update("open", psf=str(faulty(tmp_path / "H.h5")))
+    page: Any = window.page("quality")
+    page.measure()
+    idle(window.jobs, qtbot)
+    page.write_report(str(tmp_path / "report"))
+    assert not page.report_button.isEnabled() and page.measure_button.isEnabled()
+    window.jobs.cancel_all()
+    idle(window.jobs, qtbot)
+    assert page.report_button.isEnabled()
 
 
 def test_nothing_to_judge(window: MainWindow) -> None:

@@ -1,0 +1,238 @@
+"""What must hold in a window at any time: numbers of axes, what is shown of which file, buttons as the state is."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyqtgraph as pg
+from PySide6.QtWidgets import QCheckBox, QComboBox, QLineEdit
+
+from gui.base_page import BasePage
+from gui.jobs import JobState
+from gui.models.form import parse, text_of
+from gui.pages.camera.model import values_of as values_of_camera
+from gui.pages.plan.model import values_of as values_of_plan
+from gui.pages.psf.model import shown_unit
+from gui.widgets.form import Form
+from gui.window import MainWindow
+
+__all__ = ["check_window"]
+
+STOPPED_BY = ("quality", "fit", "accuracy")
+"""Pages whose button Stop can be pressed while, and only while, they have a job."""
+
+
+def check_window(window: MainWindow) -> None:
+    """Raise `AssertionError` where the window shows what is not so."""
+    _axes(window)
+    _jobs(window)
+    _project(window)
+    made = {spec.key: window.page(spec.key) for spec in window.specs if window.is_made(spec.key)}
+    for key, page in made.items():
+        found: Any = CHECKS.get(key)
+        if found is not None:
+            found(window, page)
+    running = window.jobs.running_pages()
+    for key in STOPPED_BY:
+        if key in made:
+            button: Any = made[key]
+            assert button.stop_button.isEnabled() == (key in running), f"Stop of {key}: {key in running} is at work"
+
+
+def _axes(window: MainWindow) -> None:
+    for view in window.stack.currentWidget().findChildren(pg.GraphicsLayoutWidget):
+        for item in view.ci.items:
+            if isinstance(item, pg.PlotItem):
+                for side in ("bottom", "left"):
+                    axis = item.getAxis(side)
+                    assert axis.autoSIPrefixScale == 1, f"{axis.labelText}: numbers off by {axis.autoSIPrefixScale}"
+
+
+def _jobs(window: MainWindow) -> None:
+    failed = [job for job in window.jobs.jobs() if job.state is JobState.FAILED and not _meant(job)]
+    assert not failed, failed[0].details
+
+
+def _meant(job: Any) -> bool:
+    """Return whether a job failed with an error that was meant to be read."""
+    import lfcal.errors as errors
+
+    last = job.details.strip().splitlines()[-1] if job.details.strip() else ""
+    return last.split(":")[0].split(".")[-1] in errors.__all__ or not last
+
+
+def _project(window: MainWindow) -> None:
+    state, project = window.context.state, window.project
+    assert state.plan is None or state.plan.camera == state.camera, "the plan is of another camera"
+    assert window.menus.undo.isEnabled() == bool(project.undo_label)
+    assert window.menus.redo.isEnabled() == bool(project.redo_label)
+    assert window.menus.undo.text() == f"Undo {project.undo_label}".strip()
+    assert ("*" in window.windowTitle()) == project.unsaved, f"{window.windowTitle()}, unsaved: {project.unsaved}"
+    running = window.jobs.running_pages()
+    for row, spec in enumerate(window.specs):
+        marked = "◑" in window.rail.item(row).text()
+        assert marked == (spec.key in running), f"{spec.key} is marked as at work: {marked}"
+
+
+def _body(page: BasePage) -> bool:
+    return page.empty is None
+
+
+def _psf(window: MainWindow, page: Any) -> None:
+    """Hold H against the project's, and the header against its name."""
+    path = window.context.state.psf
+    assert page.matrix is (window.context.matrix(path) if path else None), "another H than the project's is shown"
+    assert _body(page) == (page.matrix is not None)
+    name = re.match(r"(.+?): \(z, y, x, t, s\) = (\(.+?\)), ", page.hint.text())
+    if page.matrix is None:
+        assert name is None, f"{name} stands in the header, and no H is there"
+        return
+    assert name is not None and name[1] == Path(path).name and name[2] == str(page.matrix.shape)
+    planes, ny, nx = page.matrix.shape[:3]
+    intent = page.intent
+    assert 0 <= intent.z < planes and 0 <= intent.y < ny and 0 <= intent.x < nx
+    assert page.panel.strip.count() == planes
+    if page.plane is not None:
+        _psf_pictures(page)
+
+
+def _psf_pictures(page: Any) -> None:
+    """Hold controls, titles, unit and values against the position that is asked for."""
+    panel, intent, matrix = page.panel, page.intent, page.matrix
+    assert page.plane.z == intent.z == panel.plane_slider.value() == panel.strip.currentRow()
+    assert panel.show_box.currentData() == intent.show
+    assert (panel.h_button.isChecked(), panel.ht_button.isChecked()) == (not intent.transposed, intent.transposed)
+    names, at = ("HT", "H") if intent.transposed else ("H", "HT"), f"position y {intent.y}, x {intent.x}"
+    what = {"measured": ""}.get(intent.show, f"{intent.show} ")
+    assert panel.main_title.text() == f"{what}{names[0]}, {at}"
+    assert panel.linked_title.text().startswith(f"{what}{names[1]}, ")
+    unit = shown_unit(intent, matrix, page.reference)
+    assert {panel.main_view.quantity(), panel.linked_view.quantity()} == {unit}
+    assert (panel.readout.text().startswith("Hover")) == (intent.pixel is None)
+    shown = {"measured": matrix, "reference": page.reference}.get(intent.show)
+    if shown is not None:
+        seen = shown.T if intent.transposed else shown
+        wanted = np.asarray(seen[intent.z, intent.y, intent.x])
+        np.testing.assert_array_equal(panel.main_view.image, wanted, f"another pattern than {at} is shown")
+
+
+def _form(form: Form, values: dict[str, Any]) -> None:
+    """Hold fields that are not refused against what the project holds."""
+    for key, field in form.fields.items():
+        editor = form.editor(key)
+        if isinstance(editor, QLineEdit) and not editor.property("invalid"):
+            told = f"{key}: {editor.text()} is shown of {values[key]}"
+            assert parse(field, editor.text()) == _as_shown(field, values[key]), told
+        elif isinstance(editor, QComboBox):
+            assert editor.currentData() == values[key] or editor.findData(values[key]) < 0, key
+        elif isinstance(editor, QCheckBox):
+            assert editor.isChecked() == bool(values[key]), key
+
+
+def _as_shown(field: Any, value: Any) -> Any:
+    """Return ``value`` as its ten digits in a form mean it."""
+    return parse(field, text_of(field, value))
+
+
+def _camera(window: MainWindow, page: Any) -> None:
+    values = values_of_camera(window.context.state.camera)
+    forms = page.panel.forms
+    for name, form in forms.items():
+        if name in ("MainLens", "Microscope"):
+            assert form.isHidden() == (name != values["optics.kind"]), f"{name} of a {values['optics.kind']}"
+        if not form.isHidden():
+            _form(form, values)
+
+
+def _plan(window: MainWindow, page: Any) -> None:
+    plan = window.context.state.plan
+    assert _body(page) == (plan is not None)
+    if plan is not None:
+        _form(page.panel.form, values_of_plan(plan))
+
+
+def _quality(window: MainWindow, page: Any) -> None:
+    """Hold what can be done, and what is told, against the H of the project."""
+    there = bool(window.context.state.psf)
+    assert not (page.measure_button.isEnabled() and not there), "Inspect without an H"
+    busy = {job.title.split()[0] for job in window.jobs.jobs() if job.active and job.page == "quality"}
+    for word, button in (("Inspect", page.measure_button), ("Report", page.report_button)):
+        assert not (word in busy and button.isEnabled()), f"{button.text()} while {busy} is at work"
+    if not there:
+        assert page.inspection is None, "an inspection is shown, and there is no H"
+    if page.inspection is not None and _body(page):
+        _inspection(page.inspection, page.panel.inspect)
+
+
+def _inspection(found: Any, panel: Any) -> None:
+    """Hold the tables against this inspection, and the words beside them against the row that is chosen."""
+    assert panel.verdict.text() == found.verdict
+    assert panel.table.rowCount() == len(found.quality.metrics) and panel.faults.rowCount() == len(found.findings)
+    chosen = [
+        (kind, table.number_of(index.row()))
+        for kind, table in (("fault", panel.faults), ("metric", panel.table))
+        for index in table.selectedIndexes()[:1]
+    ]
+    assert len(chosen) <= 1, f"{chosen} are chosen at once"
+    for kind, number in chosen:
+        title = found.findings[number].title if kind == "fault" else found.quality.metrics[number].spec.title
+        assert title.lower() in panel.words.toPlainText().lower(), f"{title} is chosen, {panel.words.toPlainText()}"
+
+
+def _fit(window: MainWindow, page: Any) -> None:
+    there, busy = bool(window.context.state.psf), "fit" in window.jobs.running_pages()
+    assert not (page.fit_button.isEnabled() and (busy or not there))
+    if page.found is None:
+        assert not (page.use_button.isEnabled() or page.save_button.isEnabled()), "nothing was fitted"
+
+
+def _frames(window: MainWindow, page: Any) -> None:
+    state = window.context.state
+    assert page.assemble_button.isEnabled() == (page.opened is not None)
+    if page.opened is not None:
+        assert page.opened.folder == state.frames, f"{page.opened.folder} is shown, {state.frames} is the project's"
+        assert page.hint.text().startswith(f"{len(page.opened.source)} frames")
+        z, y, x = page.position
+        planes, ny, nx = page.opened.frames.shape
+        assert 0 <= z < planes and 0 <= y < ny and 0 <= x < nx
+    if not state.frames:
+        assert page.loaded is None and not _body(page)
+
+
+def _acquire(window: MainWindow, page: Any) -> None:
+    recording, buttons = page.record.recording, page.panel.record.buttons
+    for key in ("pause", "stop", "abort"):
+        assert buttons[key].isEnabled() == recording, f"{key}: recording is {recording}"
+    assert not (recording and (buttons["start"].isEnabled() or buttons["assemble"].isEnabled()))
+    assert _body(page) == (window.context.state.plan is not None or recording)
+
+
+def _reconstruct(window: MainWindow, page: Any) -> None:
+    running, buttons = "reconstruct" in window.jobs.running_pages(), page.panel.buttons
+    assert buttons["stop"].isEnabled() == running
+    assert not (buttons["start"].isEnabled() and running)
+
+
+def _simulate(window: MainWindow, page: Any) -> None:
+    """Hold what the planner said against plan and settings of now, unless it is asked again."""
+    state = window.context.state
+    assert _body(page) == (state.plan is not None)
+    if page.verdict is not None and state.plan is not None:
+        asked = window.jobs.busy
+        assert asked or page.verdict.fits(state.plan, page.settings), "an earlier answer of the planner is shown"
+
+
+CHECKS = {
+    "camera": _camera,
+    "plan": _plan,
+    "simulate": _simulate,
+    "psf": _psf,
+    "quality": _quality,
+    "fit": _fit,
+    "frames": _frames,
+    "acquire": _acquire,
+    "reconstruct": _reconstruct,
+}
