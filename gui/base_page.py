@@ -16,6 +16,7 @@ from gui.models.page import PageSpec
 from gui.models.project import ProjectState
 from gui.notice import Notice
 from gui.theme import current_theme, style_sheet
+from gui.widgets.enlarging import whole_page
 
 __all__ = ["BasePage", "Deed", "EmptyState", "page_class"]
 
@@ -85,6 +86,7 @@ class BasePage(QWidget):
         outer.addWidget(self.notice)
         self._stack = QStackedWidget()
         self.body = QWidget()
+        whole_page(self.body)
         self._stack.addWidget(self.body)
         self.empty: EmptyState | None = None
         outer.addWidget(self._stack, 1)

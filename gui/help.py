@@ -16,6 +16,7 @@ _KEYS = (
     ("Ctrl+Shift+C", "copy a picture of the page"),
     ("Ctrl+Shift+K, Ctrl+Shift+Y", "copy what the page does as a command, as Python"),
     ("Ctrl+Shift+P", "command palette"),
+    ("Ctrl+E, Esc", "enlarge the picture under the pointer, put it back"),
     ("Ctrl+T", "light or dark"),
     ("F1", "this sheet"),
 )

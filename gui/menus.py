@@ -64,6 +64,7 @@ class WindowMenus:
             self._action(menu, spec.title, lambda _=False, key=spec.key: window.go(key, None), page_key(row))
         menu.addSeparator()
         self._action(menu, "Command palette …", window.show_palette, "Ctrl+Shift+P")
+        self._action(menu, "Enlarge the picture, or put it back", window.enlarge_picture, "Ctrl+E")
         self._action(menu, "Light or dark", window.toggle_theme, "Ctrl+T")
         jobs = window.job_dock.toggleViewAction()
         jobs.triggered.connect(window.keep_dock)

@@ -34,6 +34,7 @@ from gui.project_files import ProjectFiles
 from gui.scripts import Scripts
 from gui.theme import DARK, LIGHT, THEMES, apply_theme, current_theme, style_sheet
 from gui.tools import Tools
+from gui.widgets.enlarging import toggle_in
 from gui.widgets.naming import name_controls
 from gui.workers import LOG
 from lfcal.errors import LfcalError
@@ -295,6 +296,11 @@ class MainWindow(QMainWindow):
         """Put a picture of the page on the clipboard."""
         QApplication.clipboard().setPixmap(self.stack.currentWidget().grab())
         self.log("picture of the page copied")
+
+    def enlarge_picture(self) -> None:
+        """Enlarge the picture under the pointer, else the largest one of the page, or put it back."""
+        if not toggle_in(self.stack.currentWidget()):
+            self.log("this page shows no picture yet")
 
     def show_palette(self) -> None:
         """Offer everything that can be done here by its name."""

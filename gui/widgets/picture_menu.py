@@ -13,6 +13,7 @@ from PySide6.QtGui import QAction, QPainter
 from PySide6.QtWidgets import QApplication, QMenu, QWidget
 
 from gui.saving import ask_target, write_file, write_picture
+from gui.widgets.enlarging import can_be_enlarged, enlarge, enlarged_of
 from lfcal.npy import npy_header
 
 __all__ = ["PICTURES", "copy_picture", "offer_menu", "save_picture", "save_values", "write_svg"]
@@ -28,7 +29,7 @@ def offer_menu(
     entries: Callable[[], Sequence[Entry]] = lambda: (),
     at: Callable[[QPoint], Sequence[Entry]] = lambda _: (),
 ) -> None:
-    """Give ``widget`` a menu: ``entries`` of its own, then copying and saving its picture under ``name()``.
+    """Give ``widget`` a menu: ``entries`` of its own, then enlarging, copying and saving it under ``name()``.
 
     ``at`` returns those of what lies at a point of it.
     """
@@ -37,6 +38,7 @@ def offer_menu(
         menu = QMenu(widget)
         menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         own = (
+            ("Enlarge" if enlarged_of(widget) is None else "Back to its place (Esc)", lambda: enlarge(widget)),
             ("Copy picture", lambda: copy_picture(widget)),
             ("Save picture …", lambda: save_picture(widget, name())),
         )
@@ -46,6 +48,7 @@ def offer_menu(
             menu.addAction(entry)
         menu.popup(widget.mapToGlobal(position))
 
+    can_be_enlarged(widget)
     widget.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
     widget.customContextMenuRequested.connect(show)
 

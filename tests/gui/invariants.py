@@ -123,7 +123,9 @@ def _form(form: Form, values: dict[str, Any]) -> None:
     """Hold fields that are not refused against what the project holds."""
     for key, field in form.fields.items():
         editor = form.editor(key)
-        if isinstance(editor, QLineEdit) and not editor.property("invalid"):
+        if editor.property("invalid"):
+            continue  # it shows what was refused, and why
+        if isinstance(editor, QLineEdit):
             told = f"{key}: {editor.text()} is shown of {values[key]}"
             assert parse(field, editor.text()) == _as_shown(field, values[key]), told
         elif isinstance(editor, QComboBox):
@@ -205,7 +207,8 @@ def _frames(window: MainWindow, page: Any) -> None:
 def _acquire(window: MainWindow, page: Any) -> None:
     recording, buttons = page.record.recording, page.panel.record.buttons
     for key in ("pause", "stop", "abort"):
-        assert buttons[key].isEnabled() == recording, f"{key}: recording is {recording}"
+        assert recording or not buttons[key].isEnabled() or not _body(page), f"{key}, and nothing is recorded"
+    assert buttons["pause"].isEnabled() or not recording, "Pause during a recording"
     assert not (recording and (buttons["start"].isEnabled() or buttons["assemble"].isEnabled()))
     assert _body(page) == (window.context.state.plan is not None or recording)
 

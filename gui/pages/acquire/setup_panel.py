@@ -22,6 +22,7 @@ from gui.widgets.cards import card, column_area, heading, line
 from gui.widgets.frame_view import FrameView
 from gui.widgets.image_view import ImageView
 from gui.widgets.plots import LinePlot
+from gui.widgets.splitting import split
 from lfcal.camera import Camera
 
 __all__ = ["FINDINGS", "SetupPanel"]
@@ -80,8 +81,8 @@ class SetupPanel(QWidget):
         row.setContentsMargins(0, 6, 0, 0)
         row.setSpacing(8)
         row.addWidget(column_area(300, self.devices, self.stage, *self._cards(), self.faults, dense=True))
-        row.addWidget(self._view_card(), 3)
-        row.addLayout(self._numbers(), 2)
+        self.split = split(self._view_card(), self._numbers(), sizes=(3, 2))
+        row.addWidget(self.split, 1)
         self.set_connected(False)
 
     # -- building --------------------------------------------------------------------------------------

@@ -33,6 +33,7 @@ from gui.widgets.frame_view import FrameView
 from gui.widgets.image_view import ImageView
 from gui.widgets.period_map import PeriodMap
 from gui.widgets.plots import LinePlot
+from gui.widgets.splitting import split
 from lfcal.camera import Camera
 
 __all__ = ["FramesPanel"]
@@ -42,6 +43,9 @@ SCALES = (("linear", "linear"), ("gamma", "gamma 0.5"), ("log", "log, 4 decades"
 
 HEIGHTS = ((130, 230), (150, 290))
 """Least and most height of map and cutout (px): what is low enough needs no scroll bar."""
+
+LEFT = 320
+"""Least width of the column of positions (px)."""
 
 LOW = 116
 """Height of the histogram (px)."""
@@ -102,14 +106,13 @@ class FramesPanel(QWidget):
         self._window: tuple[int, int, int, int] | None = None
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 0, 0, 0)
-        row.setSpacing(10)
-        row.addWidget(self._left())
         column = QVBoxLayout()
         column.addLayout(self._bar())
         column.addWidget(self.view, 1)
         column.addWidget(self.readout)
         column.addWidget(self._numbers_card())
-        row.addLayout(column, 1)
+        self.split = split(self._left(), column, sizes=(LEFT, 960), fixed=1)
+        row.addWidget(self.split)
 
     # -- building --------------------------------------------------------------------------------------
     def _numbers_card(self) -> QWidget:
@@ -168,7 +171,7 @@ class FramesPanel(QWidget):
         area = QScrollArea()
         area.setWidgetResizable(True)
         area.setWidget(panel)
-        area.setFixedWidth(320)
+        area.setMinimumWidth(LEFT)
         area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         return area
 

@@ -19,6 +19,7 @@ from PySide6.QtWidgets import (
     QScrollArea,
     QSizePolicy,
     QSlider,
+    QSplitter,
     QVBoxLayout,
     QWidget,
 )
@@ -32,6 +33,7 @@ from gui.widgets.image_view import ImageView
 from gui.widgets.linking import link_views
 from gui.widgets.period_map import PeriodMap
 from gui.widgets.plots import LINES, LinePlot, shown_tone
+from gui.widgets.splitting import split
 
 if TYPE_CHECKING:
     from lfcal.psf.aperture import Aperture
@@ -76,27 +78,21 @@ class PSFPanel(QWidget):
         grid.setSpacing(8)
         # pictures have a grid of their own: the height of the controls is not theirs
         grid.addWidget(self._controls(), 0, 0)
-        grid.addLayout(self._pictures(), 0, 1)
+        grid.addWidget(self._pictures(), 0, 1)
         grid.addLayout(self._planes(), 1, 0, 1, 2)
         grid.setRowStretch(0, 1)
         grid.setColumnStretch(1, 1)
         self._colour()
 
-    def _pictures(self) -> QGridLayout:
-        grid = QGridLayout()
-        grid.setSpacing(8)
-        grid.addWidget(_titled(self.main_title, self.main_view), 0, 0)
-        grid.addWidget(_titled(self.linked_title, self.linked_view), 0, 1)
+    def _pictures(self) -> QSplitter:
+        pictures = (self.main_title, self.main_view), (self.linked_title, self.linked_view)
+        above = split(*(_titled(title, view) for title, view in pictures), sizes=(1, 1))
         self.profile_title = QLabel()
-        profiles = _titled(self.profile_title, self.profile)
-        for k, widget in enumerate((profiles, self._aperture_card())):
-            # what they would like to have takes nothing from H and HT
-            widget.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Ignored)
-            grid.addWidget(widget, 1, k)
-        for k in range(2):
-            grid.setColumnStretch(k, 1)
-            grid.setRowStretch(k, 3 - k)
-        return grid
+        below = split(_titled(self.profile_title, self.profile), self._aperture_card(), sizes=(1, 1))
+        # what they would like to have takes nothing from H and HT
+        below.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Ignored)
+        self.split = split(above, below, sizes=(3, 2), vertical=True)
+        return self.split
 
     # -- building --------------------------------------------------------------------------------------
     def _planes(self) -> QHBoxLayout:

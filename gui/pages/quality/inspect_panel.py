@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QSplitter, QTextBrowser, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QTextBrowser, QVBoxLayout, QWidget
 
 from gui.pages.quality.evidence_view import EvidenceView
 from gui.pages.quality.model import FaultRow, MetricRow, QualitySettings, camera_choices
@@ -13,6 +13,7 @@ from gui.theme import current_theme
 from gui.widgets.cards import card, heading
 from gui.widgets.form import Form
 from gui.widgets.rows_table import RowsTable
+from gui.widgets.splitting import split
 
 __all__ = ["InspectPanel"]
 
@@ -51,16 +52,7 @@ class InspectPanel(QWidget):
         column.setContentsMargins(0, 8, 0, 0)
         column.setSpacing(8)
         column.addLayout(self._head())
-        parts = QSplitter(Qt.Orientation.Horizontal)
-        parts.setChildrenCollapsible(False)
-        parts.addWidget(self._tables())
-        parts.addWidget(self.evidence)
-        parts.setStretchFactor(0, 3)
-        parts.setStretchFactor(1, 2)
-        parts.setHandleWidth(8)
-        parts.setStyleSheet("QSplitter::handle { background: transparent; }")  # the cards' frames show where it is
-        parts.setSizes([640, 420])
-        column.addWidget(parts, 1)
+        column.addWidget(split(self._tables(), self.evidence, sizes=(640, 420)), 1)
 
     # -- building --------------------------------------------------------------------------------------
     def _head(self) -> QHBoxLayout:

@@ -13,6 +13,7 @@ from gui.theme import current_theme
 from gui.widgets.cards import card, told_or_shown
 from gui.widgets.plots import LINES, LinePlot
 from gui.widgets.rows_table import RowsTable
+from gui.widgets.splitting import split
 
 __all__ = ["TrendPanel"]
 
@@ -79,14 +80,7 @@ class TrendPanel(QWidget):
         right, column = card(self.title)
         self.curve = LinePlot("days since the first session", "value")
         column.addWidget(self.curve)
-        parts = QSplitter(Qt.Orientation.Horizontal)
-        parts.setChildrenCollapsible(False)
-        parts.setHandleWidth(8)
-        parts.setStyleSheet("QSplitter::handle { background: transparent; }")
-        parts.addWidget(left)
-        parts.addWidget(right)
-        parts.setSizes([640, 420])
-        return parts
+        return split(left, right, sizes=(640, 420))
 
     # -- showing ---------------------------------------------------------------------------------------
     def show_message(self, words: str) -> None:

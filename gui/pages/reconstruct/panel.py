@@ -30,6 +30,7 @@ from gui.widgets.cards import card, column_area, line
 from gui.widgets.form import Form
 from gui.widgets.image_view import ImageView
 from gui.widgets.plots import LinePlot
+from gui.widgets.splitting import split
 from lfcal.reconstruct.phantoms import PHANTOMS
 from lfcal.reconstruct.solvers.choice import SOLVERS
 
@@ -92,8 +93,8 @@ class ReconstructPanel(QWidget):
         row.setContentsMargins(0, 0, 0, 0)
         row.setSpacing(8)
         row.addWidget(column_area(300, self._input_card(), self._run_card(), self._settings_card()))
-        row.addWidget(self._volume_card(), 3)
-        row.addLayout(self._side(), 2)
+        self.split = split(self._volume_card(), self._side(), sizes=(3, 2))
+        row.addWidget(self.split, 1)
 
     # -- building --------------------------------------------------------------------------------------
     def _input_card(self) -> QWidget:

@@ -14,7 +14,6 @@ from PySide6.QtWidgets import (
     QLabel,
     QPushButton,
     QSlider,
-    QSplitter,
     QTabWidget,
     QVBoxLayout,
     QWidget,
@@ -29,6 +28,7 @@ from gui.pages.simulate.model_effects import Verdict
 from gui.widgets.cards import card, choice_box, heading, line
 from gui.widgets.image_view import ImageView
 from gui.widgets.plots import DecadeAxis, LinePlot
+from gui.widgets.splitting import split
 from lfcal.units import format_seconds
 
 __all__ = ["SimulatePanel"]
@@ -78,13 +78,7 @@ class SimulatePanel(QWidget):
             self.tabs.setTabToolTip(self.tabs.addTab(content, title), tip)
         right, column = card()
         column.addWidget(self.tabs)
-        both = QSplitter(Qt.Orientation.Horizontal)
-        both.setChildrenCollapsible(False)
-        both.setHandleWidth(10)
-        both.setStyleSheet("QSplitter::handle { background: transparent; }")
-        both.addWidget(self._effects_card())
-        both.addWidget(right)
-        both.setSizes([640, 435])
+        both = split(self._effects_card(), right, sizes=(640, 435))
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.addWidget(both)

@@ -1,0 +1,170 @@
+"""A picture or plot over the whole of its page, for as long as it is looked at closely."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from PySide6.QtCore import QEvent, QObject, QSize, Qt
+from PySide6.QtGui import QCursor, QKeyEvent
+from PySide6.QtWidgets import QApplication, QFrame, QHBoxLayout, QPushButton, QSplitter, QVBoxLayout, QWidget
+
+__all__ = ["Enlarged", "can_be_enlarged", "enlarge", "enlarged_of", "pictures_in", "toggle_in", "whole_page"]
+
+PICTURE, PAGE = "picture", "page"
+"""Properties of widgets: can be enlarged; is filled by what is enlarged in it."""
+
+UNLIMITED = 16_777_215
+
+
+def can_be_enlarged(widget: QWidget) -> None:
+    """Say that ``widget`` is a picture or plot."""
+    widget.setProperty(PICTURE, True)
+
+
+def whole_page(widget: QWidget) -> None:
+    """Say that ``widget`` is filled by whatever is enlarged in it; a dialog needs not say so."""
+    widget.setProperty(PAGE, True)
+
+
+class Enlarged(QFrame):
+    """Lies over a page and holds one part of it, which goes on as before; Esc or a button puts it back.
+
+    Parameters
+    ----------
+    part
+        What is enlarged; an empty widget keeps its place meanwhile.
+    page
+        What is filled.
+    """
+
+    def __init__(self, part: QWidget, page: QWidget) -> None:
+        super().__init__(page)
+        self.part, self._page = part, page
+        self.setAutoFillBackground(True)
+        self.setProperty("role", "card")
+        self._limits: tuple[QSize, QSize] = (part.minimumSize(), part.maximumSize())
+        self._kept = QWidget()
+        self._kept.setSizePolicy(part.sizePolicy())
+        self._kept.setMinimumSize(part.size())
+        _exchange(part, self._kept)
+        part.setMaximumSize(UNLIMITED, UNLIMITED)
+        self.back = QPushButton("Back (Esc)")
+        self.back.setToolTip("Put the picture back to its place on the page")
+        self.back.clicked.connect(lambda _=False: self.put_back())
+        row = QHBoxLayout()
+        row.addStretch()
+        row.addWidget(self.back)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(10, 7, 10, 9)
+        column.addLayout(row)
+        column.addWidget(part, 1)
+        page.installEventFilter(self)
+        self.setGeometry(page.rect())
+        self.show()
+        part.show()
+        self.raise_()
+        self.setFocus(Qt.FocusReason.OtherFocusReason)
+
+    def put_back(self) -> None:
+        """Put the picture back."""
+        self._page.removeEventFilter(self)
+        layout = self.layout()
+        if layout is not None:
+            layout.removeWidget(self.part)
+        self.part.setMinimumSize(self._limits[0])
+        self.part.setMaximumSize(self._limits[1])
+        _exchange(self._kept, self.part)
+        self.part.show()
+        self._kept.deleteLater()
+        self.hide()
+        self.setParent(None)
+        self.deleteLater()
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Stay as large as the page."""
+        if watched is self._page and event.type() == QEvent.Type.Resize:
+            self.setGeometry(self._page.rect())
+        return False
+
+    def event(self, event: QEvent) -> bool:
+        """Take Esc before a shortcut of the page does."""
+        if event.type() == QEvent.Type.ShortcutOverride and isinstance(event, QKeyEvent):
+            if event.key() == Qt.Key.Key_Escape:
+                event.accept()
+                return True
+        return super().event(event)
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """Put the picture back at Esc; all other keys are the page's."""
+        if event.key() == Qt.Key.Key_Escape:
+            self.put_back()
+        else:
+            super().keyPressEvent(event)
+
+
+def _exchange(old: QWidget, new: QWidget) -> None:
+    """Put ``new`` where ``old`` is."""
+    parent = old.parentWidget()
+    if isinstance(parent, QSplitter):
+        parent.replaceWidget(parent.indexOf(old), new)
+        return
+    layout = None if parent is None else parent.layout()
+    if layout is not None:
+        layout.replaceWidget(old, new)  # also in the layouts inside it
+    old.setParent(None)
+
+
+def _above(widget: QWidget) -> Iterator[QWidget]:
+    parent = widget.parentWidget()
+    while parent is not None:
+        yield parent
+        parent = parent.parentWidget()
+
+
+def enlarged_of(picture: QWidget) -> Enlarged | None:
+    """Return what holds ``picture`` while it is enlarged, or None."""
+    return next((one for one in _above(picture) if isinstance(one, Enlarged)), None)
+
+
+def enlarge(picture: QWidget) -> Enlarged | None:
+    """Enlarge ``picture`` to its whole page or dialog, or put it back; return what holds it.
+
+    A card that has no other picture is enlarged with it: its title and what it says stay with it.
+    """
+    holder = enlarged_of(picture)
+    if holder is not None:
+        holder.put_back()
+        return None
+    above = list(_above(picture))
+    page = next((one for one in above if one.property(PAGE) or one.isWindow()), None)
+    frame = next((one for one in above if one.property("role") == "card"), picture)
+    alone = frame is picture or len(pictures_in(frame)) == 1
+    return None if page is None else Enlarged(frame if alone else picture, page)
+
+
+def pictures_in(widget: QWidget) -> list[QWidget]:
+    """Return all pictures and plots of ``widget``."""
+    return [one for one in widget.findChildren(QWidget) if one.property(PICTURE)]
+
+
+def toggle_in(page: QWidget) -> bool:
+    """Enlarge the picture of ``page`` under the pointer, else the largest; put back what is enlarged.
+
+    Returns
+    -------
+    bool
+        Whether there was one.
+    """
+    for holder in page.findChildren(Enlarged):
+        if holder.isVisible():
+            holder.put_back()
+            return True
+    pictures = [one for one in pictures_in(page) if one.isVisible()]
+    under = QApplication.widgetAt(QCursor.pos())
+    chosen = next((w for w in pictures if under is not None and (w is under or w.isAncestorOf(under))), None)
+    if chosen is None and pictures:
+        most = max(one.width() * one.height() for one in pictures)
+        chosen = next(one for one in pictures if one.width() * one.height() > 0.9 * most)
+    if chosen is not None:
+        enlarge(chosen)
+    return chosen is not None

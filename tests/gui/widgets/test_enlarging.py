@@ -1,0 +1,159 @@
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QAction
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QGridLayout, QMenu, QVBoxLayout, QWidget
+from pytestqt.qtbot import QtBot
+
+from gui.widgets.cards import card
+from gui.widgets.enlarging import Enlarged, enlarge, pictures_in, toggle_in, whole_page
+from gui.widgets.image_view import ImageView
+from gui.widgets.plots import LinePlot
+from gui.widgets.splitting import split
+from gui.window import MainWindow
+from lfcal.psf import PSFMatrix, save
+from tests.gui.waiting import GUARD_MS, idle
+
+
+@pytest.fixture
+def page(qtbot: QtBot) -> QWidget:
+    """A page with two pictures and a plot: in a grid, a splitter and a card of its own."""
+    made = QWidget()
+    whole_page(made)
+    qtbot.addWidget(made)
+    made.resize(900, 600)
+    return made
+
+
+def shown(page: QWidget, qtbot: QtBot) -> None:
+    page.show()
+    qtbot.waitExposed(page, timeout=GUARD_MS)
+
+
+def picture() -> ImageView:
+    view = ImageView()
+    view.set_image(np.arange(12.0).reshape(3, 4))
+    return view
+
+
+def test_a_picture_in_a_grid_fills_its_page_and_goes_back(page: QWidget, qtbot: QtBot) -> None:
+    grid, views = QGridLayout(page), [picture() for _ in range(4)]
+    for k, view in enumerate(views):
+        grid.addWidget(view, k // 2, k % 2)
+    views[1].setMaximumHeight(140)
+    shown(page, qtbot)
+    before = [view.geometry() for view in views]
+    holder = enlarge(views[1])
+    assert holder is not None and holder.geometry() == page.rect()
+    QApplication.processEvents()
+    assert views[1].width() > 800 and views[1].height() > 450, "whatever its limits on the page"
+    page.resize(1000, 700)
+    assert holder.geometry() == page.rect(), "it stays as large as the page"
+    page.resize(900, 600)
+    assert enlarge(views[1]) is None
+    QApplication.processEvents()
+    assert [view.geometry() for view in views] == before and views[1].maximumHeight() == 140
+    assert grid.itemAtPosition(0, 1).widget() is views[1]
+
+
+def test_a_card_goes_with_its_only_picture(page: QWidget, qtbot: QtBot) -> None:
+    left, column = card("Profile")
+    plot = LinePlot("x (px)", "counts")
+    column.addWidget(plot)
+    right, both = card("Two")
+    first, second = picture(), picture()
+    both.addWidget(first)
+    both.addWidget(second)
+    parts = split(left, right, sizes=(300, 500))
+    QVBoxLayout(page).addWidget(parts)
+    shown(page, qtbot)
+    sizes = parts.sizes()
+    holder = enlarge(plot)
+    assert holder is not None and holder.part is left and parts.indexOf(left) < 0
+    enlarge(plot)
+    QApplication.processEvents()
+    assert parts.indexOf(left) == 0 and parts.sizes() == sizes and plot.isVisible()
+    holder = enlarge(second)
+    assert holder is not None and holder.part is second, "its card has another one"
+    holder.back.click()
+    assert both.indexOf(second) == 2 and len(pictures_in(page)) == 3 and page.findChildren(Enlarged) == []
+
+
+@pytest.fixture
+def psf(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> Any:
+    rng = np.random.default_rng(5)
+    save(PSFMatrix(rng.random((2, 3, 4, 9, 11), np.float32), depths=[0.0, 10.0]), tmp_path / "H.h5")
+    window.project.update("open", psf=str(tmp_path / "H.h5"))
+    window.go("psf")
+    idle(window.jobs, qtbot)
+    return window.page("psf")
+
+
+def test_what_is_enlarged_goes_on(psf: Any, window: MainWindow, qtbot: QtBot) -> None:
+    view = psf.panel.main_view
+    enlarge(view)
+    holder = psf.findChild(Enlarged)
+    QTest.keyClick(holder, Qt.Key.Key_Right)
+    assert psf.intent.x == 3 and psf.panel.main_title.isVisibleTo(holder), "keys are the page's, its title goes along"
+    np.testing.assert_array_equal(view.image, psf.matrix[1, 1, 3])
+    QTest.keyClick(holder, Qt.Key.Key_Escape)
+    assert psf.findChildren(Enlarged) == [] and view.isVisible()
+
+
+def test_escape_is_not_the_pages_own(window: MainWindow, qtbot: QtBot, psf: Any, monkeypatch: Any) -> None:
+    """Pages stop their jobs at Esc."""
+    window.go("quality")
+    idle(window.jobs, qtbot)
+    page: Any = window.page("quality")
+    stopped: list[int] = []
+    monkeypatch.setattr(window.jobs, "cancel", stopped.append)
+    going = window.jobs.start("Report", "quality", lambda: iter(()))
+    assert going and toggle_in(page)
+    holder = page.findChild(Enlarged)
+    QTest.keyClick(holder, Qt.Key.Key_Escape)
+    assert page.findChildren(Enlarged) == [] and stopped == []
+    idle(window.jobs, qtbot)
+
+
+def test_menu_key_and_menu_bar(psf: Any, window: MainWindow) -> None:
+    view = psf.panel.main_view
+    view.customContextMenuRequested.emit(view.rect().center())
+    menu = next(m for m in view.findChildren(QMenu) if m.isVisible())
+    next(a for a in menu.actions() if a.text() == "Enlarge").trigger()
+    menu.close()
+    assert psf.findChild(Enlarged) is not None
+    action = next(a for a in window.findChildren(QAction) if a.shortcut().toString() == "Ctrl+E")
+    action.trigger()
+    QApplication.processEvents()
+    assert psf.findChildren(Enlarged) == []
+    action.trigger()
+    largest = psf.findChild(Enlarged)
+    assert largest is not None and {*pictures_in(largest)} & {psf.panel.main_view, psf.panel.linked_view}
+
+
+def test_a_page_that_becomes_empty_hides_it_and_it_is_there_again(psf: Any, window: MainWindow, qtbot: QtBot) -> None:
+    enlarge(psf.panel.profile)
+    window.project.update("close", psf="")
+    idle(window.jobs, qtbot)
+    assert psf.empty is not None and psf.empty.isVisible() and not psf.panel.profile.isVisible()
+    window.project.undo()
+    idle(window.jobs, qtbot)
+    psf.findChild(Enlarged).put_back()
+    assert psf.panel.profile.isVisible()
+
+
+@pytest.mark.parametrize("key", ["psf", "frames", "reconstruct"])
+def test_borders_are_the_users(window: MainWindow, key: str) -> None:
+    window.go(key)
+    page: Any = window.page(key)
+    page.show_body()
+    QApplication.processEvents()
+    before = page.panel.split.sizes()
+    page.panel.split.setSizes([before[0] + 10, before[1] - 10])
+    assert page.panel.split.sizes()[0] == before[0] + 10
