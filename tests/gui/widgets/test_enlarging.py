@@ -23,7 +23,7 @@ from tests.gui.waiting import GUARD_MS, idle
 
 @pytest.fixture
 def page(qtbot: QtBot) -> QWidget:
-    """A page with two pictures and a plot: in a grid, a splitter and a card of its own."""
+    """Return a page of 900 x 600 px."""
     made = QWidget()
     whole_page(made)
     qtbot.addWidget(made)
