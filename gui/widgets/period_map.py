@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from gui.models.display import levels_of
 from gui.widgets.colour_bar import theme_table
-from gui.widgets.picture_menu import offer_menu
+from gui.widgets.picture_menu import offer_menu, table_entries
 from gui.widgets.pixel_axis import count_pixels, pixel_axes
 from gui.widgets.plots import style_axes, theme_plot
 
@@ -55,13 +56,14 @@ class PeriodMap(QWidget):
         self.plot.addItem(self.cross)
         self._held = False
         self.graphics.viewport().installEventFilter(self)
-        offer_menu(self, lambda: "period")
+        self._values: NDArray[Any] | None = None
+        offer_menu(self, lambda: "period", self._entries)
         self.setToolTip("Drag to choose the source position; arrow keys step")
         self.apply_theme()
 
     def set_values(self, values: NDArray[Any], recorded: NDArray[Any] | None = None) -> None:
         """Show ``values`` ``(ny, nx)``; positions with ``recorded`` 0 are crossed out."""
-        data = np.asarray(values, float)
+        self._values = data = np.asarray(values, float)
         self._shape = (data.shape[0], data.shape[1])
         self.item.setImage(data, levels=levels_of(data), lut=theme_table("cividis"), autoLevels=False)
         ny, nx = self._shape
@@ -71,6 +73,15 @@ class PeriodMap(QWidget):
         self.plot.setRange(rect, padding=0.02)
         y, x = np.nonzero(recorded == 0) if recorded is not None else (np.zeros(0), np.zeros(0))
         self.missing.setData(x, y)
+
+    def _entries(self) -> list[tuple[str, Any]]:
+        return [] if self._values is None else table_entries(self, "period", self._lines)
+
+    def _lines(self, between: str) -> Iterator[str]:
+        """Yield the values as they lie in the map, a row of positions in a line."""
+        assert self._values is not None
+        for row in self._values:
+            yield between.join(f"{value:.7g}" for value in row) + "\n"
 
     def set_position(self, y: int, x: int) -> None:
         """Move the cross without reporting it."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from gui.saving import ask_target, write_file, write_picture
 from gui.widgets.enlarging import can_be_enlarged, enlarge, enlarged_of
 from lfcal.npy import npy_header
 
-__all__ = ["PICTURES", "copy_picture", "offer_menu", "save_picture", "save_values", "write_svg"]
+__all__ = ["PICTURES", "copy_picture", "offer_menu", "save_picture", "save_values", "table_entries", "write_svg"]
 
 PICTURES = "PNG (*.png);;SVG, lines stay lines (*.svg)"
 
@@ -65,6 +65,20 @@ def save_picture(widget: QWidget, name: str, path: str = "") -> None:
         write_svg(widget, path)
     elif path:
         write_picture(widget, path)
+
+
+def table_entries(widget: QWidget, name: str, lines: Callable[[str], Iterable[str]]) -> list[Entry]:
+    """Return entries that copy a table and save it as text; ``lines(between)`` has ``between`` its columns."""
+
+    def save() -> None:
+        path = ask_target(widget, "Save data", f"{name}.csv", "Text (*.csv)")
+        if path:
+            write_file(widget, path, lambda part: part.write_text("".join(lines(",")), encoding="utf-8"))
+
+    return [
+        ("Copy values", lambda: QApplication.clipboard().setText("".join(lines("\t")))),
+        ("Save data …", save),
+    ]
 
 
 def save_values(widget: QWidget, values: NDArray[Any], name: str, path: str = "") -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from PySide6.QtWidgets import QVBoxLayout, QWidget
 from gui.pages.fit.model_run import Found, Place
 from gui.theme import current_theme
 from gui.widgets.colour_bar import ColourBar, theme_table
-from gui.widgets.picture_menu import offer_menu
+from gui.widgets.picture_menu import offer_menu, table_entries
 from gui.widgets.pixel_axis import count_pixels, pixel_axes
 from gui.widgets.plots import style_axes, theme_plot
 
@@ -58,7 +59,7 @@ class PlaceMap(QWidget):
         self.ring = pg.ScatterPlotItem(size=19, symbol="o", brush=None)
         for item in (self.ring, self.dots):
             self.plot.addItem(item)
-        offer_menu(self, lambda: "chi2")
+        offer_menu(self, lambda: "chi2", self._entries)
         self.setToolTip("Click a position to see its pattern")
         self.apply_theme()
 
@@ -83,6 +84,17 @@ class PlaceMap(QWidget):
         self.dots.setData(spots)
         count_pixels(self.plot, (ny, nx))
         self.plot.setRange(QRectF(-1.5, -1.5, nx + 2, ny + 2), padding=0)
+
+    def _entries(self) -> list[tuple[str, Any]]:
+        return table_entries(self, "chi2", self._lines) if self._shown is not None else []
+
+    def _lines(self, between: str) -> Iterator[str]:
+        """Yield χ² and the fate of each pattern of the plane."""
+        assert self._shown is not None
+        yield between.join(("z", "y", "x", "chi2", "fate")) + "\n"
+        for place in self.places:
+            found = self._shown[0]
+            yield between.join((*map(str, place), f"{found.chi2[place]:.7g}", found.fate(place))) + "\n"
 
     def show_place(self, place: Place | None) -> None:
         """Put the ring about a position; None: nowhere."""

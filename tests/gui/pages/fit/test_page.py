@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor
-from PySide6.QtWidgets import QApplication, QComboBox
+from PySide6.QtWidgets import QApplication, QComboBox, QMenu
 from pytestqt.qtbot import QtBot
 
 from gui.context import Context
@@ -84,6 +84,19 @@ def test_pictures_of_a_position(fitted: Page) -> None:
     assert view.place == found.places[4] and view.patterns.value() == 4
     fitted.receive((0, 99, 99))
     assert view.place == found.places[4]
+
+
+def test_chi_squared_of_a_plane_is_copied_as_a_table(fitted: Page) -> None:
+    view, found = fitted.panel.tabs.patterns.map, fitted.found
+    assert found is not None
+    view.customContextMenuRequested.emit(view.rect().center())
+    menu = next(one for one in view.findChildren(QMenu) if one.isVisible())
+    next(action for action in menu.actions() if action.text() == "Copy values").trigger()
+    menu.close()
+    head, *rows = (line.split("\t") for line in QApplication.clipboard().text().splitlines())
+    assert head == ["z", "y", "x", "chi2", "fate"]
+    assert [tuple(map(int, row[:3])) for row in rows] == list(view.places)
+    assert [float(row[3]) for row in rows] == pytest.approx([found.chi2[place] for place in view.places], rel=1e-6)
 
 
 def fewer(found: Found, count: int) -> Found:
