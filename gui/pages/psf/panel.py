@@ -281,7 +281,7 @@ class PSFPanel(QWidget):
     def show_aperture(self, aperture: Aperture, expected: Aperture | None, cutout: tuple[int, int]) -> None:
         """Show the fitted aperture over the depth sum, dashed the one that the camera lets expect, and its numbers."""
         for curve, shown in ((self.outline, aperture), (self.expected, expected)):
-            outline = shown.outline() if shown is not None else np.empty((0, 2))
+            outline = shown.outline() if shown is not None and shown.seen else np.empty((0, 2))
             curve.setData(outline[:, 1] - cutout[1] // 2, outline[:, 0] - cutout[0] // 2)
         self.aperture_text.setText(aperture_words(aperture, expected))
 

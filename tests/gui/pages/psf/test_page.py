@@ -18,6 +18,7 @@ from gui.widgets.plots import LINES
 from gui.window import MainWindow
 from lfcal.camera import preset
 from lfcal.psf import PSFMatrix, save
+from lfcal.psf.aperture import fit_aperture
 from lfcal.psf.aperture.shape import Aperture, blade_radius
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import GUARD_MS, idle
@@ -135,6 +136,22 @@ def test_pictures_keep_their_height_whatever_is_said_of_the_aperture(page: Any) 
     page.panel.aperture_text.setText("<br>".join("a long line of many words" for _ in range(40)))
     QApplication.processEvents()
     assert page.panel.main_view.height() == before > 1.2 * page.panel.profile.height()
+
+
+def test_no_outline_is_drawn_where_no_aperture_is_seen(page: Any, context: Context, qtbot: QtBot) -> None:
+    """An outline of no points after one of many ended in a traceback of the drawing."""
+    drawn(page, qtbot)
+    panel, cutout = page.panel, (61, 61)
+    seen = fit_aperture(np.hypot(*np.mgrid[-30:31, -30:31]) < 18.3)
+    unseen = fit_aperture(np.zeros(cutout))
+    assert seen.seen and not unseen.seen and np.isnan(unseen.outline()).all()
+    with qtbot.captureExceptions() as raised:
+        for aperture in (seen, unseen, seen):
+            panel.show_aperture(aperture, None, cutout)
+            panel.sum_view.grab()
+            points = panel.outline.getData()[0]
+            assert (0 if points is None else len(points)) == (360 if aperture.seen else 0)
+    assert not raised
 
 
 def test_the_depth_that_is_chosen_is_not_tinted(page: Any) -> None:
