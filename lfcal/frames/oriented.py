@@ -69,13 +69,19 @@ class OrientedSource(SourceView):
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
         """Return frame ``index``, or the rows and columns ``region`` of the turned frame."""
-        return np.ascontiguousarray(self.turn.apply(self.source.read(index, self._behind(region))))
+        return self._turned(self.source.read(index, self._behind(region)))
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
         """Return the source's samples, turned with what is known of each."""
         found = self.source.samples(index, self._behind(region))
-        valid = None if found.valid is None else np.ascontiguousarray(self.turn.apply(found.valid))
-        return found._replace(values=np.ascontiguousarray(self.turn.apply(found.values)), valid=valid)
+        return found._replace(
+            values=self._turned(found.values),
+            valid=None if found.valid is None else self._turned(found.valid),
+            noise=None if found.noise is None else found.noise.moved(self._turned),
+        )
+
+    def _turned(self, array: NDArray[Any]) -> NDArray[Any]:
+        return np.ascontiguousarray(self.turn.apply(array))
 
     def _behind(self, region: Region | None) -> Region | None:
         if region is None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol, Self, TypeAlias, runtime_checkable
@@ -102,6 +102,11 @@ class Noise(NamedTuple):
     def of_mean(self, count: int) -> Noise:
         """Return the noise of the mean of ``count`` samples."""
         return Noise(self.constant / count, self.slope / count, self.black)
+
+    def moved(self, move: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> Noise:
+        """Return the noise of samples that ``move`` puts elsewhere; numbers hold for all samples and stay."""
+        constant, slope = (move(n) if isinstance(n, np.ndarray) and n.ndim else n for n in (self.constant, self.slope))
+        return Noise(constant, slope, self.black)
 
     def variance(self, values: NDArray[Any]) -> NDArray[np.float64]:
         """Return the variance of each of ``values``."""

@@ -11,6 +11,9 @@ from lfcal.frames import (
     ArraySource,
     CorrectionChain,
     Dark,
+    FrameSource,
+    Noise,
+    Orientation,
     OrientedSource,
     Position,
     corrected,
@@ -55,6 +58,29 @@ def test_masks_and_saturated_samples_turn_along(name: str) -> None:
     assert found.saturated == 1
     assert found.valid is not None
     assert np.array_equal(~found.valid, ~mask | (frames[0] == 4095))
+
+
+@pytest.mark.parametrize("name", NUMPY)
+def test_the_noise_of_each_sample_turns_along(name: str) -> None:
+    """With a dark, each sample has a variance of its own: it stayed where it was, or was of another shape."""
+    turn = ORIENTATIONS[name]
+    dark = np.random.default_rng(3).integers(0, 90, (6, 8)).astype(np.float32)
+    known = {"noise": Noise(4.0, 0.5)}
+
+    def seen(orientation: Orientation) -> FrameSource:
+        """Return corrected frames of which ``orientation`` makes upright ones."""
+        delivered = np.stack([orientation.inverse.apply(frame) for frame in UPRIGHT])
+        chain = CorrectionChain((Dark(np.ascontiguousarray(orientation.inverse.apply(dark)), count=2),))
+        source = corrected(ArraySource(delivered, POSITIONS, metadata=known), chain)
+        return OrientedSource(source, orientation)
+
+    for region in (None, np.s_[1:4, 2:8]):
+        wanted, found = seen(ORIENTATIONS["as is"]).samples(1, region), seen(turn).samples(1, region)
+        assert wanted.noise is not None and found.noise is not None
+        assert isinstance(wanted.noise.constant, np.ndarray) and wanted.noise.constant.std() > 0
+        for one, other in zip(found.noise[:2], wanted.noise[:2], strict=True):
+            np.testing.assert_array_equal(one, other)
+        np.testing.assert_array_equal(found.noise.variance(found.values), wanted.noise.variance(wanted.values))
 
 
 @pytest.mark.parametrize("name", NUMPY)

@@ -60,7 +60,7 @@ class Page(BasePage):
         self.position = Position(0, 0, 0)
         self.filling = Filling()
         """H as it fills while it is assembled."""
-        self._assembling = False
+        self._assembling = self._opening = False
         self.tool_button(
             "Open frames …",
             OPEN,
@@ -184,6 +184,10 @@ class Page(BasePage):
 
     def _open(self) -> None:
         state, settings = self.context.state, self.settings
+        if self._opening:  # other frames, or as they were to be opened before
+            self._opening = False
+            self.context.jobs.drop("frames open")
+            self.notice.clear()
         self.panel.show_settings(settings)
         self.opened = self.found = self.loaded = None
         self.hint.setText(self.spec.hint)
@@ -205,10 +209,10 @@ class Page(BasePage):
         folder, plan = state.frames, state.plan
         ready, self._ready = self._ready, None
         if ready is not None and (ready.folder, ready.settings, ready.plan) == (folder, settings, plan):
-            self.context.jobs.drop("frames open")
             self._opened(ready.opened)
             return
         self.panel.position_label.setText("opening frames …")
+        self._opening = True
         self.notice.wait(f"Opening {Path(folder).name} …", self._stop_opening)
         self.context.jobs.load(
             "frames open",
@@ -223,11 +227,13 @@ class Page(BasePage):
         self._failed("The frames were not opened: stopped")
 
     def _failed(self, words: str) -> None:
+        self._opening = False
         self.notice.clear()
         self.show_empty(words, {"Open frames …": (OPEN, self.choose_folder), "Try again": (AGAIN, self._open)})
         self.context.message.emit(words)
 
     def _opened(self, opened: Opened) -> None:
+        self._opening = False
         self.notice.clear()
         self.opened = opened
         self.filling = Filling()

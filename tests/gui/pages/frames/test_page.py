@@ -11,6 +11,7 @@ from PySide6.QtWidgets import QComboBox, QLineEdit, QPushButton
 from pytestqt.qtbot import QtBot
 
 from gui.context import Context
+from gui.pages.frames import page as frames_page
 from gui.pages.frames.assembly import iter_assembly
 from gui.pages.frames.model import FrameSettings
 from lfcal.cli.sample import sample_recording
@@ -32,6 +33,33 @@ def test_a_recorded_session_opens_by_dropping_it(qtbot: QtBot, context: Context,
     page.panel.lattice_box.setChecked(True)
     points = sum(len(item.getData()[0]) for item in page.panel.view.lattice)
     assert points > 4, "lenslets of the place the cutout was taken from"
+
+
+@pytest.mark.parametrize("close", ["undo", "frames", "plan"])
+def test_frames_that_open_late_are_not_shown_for_what_the_project_has_now(
+    qtbot: QtBot, context: Context, open_page: Any, monkeypatch: pytest.MonkeyPatch, close: str
+) -> None:
+    """Frames that were still being opened came when there were none any more."""
+    door, asked = threading.Event(), threading.Event()
+    plain = frames_page.open_imported
+
+    def late(*arguments: Any) -> Any:
+        asked.set()
+        assert door.wait(GUARD_MS / 1e3)
+        return plain(*arguments)
+
+    page = open_page("frames")
+    monkeypatch.setattr(frames_page, "open_imported", late)
+    context.project.update("open", frames=str(sample_recording()), plan=small_plan(), camera=small_plan().camera)
+    qtbot.waitUntil(asked.is_set, timeout=GUARD_MS)
+    if close == "undo":
+        context.project.undo()
+    else:
+        context.project.update("close", **{close: "" if close == "frames" else None})
+    door.set()
+    idle(context.jobs, qtbot)
+    assert page.opened is None and page.loaded is None and page.empty is not None
+    assert not page.assemble_button.isEnabled() and not page.notice.isVisible()
 
 
 def test_playing_goes_through_the_positions_until_it_is_stopped(qtbot: QtBot, open_page: Any) -> None:
