@@ -186,7 +186,7 @@ QComboBox QAbstractItemView {{ background: {panel}; border: 1px solid {line}; se
     selection-color: {accent_text}; }}
 QTableView, QTreeView, QListView, QTableWidget, QTreeWidget {{ background: {panel}; border: 1px solid {line};
     border-radius: 4px; gridline-color: {raised}; alternate-background-color: {window}; }}
-QHeaderView::section {{ background: {raised}; border: none; border-bottom: 1px solid {line}; padding: 4px 6px;
+QHeaderView::section {{ background: {raised}; border: none; border-bottom: 1px solid {line}; padding: 4px;
     font-weight: 600; }}
 QProgressBar {{ background: {raised}; border: none; border-radius: 3px; max-height: 8px; min-height: 8px; }}
 QProgressBar::chunk {{ background: {accent}; border-radius: 3px; }}

@@ -173,6 +173,8 @@ class ImageView(Measured, QWidget):
         """Show differences (symmetric levels, diverging map) or intensities with ``display``."""
         self._signed = signed
         self._display = replace(display, scale="linear", colour_map="RdBu_r") if signed else display
+        # the middle of a diverging map is as white as the cross
+        self.cursor.setPen(self.overlay_pen("#101418" if signed and not current_theme().red else "#ffffff"))
 
     @property
     def display(self) -> Display:

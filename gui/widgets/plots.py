@@ -45,6 +45,7 @@ def style_axes(plot: pg.PlotItem, xlabel: str, ylabel: str) -> None:
         # an axis that took room and gave it back, as its numbers and so the picture beside it changed, had no end
         axis.setStyle(autoReduceTextSpace=False, maxTickLevel=1)
         axis.setLabel(text)
+        axis.resizeEvent()  # else the name stays where the middle of the one before was
 
 
 def theme_plot(graphics: pg.GraphicsLayoutWidget, *plots: pg.PlotItem) -> None:

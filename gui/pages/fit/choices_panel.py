@@ -12,6 +12,7 @@ from gui.models.project import ProjectState
 from gui.pages.fit.model import FIELDS, FitSettings, Offer, group_rows
 from gui.widgets.cards import card, choice_box
 from gui.widgets.form import Form
+from gui.widgets.words import WrappedLabel
 from lfcal.fit import Fit
 
 __all__ = ["ChoicesPanel"]
@@ -181,8 +182,6 @@ def _say(label: QLabel, words: str, role: str) -> None:
 
 
 def _wrapped() -> QLabel:
-    label = QLabel()
-    label.setWordWrap(True)
-    label.setTextFormat(Qt.TextFormat.PlainText)
+    label = WrappedLabel()
     label.setProperty("role", "hint")
     return label

@@ -72,7 +72,7 @@ class RoundsView(QWidget):
         super().__init__()
         column = QVBoxLayout(self)
         column.setContentsMargins(0, 6, 0, 0)
-        self.error = DecadePlot("left-out patterns: off (%)", LINES[0])
+        self.error = DecadePlot("error of left-out patterns (%)", LINES[0])
         self.chi2 = DecadePlot("χ² of fitted patterns", LINES[1])
         self._rounds: tuple[FitProgress, ...] = ()
         for plot in (self.error, self.chi2):

@@ -42,7 +42,7 @@ __all__ = ["PSFPanel"]
 
 SHOWN = (("measured", "measured"), ("reference", "reference"), ("difference", "difference"))
 SCALES = (("linear", "linear"), ("log", "log, 4 decades"), ("gamma", "gamma 0.5"))
-HOVER = "Hover a pixel to see the voxel pattern it belongs to; click to hold it."
+HOVER = "Hover a pixel: the pattern that it belongs to. Click: hold it."
 Levels = tuple[float, float] | None
 
 COLOURS = "Colours of intensity; equal steps look equally large in all of them, grey prints best"
@@ -154,7 +154,7 @@ class PSFPanel(QWidget):
         self.readout = QLabel(" ")
         self.readout.setProperty("role", "hint")
         self.readout.setWordWrap(True)
-        self.readout.setMinimumHeight(50)
+        self.readout.setMinimumHeight(34)
         column.addWidget(self.readout)
         return panel
 
@@ -195,6 +195,8 @@ class PSFPanel(QWidget):
         panel, column = card("Aperture from the depth-plane sum")
         row = QHBoxLayout()
         self.sum_view.graphics.removeItem(self.sum_view.bar)  # of its shape all is said; it takes half of the room
+        for side in ("left", "bottom"):  # the numbers beside it say how large it is
+            self.sum_view.plot.hideAxis(side)
         row.addWidget(self.sum_view, 1)
         self.aperture_text.setAlignment(Qt.AlignmentFlag.AlignVCenter)
         # in a scroll area: a label that wraps would ask the grid for height, and the pictures above would shrink

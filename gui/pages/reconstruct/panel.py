@@ -16,6 +16,7 @@ from PySide6.QtWidgets import (
     QLabel,
     QProgressBar,
     QPushButton,
+    QSizePolicy,
     QStackedWidget,
     QTabWidget,
     QVBoxLayout,
@@ -31,6 +32,7 @@ from gui.widgets.form import Form
 from gui.widgets.image_view import ImageView
 from gui.widgets.plots import LinePlot
 from gui.widgets.splitting import split
+from gui.widgets.words import ElidedLabel, WrappedLabel
 from lfcal.reconstruct.phantoms import PHANTOMS
 from lfcal.reconstruct.solvers.choice import SOLVERS
 
@@ -89,6 +91,9 @@ class ReconstructPanel(QWidget):
             "Log-likelihood of the image less its largest possible value, per pixel: 0 is a "
             "perfect fit; it falls only by rounding"
         )
+        for view in (self.light_field, self.residual, self.likelihood):
+            # what they would like to have takes no height from each other
+            view.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Ignored)
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 0, 0, 0)
         row.setSpacing(8)
@@ -99,8 +104,7 @@ class ReconstructPanel(QWidget):
     # -- building --------------------------------------------------------------------------------------
     def _input_card(self) -> QWidget:
         frame, column = card("Light field")
-        self.file = QLabel("none yet")
-        self.file.setWordWrap(True)
+        self.file = WrappedLabel("none yet")
         self.file.setProperty("role", "hint")
         self.open = QPushButton("Open …")
         self.open.setToolTip("An image behind the same optics: TIFF, PNG, RAW, …; files can be dropped here as well")
@@ -156,7 +160,7 @@ class ReconstructPanel(QWidget):
 
     def _volume_card(self) -> QWidget:
         frame, column = card()
-        self.title = QLabel("Volume")
+        self.title = ElidedLabel("Volume")
         self.title.setProperty("role", "heading")
         self.shown = QComboBox()
         for name in SHOWN:
