@@ -166,7 +166,7 @@ QPushButton:disabled {{ color: {muted}; background: {window}; }}
 QPushButton:checked {{ background: {accent}; color: {accent_text}; border-color: {accent}; }}
 QPushButton[role="primary"] {{ background: {accent}; color: {accent_text}; border-color: {accent}; font-weight: 600; }}
 QToolButton[role="fold"] {{ border: none; background: transparent; font-weight: 600; padding: 0; color: {text}; }}
-QPushButton[role="big"] {{ font-size: 16pt; font-weight: 600; min-height: 62px; padding: 4px 10px; }}
+QPushButton[role="big"] {{ font-size: 16pt; font-weight: 600; min-height: 54px; padding: 4px 10px; }}
 QLabel[role="big"] {{ font-size: 17pt; font-weight: 600; color: {text}; }}
 QPushButton[role="primary"]:disabled {{ background: {raised}; color: {muted}; border-color: {line}; }}
 QLineEdit, QPlainTextEdit, QTextEdit {{

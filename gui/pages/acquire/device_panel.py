@@ -170,7 +170,7 @@ class DevicePanel(QWidget):
         self._editors = {}
         for key, meaning in self._options.get(backend, {}).items():
             editor = QLineEdit(given.get(key, ""))
-            editor.setPlaceholderText(SHORT.split(meaning, maxsplit=1)[0])
+            editor.setPlaceholderText(SHORT.split(meaning.replace(" really", ""), maxsplit=1)[0])
             editor.setToolTip(meaning)
             editor.setAccessibleName(key)
             editor.setMinimumWidth(60)

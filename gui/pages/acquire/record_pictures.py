@@ -40,7 +40,7 @@ class RecordPictures(QWidget):
         self._picture: RecordPicture | None = None
         self._light: NDArray[np.float64] | None = None
         self.map = PeriodMap()
-        self.map.setToolTip("Positions of one period in this plane; empty: not recorded yet")
+        self.map.setToolTip("Positions of one period in this plane; empty: not recorded, or in an earlier run")
         self.map.cross.hide()
         self.frame = FrameView(jobs, "acquire record frame")
         style_axes(self.frame.plot, "column (px)", "row (px)")
@@ -78,6 +78,7 @@ class RecordPictures(QWidget):
             plot.graphics.setMinimumHeight(LOW)
             for side in ("left", "bottom"):  # in a low window names beside the axes would be cut
                 plot.plot.getAxis(side).showLabel(False)
+            plot.plot.getAxis("left").setTickDensity(0.5)  # else numbers lie over each other there
             column.addWidget(plot)
             grid.addWidget(panel, 1, k)
         grid.setRowStretch(0, 5)

@@ -9,6 +9,7 @@ from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QFrame, QLabel, QLineEdit, QListWidget, QListWidgetItem, QVBoxLayout, QWidget
 
 from gui.models.project import ProjectState
+from gui.models.words import typeset
 from gui.pages.fit.model import FIELDS, FitSettings, Offer, group_rows
 from gui.widgets.cards import card, choice_box
 from gui.widgets.form import Form
@@ -133,7 +134,7 @@ class ChoicesPanel(QWidget):
                 on = name in settings.groups and not needs
                 item.setCheckState(Qt.CheckState.Checked if on else Qt.CheckState.Unchecked)
             item.setFlags(flags)
-            item.setText(f"{mark}{title}" + (f"\nneeds {needs}" if needs else ""))
+            item.setText(typeset(f"{mark}{title}" + (f"\nneeds {needs}" if needs else "")))
             always = ", always fitted where groups are found" if core else ""
             item.setToolTip(f"{name}: {title}" + (f"; needs {needs}" if needs else always))
         self._fit_height()

@@ -56,7 +56,7 @@ def _row(one: Parameter) -> ParameterRow:
 
 def _plain(name: str) -> str:
     """Return the name of a parameter without its unit, which stands beside it."""
-    return re.sub("_(um|rad|px|nm|e)$", "", name).replace("_", " ")
+    return re.sub("_(um|rad|px|nm|e)$", "", name).replace("f_number", "f-number").replace("_", " ")
 
 
 def _rounded(value: float, sigma: float) -> str:

@@ -32,7 +32,7 @@ from gui.widgets.cards import card, choice_box
 from gui.widgets.image_view import ImageView
 from gui.widgets.linking import link_views
 from gui.widgets.period_map import PeriodMap
-from gui.widgets.plots import LINES, LinePlot, shown_tone
+from gui.widgets.plots import LINES, LinePlot, line_px, shown_tone
 from gui.widgets.splitting import split
 
 if TYPE_CHECKING:
@@ -326,8 +326,8 @@ class PSFPanel(QWidget):
     def _colour(self) -> None:
         """Give outlines, and the words about lines, the colours of the theme in use."""
         fitted, expected = outline_tones()
-        self.outline.setPen(pg.mkPen(fitted, width=2))
-        self.expected.setPen(pg.mkPen(expected, width=1, style=Qt.PenStyle.DashLine))
+        self.outline.setPen(pg.mkPen(fitted, width=line_px(2)))
+        self.expected.setPen(pg.mkPen(expected, width=line_px(1), style=Qt.PenStyle.DashLine))
         self.legend.setText(legend_words())
         self.profile_title.setText(_profile_words())
 

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from gui.models.form import Field
 from gui.models.settings import PageSettings
-from gui.models.words import unbroken
 from gui.pages.reconstruct.model_device import DEVICE
 from lfcal.errors import InputError
 from lfcal.psf import PSFMatrix
@@ -351,5 +350,5 @@ def forecast_words(P: Any, choice: SolverChoice) -> str:
     others = [f"{o.method} {format_seconds(o.pair_s)}" for o in found.options if o.method != cost.method]
     if others:
         rows.append(("Other projectors", ", ".join(others) + " a pair"))
-    cells = "".join(f"<tr><td style='padding-right:8px'>{a}</td><td><b>{unbroken(b)}</b></td></tr>" for a, b in rows)
+    cells = "".join(f"<tr><td style='padding-right:8px'>{a}</td><td><b>{b}</b></td></tr>" for a, b in rows)
     return f"<table cellspacing='1'>{cells}</table>"

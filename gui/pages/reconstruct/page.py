@@ -215,7 +215,7 @@ class Page(BasePage):
         try:
             rows, columns = self.settings.window((self.image.shape[0], self.image.shape[1]))
         except LfcalError as error:
-            self.panel.forecast.setText(str(error))
+            self.panel.show_forecast(str(error))
             return
         self.panel.show_region((rows.start, rows.stop, columns.start, columns.stop))
 
@@ -251,12 +251,12 @@ class Page(BasePage):
         if matrix is None or image is None or self._job:
             return
         shape = (image.shape[0], image.shape[1])
-        self.panel.forecast.setText("forecasting …")
+        self.panel.show_forecast("forecasting …")
         self.context.jobs.compute(
             "reconstruct forecast",
             lambda: forecast_words(projector_for(matrix, shape, settings), settings.choice_for(matrix, shape)),
-            self.panel.forecast.setText,
-            self.panel.forecast.setText,
+            self.panel.show_forecast,
+            self.panel.show_forecast,
         )
 
     # -- solving ---------------------------------------------------------------------------------------

@@ -23,6 +23,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from gui.models.words import unbroken
 from gui.pages.reconstruct.model import FIELDS, ReconstructSettings, used_by
 from gui.pages.reconstruct.model_device import DEVICE, NO_DEVICE
 from gui.pages.reconstruct.volume_view import VolumeView
@@ -30,7 +31,7 @@ from gui.theme import current_theme
 from gui.widgets.cards import card, column_area, line
 from gui.widgets.form import Form
 from gui.widgets.image_view import ImageView
-from gui.widgets.plots import LinePlot
+from gui.widgets.plots import LinePlot, line_px
 from gui.widgets.splitting import split
 from gui.widgets.words import ElidedLabel, WrappedLabel
 from lfcal.reconstruct.phantoms import PHANTOMS
@@ -82,7 +83,7 @@ class ReconstructPanel(QWidget):
         self.light_field = ImageView(xlabel="column", ylabel="row")
         self.light_field.blank.words = "Open a light field, or make one."
         self.light_field.setToolTip("The light field; the frame shows the region that is used")
-        self.frame = pg.PlotCurveItem(pen=pg.mkPen("#ff5a5f", width=1.5))
+        self.frame = pg.PlotCurveItem(pen=pg.mkPen("#ff5a5f", width=line_px(1.5)))
         self.light_field.add_overlay(self.frame)
         self.residual = LinePlot("iteration", "residual (%)")
         self.residual.setToolTip("Weighted rms of image minus model, over that of the image")
@@ -249,6 +250,10 @@ class ReconstructPanel(QWidget):
         # pixel centres have whole numbers: the edge lies half a pixel outside
         top, bottom, left, right = (n - 0.5 for n in region)
         self.frame.setData([left, right, right, left, left], [top, top, bottom, bottom, top])
+
+    def show_forecast(self, words: str) -> None:
+        """Show what a reconstruction will cost, as rich text, or why that is not known."""
+        self.forecast.setText(unbroken(words))
 
     def show_hint(self, text: str) -> None:
         """Say what to do next in place of a volume."""
