@@ -17,12 +17,16 @@ from gui.models.project import ProjectState
 from gui.notice import Notice
 from gui.theme import current_theme, style_sheet
 from gui.widgets.enlarging import whole_page
+from gui.widgets.words import ElidedLabel, WrappedLabel
 
 __all__ = ["BasePage", "Deed", "EmptyState", "page_class"]
 
 Deed = tuple[str, Callable[[], object]]
 """What a button of an empty state does: when one would press it (its tip), and the action."""
 
+
+HEADER, DESCENT = 28, 2
+"""Height of a header, also of one without buttons, and how much lower a title's letters reach than a hint's (px)."""
 
 NO_LONGER = "Wait no longer for this file; it stays the project's, and can be opened later"
 
@@ -34,10 +38,9 @@ class EmptyState(QWidget):
         super().__init__(parent)
         layout = QVBoxLayout(self)
         layout.addStretch()
-        self.label = QLabel(text)
+        self.label = WrappedLabel(text)
         self.label.setProperty("role", "hint")
         self.label.setAlignment(Qt.AlignmentFlag.AlignCenter)
-        self.label.setWordWrap(True)
         layout.addWidget(self.label)
         row = QHBoxLayout()
         row.addStretch()
@@ -71,17 +74,7 @@ class BasePage(QWidget):
         outer = QVBoxLayout(self)
         outer.setContentsMargins(16, 12, 16, 12)
         outer.setSpacing(10)
-        header = QHBoxLayout()
-        title = QLabel(spec.title)
-        title.setProperty("role", "title")
-        self.hint = QLabel(spec.hint)
-        self.hint.setProperty("role", "hint")
-        header.addWidget(title)
-        header.addSpacing(12)
-        header.addWidget(self.hint, 1, Qt.AlignmentFlag.AlignBottom)
-        self.tools = QHBoxLayout()
-        header.addLayout(self.tools)
-        outer.addLayout(header)
+        outer.addLayout(self._header())
         self.notice = Notice()
         outer.addWidget(self.notice)
         self._stack = QStackedWidget()
@@ -94,6 +87,27 @@ class BasePage(QWidget):
         self._theme = current_theme()
         self.setStyleSheet(style_sheet())
         context.theme_changed.connect(self._theme_changed)
+
+    def _header(self) -> QHBoxLayout:
+        title = QLabel(self.spec.title)
+        title.setProperty("role", "title")
+        self.hint = ElidedLabel(self.spec.hint)
+        self.hint.setProperty("role", "hint")
+        self.hint.setContentsMargins(0, 0, 0, DESCENT)
+        words = QHBoxLayout()
+        words.addWidget(title)
+        words.addSpacing(12)
+        words.addWidget(self.hint, 1, Qt.AlignmentFlag.AlignBottom)
+        middle = QVBoxLayout()
+        middle.addStretch()
+        middle.addLayout(words)
+        middle.addStretch()
+        self.tools = QHBoxLayout()
+        header = QHBoxLayout()
+        header.addStrut(HEADER)
+        header.addLayout(middle, 1)
+        header.addLayout(self.tools)
+        return header
 
     def _theme_changed(self) -> None:
         if self.isVisible():

@@ -36,7 +36,7 @@ class DoctorDialog(QDialog):
         close.clicked.connect(self.close)
         column = QVBoxLayout(self)
         column.addWidget(self.view, 1)
-        column.addLayout(line(self.copy, close, stretch=0))
+        column.addLayout(line(QWidget(), self.copy, close, stretch=0))
         self._jobs = jobs
 
     def look(self) -> None:

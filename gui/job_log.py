@@ -44,7 +44,7 @@ class JobLogView(QDialog):
         close.clicked.connect(self.close)
         column = QVBoxLayout(self)
         column.addWidget(self.view, 1)
-        column.addLayout(line(self.copy, self.keep, close, stretch=-1))
+        column.addLayout(line(QWidget(), self.copy, self.keep, close, stretch=0))
         self._timer = QTimer(self)
         self._timer.setInterval(EVERY_MS)
         self._timer.timeout.connect(self.refresh)

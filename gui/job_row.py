@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QLabel, QProgressBar, QPushButton
+from PySide6.QtWidgets import QProgressBar, QPushButton
 
 from gui.job_log import JobLogView
 from gui.jobs import Job, Jobs, JobState
 from gui.widgets.headed_card import HeadedCard
+from gui.widgets.words import WrappedLabel
 from lfcal.units import format_seconds
 
 __all__ = ["JobRow"]
@@ -42,9 +43,8 @@ class JobRow(HeadedCard):
         self.go_on.setProperty("role", "primary")
         self.log = self._button("Log", "What it did and when, what it warned of; to copy and to save", self.show_log)
         self.button = self._button("Stop", "", self._pressed)
-        self.error = QLabel("")
+        self.error = WrappedLabel()
         self.error.setProperty("role", "error")
-        self.error.setWordWrap(True)
         self.error.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.error.hide()
         self.column.addWidget(self.error)

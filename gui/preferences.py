@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 
 from PySide6.QtCore import QSettings, Qt, Signal
-from PySide6.QtWidgets import QCheckBox, QDialog, QFormLayout, QLabel, QPushButton, QSpinBox, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QCheckBox, QDialog, QFormLayout, QPushButton, QSpinBox, QVBoxLayout, QWidget
 
 from gui.theme import current_theme, style_sheet
 from gui.widgets.cards import choice_box, line
+from gui.widgets.words import WrappedLabel
 from lfcal.system import processors
 from lfcal.threads import WORKERS
 
@@ -58,9 +59,8 @@ class Preferences(QDialog):
         self.threads.setToolTip("Most threads of simulations, assembly and reconstructions; from the next start on")
         self.welcome = QCheckBox("Show the welcome at the start")
         self.welcome.setToolTip("Off: the window starts with an empty project at once")
-        self.hint = QLabel()
+        self.hint = WrappedLabel()
         self.hint.setProperty("role", "hint")
-        self.hint.setWordWrap(True)
         self.reset, close = QPushButton("Reset all"), QPushButton("Close")
         self.reset.setToolTip("Theme, threads, welcome, docks and size of the window as at the first start")
         close.setToolTip("What was chosen is kept already")
@@ -71,7 +71,7 @@ class Preferences(QDialog):
         column = QVBoxLayout(self)
         column.addLayout(form)
         column.addWidget(self.hint)
-        column.addLayout(line(self.reset, close, stretch=0))
+        column.addLayout(line(self.reset, QWidget(), close, stretch=1))
         self._show()
         self.theme.currentIndexChanged.connect(lambda _: self.theme_asked.emit(self.theme.currentData()))
         self.threads.valueChanged.connect(lambda count: settings.setValue("threads", count))

@@ -1,77 +1,96 @@
-"""Pictures of every page: ``python -m gui.screenshots OUT [--demo]``, light and dark, at two sizes."""
+"""Pictures of every page with content: ``python -m gui.screenshots OUT``, each state in both themes at all sizes."""
 
 from __future__ import annotations
 
 import argparse
 import os
+import subprocess
 import sys
-import time
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
-SIZES = ((1280, 800), (1920, 1080))
-SETTLE_S = 0.5
-IDLE_S = 60.0
+if TYPE_CHECKING:
+    from gui.scenes.stage import Shot, Stage
+
+__all__ = ["main"]
+
+SIZES = ("1280x800", "1920x1080", "3840x2160@2")
+"""Pixels of the window's picture; ``@2``: on a screen with two of them to a length that is one on the others."""
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Write ``PAGE_THEME_WIDTHxHEIGHT.png`` for all pages; return the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m gui.screenshots", description=main.__doc__)
+    """Write ``STATE_THEME_WIDTHxHEIGHT.png`` for every state of the window; return the exit code."""
+    parser = argparse.ArgumentParser(
+        prog="python -m gui.screenshots",
+        description=main.__doc__,
+        epilog="Example: python -m gui.screenshots shots --scene sample --size 1280x800 --theme dark",
+    )
     parser.add_argument("out", type=Path, help="folder to write into")
-    parser.add_argument("--page", action="append", help="only these pages")
-    parser.add_argument("--theme", choices=("light", "dark", "night"), action="append", help="only this theme")
-    parser.add_argument("--size", action="append", help="only this size, e.g. 1280x800")
-    parser.add_argument("--settle", type=float, default=SETTLE_S, help="seconds to wait for each page")
+    parser.add_argument("--scene", action="append", help="only this scene; may be given again")
+    parser.add_argument("--only", help="only states whose name contains this")
+    parser.add_argument("--theme", choices=("light", "dark"), action="append", help="only this theme")
+    parser.add_argument("--size", action="append", help=f"only this size, by default {', '.join(SIZES)}")
     options = parser.parse_args(arguments)
     os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+    sizes = options.size or list(SIZES)
+    scaled = [size for size in sizes if "@" in size]
+    code = 0
+    if scaled != sizes and not os.environ.get("QT_SCALE_FACTOR"):
+        code = _play(options, [size for size in sizes if "@" not in size])
+    for size in scaled:  # a screen's scale is one for the whole process
+        code = code or _apart(size, options)
+    return code
+
+
+def _apart(size: str, options: argparse.Namespace) -> int:
+    """Take the pictures of a size with a scale in a process of their own."""
+    scale = size.partition("@")[2]
+    if os.environ.get("QT_SCALE_FACTOR") == scale:
+        return _play(options, [size])
+    words = [sys.executable, "-m", "gui.screenshots", str(options.out), "--size", size]
+    for name in ("scene", "theme"):
+        words += [word for value in getattr(options, name) or () for word in (f"--{name}", value)]
+    words += ["--only", options.only] if options.only else []
+    return subprocess.run(words, env={**os.environ, "QT_SCALE_FACTOR": scale}, check=False).returncode
+
+
+def _play(options: argparse.Namespace, sizes: Sequence[str]) -> int:
     from PySide6.QtWidgets import QApplication
 
-    from gui.app import begin, make_window, parse
+    from gui.app import make_window, parse
+    from gui.scenes.all import SCENES
+    from gui.scenes.stage import Stage
 
-    options.out.mkdir(parents=True, exist_ok=True)
+    out: Path = options.out
+    out.mkdir(parents=True, exist_ok=True)
     app = QApplication.instance() or QApplication(["lfcal"])
-    sizes = [tuple(int(n) for n in size.split("x")) for size in options.size] if options.size else list(SIZES)
-    demo = parse(["--demo"])
-    window = make_window(app, demo, folder=options.out / ".state")
+    assert isinstance(app, QApplication)
+    window = make_window(app, parse([]), folder=out / ".state")
     window.show()
-    begin(window, demo)
+    stage = Stage(app, window, out / ".made")
     try:
-        while window.jobs.busy:
-            wait(app, 0.1)
-        for spec in window.specs:
-            if options.page and spec.key not in options.page:
-                continue
-            window.go(spec.key)
-            wait(app, 0.3)
-            end = time.monotonic() + IDLE_S
-            while window.jobs.busy and time.monotonic() < end:
-                wait(app, 0.1)
-            wait(app, options.settle)
-            for theme in options.theme or ("light", "dark"):
-                window.set_theme(theme)
-                for size in sizes:
-                    _write(app, window, size, options.out / f"{spec.key}_{theme}_{size[0]}x{size[1]}.png")
+        for name in options.scene or SCENES:
+            for shot in SCENES[name](stage):
+                if not options.only or options.only in shot.name:
+                    _write(stage, shot, sizes, options.theme or ("light", "dark"), out)
     finally:
         window.shut_down()
     return 0
 
 
-def _write(app: object, window: Any, size: tuple[int, ...], path: Path) -> None:
-    window.resize(*size)
-    wait(app, 0.6)
-    window.grab().save(str(path), "PNG")
-    print(path, f"{window.width()}x{window.height()}")
-
-
-def wait(app: object, seconds: float) -> None:
-    """Let the window work for a while."""
-    from PySide6.QtWidgets import QApplication
-
-    assert isinstance(app, QApplication)
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        app.processEvents()
-        time.sleep(0.01)
+def _write(stage: Stage, shot: Shot, sizes: Sequence[str], themes: Sequence[str], out: Path) -> None:
+    window = stage.window
+    for theme in (shot.theme,) if shot.theme else themes:
+        window.set_theme(theme)
+        for size in sizes:
+            pixels, _, scale = size.partition("@")
+            width, height = (int(n) // int(scale or 1) for n in pixels.split("x"))
+            window.resize(width, height)
+            stage.turn(30)
+            path = out / f"{shot.name}_{theme}_{pixels}.png"
+            (shot.widget or window).grab().save(str(path), "PNG")
+            print(path, flush=True)
 
 
 if __name__ == "__main__":

@@ -166,7 +166,7 @@ QPushButton:disabled {{ color: {muted}; background: {window}; }}
 QPushButton:checked {{ background: {accent}; color: {accent_text}; border-color: {accent}; }}
 QPushButton[role="primary"] {{ background: {accent}; color: {accent_text}; border-color: {accent}; font-weight: 600; }}
 QToolButton[role="fold"] {{ border: none; background: transparent; font-weight: 600; padding: 0; color: {text}; }}
-QPushButton[role="big"] {{ font-size: 16pt; font-weight: 600; min-height: 62px; padding: 4px 10px; }}
+QPushButton[role="big"] {{ font-size: 16pt; font-weight: 600; min-height: 54px; padding: 4px 10px; }}
 QLabel[role="big"] {{ font-size: 17pt; font-weight: 600; color: {text}; }}
 QPushButton[role="primary"]:disabled {{ background: {raised}; color: {muted}; border-color: {line}; }}
 QLineEdit, QPlainTextEdit, QTextEdit {{
@@ -186,7 +186,7 @@ QComboBox QAbstractItemView {{ background: {panel}; border: 1px solid {line}; se
     selection-color: {accent_text}; }}
 QTableView, QTreeView, QListView, QTableWidget, QTreeWidget {{ background: {panel}; border: 1px solid {line};
     border-radius: 4px; gridline-color: {raised}; alternate-background-color: {window}; }}
-QHeaderView::section {{ background: {raised}; border: none; border-bottom: 1px solid {line}; padding: 4px 6px;
+QHeaderView::section {{ background: {raised}; border: none; border-bottom: 1px solid {line}; padding: 4px;
     font-weight: 600; }}
 QProgressBar {{ background: {raised}; border: none; border-radius: 3px; max-height: 8px; min-height: 8px; }}
 QProgressBar::chunk {{ background: {accent}; border-radius: 3px; }}

@@ -84,7 +84,7 @@ class Welcome(QDialog):
         self.box.setChecked(shown)
         self.box.toggled.connect(self.kept.emit)
         close.clicked.connect(self.close)
-        return line(self.box, close, stretch=1)
+        return line(self.box, QWidget(), close, stretch=1)
 
     def _choose(self, key: str) -> None:
         self.close()

@@ -10,6 +10,7 @@ from PySide6.QtCore import QByteArray, QSettings, QSize, Qt, QTimer
 from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent
 from PySide6.QtWidgets import (
     QApplication,
+    QDialog,
     QDockWidget,
     QHBoxLayout,
     QListWidget,
@@ -291,6 +292,9 @@ class MainWindow(QMainWindow):
         for part in (self.menuBar(), self.statusBar(), self.rail, self.job_dock, self.log_dock, self._manual):
             if part is not None:
                 part.setStyleSheet(style_sheet())
+        for dialog in self.findChildren(QDialog):
+            if dialog.styleSheet():  # others take that of their page
+                dialog.setStyleSheet(style_sheet())
 
     def copy_page(self) -> None:
         """Put a picture of the page on the clipboard."""

@@ -44,6 +44,13 @@ def format_length(um: float) -> str:
     return f"{um * 1e3:.4g} nm"
 
 
+def format_number(value: float, digits: int = 3) -> str:
+    """Return a number of so many digits, without powers of ten up to a million, e.g. ``'49,440'``, ``'0.35'``."""
+    if not 1e3 <= abs(value) < 1e6:
+        return f"{value:.{digits}g}"
+    return f"{float(f'{value:.{digits}g}'):,.0f}"
+
+
 def format_share(share: float) -> str:
     """Return a share of 1 in per cent, of two digits and without powers of ten, e.g. ``'0.35 %'``, ``'140 %'``."""
     percent = 100 * share

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from lfcal.units import format_bytes, format_length, format_seconds, format_share
+from lfcal.units import format_bytes, format_length, format_number, format_seconds, format_share
 
 
 @pytest.mark.parametrize(
@@ -13,6 +13,14 @@ from lfcal.units import format_bytes, format_length, format_seconds, format_shar
 )
 def test_shares(share: float, words: str) -> None:
     assert format_share(share) == words
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [(0.0, "0"), (0.263, "0.263"), (999.4, "999"), (1063.2, "1,060"), (49440.0, "49,400"), (-2e3, "-2,000")],
+)
+def test_numbers_have_no_powers_of_ten(value: float, words: str) -> None:
+    assert format_number(value) == words
 
 
 def test_durations_lengths_and_sizes() -> None:

@@ -35,6 +35,8 @@ class Field:
         An empty entry is None.
     endless
         Numbers may be infinite; they are never NaN.
+    empty
+        What an empty entry means, in a word or two.
     """
 
     key: str
@@ -46,6 +48,7 @@ class Field:
     choices: tuple[tuple[str, str], ...] = ()
     optional: bool = False
     endless: bool = False
+    empty: str = ""
 
 
 def text_of(field: Field, value: Any) -> str:

@@ -4,12 +4,28 @@ from __future__ import annotations
 
 import re
 
-__all__ = ["plane_words", "said_in_window"]
+__all__ = ["plane_words", "said_in_window", "typeset", "unbroken"]
 
 BRACKETS = re.compile(r"\s*\([^()]*--[^()]*\)")
 PLANNING = re.compile(r"[:,] (?:or )?make (?:its|the) plan[^;]*lfcal plan[^;]*")
 VALUES = re.compile(r"(?<=read as )--[a-z]+ ")
 CLAUSES = re.compile(r"; |, (?=--)")
+
+
+TIMES = re.compile(r"(?<=\d) ?x ?(?=\d)")
+ELECTRONS = re.compile(r"(?<=\d )e-(?![\w-])")
+UNITS = re.compile(r"(?<=\d) (?=[a-zA-Zµ%°])")
+NAMES = re.compile(r"(?<=[a-z])_(?=[a-z])")
+
+
+def typeset(text: str) -> str:
+    """Return ``text`` of the library as a window writes it: times signs, and no names of Python."""
+    return NAMES.sub(" ", ELECTRONS.sub("e⁻", TIMES.sub(" × ", text.replace("`", ""))))
+
+
+def unbroken(text: str) -> str:
+    """Return ``text`` whose lines do not end between a number and its unit."""
+    return UNITS.sub("\u00a0", text)
 
 
 def plane_words(z: int, count: int) -> str:

@@ -134,6 +134,7 @@ class ColourBar(pg.GraphicsWidget):
     def set_label(self, text: str) -> None:
         """Name the quantity, with its unit."""
         self.name_axis.setLabel(text)
+        self.name_axis.resizeEvent()  # into its middle
 
     def label(self) -> str:
         """Return the name of the quantity."""

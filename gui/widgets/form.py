@@ -81,6 +81,7 @@ class Form(QWidget):
             editor.setWordWrap(True)
         else:
             editor = QLineEdit()
+            editor.setPlaceholderText(field.empty)
             editor.setMinimumWidth(68 if self._marked else 80)
             editor.textEdited.connect(lambda _="", key=field.key: self._changed(key))
         for widget in (label, editor):

@@ -19,7 +19,7 @@ from gui.widgets.blank import Blank
 from gui.widgets.colour_bar import theme_table
 from gui.widgets.measured import Measured
 from gui.widgets.picture_menu import offer_menu
-from gui.widgets.plots import style_axes, theme_plot
+from gui.widgets.plots import line_px, style_axes, theme_plot
 from lfcal.camera import Camera
 
 __all__ = ["FrameView"]
@@ -69,8 +69,8 @@ class FrameView(Measured, QWidget):
         ]
         for points in self.lattice:
             self.plot.addItem(points)
-        self.cutout = pg.PlotCurveItem(pen=pg.mkPen("#ff5a5f", width=2))
-        self.point = pg.ScatterPlotItem(size=12, symbol="+", pen=pg.mkPen("#ff5a5f", width=2), brush=None)
+        self.cutout = pg.PlotCurveItem(pen=pg.mkPen("#ff5a5f", width=line_px(2)))
+        self.point = pg.ScatterPlotItem(size=12, symbol="+", pen=pg.mkPen("#ff5a5f", width=line_px(2)), brush=None)
         self.plot.addItem(self.cutout)
         self.plot.addItem(self.point)
         self.blank = Blank(self.graphics, self.plot)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QPushButton, QVBoxLayout, QWidget
 
-from gui.widgets.cards import heading
+from gui.widgets.words import ElidedLabel
 
 __all__ = ["HeadedCard"]
 
@@ -21,8 +21,9 @@ class HeadedCard(QFrame):
         self.column.setContentsMargins(10, 3, 4, 3)
         self.column.setSpacing(3)
         self.head = QHBoxLayout()
-        self.title = heading(title)
-        self.status = QLabel("")
+        self.title = ElidedLabel(title)
+        self.title.setProperty("role", "heading")
+        self.status = ElidedLabel()
         self.status.setProperty("role", "hint")
         self.head.addWidget(self.title)
         self.head.addWidget(self.status, 1)

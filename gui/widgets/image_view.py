@@ -19,7 +19,7 @@ from gui.widgets.colour_bar import ColourBar, bar_table, theme_table
 from gui.widgets.measured import Measured
 from gui.widgets.picture_menu import offer_menu, save_picture
 from gui.widgets.pixel_axis import count_pixels, pixel_axes
-from gui.widgets.plots import style_axes, theme_plot
+from gui.widgets.plots import line_px, style_axes, theme_plot
 
 __all__ = ["ImageView"]
 
@@ -88,7 +88,9 @@ class ImageView(Measured, QWidget):
         self.plot.addItem(self.item)
         self.bar = ColourBar(label=value_label)
         self.graphics.addItem(self.bar, row=0, col=1)
-        self.cursor = pg.TargetItem(movable=False, size=12, pen=pg.mkPen("#ffffff", width=1.5), symbol="crosshair")
+        self.cursor = pg.TargetItem(
+            movable=False, size=12, pen=pg.mkPen("#ffffff", width=line_px(1.5)), symbol="crosshair"
+        )
         self.cursor.hide()
         self.plot.addItem(self.cursor)
         self.blank = Blank(self.graphics, self.plot)
@@ -173,6 +175,8 @@ class ImageView(Measured, QWidget):
         """Show differences (symmetric levels, diverging map) or intensities with ``display``."""
         self._signed = signed
         self._display = replace(display, scale="linear", colour_map="RdBu_r") if signed else display
+        # the middle of a diverging map is as white as the cross
+        self.cursor.setPen(self.overlay_pen("#101418" if signed and not current_theme().red else "#ffffff"))
 
     @property
     def display(self) -> Display:
@@ -208,7 +212,7 @@ class ImageView(Measured, QWidget):
 
     def overlay_pen(self, colour: str = "#ffffff", width: float = 1.5) -> QPen:
         """Return a pen that keeps its width at every zoom."""
-        pen = pg.mkPen(colour, width=width)
+        pen = pg.mkPen(colour, width=line_px(width))
         pen.setCosmetic(True)
         return pen
 

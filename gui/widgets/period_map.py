@@ -40,7 +40,7 @@ class PeriodMap(QWidget):
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         self.graphics = pg.GraphicsLayoutWidget()
-        self.graphics.setMinimumSize(120, 110)
+        self.graphics.setMinimumSize(120, 96)
         layout.addWidget(self.graphics)
         self.plot: pg.PlotItem = self.graphics.addPlot(axisItems=pixel_axes(), enableMenu=False)
         self.plot.setAspectLocked(True)

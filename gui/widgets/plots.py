@@ -11,7 +11,7 @@ import numpy as np
 import pyqtgraph as pg
 from numpy.typing import ArrayLike
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QFont
+from PySide6.QtGui import QFont, QGuiApplication
 from PySide6.QtWidgets import QApplication, QVBoxLayout, QWidget
 
 from gui.saving import ask_target, write_file
@@ -19,7 +19,7 @@ from gui.theme import current_theme
 from gui.widgets.blank import Blank
 from gui.widgets.picture_menu import offer_menu, save_picture
 
-__all__ = ["LINES", "DecadeAxis", "LinePlot", "shown_tone", "style_axes", "theme_plot"]
+__all__ = ["LINES", "DecadeAxis", "LinePlot", "line_px", "shown_tone", "style_axes", "theme_plot"]
 
 LINES = ("#2a8fc4", "#d9772b", "#2aa37b", "#c76aa0", "#8b97a8", "#c9a227")
 """Line colours that stay apart for colour-blind readers, on light and on dark."""
@@ -35,6 +35,12 @@ def shown_tone(tone: str) -> str:
     return RED_LINES[LINES.index(tone)] if tone in LINES else RED_LINES[0]
 
 
+def line_px(width: float) -> float:
+    """Return how many pixels of the screen a line of ``width`` has: pyqtgraph's pens do not grow with its scale."""
+    screen = QGuiApplication.primaryScreen()
+    return width * (1.0 if screen is None else screen.devicePixelRatio())
+
+
 def style_axes(plot: pg.PlotItem, xlabel: str, ylabel: str) -> None:
     """Label both axes of ``plot``; SI prefixes are never made up, and the room for numbers only grows."""
     for side, text in (("bottom", xlabel), ("left", ylabel)):
@@ -45,6 +51,7 @@ def style_axes(plot: pg.PlotItem, xlabel: str, ylabel: str) -> None:
         # an axis that took room and gave it back, as its numbers and so the picture beside it changed, had no end
         axis.setStyle(autoReduceTextSpace=False, maxTickLevel=1)
         axis.setLabel(text)
+        axis.resizeEvent()  # else the name stays where the middle of the one before was
 
 
 def theme_plot(graphics: pg.GraphicsLayoutWidget, *plots: pg.PlotItem) -> None:
@@ -138,7 +145,7 @@ class LinePlot(QWidget):
             return
         tone = colour or LINES[len(self._curves) % len(LINES)]
         style = Qt.PenStyle.DashLine if dashed else Qt.PenStyle.SolidLine
-        pen = pg.mkPen(tone, width=1.8, style=style) if line else None
+        pen = pg.mkPen(tone, width=line_px(1.8), style=style) if line else None
         self._tones[name] = tone
         self._curves[name] = self.plot.plot(
             *values,

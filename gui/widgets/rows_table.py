@@ -11,6 +11,9 @@ from PySide6.QtWidgets import QAbstractItemView, QApplication, QHeaderView, QMen
 
 __all__ = ["RowsTable"]
 
+ROW_PX = 26
+"""Height of a row (px)."""
+
 NUMBER, ROW = Qt.ItemDataRole.UserRole, Qt.ItemDataRole.UserRole + 1
 
 
@@ -43,6 +46,7 @@ class RowsTable(QTableWidget):
         self._header, self._sizes = header, tuple(sizes)
         self.setHorizontalHeaderLabels(header)
         self.verticalHeader().hide()
+        self.verticalHeader().setDefaultSectionSize(ROW_PX)
         self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
         self.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
         self.setWordWrap(False)

@@ -184,18 +184,20 @@ def _types(frame: NDArray[np.generic], dark: ArrayLike | float, fit: LatticeFit,
 
 def _type_order(camera: Camera, fit: LatticeFit, types: LensTypes | None) -> CheckLine:
     step = camera.lattice.type_step
-    expected = f"type 0 at the offset, {step} to its right"
+    expected = f"0, and {step} to its right"
     if types is None:
-        return CheckLine("lens types", expected, "not told apart", None, UNKNOWN)
+        return CheckLine("lens type at the offset", expected, "not told apart", None, UNKNOWN)
     row, column = camera.pixels(camera.lattice.offset_um)
     q, r = np.rint(fit.lenslet_at(row, column)).astype(int)
     kind = int(types.type_of(q, r))
-    shown = f"type {kind} at the offset, {types.type_step} to type 0's right, {types.sigmas:.0f} standard errors"
+    shown = f"{kind}, and {types.type_step} to the right of 0 ({types.sigmas:.0f} σ)"
     same = kind == 0 and types.type_step == step
     certain = types.sigmas >= 5
     # the types of an assumed place are unknown; a faint difference proves nothing
     unknown = camera.marks["lattice.offset_um"] == "assumed" or not certain
-    return CheckLine("lens types", expected, shown, None, FITS if same else UNKNOWN if unknown else DIFFERS)
+    return CheckLine(
+        "lens type at the offset", expected, shown, None, FITS if same else UNKNOWN if unknown else DIFFERS
+    )
 
 
 def _distortion(camera: Camera, fit: LatticeFit) -> list[CheckLine]:

@@ -60,3 +60,12 @@ def test_the_icon_of_the_page_that_is_looked_at_has_the_colour_of_its_title(wind
         return {colour.name() for colour in whole if colour.alpha() == 255}
 
     assert LIGHT.accent_text in colours(QIcon.Mode.Selected) and LIGHT.accent_text not in colours(QIcon.Mode.Normal)
+
+
+def test_a_dialog_that_is_open_takes_another_theme(window: MainWindow) -> None:
+    """Preferences, which change the theme, were white on white afterwards."""
+    dialog = window.tools.preferences()
+    assert LIGHT.text in dialog.styleSheet()
+    dialog.theme.setCurrentIndex(dialog.theme.findData("dark"))
+    assert DARK.text in dialog.styleSheet() and LIGHT.text not in dialog.styleSheet()
+    dialog.close()

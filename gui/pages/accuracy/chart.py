@@ -10,7 +10,7 @@ from PySide6.QtCore import Qt, Signal
 
 from gui.pages.accuracy.model import Point
 from gui.theme import current_theme
-from gui.widgets.plots import DecadeAxis, LinePlot
+from gui.widgets.plots import DecadeAxis, LinePlot, line_px
 
 __all__ = ["ParetoChart"]
 
@@ -66,7 +66,7 @@ class ParetoChart(LinePlot):
                     "size": PICKED_SIZE if point.picked else SIZE,
                     "symbol": "star" if point.picked else "o",
                     "brush": pg.mkBrush(self._colour(point)),
-                    "pen": pg.mkPen(theme.plot, width=0.8),
+                    "pen": pg.mkPen(theme.plot, width=line_px(0.8)),
                 }
                 for number, point in ((k, points[k]) for k in order)
             ]
@@ -94,8 +94,8 @@ class ParetoChart(LinePlot):
         super().apply_theme()
         theme = current_theme()
         if hasattr(self, "front"):
-            self.front.setPen(pg.mkPen(theme.accent, width=1.6))
-            self.limit.setPen(pg.mkPen(theme.fair, width=1.2, style=Qt.PenStyle.DashLine))
+            self.front.setPen(pg.mkPen(theme.accent, width=line_px(1.6)))
+            self.limit.setPen(pg.mkPen(theme.fair, width=line_px(1.2), style=Qt.PenStyle.DashLine))
 
     def _clicked(self, _: Any, spots: Any, *__: Any) -> None:
         if len(spots):

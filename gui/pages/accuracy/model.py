@@ -12,6 +12,7 @@ from typing import ClassVar
 from gui.models.form import Field
 from gui.models.project import ProjectState
 from gui.models.settings import PageSettings
+from gui.models.words import typeset
 from lfcal.accuracy import PLACES, Curve, Rung, Subject, iter_curve
 from lfcal.accuracy.base import cost_axis, format_cost
 from lfcal.errors import InputError
@@ -167,7 +168,7 @@ def axis_labels(curve: Curve) -> tuple[str, str]:
 
 def rung_words(rung: Rung) -> str:
     """Return one rung in a few lines."""
-    lines = [rung.label, f"error {format_share(rung.error)}, costs {format_cost(rung.cost, rung.unit)}"]
+    lines = [typeset(rung.label), f"error {format_share(rung.error)}, costs {format_cost(rung.cost, rung.unit)}"]
     lines += [f"{name}: {value:.4g}" for name, value in rung.others.items()]
     return "\n".join(filter(None, (*lines, rung.note)))
 
@@ -180,4 +181,4 @@ def words_of(curve: Curve | None, error: float, *, running: bool) -> tuple[str, 
         return ("measuring the truth …" if running else f"Not measured: {curve.stopped or 'stopped'}"), ""
     state = "measuring …" if running else curve.stopped
     how = [f"Measured by: {curve.truth}.", *curve.notes, state]
-    return curve.answer(error), "\n".join(line for line in how if line)
+    return typeset(curve.answer(error)), "\n".join(typeset(line) for line in how if line)

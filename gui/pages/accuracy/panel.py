@@ -58,7 +58,7 @@ class AccuracyPanel(QWidget):
         self.places.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.places.currentItemChanged.connect(self._place_changed)
         column.addWidget(self.places)
-        column.addStretch(1)
+        frame.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Maximum)
         return frame
 
     def _settings_card(self) -> QFrame:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -14,6 +15,8 @@ from gui.widgets.cards import card, line
 __all__ = ["DevicePanel"]
 
 CONNECT = "Take hold of camera and stage, to see live frames and to record; nothing moves yet"
+SHORT = re.compile(r"[.;,(\[@]| of the | after | the image| separated ")
+"""Where the first words of what an option means end; its tip has them all."""
 LET_GO = "Let camera and stage go, for another program or other settings; the stage stays where it is"
 
 
@@ -167,7 +170,7 @@ class DevicePanel(QWidget):
         self._editors = {}
         for key, meaning in self._options.get(backend, {}).items():
             editor = QLineEdit(given.get(key, ""))
-            editor.setPlaceholderText(meaning)
+            editor.setPlaceholderText(SHORT.split(meaning.replace(" really", ""), maxsplit=1)[0])
             editor.setToolTip(meaning)
             editor.setAccessibleName(key)
             editor.setMinimumWidth(60)

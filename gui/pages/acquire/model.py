@@ -96,6 +96,7 @@ FIELDS = (
         "The session holds while a gauge is out of bounds and goes on by itself: temperature=20:22; lamp=95:105, or "
         "the path of a text file that ends with the newest number. Empty: never",
         kind="text",
+        empty="never",
     ),
     Field(
         "steady_s",
@@ -110,6 +111,7 @@ FIELDS = (
         "Recorded around the cutout; empty: what interpolation needs",
         kind="int",
         optional=True,
+        empty="auto",
     ),
     Field(
         "tolerance_um",
@@ -117,6 +119,7 @@ FIELDS = (
         "µm",
         "Largest difference of measured and target position; empty: a tenth of a step laterally, one step in depth",
         kind="floats",
+        empty="auto",
     ),
     Field(
         "overshoot_um",

@@ -97,7 +97,7 @@ def _spot_words(look: Look) -> str:
     ]
     offset = look.state.offset_px
     if offset is not None:
-        lines.append(f"seen − predicted <b>{offset[0]:+.2f}</b>, <b>{offset[1]:+.2f}</b> px")
+        lines.append(f"seen − predicted <b>{offset[0]:+z.2f}</b>, <b>{offset[1]:+z.2f}</b> px")
     return "<br>".join(lines)
 
 

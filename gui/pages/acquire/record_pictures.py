@@ -24,6 +24,10 @@ __all__ = ["RecordPictures"]
 
 MAP, SUM = "Period map", "Depth-plane sum"
 
+CURVES = {"energy": "Energy (counts)", "residual": "Residual (px)", "saturated": "Saturated (px)"}
+LOW = 56
+"""Least height of a curve (px)."""
+
 FLOORS = {"energy": 1.0, "residual": 0.1, "saturated": 1.0}
 """The least the curves' axes span, so that noise about zero is not blown up."""
 
@@ -36,19 +40,18 @@ class RecordPictures(QWidget):
         self._picture: RecordPicture | None = None
         self._light: NDArray[np.float64] | None = None
         self.map = PeriodMap()
-        self.map.setToolTip("Positions of one period in this plane; dark: not recorded yet")
+        self.map.setToolTip("Positions of one period in this plane; empty: not recorded, or in an earlier run")
         self.map.cross.hide()
         self.frame = FrameView(jobs, "acquire record frame")
-        style_axes(self.frame.plot, "column in region (px)", "row (px)")
+        style_axes(self.frame.plot, "column (px)", "row (px)")
         self.depth_sum = ImageView(value_label="10³ counts")
+        self.depth_sum.blank.words = "Nothing recorded in this plane yet."
+        self.frame.setToolTip("The frame just recorded, in pixels of the region that is read")
+        self.frame.blank.words = "The frame just recorded is shown here."
         self.depth_sum.setToolTip("Sum of the plane's cutouts so far: it becomes the shape of the aperture")
         self.third = QStackedWidget()
         self.third.addWidget(self.depth_sum)
-        self.curves = {
-            "energy": LinePlot("position in scan order", "energy (counts)"),
-            "residual": LinePlot("position in scan order", "residual (px)"),
-            "saturated": LinePlot("position in scan order", "saturated (px)"),
-        }
+        self.curves = {key: LinePlot("position in scan order", words.lower()) for key, words in CURVES.items()}
         tips = (
             "Light of each position above the background: constant except for the pattern of the optics",
             "Lateral difference of measured and target position, in image pixels: below 0.1 px is good",
@@ -66,18 +69,22 @@ class RecordPictures(QWidget):
         self.map_title, self.frame_title, self.third_title = titles
         for k, (title, view) in enumerate(zip(titles, (self.map, self.frame, self.third), strict=True)):
             panel, column = card(title)
-            view.setMinimumSize(120, 104)
+            view.setMinimumSize(120, 90)
             column.addWidget(view, 1)
             grid.addWidget(panel, 0, k)
-        for k, plot in enumerate(self.curves.values()):
-            panel, column = card()
-            plot.setMinimumSize(120, 64)
+        for k, (key, plot) in enumerate(self.curves.items()):
+            panel, column = card(f"{CURVES[key]} in scan order")
+            plot.setMinimumSize(120, LOW)
+            plot.graphics.setMinimumHeight(LOW)
+            for side in ("left", "bottom"):  # in a low window names beside the axes would be cut
+                plot.plot.getAxis(side).showLabel(False)
+            plot.plot.getAxis("left").setTickDensity(0.5)  # else numbers lie over each other there
             column.addWidget(plot)
             grid.addWidget(panel, 1, k)
         grid.setRowStretch(0, 5)
         grid.setRowStretch(1, 3)
         for k in range(3):
-            grid.setColumnStretch(k, 1)
+            grid.setColumnStretch(k, 11 if k == 2 else 9)  # the third has a colour bar
 
     @cached_property
     def error(self) -> ErrorView:
@@ -91,7 +98,8 @@ class RecordPictures(QWidget):
         """Show map, sum and curves."""
         self._picture = picture
         self._show_map()
-        self.depth_sum.set_image(picture.depth_sum / 1e3, name="depth_sum")
+        seen = picture.depth_sum / 1e3 if picture.depth_sum.any() else None
+        self.depth_sum.set_image(seen, name="depth_sum")
         for k, (key, (x, y)) in enumerate(picture.curves.items()):
             self.curves[key].set_curve(key, x, y, colour=LINES[k])
             top = float(y.max(initial=0.0))
@@ -104,7 +112,7 @@ class RecordPictures(QWidget):
         elif self._picture is not None:
             values, recorded = self._picture.values, self._picture.recorded
             if not np.isfinite(values).any():
-                values = np.where(recorded, 1.0, np.nan) if recorded.any() else np.zeros(values.shape)
+                values = np.where(recorded, 1.0, np.nan)
             self.map.set_values(values)
 
     def show_filling(self, light: NDArray[np.float64] | None, words: str) -> None:

@@ -77,6 +77,8 @@ class SetupPanel(QWidget):
         self.histogram.blank.words = "Shows every pixel of the live view."
         self.seen = ImageView(value_label="counts above background")
         self.predicted = ImageView(value_label="share of the light")
+        self._said: dict[str, tuple[str, bool, bool]] = {}
+        self._counted: int | None = None
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 6, 0, 0)
         row.setSpacing(8)
@@ -175,7 +177,7 @@ class SetupPanel(QWidget):
         for label in (self.numbers, self.saturated):
             label.setTextFormat(Qt.TextFormat.RichText)
         self.numbers.setWordWrap(True)
-        self.histogram.setMinimumHeight(80)
+        self.histogram.graphics.setMinimumHeight(80)
         column.addWidget(self.histogram, 1)
         column.addWidget(self.numbers)
         column.addWidget(self.saturated)
@@ -250,8 +252,8 @@ class SetupPanel(QWidget):
         middle = (picture.edges[1:] + picture.edges[:-1]) / 2
         self.histogram.set_curve("pixels", middle, np.maximum(picture.counts, 0.5))
         self.numbers.setText(picture.numbers)
-        colour = current_theme().bad if picture.saturated else current_theme().good
-        self.saturated.setText(f"saturated pixels <b style='color:{colour}'>{picture.saturated}</b>")
+        self._counted = picture.saturated
+        self._show_saturated()
         self.spot.setText(picture.spot)
         self.view.set_lattice(camera if self.lattice.isChecked() else None)
         if picture.window is not None and picture.point is not None and self.cutout.isChecked():
@@ -266,6 +268,7 @@ class SetupPanel(QWidget):
 
     def show_result(self, key: str, words: str, *, good: bool = True, usable: bool = False) -> None:
         """Show what was found; what is bad is red."""
+        self._said[key] = (words, good, usable)
         label = self.results[key]
         theme = current_theme()
         label.setText(words if good else f"<span style='color:{theme.bad}'>{words}</span>")
@@ -276,6 +279,14 @@ class SetupPanel(QWidget):
         """Take the colours of the theme in use."""
         for widget in (self.view, self.histogram, self.seen, self.predicted):
             widget.apply_theme()
+        self._show_saturated()
+        for key, (words, good, usable) in tuple(self._said.items()):
+            self.show_result(key, words, good=good, usable=usable)
+
+    def _show_saturated(self) -> None:
+        if self._counted is not None:
+            colour = current_theme().bad if self._counted else current_theme().good
+            self.saturated.setText(f"saturated pixels <b style='color:{colour}'>{self._counted}</b>")
 
     def _zoom(self) -> None:
         if self._window is not None:

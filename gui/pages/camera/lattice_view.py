@@ -72,6 +72,8 @@ class LatticeView(QWidget):
     def _look_at_corner(self, found: Checked) -> None:
         """Show a corner, where differences are largest; the menu shows all."""
         side = LENSLETS * (found.check.fit.pitch_px if found.check.fit is not None else 30.0)
+        if found.picture is not None:
+            side = min(side, found.step * max(found.picture.shape))
         self.image.plot.setRange(QRectF(-2, -2, side, side), padding=0)
 
     def _show(self) -> None:

@@ -139,12 +139,8 @@ class CameraPanel(QWidget):
         self._kept = True
 
     def show_check(self) -> None:
-        """Look at the white image, with room for it."""
-        self._keep()
+        """Look at the white image."""
         self.tabs.setCurrentWidget(self.check)
-        height = sum(self.split.sizes())
-        if self.split.sizes()[1] < height / 2:
-            self.split.setSizes([height * 2 // 5, height * 3 // 5])
 
     def _overview(self) -> QWidget:
         """Return the drawing, and beside it what follows from the description."""

@@ -7,7 +7,6 @@ from PySide6.QtGui import QColor
 from PySide6.QtWidgets import (
     QHBoxLayout,
     QHeaderView,
-    QLabel,
     QPushButton,
     QStackedWidget,
     QTableWidget,
@@ -17,11 +16,13 @@ from PySide6.QtWidgets import (
 )
 
 from gui.base_page import EmptyState
+from gui.models.words import typeset
 from gui.pages.camera.lattice_view import LatticeView
 from gui.pages.camera.model_check import Checked
 from gui.pages.camera.model_lattice_map import lattice_words
 from gui.theme import current_theme
 from gui.widgets.cards import line
+from gui.widgets.words import WrappedLabel
 from lfcal.lattice.camera_check import DIFFERS, FITS, WRONG
 
 __all__ = ["CheckPanel"]
@@ -30,6 +31,8 @@ EMPTY = "Hold the camera against a white image: is the lattice where the descrip
 WHITE = "A frame of an even light, taken with this camera: shows whether pitch, rotation and offset are right"
 DARK = "A frame without light, taken off the white image: needed where the sensor has a black level or hot pixels"
 COLUMNS = ("", "Verdict", "Off by (px)", "Camera", "White image")
+ROW = 19
+"""Height of a row (px): all are seen below the forms of a low window."""
 WORDS = {
     FITS: "The camera fits this white image.",
     DIFFERS: "The lattice is a little different: take the measured one.",
@@ -66,18 +69,22 @@ class CheckPanel(QWidget):
         self.stack.addWidget(self.empty)
         self.view = LatticeView()
         self._make_table()
-        self.words = QLabel()
-        self.words.setWordWrap(True)
+        self.words, self.about = WrappedLabel(), WrappedLabel()
+        self.words.setProperty("role", "value")
         right = QWidget()
         column = QVBoxLayout(right)
         column.setContentsMargins(0, 0, 0, 0)
-        column.addWidget(self.words)
+        column.setSpacing(4)
+        head = QHBoxLayout()
+        head.addWidget(self.words, 1)
+        head.addLayout(self._buttons())
+        column.addLayout(head)
+        column.addWidget(self.about)
         column.addWidget(self.table, 1)
-        column.addLayout(self._buttons())
         both = QWidget()
         row = QHBoxLayout(both)
         row.setContentsMargins(0, 0, 0, 0)
-        row.addWidget(self.view, 2)
+        row.addWidget(self.view, 1)
         row.addWidget(right, 3)
         self.stack.addWidget(both)
         self._shown: Checked | None = None
@@ -90,7 +97,8 @@ class CheckPanel(QWidget):
         )
         self.table.setHorizontalHeaderLabels(list(COLUMNS))
         self.table.verticalHeader().hide()
-        self.table.verticalHeader().setDefaultSectionSize(24)
+        self.table.verticalHeader().setMinimumSectionSize(ROW)
+        self.table.verticalHeader().setDefaultSectionSize(ROW)
         self.table.setEditTriggers(QTableWidget.EditTrigger.NoEditTriggers)
         self.table.setSelectionMode(QTableWidget.SelectionMode.NoSelection)
         self.table.setWordWrap(False)
@@ -127,15 +135,20 @@ class CheckPanel(QWidget):
         self._shown = found
         self.stack.setCurrentIndex(1)
         self.view.show_check(found)
-        about = "" if found.check.fit is None else f"\n{lattice_words(found.check.fit)}"
-        self.words.setText(f"{found.name}: {WORDS[found.check.verdict]}{about}")
+        self.words.setText(f"{found.name}: {WORDS[found.check.verdict]}")
+        self._tell("" if found.check.fit is None else lattice_words(found.check.fit))
         self.take.setEnabled(found.check.camera is not None)
         self._fill()
 
     def show_taken(self) -> None:
         """Say that the measured lattice is the camera's."""
         self.words.setText("The measured lattice is the camera's now; save the camera to use it elsewhere.")
+        self._tell("")
         self.take.setEnabled(False)
+
+    def _tell(self, words: str) -> None:
+        self.about.setText(words)
+        self.about.setVisible(bool(words))
 
     def _fill(self) -> None:
         found = self._shown
@@ -147,7 +160,8 @@ class CheckPanel(QWidget):
         for row, entry in enumerate(found.check.lines):
             edge = "" if entry.edge_px is None else f"{entry.edge_px:.2f}"
             label = entry.label[:1].upper() + entry.label[1:]
-            for column, text in enumerate((label, entry.verdict, edge, entry.expected, entry.measured)):
+            texts = (label, entry.verdict, edge, typeset(entry.expected), typeset(entry.measured))
+            for column, text in enumerate(texts):
                 item = QTableWidgetItem(text)
                 if column == 2:
                     item.setTextAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)

@@ -9,9 +9,11 @@ from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QFrame, QLabel, QLineEdit, QListWidget, QListWidgetItem, QVBoxLayout, QWidget
 
 from gui.models.project import ProjectState
+from gui.models.words import typeset
 from gui.pages.fit.model import FIELDS, FitSettings, Offer, group_rows
 from gui.widgets.cards import card, choice_box
 from gui.widgets.form import Form
+from gui.widgets.words import WrappedLabel
 from lfcal.fit import Fit
 
 __all__ = ["ChoicesPanel"]
@@ -132,7 +134,7 @@ class ChoicesPanel(QWidget):
                 on = name in settings.groups and not needs
                 item.setCheckState(Qt.CheckState.Checked if on else Qt.CheckState.Unchecked)
             item.setFlags(flags)
-            item.setText(f"{mark}{title}" + (f"\nneeds {needs}" if needs else ""))
+            item.setText(typeset(f"{mark}{title}" + (f"\nneeds {needs}" if needs else "")))
             always = ", always fitted where groups are found" if core else ""
             item.setToolTip(f"{name}: {title}" + (f"; needs {needs}" if needs else always))
         self._fit_height()
@@ -181,8 +183,6 @@ def _say(label: QLabel, words: str, role: str) -> None:
 
 
 def _wrapped() -> QLabel:
-    label = QLabel()
-    label.setWordWrap(True)
-    label.setTextFormat(Qt.TextFormat.PlainText)
+    label = WrappedLabel()
     label.setProperty("role", "hint")
     return label

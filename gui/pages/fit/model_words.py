@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 
+from gui.models.words import typeset
 from gui.pages.fit.model_run import Found, Place
 from lfcal.fit import GROUPS, Fit, Outlier, Parameter
 from lfcal.units import format_length, format_share
@@ -23,7 +25,7 @@ __all__ = [
     "verdict_of",
 ]
 
-COLUMNS = ("Parameter", "Found", "± σ", "Described", "Unit", "Difference (σ)", "Group")
+COLUMNS = ("Parameter", "Found", "± σ", "Described", "Unit", "Off (σ)", "Group")
 NUMBERS = (1, 2, 3, 5)
 """Columns that are sorted by their numbers."""
 
@@ -47,9 +49,14 @@ def _row(one: Parameter) -> ParameterRow:
     title = GROUPS.get(one.group).title if one.group in GROUPS else one.group
     value, sigma, start = (_rounded(number, one.sigma) for number in (one.value, one.sigma, one.start))
     far = "–" if math.isnan(away) else f"{away:+.1f}" if abs(away) < 1000 else f"{away:+.3g}"
-    texts = (one.name, value, sigma, start, one.unit or "–", far, title)
+    texts = (_plain(one.name), value, sigma, start, one.unit or "–", far, title)
     nan = math.nan
     return ParameterRow(texts, (nan, one.value, one.sigma, one.start, nan, away, nan), abs(away) >= 3)
+
+
+def _plain(name: str) -> str:
+    """Return the name of a parameter without its unit, which stands beside it."""
+    return re.sub("_(um|rad|px|nm|e)$", "", name).replace("f_number", "f-number").replace("_", " ")
 
 
 def _rounded(value: float, sigma: float) -> str:
@@ -130,7 +137,7 @@ def _outlier(one: Outlier) -> Finding:
 
 
 def _title(name: str) -> str:
-    return GROUPS.get(name).title if name in GROUPS else name
+    return typeset(GROUPS.get(name).title) if name in GROUPS else name
 
 
 def place_words(found: Found, place: Place) -> str:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QLabel, QPushButton, QSlider, QVBoxLayout, QWidget
 
 from gui.models.display import levels_of
@@ -39,14 +40,17 @@ class LinkedView(ImageView):
     whole_asked = Signal()
 
     def __init__(self, value_label: str, *, signed: bool = False, first: bool = False) -> None:
-        super().__init__(ylabel="row t" if first else "", value_label=value_label, signed=signed)
+        super().__init__(value_label=value_label, signed=signed)
         box = self.plot.getViewBox()
         # not every change: a picture that only becomes larger moves no other
         box.sigRangeChangedManually.connect(lambda *_: self.moved.emit(box))
         if first:  # the next one has the same colours
             self.graphics.removeItem(self.bar)
-        else:
-            self.plot.getAxis("left").setLabel("")
+
+    @property
+    def bar_px(self) -> int:
+        """Width of the colour bar with its numbers and its name (px)."""
+        return round(self.bar.size().width() + self.graphics.ci.layout.horizontalSpacing())
 
     def show_all(self) -> None:
         """Zoom so that the whole image is seen."""
@@ -83,7 +87,6 @@ class PatternsView(QWidget):
         ):
             grid.addWidget(heading(title), 0, column)
             grid.addWidget(view, 1, column)
-            grid.setColumnStretch(column, 19 if column else 15)  # the first has no colour bar
             view.hovered.connect(self._hovered)
             view.moved.connect(self._follow)
             view.whole_asked.connect(self._show_whole)
@@ -94,6 +97,15 @@ class PatternsView(QWidget):
         grid.addWidget(self._controls(), 2, 2, 2, 1)
         grid.setRowStretch(1, 3)
         grid.setRowStretch(3, 2)
+        self._grid = grid
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Give the first, which has no colour bar, as much less room as that takes: all pictures are of one size."""
+        super().resizeEvent(event)
+        bar = self.model.bar_px
+        each = max(1, (self.width() - 2 * bar - 2 * self._grid.spacing()) // 3)
+        for column in range(3):
+            self._grid.setColumnStretch(column, each + bar if column else each)
 
     # -- building --------------------------------------------------------------------------------------
     def _controls(self) -> QWidget:
@@ -118,7 +130,7 @@ class PatternsView(QWidget):
             column.addLayout(row)
         self.words, self.readout, self.sums = _wrapped(""), _wrapped("hint"), _wrapped("")
         self.readout.setText("Point at a pixel to read it.")
-        self.worst_button = QPushButton("Worst")
+        self.worst_button = QPushButton("Worst pattern")
         self.worst_button.setToolTip("The pattern that is explained worst (W)")
         self.worst_button.clicked.connect(lambda _=False: self.show_worst())
         self.scale_box = choice_box(SCALES, "Gamma and log bring out faint light (L, G); residuals stay linear")

@@ -9,7 +9,7 @@ import pyqtgraph as pg
 from PySide6.QtWidgets import QLabel, QVBoxLayout, QWidget
 
 from gui.theme import current_theme
-from gui.widgets.plots import LINES, DecadeAxis, LinePlot
+from gui.widgets.plots import LINES, DecadeAxis, LinePlot, line_px
 from lfcal.fit import FitProgress
 
 __all__ = ["RoundsView"]
@@ -36,7 +36,7 @@ class DecadePlot(LinePlot):
         self.plot.showGrid(x=True, y=True, alpha=0.15)
         self.blank.show_blank(False)
         self.blank.show_blank(True)
-        self.line, self.dots = pg.PlotDataItem(pen=pg.mkPen(colour, width=1.8)), pg.ScatterPlotItem(size=8)
+        self.line, self.dots = pg.PlotDataItem(pen=pg.mkPen(colour, width=line_px(1.8))), pg.ScatterPlotItem(size=8)
         for item in (self.line, self.dots):
             self.plot.addItem(item)
         self.set_labels("round of derivatives", label)
@@ -48,7 +48,7 @@ class DecadePlot(LinePlot):
         theme = current_theme()
         points = [(k, math.log10(max(v, FLOOR)), limits[k]) for k, v in enumerate(values) if not math.isnan(v)]
         self.line.setData([x for x, _, _ in points], [y for _, y, _ in points])
-        pen = pg.mkPen(self._colour, width=1.6)
+        pen = pg.mkPen(self._colour, width=line_px(1.6))
         fill = {True: pg.mkBrush(theme.plot), False: pg.mkBrush(self._colour)}
         self.dots.setData([{"pos": (x, y), "pen": pen, "brush": fill[limit]} for x, y, limit in points])
         self.plot.getAxis("bottom").setTickSpacing(5 if len(values) > MANY else 1, 1)
@@ -72,7 +72,7 @@ class RoundsView(QWidget):
         super().__init__()
         column = QVBoxLayout(self)
         column.setContentsMargins(0, 6, 0, 0)
-        self.error = DecadePlot("left-out patterns: off (%)", LINES[0])
+        self.error = DecadePlot("error of left-out patterns (%)", LINES[0])
         self.chi2 = DecadePlot("χ² of fitted patterns", LINES[1])
         self._rounds: tuple[FitProgress, ...] = ()
         for plot in (self.error, self.chi2):

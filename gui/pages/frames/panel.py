@@ -34,6 +34,7 @@ from gui.widgets.image_view import ImageView
 from gui.widgets.period_map import PeriodMap
 from gui.widgets.plots import LinePlot
 from gui.widgets.splitting import split
+from gui.widgets.words import WrappedLabel
 from lfcal.camera import Camera
 
 __all__ = ["FramesPanel"]
@@ -154,8 +155,8 @@ class FramesPanel(QWidget):
 
     def _left(self) -> QScrollArea:
         panel, column = card()
-        self.position_label = heading("")
-        self.position_label.setWordWrap(True)
+        self.position_label = WrappedLabel()
+        self.position_label.setProperty("role", "heading")
         column.addWidget(self.position_label)
         column.addLayout(self._plane_line())
         column.addWidget(self.map, 4)
@@ -276,6 +277,8 @@ class FramesPanel(QWidget):
         self.histogram.clear()
         self._count(None)
         self._show_crop(None, "no frame")
+        for blank in (self.view.blank, self.crop.blank, self.histogram.blank):
+            blank.words = "No frame was recorded here."
 
     def show_frame(self, loaded: Loaded) -> None:
         """Show a frame with its numbers."""

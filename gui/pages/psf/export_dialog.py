@@ -8,7 +8,7 @@ from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QCheckBox, QDialog, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
-from gui.models.words import said_in_window
+from gui.models.words import said_in_window, typeset
 from gui.pages.psf.export_model import CHOICES, KINDS, ExportIntent
 from gui.widgets.cards import card, choice_box
 from lfcal.psf import PSFMatrix
@@ -108,7 +108,7 @@ class ExportDialog(QDialog):
         self.kind_box.setCurrentIndex(self.kind_box.findData(intent.suffix))
         blocker.unblock()
         notes = intent.notes(self._matrix)
-        lines = (said_in_window(note) for note in notes)
+        lines = (typeset(said_in_window(note)) for note in notes)
         self.notes.setText("\n\n".join(f"{line[:1].upper()}{line[1:]}." for line in lines))
         self.notes_card.setVisible(bool(notes))
         self._fit()

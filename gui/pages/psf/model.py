@@ -185,7 +185,7 @@ def resolve(intent: PSFIntent, plane: LoadedPlane, reference: LoadedPlane | None
     names = ("HT", "H") if intent.transposed else ("H", "HT")
     main = _shown(intent, plane, reference, here, intent.transposed)
     linked = _shown(intent, plane, reference, there, not intent.transposed)
-    what = {"measured": "", "reference": "reference ", "difference": "difference "}[intent.show]
+    what = {"measured": "", "reference": "Reference: ", "difference": "Difference: "}[intent.show]
     return PSFPicture(
         main,
         linked,
@@ -244,8 +244,9 @@ def place_words(matrix: PSFMatrix, intent: PSFIntent) -> tuple[str, str]:
     """Return plane and position in words."""
     depth = float(matrix.depths[intent.z])
     virtual = f", v = {matrix.camera.virtual_depth(depth):.2f}" if matrix.camera is not None else ""
+    at = f"z = {format_length(depth)}{virtual}".replace(" ", "\u00a0").replace(",\u00a0", ", ")  # no line ends in it
     ny, nx = matrix.period
     return (
-        f"{plane_words(intent.z, len(matrix))}: z = {format_length(depth)}{virtual}",
+        f"{plane_words(intent.z, len(matrix))}: {at}",
         f"Position y {intent.y}, x {intent.x} of {ny} × {nx} px",
     )

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 __all__ = ["aperture_tip", "aperture_words", "expected_in"]
 
 UNKNOWN = "—"
+SMALL = "style='font-size:9pt'"
 GAP = "style='padding-right:6px'"
 
 
@@ -41,14 +42,14 @@ def aperture_words(aperture: Aperture, expected: Aperture | None = None) -> str:
     found = _numbers(aperture)
     if expected is None:
         cells = "".join(f"<tr><td {GAP}>{name}</td>{_value(value)}</tr>" for name, value in found.items())
-        return f"{refused}<table cellspacing='0' cellpadding='0'>{cells}</table>"
+        return f"{refused}<table cellspacing='0' cellpadding='0' {SMALL}>{cells}</table>"
     there = {name: _bare(text) for name, text in _numbers(expected).items()}
     there |= dict.fromkeys(("Edge blur", "Ellipticity", "Confidence"), UNKNOWN)
     head = f"<tr><td></td><td {GAP}>fitted</td><td>expected</td></tr>"
     rows = "".join(
         f"<tr><td {GAP}>{name}</td>{_value(value)}<td>{there[name]}</td></tr>" for name, value in found.items()
     )
-    return f"{refused}<table cellspacing='0' cellpadding='0' style='font-size:9pt'>{head}{rows}</table>"
+    return f"{refused}<table cellspacing='0' cellpadding='0' {SMALL}>{head}{rows}</table>"
 
 
 def _bare(text: str) -> str:

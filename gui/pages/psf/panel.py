@@ -32,7 +32,7 @@ from gui.widgets.cards import card, choice_box
 from gui.widgets.image_view import ImageView
 from gui.widgets.linking import link_views
 from gui.widgets.period_map import PeriodMap
-from gui.widgets.plots import LINES, LinePlot, shown_tone
+from gui.widgets.plots import LINES, LinePlot, line_px, shown_tone
 from gui.widgets.splitting import split
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ __all__ = ["PSFPanel"]
 
 SHOWN = (("measured", "measured"), ("reference", "reference"), ("difference", "difference"))
 SCALES = (("linear", "linear"), ("log", "log, 4 decades"), ("gamma", "gamma 0.5"))
-HOVER = "Hover a pixel to see the voxel pattern it belongs to; click to hold it."
+HOVER = "Hover a pixel: the pattern that it belongs to. Click: hold it."
 Levels = tuple[float, float] | None
 
 COLOURS = "Colours of intensity; equal steps look equally large in all of them, grey prints best"
@@ -154,7 +154,7 @@ class PSFPanel(QWidget):
         self.readout = QLabel(" ")
         self.readout.setProperty("role", "hint")
         self.readout.setWordWrap(True)
-        self.readout.setMinimumHeight(50)
+        self.readout.setMinimumHeight(34)
         column.addWidget(self.readout)
         return panel
 
@@ -195,6 +195,8 @@ class PSFPanel(QWidget):
         panel, column = card("Aperture from the depth-plane sum")
         row = QHBoxLayout()
         self.sum_view.graphics.removeItem(self.sum_view.bar)  # of its shape all is said; it takes half of the room
+        for side in ("left", "bottom"):  # the numbers beside it say how large it is
+            self.sum_view.plot.hideAxis(side)
         row.addWidget(self.sum_view, 1)
         self.aperture_text.setAlignment(Qt.AlignmentFlag.AlignVCenter)
         # in a scroll area: a label that wraps would ask the grid for height, and the pictures above would shrink
@@ -324,8 +326,8 @@ class PSFPanel(QWidget):
     def _colour(self) -> None:
         """Give outlines, and the words about lines, the colours of the theme in use."""
         fitted, expected = outline_tones()
-        self.outline.setPen(pg.mkPen(fitted, width=2))
-        self.expected.setPen(pg.mkPen(expected, width=1, style=Qt.PenStyle.DashLine))
+        self.outline.setPen(pg.mkPen(fitted, width=line_px(2)))
+        self.expected.setPen(pg.mkPen(expected, width=line_px(1), style=Qt.PenStyle.DashLine))
         self.legend.setText(legend_words())
         self.profile_title.setText(_profile_words())
 

@@ -24,6 +24,7 @@ from gui.widgets.cards import card, choice_box, line, told_or_shown
 from gui.widgets.image_view import ImageView
 from gui.widgets.linking import link_views
 from gui.widgets.rows_table import RowsTable
+from gui.widgets.words import ElidedLabel, WrappedLabel
 
 __all__ = ["ComparePanel"]
 
@@ -74,7 +75,7 @@ class ComparePanel(QWidget):
 
     # -- building --------------------------------------------------------------------------------------
     def _head(self) -> QHBoxLayout:
-        self.second = QLabel("Second H: none")
+        self.second = ElidedLabel("Second H: none")
         self.second.setProperty("role", "value")
         self.choose_button = QPushButton("Choose …")
         self.choose_button.setToolTip("The H that is held beside this one")
@@ -106,11 +107,8 @@ class ComparePanel(QWidget):
         grid = QGridLayout(content)
         grid.setContentsMargins(0, 0, 0, 0)
         grid.setSpacing(8)
-        self.verdict = QLabel()
-        self.verdict.setWordWrap(True)
+        self.verdict, self.notes = WrappedLabel(), WrappedLabel()
         self.verdict.setProperty("role", "value")
-        self.notes = QLabel()
-        self.notes.setWordWrap(True)
         self.notes.setProperty("role", "hint")
         words = QVBoxLayout()
         words.setSpacing(2)
@@ -120,8 +118,8 @@ class ComparePanel(QWidget):
         grid.addWidget(self._pictures(), 1, 0, 1, 2)
         grid.addWidget(self._table(), 2, 0)
         grid.addWidget(self._map(), 2, 1)
-        grid.setColumnStretch(0, 9)
-        grid.setColumnStretch(1, 5)
+        grid.setColumnStretch(0, 2)
+        grid.setColumnStretch(1, 1)
         grid.setRowStretch(1, 6)
         grid.setRowStretch(2, 5)
         return content
@@ -145,7 +143,7 @@ class ComparePanel(QWidget):
         self.readout = QLabel(" ")
         self.readout.setProperty("role", "hint")
         column.addLayout(line("Show", self.mode, self.scaling, "Differs most at", self.worst, self.readout, stretch=5))
-        self.titles = tuple(QLabel() for _ in range(3))
+        self.titles = tuple(ElidedLabel() for _ in range(3))
         self.views = (
             ImageView(value_label="value"),
             ImageView(value_label="value at that light"),
@@ -244,7 +242,7 @@ class ComparePanel(QWidget):
         first, second = self._names
         self._where = f"{first} {where}"
         self.titles[1].setText(second)
-        self.titles[2].setText("difference")
+        self.titles[2].setText("Difference")
         at = self.worst.findData(both.place)
         if at >= 0:
             self.worst.setCurrentIndex(at)

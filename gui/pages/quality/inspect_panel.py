@@ -52,7 +52,7 @@ class InspectPanel(QWidget):
         column.setContentsMargins(0, 8, 0, 0)
         column.setSpacing(8)
         column.addLayout(self._head())
-        column.addWidget(split(self._tables(), self.evidence, sizes=(640, 420)), 1)
+        column.addWidget(split(self._tables(), self.evidence, sizes=(690, 370)), 1)
 
     # -- building --------------------------------------------------------------------------------------
     def _head(self) -> QHBoxLayout:

@@ -43,7 +43,7 @@ Place = tuple[int, int, int]
 MODES = (("side", "side by side"), ("blink", "blink"), ("difference", "difference"))
 """How two H are shown."""
 
-COLUMNS = ("Plane, lenslets", "NRMSE %", "Scale", "Scaled %", "Shift px", "Left %")
+COLUMNS = ("Plane, lenslets", "NRMSE (%)", "Scale", "Scaled (%)", "Shift (px)", "Left (%)")
 TIPS = (
     "Number and depth of the plane, both numbers where they differ; pixels behind the lenslets of one type",
     "|A − B| / |B|, as they are",

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.errors import InputError
+from lfcal.units import format_number
 
 if TYPE_CHECKING:
     from lfcal.psf.quality.trend import Course, QualityTrend, Value
@@ -71,7 +72,7 @@ def _slope(course: Course) -> str:
 
 
 def _told(value: Value | None) -> str:
-    return "–" if value is None else f"{value.value:.3g} {value.merit}"
+    return "–" if value is None else f"{format_number(value.value)} {value.merit}"
 
 
 def merits_of(found: QualityTrend) -> list[str]:

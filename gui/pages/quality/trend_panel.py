@@ -14,6 +14,7 @@ from gui.widgets.cards import card, told_or_shown
 from gui.widgets.plots import LINES, LinePlot
 from gui.widgets.rows_table import RowsTable
 from gui.widgets.splitting import split
+from gui.widgets.words import WrappedLabel
 
 __all__ = ["TrendPanel"]
 
@@ -76,11 +77,11 @@ class TrendPanel(QWidget):
         self.table.verticalHeader().setDefaultSectionSize(24)
         self.table.itemSelectionChanged.connect(self._chosen)
         column.addWidget(self.table)
-        self.title = QLabel("Over time")
+        self.title = WrappedLabel("Over time")
         right, column = card(self.title)
         self.curve = LinePlot("days since the first session", "value")
         column.addWidget(self.curve)
-        return split(left, right, sizes=(640, 420))
+        return split(left, right, sizes=(690, 370))
 
     # -- showing ---------------------------------------------------------------------------------------
     def show_message(self, words: str) -> None:
@@ -107,7 +108,7 @@ class TrendPanel(QWidget):
 
     def show_curve(self, curve: Curve) -> None:
         """Show a course with the limits of good and bad."""
-        self.title.setText(f"{curve.label}; dashed: the limits of good and of bad")
+        self.title.setText(f"{curve.label}\nDashed: the limits of good and of bad")
         self.curve.clear()
         self.curve.set_labels("days since the first session", curve.label)
         ends = np.array([curve.days.min(), max(curve.days.max(), curve.days.min() + 1)])

@@ -50,13 +50,21 @@ FIELDS = (
     Field("gain", "Gain", "counts/e⁻", "Counts per photo-electron: what tells the photons' noise that ends a run"),
     Field("background", "Background", "counts", "Expected value of a pixel without any source"),
     Field("read_noise", "Read noise", "counts", "Rms noise of the sensor; Richardson-Lucy variants use it"),
-    Field("saturation", "Saturation", "counts", "Pixels at or above are left out; empty: none", optional=True),
+    Field(
+        "saturation",
+        "Saturation",
+        "counts",
+        "Pixels at or above are left out; empty: none",
+        optional=True,
+        empty="none",
+    ),
     Field(
         "strength",
         "Strength",
         "",
         "Weight of the penalty (rl-tv: 0.002 is mild; rl-tikhonov: 0.01), damping of cg; empty: the default",
         optional=True,
+        empty="default",
     ),
     Field(
         "subsets",
@@ -65,6 +73,7 @@ FIELDS = (
         "osem: number of subsets; phase-space: blocks of views per axis; empty: the default",
         kind="int",
         optional=True,
+        empty="default",
     ),
     Field(
         "method",
@@ -95,6 +104,7 @@ FIELDS = (
         "Pixels that the volume goes on beyond the light field, for light from beside it; empty: as many as help",
         kind="int",
         optional=True,
+        empty="auto",
     ),
     Field(
         "voxel",
@@ -103,11 +113,24 @@ FIELDS = (
         "Save … writes all planes with voxels of one size: a number, or auto, the smallest; light is shared out "
         "by area. Empty: pixel by pixel, behind a main lens each plane with a size of its own",
         kind="text",
+        empty="by pixel",
     ),
     Field("double", "Double precision", kind="bool", tip="float64 instead of float32: twice the memory"),
-    Field("region", "Region", "px", "row, column, rows, columns of the light field; empty: all of it", kind="floats"),
     Field(
-        "anchor", "Anchor", "px", "row, column at which H's position (0, 0) is imaged; empty: that of H", kind="floats"
+        "region",
+        "Region",
+        "px",
+        "row, column, rows, columns of the light field; empty: all of it",
+        kind="floats",
+        empty="all",
+    ),
+    Field(
+        "anchor",
+        "Anchor",
+        "px",
+        "row, column at which H's position (0, 0) is imaged; empty: that of H",
+        kind="floats",
+        empty="of H",
     ),
 )
 

@@ -108,7 +108,7 @@ class Page(BasePage):
         self.panel.form.set_values(values)
         self.panel.show_device(settings.device)
         self.panel.show_solver(settings)
-        self.panel.file.setText(Path(state.light_field).name if state.light_field else "none yet")
+        self._show_file()
         self._show_region()
         self._show_controls()
 
@@ -193,11 +193,16 @@ class Page(BasePage):
 
     def _loaded(self, path: str, image: NDArray[Any]) -> None:
         self.image, self._opened = image, path
-        self.panel.file.setText(f"{Path(path).name}, {image.shape[1]} × {image.shape[0]} px")
+        self._show_file()
         self.panel.light_field.set_image(image, name="light_field", keep_view=False)
         self._show_region()
         self._show_controls()
         self._forecast()
+
+    def _show_file(self) -> None:
+        path, image = self.context.state.light_field, self.image
+        size = "" if image is None or path != self._opened else f", {image.shape[1]} × {image.shape[0]} px"
+        self.panel.file.setText(f"{Path(path).name}{size}" if path else "none yet")
 
     def _not_loaded(self, words: str) -> None:
         self.panel.file.setText(words)
@@ -210,7 +215,7 @@ class Page(BasePage):
         try:
             rows, columns = self.settings.window((self.image.shape[0], self.image.shape[1]))
         except LfcalError as error:
-            self.panel.forecast.setText(str(error))
+            self.panel.show_forecast(str(error))
             return
         self.panel.show_region((rows.start, rows.stop, columns.start, columns.stop))
 
@@ -246,12 +251,12 @@ class Page(BasePage):
         if matrix is None or image is None or self._job:
             return
         shape = (image.shape[0], image.shape[1])
-        self.panel.forecast.setText("forecasting …")
+        self.panel.show_forecast("forecasting …")
         self.context.jobs.compute(
             "reconstruct forecast",
             lambda: forecast_words(projector_for(matrix, shape, settings), settings.choice_for(matrix, shape)),
-            self.panel.forecast.setText,
-            self.panel.forecast.setText,
+            self.panel.show_forecast,
+            self.panel.show_forecast,
         )
 
     # -- solving ---------------------------------------------------------------------------------------

@@ -16,12 +16,14 @@ from PySide6.QtWidgets import (
     QLabel,
     QProgressBar,
     QPushButton,
+    QSizePolicy,
     QStackedWidget,
     QTabWidget,
     QVBoxLayout,
     QWidget,
 )
 
+from gui.models.words import unbroken
 from gui.pages.reconstruct.model import FIELDS, ReconstructSettings, used_by
 from gui.pages.reconstruct.model_device import DEVICE, NO_DEVICE
 from gui.pages.reconstruct.volume_view import VolumeView
@@ -29,8 +31,9 @@ from gui.theme import current_theme
 from gui.widgets.cards import card, column_area, line
 from gui.widgets.form import Form
 from gui.widgets.image_view import ImageView
-from gui.widgets.plots import LinePlot
+from gui.widgets.plots import LinePlot, line_px
 from gui.widgets.splitting import split
+from gui.widgets.words import ElidedLabel, WrappedLabel
 from lfcal.reconstruct.phantoms import PHANTOMS
 from lfcal.reconstruct.solvers.choice import SOLVERS
 
@@ -80,7 +83,7 @@ class ReconstructPanel(QWidget):
         self.light_field = ImageView(xlabel="column", ylabel="row")
         self.light_field.blank.words = "Open a light field, or make one."
         self.light_field.setToolTip("The light field; the frame shows the region that is used")
-        self.frame = pg.PlotCurveItem(pen=pg.mkPen("#ff5a5f", width=1.5))
+        self.frame = pg.PlotCurveItem(pen=pg.mkPen("#ff5a5f", width=line_px(1.5)))
         self.light_field.add_overlay(self.frame)
         self.residual = LinePlot("iteration", "residual (%)")
         self.residual.setToolTip("Weighted rms of image minus model, over that of the image")
@@ -89,6 +92,9 @@ class ReconstructPanel(QWidget):
             "Log-likelihood of the image less its largest possible value, per pixel: 0 is a "
             "perfect fit; it falls only by rounding"
         )
+        for view in (self.light_field, self.residual, self.likelihood):
+            # what they would like to have takes no height from each other
+            view.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Ignored)
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 0, 0, 0)
         row.setSpacing(8)
@@ -99,8 +105,7 @@ class ReconstructPanel(QWidget):
     # -- building --------------------------------------------------------------------------------------
     def _input_card(self) -> QWidget:
         frame, column = card("Light field")
-        self.file = QLabel("none yet")
-        self.file.setWordWrap(True)
+        self.file = WrappedLabel("none yet")
         self.file.setProperty("role", "hint")
         self.open = QPushButton("Open …")
         self.open.setToolTip("An image behind the same optics: TIFF, PNG, RAW, …; files can be dropped here as well")
@@ -156,7 +161,7 @@ class ReconstructPanel(QWidget):
 
     def _volume_card(self) -> QWidget:
         frame, column = card()
-        self.title = QLabel("Volume")
+        self.title = ElidedLabel("Volume")
         self.title.setProperty("role", "heading")
         self.shown = QComboBox()
         for name in SHOWN:
@@ -245,6 +250,10 @@ class ReconstructPanel(QWidget):
         # pixel centres have whole numbers: the edge lies half a pixel outside
         top, bottom, left, right = (n - 0.5 for n in region)
         self.frame.setData([left, right, right, left, left], [top, top, bottom, bottom, top])
+
+    def show_forecast(self, words: str) -> None:
+        """Show what a reconstruction will cost, as rich text, or why that is not known."""
+        self.forecast.setText(unbroken(words))
 
     def show_hint(self, text: str) -> None:
         """Say what to do next in place of a volume."""

@@ -16,6 +16,7 @@ from gui.pages.reconstruct.model_volume import VolumeIntent, VolumePicture, reso
 from gui.widgets.colour_bar import ColourBar, bar_table, theme_table
 from gui.widgets.measured_part import MeasuredPart, entries_at
 from gui.widgets.picture_menu import offer_menu
+from gui.widgets.pixel_axis import count_pixels, pixel_axes
 from gui.widgets.plots import style_axes, theme_plot
 from lfcal.units import format_length
 
@@ -77,7 +78,7 @@ class VolumeView(QWidget):
 
     # -- building --------------------------------------------------------------------------------------
     def _plot(self, row: int, column: int, xlabel: str, ylabel: str) -> pg.PlotItem:
-        plot = self.graphics.addPlot(row=row, col=column, enableMenu=False)
+        plot = self.graphics.addPlot(row=row, col=column, axisItems=pixel_axes(), enableMenu=False)
         plot.hideButtons()
         if row == 0:
             plot.invertY(True)
@@ -160,6 +161,8 @@ class VolumeView(QWidget):
             return
         low, high = float(np.nanmin(volume)), float(np.nanmax(volume))
         self._whole = (min(low, 0.0), high if high > low else low + 1.0)
+        for plot, down, across in ((self.xy, 1, 2), (self.xz, 0, 2), (self.yz, 1, 0)):
+            count_pixels(plot, (volume.shape[down], volume.shape[across]))
         if before != volume.shape:
             self.intent = VolumeIntent.middle(volume.shape, self.intent)
             self.slider.blockSignals(True)

@@ -113,10 +113,7 @@ class EffectPanel(QWidget):
     # -- showing ---------------------------------------------------------------------------------------
     def show_plan(self, plan: ScanPlan) -> None:
         """Offer planes and positions of a plan; the middle ones where the plan is another."""
-        planes = [
-            f"{z}: {format_length(depth)}, v = {plan.camera.virtual_depth(depth):.3g}"
-            for z, depth in enumerate(plan.depths_um)
-        ]
+        planes = [f"{z}: {format_length(depth)}" for z, depth in enumerate(plan.depths_um)]
         ny, nx = plan.period
         before = [self.plane_box.itemText(k) for k in range(self.plane_box.count())]
         limits = (self.row_box.maximum(), self.column_box.maximum())

@@ -16,6 +16,7 @@ from lfcal.simulate.accuracy.forecast import engine_clock, plane_seconds, whole_
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.simulate import Budget, budgeted
+from lfcal.units import format_length
 
 __all__ = ["PLACE", "TOLERANCES"]
 
@@ -48,7 +49,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
         yield Step(f"reference, position {place}")
     yield Truth(
         "the reference level with the effects that matter at 1 %: " + ", ".join(e.name for e in every),
-        (f"{len(places)} position{'s' * (len(places) > 1)} of plane {z} (z = {plan.depths_um[z]:g} µm)",),
+        (f"{len(places)} position{'s' * (len(places) > 1)} of plane {z} (z = {format_length(plan.depths_um[z])})",),
     )
     true = np.concatenate(truth)
     for tolerance in TOLERANCES:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from lfcal.psf.quality.across import MatrixMeasures
 from lfcal.psf.quality.measure import PlaneMeasures
+from lfcal.units import format_number
 
 __all__ = ["RANK", "UNKNOWN", "CostModel", "Limits", "Merit", "Metric", "MetricSpec", "Reading", "judge"]
 
@@ -217,7 +218,9 @@ class Metric:
         if math.isnan(self.value):
             return "unknown"
         digits = (
-            f"{self.value:.0f}" if self.value == round(self.value) and abs(self.value) < 1e6 else f"{self.value:.3g}"
+            f"{self.value:.0f}"
+            if self.value == round(self.value) and abs(self.value) < 1e6
+            else format_number(self.value)
         )
         return f"{digits} {self.spec.unit}".strip()
 

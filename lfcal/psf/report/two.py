@@ -19,7 +19,7 @@ from lfcal.progress import Clock, Work
 from lfcal.psf.difference import Difference, Figures
 from lfcal.psf.report.parts import document, figures, section, table, text
 from lfcal.psf.report.pictures import Picture
-from lfcal.units import format_length, format_seconds
+from lfcal.units import format_length, format_number, format_seconds
 
 __all__ = ["COLUMNS", "compared_words", "figure_rows", "iter_compared_report", "report_files", "verdict"]
 
@@ -57,9 +57,9 @@ def verdict(found: Difference) -> str:
     if not math.isfinite(one.nrmse):
         return "Nothing could be compared: no position has light in both."
     row, column = one.shift_px
-    shifted = f"{_percent(one.left)} % at that and a shift of ({row:+.3f}, {column:+.3f}) px."
+    shifted = f"{_percent(one.left)} % at that and a shift of ({row:+z.3f}, {column:+z.3f}) px."
     if one.scale and not 1 / OTHER_UNITS < abs(one.scale) < OTHER_UNITS:
-        how = f"in units of their own: the first are {one.scale:.4g} times those of the second"
+        how = f"in units of their own: the first are {format_number(one.scale, 4)} times those of the second"
         return f"Their values are {how}. At that scale they differ by {_percent(one.scaled)} % (NRMSE), {shifted}"
     words = f"They differ by {_percent(one.nrmse)} % (NRMSE) as they are, {_percent(one.scaled)} % at the best scale "
     return ("The same to 1 %. " if one.nrmse < SAME else "") + words + f"{one.scale:.4g}, {shifted}"
@@ -90,7 +90,7 @@ def _rows(name: str, whole: Figures, types: tuple[Figures, ...]) -> list[tuple[s
             _percent(one.nrmse),
             f"{one.scale:.5g}",
             _percent(one.scaled),
-            f"{one.shift_px[0]:+.3f}, {one.shift_px[1]:+.3f}",
+            f"{one.shift_px[0]:+z.3f}, {one.shift_px[1]:+z.3f}",
             _percent(one.left),
             f"{one.correlation:.5f}",
         )

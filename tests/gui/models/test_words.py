@@ -1,7 +1,17 @@
 from __future__ import annotations
 
-from gui.models.words import plane_words
+from gui.models.words import plane_words, typeset, unbroken
 
 
 def test_planes_count_from_zero() -> None:
     assert plane_words(1, 2) == "Plane 1 (0 to 1)" and plane_words(0, 1) == "Plane 0 (the only one)"
+
+
+def test_words_of_the_library_are_typeset() -> None:
+    assert typeset("hollow sphere of 2x128x128 voxels, 20000 e-") == "hollow sphere of 2 × 128 × 128 voxels, 20000 e⁻"
+    assert typeset("19 x 33; pixel `anchor`; lens_types, e-6") == "19 × 33; pixel anchor; lens types, e-6"
+    assert typeset("position x 9 of 1e-5") == "position x 9 of 1e-5"
+
+
+def test_no_line_ends_between_a_number_and_its_unit() -> None:
+    assert unbroken("polyphase 54.5 ms a pair, 2 of 3") == "polyphase 54.5\u00a0ms a pair, 2\u00a0of 3"

@@ -103,3 +103,19 @@ def test_curves_are_red_where_all_is_red_and_have_their_tones_again(qapp: QAppli
     apply_theme(qapp, LIGHT)
     plot.apply_theme()
     assert tones() == [*before, LINES[2]]
+
+
+def test_another_name_of_an_axis_stands_in_its_middle(qtbot: QtBot) -> None:
+    """It began where the one before had: as far from the middle as one is longer than the other."""
+    plot = LinePlot("x", "y")
+    qtbot.addWidget(plot)
+    plot.resize(500, 300)
+    plot.show()
+    qtbot.waitExposed(plot, timeout=GUARD_MS)
+    plot.set_labels("processor time of the whole H (s)", "relative error (%)")
+    for side in ("bottom", "left"):
+        axis = plot.plot.getAxis(side)
+        centre = axis.label.mapToParent(axis.label.boundingRect().center())
+        size = axis.size()
+        along, length = (centre.x(), size.width()) if side == "bottom" else (centre.y(), size.height())
+        assert along == pytest.approx(length / 2, abs=3)

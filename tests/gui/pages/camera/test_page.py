@@ -159,7 +159,7 @@ def test_a_bent_lattice_and_its_residuals_are_drawn(
     page.check_white(str(tmp_path / "white.tif"))
     idle(context.jobs, qtbot)
     panel = page.panel.check
-    assert "radial" in panel.words.text() and "rms off it" in panel.words.text()
+    assert "radial" in panel.about.text() and "rms off it" in panel.about.text()
     view = panel.view
     view.choice.setCurrentIndex(view.choice.findData("distortion"))
     x, y = view.arrows.getData()

@@ -158,9 +158,9 @@ def test_parameters_are_sorted_by_number_and_copied(fitted: Page, qtbot: QtBot) 
     table, found = fitted.panel.tabs.parameters, fitted.found
     assert found is not None
     table.sortItems(3, Qt.SortOrder.DescendingOrder)
-    assert table.item(0, 0).text() == "gap_um" and table.number_of(0) == 0
+    assert table.item(0, 0).text() == "gap" and table.number_of(0) == 0
     table.sortItems(5, Qt.SortOrder.AscendingOrder)
-    away = [found.fit.parameters[table.item(k, 0).text()] for k in range(4)]
+    away = [list(found.fit.parameters.values())[table.number_of(k)] for k in range(4)]
     numbers = [(one.value - one.start) / one.sigma for one in away]
     assert numbers == sorted(numbers)
     table.clearSelection()

@@ -1,0 +1,8 @@
+"""The window brought to states worth looking at, one after the other: for pictures and for rules of layout.
+
+``stage``
+    A window that is led from outside.
+``start``, ``sample``, ``recording``, ``large``, ``dialogs``, ``trouble``
+    The states: a new window; the sample session; a session that is recorded; pictures as large as those of real
+    cameras; dialogs; what goes wrong.
+"""

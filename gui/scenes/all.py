@@ -1,0 +1,22 @@
+"""All scenes by their names, in the order in which they are played."""
+
+from __future__ import annotations
+
+from gui.scenes.dialogs import dialogs
+from gui.scenes.large import large
+from gui.scenes.recording import recording
+from gui.scenes.sample import sample
+from gui.scenes.stage import Scene
+from gui.scenes.start import empty
+from gui.scenes.trouble import trouble
+
+__all__ = ["SCENES"]
+
+SCENES: dict[str, Scene] = {
+    "empty": empty,
+    "sample": sample,
+    "dialogs": dialogs,
+    "trouble": trouble,
+    "large": large,
+    "recording": recording,
+}

@@ -1,0 +1,116 @@
+"""Labels for words that may be longer than their place: in one line, or in as many as they need.
+
+What is said of files has names in it, which people make long: no name makes a window wider, or is cut without a trace.
+"""
+
+from __future__ import annotations
+
+import re
+
+from PySide6.QtCore import QSize, Qt
+from PySide6.QtGui import QContextMenuEvent, QKeyEvent, QKeySequence, QResizeEvent
+from PySide6.QtWidgets import QApplication, QLabel, QMenu, QWidget
+
+__all__ = ["ElidedLabel", "WrappedLabel", "breakable"]
+
+BREAK = "\u200b"
+"""Is not seen, and a line may end there."""
+
+JOINTS = re.compile(r"(?<=[/\\_.,:=-])(?=[^\s/\\_.,:=-])")
+RUNS = re.compile(r"(\S{24})(?=\S)")
+LONGEST = 24
+"""Letters of a word that is left whole."""
+
+
+def breakable(text: str) -> str:
+    """Return ``text`` with places in its long words where a line may end: at their joints, or else anywhere."""
+
+    def broken(word: str) -> str:
+        if len(word) <= LONGEST:
+            return word
+        return BREAK.join(RUNS.sub(rf"\1{BREAK}", part) for part in JOINTS.split(word))
+
+    return "".join(part if part.isspace() else broken(part) for part in re.split(r"(\s+)", text))
+
+
+class WrappedLabel(QLabel):
+    """Plain words in as many lines as they need; a long name goes on in the next line, and is copied as it is."""
+
+    def __init__(self, text: str = "", parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._whole = ""
+        self.setTextFormat(Qt.TextFormat.PlainText)
+        self.setWordWrap(True)
+        self.setText(text)
+
+    def setText(self, text: str) -> None:
+        """Show ``text``."""
+        self._whole = text
+        super().setText(breakable(text))
+
+    def text(self) -> str:
+        """Return the text as it was given."""
+        return self._whole
+
+    def copy(self) -> None:
+        """Put what is selected on the clipboard, or all."""
+        chosen = self.selectedText().replace(BREAK, "") or self._whole
+        QApplication.clipboard().setText(chosen)
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """Copy a name whole."""
+        if event.matches(QKeySequence.StandardKey.Copy):
+            self.copy()
+            return
+        super().keyPressEvent(event)
+
+    def contextMenuEvent(self, event: QContextMenuEvent) -> None:
+        """Offer to copy where text can be selected."""
+        if not self.textInteractionFlags() & Qt.TextInteractionFlag.TextSelectableByMouse:
+            super().contextMenuEvent(event)
+            return
+        menu = QMenu(self)
+        menu.addAction("Copy").triggered.connect(lambda _=False: self.copy())
+        menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        menu.popup(event.globalPos())
+
+
+class ElidedLabel(QLabel):
+    """Words in one line; what has no room is left out in the middle, and stands in the tip."""
+
+    def __init__(self, text: str = "", parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._whole = ""
+        self.setTextFormat(Qt.TextFormat.PlainText)
+        self.setText(text)
+
+    def setText(self, text: str) -> None:
+        """Show ``text``, as much as there is room for."""
+        self._whole = text
+        self.updateGeometry()
+        self._fit()
+
+    def text(self) -> str:
+        """Return the text as it was given."""
+        return self._whole
+
+    def sizeHint(self) -> QSize:
+        """Return the size of all words."""
+        margins = self.contentsMargins()
+        across = self.fontMetrics().horizontalAdvance(self._whole) + margins.left() + margins.right() + 2
+        return QSize(across, super().sizeHint().height())
+
+    def minimumSizeHint(self) -> QSize:
+        """Return that no word needs room."""
+        return QSize(0, super().minimumSizeHint().height())
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Leave out more, or less."""
+        super().resizeEvent(event)
+        self._fit()
+
+    def _fit(self) -> None:
+        room = self.contentsRect().width()
+        shown = self.fontMetrics().elidedText(self._whole, Qt.TextElideMode.ElideMiddle, room)
+        super().setText(shown)
+        self.setToolTip(self._whole if shown != self._whole else "")

@@ -1,0 +1,211 @@
+"""What is wrong with how a window is laid out, found by looking at its widgets: cut text, parts that overlap."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pyqtgraph as pg
+from PySide6.QtCore import QRect, Qt
+from PySide6.QtGui import QFontMetrics, QTextDocument
+from PySide6.QtWidgets import (
+    QAbstractItemView,
+    QAbstractScrollArea,
+    QCheckBox,
+    QComboBox,
+    QGraphicsView,
+    QLabel,
+    QLineEdit,
+    QMainWindow,
+    QPushButton,
+    QRadioButton,
+    QSplitterHandle,
+    QTabBar,
+    QTableView,
+    QTextEdit,
+    QToolButton,
+    QWidget,
+)
+
+from gui.widgets.words import ElidedLabel
+
+__all__ = ["flaws"]
+
+SLACK = 2
+"""Pixels that are no flaw."""
+
+NEARLY = 16
+"""A scroll bar for less than this is one too many (px)."""
+
+BUTTONS = (QPushButton, QCheckBox, QRadioButton, QToolButton)
+OVERLAY = "overlay"
+"""Property of a widget that lies over others on purpose."""
+
+
+def flaws(root: QWidget) -> list[str]:
+    """Return what is wrong below ``root``, a line each: which widget, and what of it."""
+    found = []
+    for widget in (root, *root.findChildren(QWidget)):
+        if not widget.isVisible() or widget.visibleRegion().isEmpty():
+            continue
+        for words in _of(widget):
+            found.append(f"{_path(widget)}: {words}")
+    return found
+
+
+def _path(widget: QWidget) -> str:
+    names = []
+    at: QWidget | None = widget
+    while at is not None and len(names) < 4:
+        names.append(type(at).__name__)
+        at = at.parentWidget()
+    return " < ".join(names)
+
+
+def _of(widget: QWidget) -> Iterator[str]:
+    if isinstance(widget, QLabel):
+        yield from _label(widget)
+    elif isinstance(widget, BUTTONS):
+        if widget.text() and _less(widget.width(), widget.sizeHint().width()):
+            yield f"{widget.text()!r} needs {widget.sizeHint().width()} px, has {widget.width()}"
+    elif isinstance(widget, QComboBox):
+        yield from _box(widget)
+    elif isinstance(widget, QLineEdit):
+        yield from _edit(widget)
+    elif isinstance(widget, QTabBar):
+        yield from _tabs(widget)
+    elif isinstance(widget, QAbstractScrollArea):
+        yield from _area(widget)
+    yield from _siblings(widget)
+
+
+def _less(has: int, needs: int) -> bool:
+    return has + SLACK < needs
+
+
+def _label(label: QLabel) -> Iterator[str]:
+    text = label.text()
+    if isinstance(label, ElidedLabel) and label.toolTip() == text:
+        return  # what is left out can be read
+    if not text.strip() or (label.pixmap() and not label.pixmap().isNull()):
+        return
+    short = text[:60]
+    if not label.wordWrap():
+        if _less(label.width(), label.sizeHint().width()):
+            yield f"{short!r} needs {label.sizeHint().width()} px, has {label.width()}"
+        return
+    needs = label.heightForWidth(label.width())
+    if _less(label.height(), needs):
+        yield f"{short!r} needs a height of {needs} px, has {label.height()}"
+    page = QTextDocument()
+    page.setDefaultFont(label.font())
+    page.setDocumentMargin(0)
+    rich = label.textFormat() != Qt.TextFormat.PlainText and "<" in text
+    (page.setHtml if rich else page.setPlainText)(text)
+    page.setTextWidth(label.contentsRect().width())
+    if _less(label.contentsRect().width(), int(page.idealWidth())):
+        yield f"{short!r} has a word of {page.idealWidth():.0f} px in {label.contentsRect().width()}"
+
+
+def _box(box: QComboBox) -> Iterator[str]:
+    needs = QFontMetrics(box.font()).horizontalAdvance(box.currentText())
+    has = box.width() - 24  # the arrow
+    if _less(has, needs):
+        yield f"chosen {box.currentText()!r} needs {needs} px, has {has}"
+
+
+def _edit(edit: QLineEdit) -> Iterator[str]:
+    text = edit.text() or edit.placeholderText()
+    needs = QFontMetrics(edit.font()).horizontalAdvance(text)
+    has = edit.width() - 12
+    if "/" not in text and _less(has, needs):
+        yield f"text {text!r} needs {needs} px, has {has}"
+
+
+def _tabs(bar: QTabBar) -> Iterator[str]:
+    for k in range(bar.count()):
+        if bar.isTabVisible(k) and bar.tabRect(k).right() > bar.width():
+            yield f"tab {bar.tabText(k)!r} does not fit"
+
+
+def _area(area: QAbstractScrollArea) -> Iterator[str]:
+    if isinstance(area, QTableView):
+        yield from _cells(area)
+    for bar in (area.horizontalScrollBar(), area.verticalScrollBar()):
+        if bar.isVisible() and not isinstance(area, QAbstractItemView) and bar.maximum() - bar.minimum() < NEARLY:
+            yield f"a scroll bar for {bar.maximum() - bar.minimum()} px"
+    if isinstance(area, QAbstractItemView | QTextEdit) and area.horizontalScrollBar().isVisible():
+        yield "a horizontal scroll bar"
+    if isinstance(area, QGraphicsView):
+        yield from _axes(area)
+
+
+def _cells(table: QTableView) -> Iterator[str]:
+    model, top = table.model(), table.horizontalHeader()
+    for column in range(model.columnCount()):
+        title = str(model.headerData(column, Qt.Orientation.Horizontal) or "")
+        if top.isVisible() and _less(top.sectionSize(column), QFontMetrics(top.font()).horizontalAdvance(title) + 8):
+            yield f"title {title!r} needs more than {top.sectionSize(column)} px"
+        for row in range(model.rowCount()):
+            index = model.index(row, column)
+            if table.indexWidget(index) is not None or not table.visualRect(index).intersects(table.viewport().rect()):
+                continue
+            text = str(model.data(index) or "")
+            needs = max(QFontMetrics(table.font()).horizontalAdvance(line) for line in text.split("\n")) + 6
+            if not table.wordWrap() and _less(table.columnWidth(column), needs):
+                yield f"cell {text!r} needs {needs} px, has {table.columnWidth(column)}"
+
+
+def _axes(view: QGraphicsView) -> Iterator[str]:
+    """Names of axes that are longer than the axis, or not in its middle."""
+    for item in view.scene().items() if view.scene() is not None else ():
+        if not isinstance(item, pg.AxisItem) or not item.isVisible() or not item.label.isVisible():
+            continue
+        along = item.orientation in ("left", "right")
+        length = item.size().height() if along else item.size().width()
+        needs = item.label.boundingRect().width()
+        text = item.label.toPlainText().strip()
+        if not text:
+            continue
+        if needs > length + 12:
+            yield f"axis {text!r} needs {needs:.0f} px, has {length:.0f}"
+        centre = item.label.mapToParent(item.label.boundingRect().center())
+        off = (centre.y() if along else centre.x()) - length / 2
+        if abs(off) > 6:
+            yield f"axis {text!r} is named {off:+.0f} px from its middle"
+
+
+def _siblings(parent: QWidget) -> Iterator[str]:
+    """Parts of ``parent`` that overlap, or that reach out of it."""
+    if isinstance(parent, QAbstractScrollArea | QComboBox | QMainWindow) or parent.layout() is None:
+        return
+    parts = [
+        child
+        for child in parent.children()
+        if isinstance(child, QWidget)
+        and child.isVisible()
+        and not child.isWindow()
+        and not child.property(OVERLAY)
+        and not isinstance(child, QSplitterHandle)
+    ]
+    inside = parent.rect().adjusted(-SLACK, -SLACK, SLACK, SLACK)
+    for k, one in enumerate(parts):
+        if not inside.contains(one.geometry()):
+            yield f"{type(one).__name__} {_said(one)} reaches out of it by {_out(parent.rect(), one.geometry())} px"
+        for other in parts[:k]:
+            both = one.geometry().intersected(other.geometry())
+            if both.width() > SLACK and both.height() > SLACK:
+                yield f"{type(one).__name__} {_said(one)} overlaps {type(other).__name__} {_said(other)}"
+
+
+def _said(widget: QWidget) -> str:
+    text = getattr(widget, "text", None)
+    return repr(text()[:40]) if callable(text) else widget.accessibleName()
+
+
+def _out(outer: QRect, inner: QRect) -> int:
+    return max(
+        outer.left() - inner.left(),
+        inner.right() - outer.right(),
+        outer.top() - inner.top(),
+        inner.bottom() - outer.bottom(),
+    )

@@ -1,0 +1,45 @@
+"""Labels whose words may be longer than their place."""
+
+from __future__ import annotations
+
+import pytest
+from PySide6.QtWidgets import QApplication
+from pytestqt.qtbot import QtBot
+
+from gui.widgets.words import BREAK, ElidedLabel, WrappedLabel, breakable
+
+NAME = "/data/H_of_the_second_alignment_after_cleaning_the_main_lens_100mm_f2.8_2026-03-16.h5"
+
+
+@pytest.mark.parametrize("text", [NAME, "x" * 100, "two words", "", f"{NAME}: expected an intact file\nnext line"])
+def test_breaks_are_put_into_long_words_only_and_change_nothing_else(text: str) -> None:
+    broken = breakable(text)
+    assert broken.replace(BREAK, "") == text
+    assert max((len(part) for word in broken.split() for part in word.split(BREAK)), default=0) <= 24
+    assert all(word == word.replace(BREAK, "") for word in broken.split() if len(word) <= 24)
+
+
+def test_a_long_name_is_wrapped_and_copied_as_it_is(qtbot: QtBot) -> None:
+    label = WrappedLabel(f"{NAME}: no such file")
+    qtbot.addWidget(label)
+    assert label.text() == f"{NAME}: no such file"
+    assert label.minimumSizeHint().width() < label.fontMetrics().horizontalAdvance(NAME) / 2
+    label.copy()
+    assert QApplication.clipboard().text() == label.text()
+    label.setText("short")
+    label.copy()
+    assert QApplication.clipboard().text() == "short"
+
+
+def test_a_long_name_in_one_line_needs_no_room_and_stands_in_the_tip(qtbot: QtBot) -> None:
+    label = ElidedLabel(NAME)
+    qtbot.addWidget(label)
+    assert label.minimumSizeHint().width() == 0
+    label.show()
+    label.resize(label.sizeHint())
+    assert label.toolTip() == "" and super(ElidedLabel, label).text() == NAME, "nothing is left out"
+    label.resize(200, label.height())
+    shown = super(ElidedLabel, label).text()
+    assert "…" in shown and shown.endswith("h5") and label.toolTip() == NAME == label.text()
+    label.resize(2000, label.height())
+    assert label.toolTip() == "" and super(ElidedLabel, label).text() == NAME
