@@ -13,7 +13,7 @@ from lfcal.cli.console import print_json, print_table, report, run_work
 from lfcal.cli.options import Chi2Option, ForceOption, GainOption, JsonOption, PresetOption, WorkersOption
 from lfcal.cli.outputs import check_output, check_outputs
 from lfcal.errors import InputError
-from lfcal.multiplex.naming import modulator_of
+from lfcal.multiplex.naming import GRAMMAR, modulator_of
 
 if TYPE_CHECKING:
     from lfcal.lattice import LatticeFit
@@ -60,7 +60,7 @@ def _text(value: float | None, form: str = ".4g") -> str:
 
 
 def compare(
-    modulators: list[str] = typer.Argument(help="Such as Bayer CYMG RG/BW, or pinhole:11 MURA:11 lenslet:11."),
+    modulators: list[str] = typer.Argument(help=f"Such as {GRAMMAR}."),
     *,
     reference: str | None = typer.Option(None, help="Gains are over this one; the first by default."),
     chi2: Chi2Option = None,
@@ -157,7 +157,7 @@ def _lost(lost: dict[str, float]) -> str:
 
 
 def show(
-    modulator: str = typer.Argument(help="Such as X-Trans, RGB/GBR, MURA:11 or lenslet:5*Bayer."),
+    modulator: str = typer.Argument(help=f"Such as {GRAMMAR}."),
     *,
     out: Path = typer.Option(..., "--out", "-o", help="PNG with pattern, spectrum, Sigma and Pi."),
     force: ForceOption = False,

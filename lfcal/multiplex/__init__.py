@@ -1,6 +1,8 @@
 """Plenoptic multiplexing after I. Ihrke, G. Wetzstein, W. Heidrich, "A Theory of Plenoptic Multiplexing" (CVPR 2010).
 
-- ``modulator``: separable bases Sigma and Pi, rank, pseudo-inverse; ``colour_filters`` and ``masks`` make them
+- ``modulator``: separable bases Sigma and Pi, rank, pseudo-inverse, products; made by ``colour_filters``, ``masks``,
+  ``spectral_filters`` (curves: ``spectra``), ``exposures`` (assorted pixels, shutters, cameras), ``polarisation``,
+  ``tiles`` (super-pixels of any shape), ``matrix_file``; ``naming``: by the names people write
 - ``demultiplexing``: frames to samples and back; ``spatial`` (theorem 1), ``fourier`` (theorem 2), ``filters``
 - ``lattice``: super-pixels of any pitch and angle
 - ``noise``: transmission, amplification, gain over chi^2 (equations 12 to 14)
@@ -14,10 +16,13 @@
 from lfcal.multiplex.acquisition import Acquisition, acquire_light_field
 from lfcal.multiplex.colour_filters import CFA_PATTERNS, cfa
 from lfcal.multiplex.demultiplexing import arrange, demultiplex, multiplex
+from lfcal.multiplex.exposures import camera_array, coded_shutter, interleave, neutral_density
 from lfcal.multiplex.lattice import SuperPixelLattice, channel_grid, demultiplex_lattice, lattice_channels
 from lfcal.multiplex.mask_bounds import best_binary_mask, mask_gain_bound
 from lfcal.multiplex.masks import MASKS, mask, mask_at_distance, mask_pattern, shadow_shift_px
+from lfcal.multiplex.matrix_file import load_modulator
 from lfcal.multiplex.modulator import Modulator, modulator_from_matrix
+from lfcal.multiplex.naming import modulator_of
 from lfcal.multiplex.noise import (
     GainCurves,
     amplification,
@@ -27,8 +32,12 @@ from lfcal.multiplex.noise import (
     snr_gain,
     transmission,
 )
+from lfcal.multiplex.polarisation import degree_of_polarisation, polarisers
 from lfcal.multiplex.quality import FilterTrial, measure_filters, ringing
 from lfcal.multiplex.search import Frontier, best_filter_set, best_mask, filter_set_frontier, mask_frontier
+from lfcal.multiplex.spectra import Spectra, read_spectra, shipped_spectra
+from lfcal.multiplex.spectral_filters import bandpass_filters, cosine_basis, spectral_array
+from lfcal.multiplex.tiles import tiled_modulator
 
 __all__ = [
     "CFA_PATTERNS",
@@ -38,21 +47,29 @@ __all__ = [
     "Frontier",
     "GainCurves",
     "Modulator",
+    "Spectra",
     "SuperPixelLattice",
     "acquire_light_field",
     "amplification",
     "arrange",
+    "bandpass_filters",
     "best_binary_mask",
     "best_filter_set",
     "best_mask",
+    "camera_array",
     "camera_chi2",
     "cfa",
     "channel_grid",
+    "coded_shutter",
+    "cosine_basis",
+    "degree_of_polarisation",
     "demultiplex",
     "demultiplex_lattice",
     "filter_set_frontier",
     "gain_curves",
+    "interleave",
     "lattice_channels",
+    "load_modulator",
     "mask",
     "mask_at_distance",
     "mask_frontier",
@@ -60,10 +77,17 @@ __all__ = [
     "mask_pattern",
     "measure_filters",
     "modulator_from_matrix",
+    "modulator_of",
     "monte_carlo_gain",
     "multiplex",
+    "neutral_density",
+    "polarisers",
+    "read_spectra",
     "ringing",
     "shadow_shift_px",
+    "shipped_spectra",
     "snr_gain",
+    "spectral_array",
+    "tiled_modulator",
     "transmission",
 ]

@@ -33,8 +33,8 @@ PAPER_CAMERAS: Mapping[str, float] = {"PG Dragonfly": 10**-0.93}
 
 
 def transmission(modulator: Modulator) -> float:
-    """Return tau: mean share of the light that reaches the sensor, its samples carrying 1/N each (equation 12)."""
-    return float(modulator.matrix.sum() / (modulator.pixels * modulator.count))
+    """Return tau: mean share of the unmodulated light (`Modulator.light`) that reaches the sensor (equation 12)."""
+    return float((modulator.matrix @ modulator.light).mean())
 
 
 def amplification(modulator: Modulator, *, rcond: float | None = None, recoverable: bool = False) -> float:
@@ -184,7 +184,7 @@ def monte_carlo_gain(
     trials: int = 4000,
     noise: str = "mean",
 ) -> float:
-    """Return the gain (dB) measured on simulated acquisitions of even light, each decorrelated by least squares.
+    """Return the gain (dB) measured on simulated acquisitions of unmodulated light, each decorrelated by least squares.
 
     Parameters
     ----------
@@ -204,7 +204,7 @@ def monte_carlo_gain(
 def _error(modulator: Modulator, chi2: float, rng: np.random.Generator, trials: int, noise: str) -> float:
     """Return the rms error of the recovered samples where s_c^2 + s_p^2 = 1."""
     check_choice("noise", noise, ("mean", "pixel"))
-    even = np.full(modulator.count, 1 / modulator.count)
+    even = modulator.light
     light = modulator.matrix @ even
     level = np.full_like(light, light.mean()) if noise == "mean" else light
     additive = 1.0 / (1.0 + chi2)
