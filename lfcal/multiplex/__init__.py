@@ -4,8 +4,10 @@
   ``spectral_filters`` (curves: ``spectra``), ``exposures`` (assorted pixels, shutters, cameras), ``polarisation``,
   ``tiles`` (super-pixels of any shape), ``matrix_file``; ``naming``: by the names people write
 - ``demultiplexing``: frames to samples and back; ``spatial`` (theorem 1), ``fourier`` (theorem 2), ``filters``
+- ``weighted``: saturated and dead pixels left out; ``general``: any modulator, by iterations
 - ``lattice``: super-pixels of any pitch and angle
-- ``noise``: transmission, amplification, gain over chi^2 (equations 12 to 14)
+- ``noise``: transmission, amplification, gain over chi^2 (equations 12 to 14), noise-optimal decorrelation;
+  ``sensor_noise``: that of the user's sensor
 - ``scenes``, ``acquisition``: a light field recorded with each modulator (figure 7)
 - ``quality``: ringing, error and time of each route and filter
 - ``demosaicing``: colours estimated from what images are like (``estimation``), along edges
@@ -15,8 +17,9 @@
 
 from lfcal.multiplex.acquisition import Acquisition, acquire_light_field
 from lfcal.multiplex.colour_filters import CFA_PATTERNS, cfa
-from lfcal.multiplex.demultiplexing import arrange, demultiplex, multiplex
+from lfcal.multiplex.demultiplexing import arrange, demultiplex, demultiplex_weighted, multiplex
 from lfcal.multiplex.exposures import camera_array, coded_shutter, interleave, neutral_density
+from lfcal.multiplex.general import demultiplex_generally, mask_shadows
 from lfcal.multiplex.lattice import SuperPixelLattice, channel_grid, demultiplex_lattice, lattice_channels
 from lfcal.multiplex.mask_bounds import best_binary_mask, mask_gain_bound
 from lfcal.multiplex.masks import MASKS, mask, mask_at_distance, mask_pattern, shadow_shift_px
@@ -27,17 +30,22 @@ from lfcal.multiplex.noise import (
     GainCurves,
     amplification,
     camera_chi2,
+    decorrelation_gain,
     gain_curves,
     monte_carlo_gain,
+    noise_optimal_inverse,
+    pixel_variance,
     snr_gain,
     transmission,
 )
 from lfcal.multiplex.polarisation import degree_of_polarisation, polarisers
 from lfcal.multiplex.quality import FilterTrial, measure_filters, ringing
 from lfcal.multiplex.search import Frontier, best_filter_set, best_mask, filter_set_frontier, mask_frontier
+from lfcal.multiplex.sensor_noise import SensorNoise, pixel_weights, sensor_noise
 from lfcal.multiplex.spectra import Spectra, read_spectra, shipped_spectra
 from lfcal.multiplex.spectral_filters import bandpass_filters, cosine_basis, spectral_array
 from lfcal.multiplex.tiles import tiled_modulator
+from lfcal.multiplex.weighted import WeightedSamples
 
 __all__ = [
     "CFA_PATTERNS",
@@ -47,8 +55,10 @@ __all__ = [
     "Frontier",
     "GainCurves",
     "Modulator",
+    "SensorNoise",
     "Spectra",
     "SuperPixelLattice",
+    "WeightedSamples",
     "acquire_light_field",
     "amplification",
     "arrange",
@@ -62,9 +72,12 @@ __all__ = [
     "channel_grid",
     "coded_shutter",
     "cosine_basis",
+    "decorrelation_gain",
     "degree_of_polarisation",
     "demultiplex",
+    "demultiplex_generally",
     "demultiplex_lattice",
+    "demultiplex_weighted",
     "filter_set_frontier",
     "gain_curves",
     "interleave",
@@ -75,15 +88,20 @@ __all__ = [
     "mask_frontier",
     "mask_gain_bound",
     "mask_pattern",
+    "mask_shadows",
     "measure_filters",
     "modulator_from_matrix",
     "modulator_of",
     "monte_carlo_gain",
     "multiplex",
     "neutral_density",
+    "noise_optimal_inverse",
+    "pixel_variance",
+    "pixel_weights",
     "polarisers",
     "read_spectra",
     "ringing",
+    "sensor_noise",
     "shadow_shift_px",
     "shipped_spectra",
     "snr_gain",

@@ -59,7 +59,7 @@ def _plates(retardance: ArrayLike | None, shape: tuple[int, ...]) -> NDArray[np.
     plates = np.zeros(shape) if retardance is None else np.asarray(retardance, float)
     if plates.shape != shape or not np.isfinite(plates).all():
         raise InputError.expected("retardance of plates", f"degrees {shape}", plates.shape, "one per polariser")
-    return np.radians(plates.ravel())
+    return np.asarray(np.radians(plates.ravel()), float)
 
 
 def _rows(angles: NDArray[np.float64], contrast: float, plates: NDArray[np.float64]) -> NDArray[np.float64]:
