@@ -215,7 +215,8 @@ def views(
     out: Path = typer.Option(..., "--out", "-o", help="float32 TIFF, one page per view by rows."),
     size: int = typer.Option(0, min=0, help="Views along a side; as many as fit the pitch by default."),
     dark: Path | None = typer.Option(None, help="Dark frame, subtracted."),
-    filter: str = typer.Option("cubic", help="nearest, linear or cubic."),
+    route: str = typer.Option("spatial", help="spatial or fourier; fourier with --modulator only."),
+    filter: str = typer.Option("cubic", help="nearest, linear or cubic; with --modulator also sinc."),
     modulator: str | None = typer.Option(None, help="Mask in place of lenslets, such as MURA:11."),
     axes: str = typer.Option("lattice", help="Rows run along the lattice's or the frame's."),
     workers: WorkersOption = None,
@@ -231,13 +232,15 @@ def views(
     check_output(out, frame, white, lattice, dark, force=force)
     if modulator is not None and size:  # a mask has as many views as its super-pixel
         raise InputError.expected("views", "one of --size and --modulator", "both", "leave one out")
+    if modulator is None and route != "spatial":
+        raise InputError.expected("route", "spatial for lenslets", repr(route), "give the mask as --modulator")
     fit = _lattice_of(white, lattice, dark)
     light = pictures.less(read_image(frame), dark)
     if light.shape != fit.shape:
         raise InputError.expected(str(frame), f"the {fit.shape} px of the lattice", light.shape, "use its own camera's")
     if modulator is not None:
         mask = modulator_of(modulator)
-        found = demultiplex_lattice(light, fit, mask, filter=filter, axes=axes)
+        found = demultiplex_lattice(light, fit, mask, route=route, filter=filter, axes=axes)
         grid = channel_grid(light.shape, fit, mask.side, spacing_px=None, axes=axes)
     else:
         # An odd number of views has one in the middle, through the centre of the pupil.

@@ -5,7 +5,7 @@
   ``tiles`` (super-pixels of any shape), ``matrix_file``; ``naming``: by the names people write
 - ``demultiplexing``: frames to samples and back; ``spatial`` (theorem 1), ``fourier`` (theorem 2), ``filters``
 - ``weighted``: saturated and dead pixels left out; ``general``: any modulator, by iterations
-- ``lattice``: super-pixels of any pitch and angle
+- ``lattice``: super-pixels of any pitch and angle; ``heterodyne``: both theorems there
 - ``noise``: transmission, amplification, gain over chi^2 (equations 12 to 14), noise-optimal decorrelation;
   ``sensor_noise``: that of the user's sensor
 - ``scenes``, ``acquisition``: a light field recorded with each modulator (figure 7)
@@ -20,6 +20,7 @@ from lfcal.multiplex.colour_filters import CFA_PATTERNS, cfa
 from lfcal.multiplex.demultiplexing import arrange, demultiplex, demultiplex_weighted, multiplex
 from lfcal.multiplex.exposures import camera_array, coded_shutter, interleave, neutral_density
 from lfcal.multiplex.general import demultiplex_generally, mask_shadows
+from lfcal.multiplex.heterodyne import lattice_transmissions
 from lfcal.multiplex.lattice import SuperPixelLattice, channel_grid, demultiplex_lattice, lattice_channels
 from lfcal.multiplex.mask_bounds import best_binary_mask, mask_gain_bound
 from lfcal.multiplex.masks import MASKS, mask, mask_at_distance, mask_pattern, shadow_shift_px
@@ -82,6 +83,7 @@ __all__ = [
     "gain_curves",
     "interleave",
     "lattice_channels",
+    "lattice_transmissions",
     "load_modulator",
     "mask",
     "mask_at_distance",

@@ -130,6 +130,11 @@ def test_views_through_a_mask(lfcal, field: Path, tmp_path: Path) -> None:  # no
     lattice = fit_lattice(white)
     wanted = demultiplex_lattice(frame, lattice, mask("MURA", 5), filter="linear")
     np.testing.assert_allclose(tifffile.imread(out), wanted, rtol=1e-5, atol=1e-2)
+    waves = lfcal(*files, "--modulator", "MURA:5", "--route", "fourier", "--force")
+    assert waves.code == 0, waves.err
+    wanted = demultiplex_lattice(frame, lattice, mask("MURA", 5), route="fourier")
+    np.testing.assert_allclose(tifffile.imread(out), wanted, rtol=1e-5, atol=1e-2)
+    assert lfcal(*files[:-1], tmp_path / "no.tif", "--route", "fourier").code == 2
     both = lfcal(*files[:-1], tmp_path / "no.tif", "--modulator", "MURA:5", "--size", 3)
     assert both.code == 2 and "--size and --modulator" in both.err and not (tmp_path / "no.tif").exists()
 
