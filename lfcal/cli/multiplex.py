@@ -10,6 +10,8 @@ import typer
 
 from lfcal.cli import multiplex_figures as pictures
 from lfcal.cli.console import print_json, print_table, report, run_work
+from lfcal.cli.multiplex_merits import design, gain_map_command, merits
+from lfcal.cli.multiplex_recover import recover
 from lfcal.cli.options import Chi2Option, ForceOption, GainOption, JsonOption, PresetOption, WorkersOption
 from lfcal.cli.outputs import check_output, check_outputs
 from lfcal.errors import InputError
@@ -36,6 +38,10 @@ def register(app: typer.Typer) -> None:
         ("search", search),
         ("filters", filters),
         ("figures", figures),
+        ("merits", merits),
+        ("map", gain_map_command),
+        ("design", design),
+        ("recover", recover),
     ):
         group.command(name)(function)
     app.add_typer(group, name="multiplex")

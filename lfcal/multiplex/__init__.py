@@ -8,17 +8,22 @@
 - ``lattice``: super-pixels of any pitch and angle; ``heterodyne``: both theorems there
 - ``noise``: transmission, amplification, gain over chi^2 (equations 12 to 14), noise-optimal decorrelation;
   ``sensor_noise``: that of the user's sensor
+- ``gains``: of each sample and of the sensor; ``colour_error``, ``resolution``: CIEDE2000 and MTF beside them
 - ``scenes``, ``acquisition``: a light field recorded with each modulator (figure 7)
 - ``quality``: ringing, error and time of each route and filter
 - ``demosaicing``: colours estimated from what images are like (``estimation``), along edges
 - ``search``: filter sets and masks of the best gain; ``mask_bounds``: what no mask exceeds
+- ``design``: layouts and masks that can be made, with a certificate
 - ``drawing``: the paper's figures as PNG
 """
 
 from lfcal.multiplex.acquisition import Acquisition, acquire_light_field
+from lfcal.multiplex.colour_error import ColourError, colour_difference, colour_error
 from lfcal.multiplex.colour_filters import CFA_PATTERNS, cfa
 from lfcal.multiplex.demultiplexing import arrange, demultiplex, demultiplex_weighted, multiplex
+from lfcal.multiplex.design import Design, best_array, best_printed_mask, with_crosstalk
 from lfcal.multiplex.exposures import camera_array, coded_shutter, interleave, neutral_density
+from lfcal.multiplex.gains import GainMap, gain_map, sample_deviation, sensor_gain
 from lfcal.multiplex.general import demultiplex_generally, mask_shadows
 from lfcal.multiplex.heterodyne import lattice_transmissions
 from lfcal.multiplex.lattice import SuperPixelLattice, channel_grid, demultiplex_lattice, lattice_channels
@@ -41,6 +46,7 @@ from lfcal.multiplex.noise import (
 )
 from lfcal.multiplex.polarisation import degree_of_polarisation, polarisers
 from lfcal.multiplex.quality import FilterTrial, measure_filters, ringing
+from lfcal.multiplex.resolution import Transfer, modulation_transfer
 from lfcal.multiplex.search import Frontier, best_filter_set, best_mask, filter_set_frontier, mask_frontier
 from lfcal.multiplex.sensor_noise import SensorNoise, pixel_weights, sensor_noise
 from lfcal.multiplex.spectra import Spectra, read_spectra, shipped_spectra
@@ -52,26 +58,34 @@ __all__ = [
     "CFA_PATTERNS",
     "MASKS",
     "Acquisition",
+    "ColourError",
+    "Design",
     "FilterTrial",
     "Frontier",
     "GainCurves",
+    "GainMap",
     "Modulator",
     "SensorNoise",
     "Spectra",
     "SuperPixelLattice",
+    "Transfer",
     "WeightedSamples",
     "acquire_light_field",
     "amplification",
     "arrange",
     "bandpass_filters",
+    "best_array",
     "best_binary_mask",
     "best_filter_set",
     "best_mask",
+    "best_printed_mask",
     "camera_array",
     "camera_chi2",
     "cfa",
     "channel_grid",
     "coded_shutter",
+    "colour_difference",
+    "colour_error",
     "cosine_basis",
     "decorrelation_gain",
     "degree_of_polarisation",
@@ -81,6 +95,7 @@ __all__ = [
     "demultiplex_weighted",
     "filter_set_frontier",
     "gain_curves",
+    "gain_map",
     "interleave",
     "lattice_channels",
     "lattice_transmissions",
@@ -92,6 +107,7 @@ __all__ = [
     "mask_pattern",
     "mask_shadows",
     "measure_filters",
+    "modulation_transfer",
     "modulator_from_matrix",
     "modulator_of",
     "monte_carlo_gain",
@@ -103,6 +119,8 @@ __all__ = [
     "polarisers",
     "read_spectra",
     "ringing",
+    "sample_deviation",
+    "sensor_gain",
     "sensor_noise",
     "shadow_shift_px",
     "shipped_spectra",
@@ -110,4 +128,5 @@ __all__ = [
     "spectral_array",
     "tiled_modulator",
     "transmission",
+    "with_crosstalk",
 ]

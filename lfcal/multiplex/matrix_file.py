@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 
 from lfcal.errors import FileFormatError, InputError
+from lfcal.files import read_text
 from lfcal.multiplex.modulator import MAX_SAMPLES, Modulator, modulator_from_matrix
+from lfcal.npy import map_npy
 
 __all__ = ["MATRIX_SUFFIXES", "load_modulator"]
 
 MATRIX_SUFFIXES = (".npy", ".json")
-LARGEST_FILE = 8 * MAX_SAMPLES * MAX_SAMPLES + 4096
 KEYS = {"name", "side", "matrix", "views", "colours", "cell", "lenslets", "light"}
 
 
@@ -31,20 +32,22 @@ def load_modulator(path: str | os.PathLike[str]) -> Modulator:
     ------
     FileFormatError
         If it holds no such matrix.
+    StorageError
+        If there is no such file.
     """
     file = Path(path)
     try:
-        if file.stat().st_size > LARGEST_FILE:
-            raise ValueError(f"{file.stat().st_size} bytes")
-        found = _from_json(file) if file.suffix.lower() == ".json" else {"matrix": np.load(file, allow_pickle=False)}
+        found = _from_json(file) if file.suffix.lower() == ".json" else {"matrix": map_npy(file)}
         return _made(file.stem, found)
-    except (OSError, ValueError, TypeError, RecursionError, EOFError, InputError) as error:
+    except FileFormatError:
+        raise
+    except (ValueError, TypeError, OverflowError, RecursionError, InputError) as error:
         wanted = "transmissions (rows, columns, N) or (K, N)"
         raise FileFormatError.expected(str(file), wanted, str(error)[:160], "see docs/multiplexing.md") from error
 
 
 def _from_json(file: Path) -> dict[str, Any]:
-    found = json.loads(file.read_text(encoding="utf-8"))
+    found = json.loads(read_text(file, foreign=True))
     if not isinstance(found, dict) or "matrix" not in found:
         raise ValueError('an object without "matrix"')
     if strange := sorted(set(found) - KEYS):
@@ -56,6 +59,8 @@ def _made(stem: str, found: dict[str, Any]) -> Modulator:
     array = np.asarray(found["matrix"])
     if array.dtype.kind not in "uif" or array.ndim not in (2, 3) or not array.size:
         raise ValueError(f"{array.dtype} {array.shape}")
+    if array.size > MAX_SAMPLES**2 or max(array.size // array.shape[-1], array.shape[-1]) > MAX_SAMPLES:
+        raise ValueError(f"{array.shape}: more than {MAX_SAMPLES} pixels or samples")
     side = tuple(found.get("side") or _side(array.shape))
     if len(side) != 2 or (array.ndim == 3 and side != array.shape[:2]):
         raise ValueError(f"side {side} for {array.shape}")

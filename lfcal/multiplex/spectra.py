@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.errors import FileFormatError, InputError
+from lfcal.files import read_text
 
 __all__ = ["TABLES", "Spectra", "colour_matching", "daylight", "illuminant_a", "read_spectra", "shipped_spectra"]
 
@@ -92,16 +93,12 @@ def read_spectra(path: str | os.PathLike[str]) -> Spectra:
     ------
     FileFormatError
         If it is no such table.
+    StorageError
+        If there is no such file.
     """
     file = Path(path)
-    try:
-        if file.stat().st_size > LARGEST_FILE:
-            raise FileFormatError.expected(
-                str(file), "a table of spectra", f"{file.stat().st_size} bytes", "shorten it"
-            )
-        lines = [line.strip() for line in file.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
-    except (OSError, UnicodeDecodeError) as error:
-        raise FileFormatError.expected(str(file), "a table of spectra (CSV)", str(error), "name another") from error
+    text = read_text(file, limit=LARGEST_FILE, foreign=True).lstrip("\ufeff")
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
     source = " ".join(line.lstrip("# ") for line in lines if line.startswith("#"))
     rows = [line.split(",") for line in lines if not line.startswith("#")]
     try:

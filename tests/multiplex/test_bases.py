@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lfcal.errors import FileFormatError, InputError
+from lfcal.errors import FileFormatError, InputError, StorageError
 from lfcal.multiplex import (
     amplification,
     cfa,
@@ -293,9 +293,11 @@ def test_matrices_of_users(tmp_path: Path) -> None:
     np.save(tmp_path / "e.npy", np.ones((3, 2)))
     np.save(tmp_path / "f.npy", np.array([object()]), allow_pickle=True)
     np.save(tmp_path / "g.npy", np.full((2, 2, 3), np.nan))
-    for name in (*bad, "e.npy", "f.npy", "g.npy", "none.npy"):
+    for name in (*bad, "e.npy", "f.npy", "g.npy"):
         with pytest.raises(FileFormatError, match=name):
             load_modulator(tmp_path / name)
+    with pytest.raises(StorageError, match=r"none\.npy"):
+        load_modulator(tmp_path / "none.npy")
 
 
 @pytest.mark.parametrize(
