@@ -183,21 +183,12 @@ def _ratio(chi2: float | None, camera: str | None, gain: float) -> float:
     return chi2 if chi2 is not None else camera_chi2(load_camera(str(camera)).sensor, gain=gain)
 
 
-def _write_npy(out: Path, m: Modulator) -> None:
-    import numpy as np
-
-    from lfcal.files import replace_whole, storage_errors
-    from lfcal.npy import npy_header
-
-    with storage_errors(out), replace_whole(out) as part, part.open("wb") as file:
-        file.write(npy_header((*m.side, m.count), np.dtype("<f8")))
-        file.write(np.ascontiguousarray(m.matrix, "<f8").tobytes())
-
-
 def _show_design(found: Design, chi2: float, out: Path | None, *, json: bool) -> None:
     m = found.modulator
     if out is not None:
-        _write_npy(out, m)
+        from lfcal.multiplex.matrix_file import save_modulator
+
+        save_modulator(m, out)
     if json:
         told = {"name": m.name, "side": m.side, "chi2": chi2, "gain_db": found.gain_db, "bound_db": found.bound_db}
         told |= {"tried": found.tried, "exhaustive": found.exhaustive, "certificate": found.certificate}

@@ -14,7 +14,7 @@
 - ``demosaicing``: colours estimated from what images are like (``estimation``), along edges
 - ``search``: filter sets and masks of the best gain; ``mask_bounds``: what no mask exceeds
 - ``design``: layouts and masks that can be made, with a certificate
-- ``drawing``: the paper's figures as PNG
+- ``paper``: the paper's figures as data; ``drawing``, ``paper_drawing``: as PNG
 """
 
 from lfcal.multiplex.acquisition import Acquisition, acquire_light_field

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lfcal.checks import check_number, check_tuple
 from lfcal.errors import InputError
-from lfcal.multiplex.colour_filters import FILTERS, cfa
+from lfcal.multiplex.colour_filters import CFA_PATTERNS, FILTERS, cfa
 from lfcal.multiplex.mask_bounds import mask_gain_bound, noise_shares
 from lfcal.multiplex.masks import mask, mask_at_distance
 from lfcal.multiplex.modulator import Modulator
@@ -133,10 +133,32 @@ def best_array(
             least, best = float(noise.min()), batch[good][int(np.argmin(noise))]
     if best is None or not math.isfinite(least):
         raise InputError.expected("filters", "a choice that recovers red, green and blue", repr(letters), "allow more")
+    best = _known_equal(
+        best, least, kinds, (rows, columns), lambda b: _noise(b, table, (rows, columns), chi2, crosstalk)
+    )
     found = cfa("/".join("".join(kinds[k] for k in row) for row in best.reshape(rows, columns)))
     base = with_crosstalk(reference or cfa("Bayer"), crosstalk)
     gain = float(snr_gain(with_crosstalk(found, crosstalk), base, chi2))
     return Design(found, gain, gain, tried, True)
+
+
+def _known_equal(
+    best: NDArray[np.intp],
+    least: float,
+    kinds: list[str],
+    side: tuple[int, int],
+    noise: Callable[[NDArray[np.intp]], Array],
+) -> NDArray[np.intp]:
+    """Return a known pattern of the same kinds and noise where there is one: places then do not matter."""
+    for rows in CFA_PATTERNS.values():
+        letters = [letter for row in rows.split("/") for letter in row]
+        shape = (rows.count("/") + 1, len(rows.split("/")[0]))
+        if shape == side and set(letters) <= set(kinds):
+            other = np.array([kinds.index(letter) for letter in letters], np.intp)
+            same = len(set(other.tolist())) <= len(set(best.tolist()))
+            if same and float(noise(other[None])[0]) <= least * (1 + 1e-12):
+                return other
+    return best
 
 
 def _batches(kinds: int, count: int, *, places: bool) -> Iterator[NDArray[np.intp]]:

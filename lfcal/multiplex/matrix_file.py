@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from lfcal.errors import FileFormatError, InputError
-from lfcal.files import read_text
+from lfcal.files import read_text, replace_whole, storage_errors
 from lfcal.multiplex.modulator import MAX_SAMPLES, Modulator, modulator_from_matrix
-from lfcal.npy import map_npy
+from lfcal.npy import map_npy, npy_header
 
-__all__ = ["MATRIX_SUFFIXES", "load_modulator"]
+__all__ = ["MATRIX_SUFFIXES", "load_modulator", "save_modulator"]
 
 MATRIX_SUFFIXES = (".npy", ".json")
 KEYS = {"name", "side", "matrix", "views", "colours", "cell", "lenslets", "light"}
@@ -44,6 +44,14 @@ def load_modulator(path: str | os.PathLike[str]) -> Modulator:
     except (ValueError, TypeError, OverflowError, RecursionError, InputError) as error:
         wanted = "transmissions (rows, columns, N) or (K, N)"
         raise FileFormatError.expected(str(file), wanted, str(error)[:160], "see docs/multiplexing.md") from error
+
+
+def save_modulator(modulator: Modulator, path: str | os.PathLike[str]) -> None:
+    """Write transmissions ``(rows, columns, N)`` as ``.npy``, whole or not at all; `load_modulator` reads them."""
+    file = Path(path)
+    with storage_errors(file), replace_whole(file) as part, part.open("wb") as stream:
+        stream.write(npy_header((*modulator.side, modulator.count), np.dtype("<f8")))
+        stream.write(np.ascontiguousarray(modulator.matrix, "<f8").tobytes())
 
 
 def _from_json(file: Path) -> dict[str, Any]:

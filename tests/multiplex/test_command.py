@@ -188,9 +188,11 @@ def test_search_filters_and_pictures(lfcal, tmp_path: Path) -> None:  # noqa: F8
 
 def test_the_papers_figures(lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
     from lfcal.cli import multiplex_figures as pictures
+    from lfcal.multiplex import paper
 
-    monkeypatch.setattr(pictures, "RIGHT", ("MURA", "pinhole"))
     monkeypatch.setattr(pictures, "SIDE", 5)
+    for name, value in (("SIDE", 5), ("LIGHT_FIELD", ("MURA", "pinhole")), ("UPSAMPLED", 3)):
+        monkeypatch.setattr(paper, name, value)
     monkeypatch.setattr(pictures, "PICTURED", ("X-Trans",))
     done = lfcal("multiplex", "figures", tmp_path / "out", "--camera", "bench")
     assert done.code == 0, done.err
@@ -203,9 +205,10 @@ def test_the_papers_figures(lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPat
 @pytest.mark.long
 def test_the_seed_of_the_figures(lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
     from lfcal.cli import multiplex_figures as pictures
+    from lfcal.multiplex import paper
 
-    monkeypatch.setattr(pictures, "RIGHT", ("pinhole",))
-    monkeypatch.setattr(pictures, "SIDE", 3)
+    monkeypatch.setattr(paper, "LIGHT_FIELD", ("pinhole",))
+    monkeypatch.setattr(paper, "SIDE", 3)
     monkeypatch.setattr(pictures, "PICTURED", ())
     for name in ("_figure3", "_figure5", "_figure6"):
         monkeypatch.setattr(pictures, name, lambda path, *_: None)

@@ -201,6 +201,7 @@ def test_the_best_array_is_the_best_of_all() -> None:
         ]
         assert found.gain_db == pytest.approx(max(every), abs=1e-9) and found.exhaustive
         assert found.bound_db == found.gain_db and "best of all" in found.certificate
+    assert best_array((2, 2), 1e4).modulator.name == "Bayer", "of equal layouts the known one"
     assert best_array((2, 2), 0.0).gain_db == pytest.approx(snr_gain(cfa("CYMG"), cfa("Bayer"), 0.0))
 
 

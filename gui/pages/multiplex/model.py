@@ -14,11 +14,17 @@ from gui.models.form import Field
 from gui.models.settings import PageSettings
 from lfcal.camera import Sensor
 from lfcal.errors import InputError
+from lfcal.multiplex.colour_error import colour_error
 from lfcal.multiplex.colour_filters import CFA_PATTERNS, FILTERS, cfa, parse_pattern
 from lfcal.multiplex.filters import SPATIAL_FILTERS
+from lfcal.multiplex.gains import sensor_gain
 from lfcal.multiplex.masks import MASKS, mask, mask_pattern
 from lfcal.multiplex.modulator import Modulator
+from lfcal.multiplex.naming import GRAMMAR, modulator_of
 from lfcal.multiplex.noise import GainCurves, camera_chi2, gain_curves
+from lfcal.multiplex.resolution import modulation_transfer
+from lfcal.multiplex.sensor_noise import sensor_noise
+from lfcal.multiplex.spectra import shipped_spectra
 from lfcal.multiplex.summary import ModulatorNumbers, describe
 
 __all__ = [
@@ -33,7 +39,9 @@ __all__ = [
 ]
 
 TYPED = "typed"
+RANGES = {"search_size": (2, 13), "levels": (2, 16), "kinds": (1, 6), "crosstalk": (0, 0.4), "least_light": (0, 0.99)}
 MAX_SIZE = 31
+MAX_SEEN = 1000
 MAX_ENTRIES = 350_000
 """Entries of the matrix A of a mask over colour filters."""
 Array = NDArray[np.float64]
@@ -43,7 +51,12 @@ def _named(names: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
     return tuple((name, name.replace("_", " ")) for name in names)
 
 
-FAMILIES = (("cfa", "colour filters"), ("mask", "mask or lenslets"), ("both", "mask over filters"))
+FAMILIES = (
+    ("cfa", "colour filters"),
+    ("mask", "mask or lenslets"),
+    ("both", "mask over filters"),
+    ("written", "as written"),
+)
 FIELDS = (
     Field("family", "Family", kind="choice", choices=FAMILIES, tip="What lies in front of the sensor"),
     Field(
@@ -68,6 +81,8 @@ FIELDS = (
         f"Pixels and views along a side, up to {MAX_SIZE}; MURA: odd primes, sum of sinusoids: odd",
         kind="int",
     ),
+    Field("written", "Written", kind="text", tip=f"Any modulator: {GRAMMAR}"),
+    Field("reference_written", "Over", kind="text", tip="The reference, written likewise; gains are over it"),
     Field(
         "reference_cfa",
         "Over filters",
@@ -87,8 +102,9 @@ FIELDS = (
         "scene",
         "Scene",
         kind="choice",
-        choices=(("edges", "sharp edges"), ("smooth", "smooth"), ("image", "opened image")),
-        tip="What is recorded; an opened grey image is taken as the recorded frame, a colour image as the scene",
+        choices=(("edges", "sharp edges"), ("smooth", "smooth"), ("image", "opened image"), ("live", "live frames")),
+        tip="What is recorded; an opened grey image is taken as the recorded frame, a colour image as the scene; "
+        "live frames are those that the Acquire page shows",
     ),
     Field(
         "filter",
@@ -107,12 +123,17 @@ FIELDS = (
 )
 
 _USES = {
-    "cfa": lambda s: s.family != "mask",
-    "pattern": lambda s: s.family != "mask" and s.cfa == TYPED,
-    "mask": lambda s: s.family != "cfa",
-    "size": lambda s: s.family != "cfa",
-    "reference_cfa": lambda s: s.family != "mask",
-    "reference_mask": lambda s: s.family != "cfa",
+    "cfa": lambda s: s.family in ("cfa", "both"),
+    "pattern": lambda s: s.family in ("cfa", "both") and s.cfa == TYPED,
+    "mask": lambda s: s.family in ("mask", "both"),
+    "size": lambda s: s.family in ("mask", "both"),
+    "reference_cfa": lambda s: s.family in ("cfa", "both"),
+    "reference_mask": lambda s: s.family in ("mask", "both"),
+    "written": lambda s: s.family == "written",
+    "reference_written": lambda s: s.family == "written",
+    "search_size": lambda s: s.sought == "mask",
+    "levels": lambda s: s.sought == "mask",
+    "kinds": lambda s: s.sought != "mask",
 }
 
 
@@ -133,6 +154,10 @@ class MultiplexSettings(PageSettings):
         Opened image, or empty.
     right
         Third picture: ``"difference"`` of the routes or ``"truth"``.
+    figure, own_camera
+        Which figure of the paper is shown, and whether with the project's camera in place of the paper's.
+    sought, search_size, levels, kinds, crosstalk, least_light
+        Of the search (`gui.pages.multiplex.model_search`).
     """
 
     page: ClassVar[str] = "multiplex"
@@ -144,6 +169,8 @@ class MultiplexSettings(PageSettings):
     size: int = 11
     reference_cfa: str = "Bayer"
     reference_mask: str = "pinhole"
+    written: str = "polarisers:0,45/135,90"
+    reference_written: str = "polarisers:0,60,120"
     gain: float = 1.0
     scene: str = "edges"
     filter: str = "cubic"
@@ -151,11 +178,20 @@ class MultiplexSettings(PageSettings):
     compared: tuple[str, ...] = ("CYMG", "RGBE", "RGBW", "CMYW", "lenslet", "MURA", "sum_of_sinusoids")
     image: str = ""
     right: str = "difference"
+    figure: int = 7
+    own_camera: bool = False
+    sought: str = "filters"
+    search_size: int = 5
+    levels: int = 2
+    kinds: int = 4
+    crosstalk: float = 0.0
+    least_light: float = 0.0
 
     def __post_init__(self) -> None:
         """Check every value."""
         offered = {f.key: tuple(value for value, _ in f.choices) for f in FIELDS if f.kind == "choice"}
         offered["right"] = ("difference", "truth")
+        offered["sought"] = ("filters", "filters 2x3", "mask")
         for key, values in offered.items():
             if getattr(self, key) not in values:
                 raise InputError.expected(key.replace("_", " "), " or ".join(values), getattr(self, key), "choose")
@@ -165,6 +201,11 @@ class MultiplexSettings(PageSettings):
         mask_pattern(self.mask, self.size)
         if not 0 < self.gain < 1e6:
             raise InputError.expected("amplifier gain", "above 0", self.gain, "correct it")
+        if self.figure not in (3, 5, 6, 7):
+            raise InputError.expected("figure", "3, 5, 6 or 7", self.figure, "choose one of these")
+        for what, (low, high) in RANGES.items():
+            if not low <= getattr(self, what) <= high:
+                raise InputError.expected(what.replace("_", " "), f"{low} to {high}", getattr(self, what), "correct it")
 
     def changed(self, key: str, value: Any) -> MultiplexSettings:
         """Return the settings with one field changed; a mask that has no such size takes the next one it has."""
@@ -174,10 +215,14 @@ class MultiplexSettings(PageSettings):
 
     def modulator(self) -> Modulator:
         """Return the chosen modulator; raises `InputError` if there is none."""
+        if self.family == "written":
+            return _small(modulator_of(self.written))
         return self._made(self.pattern if self.cfa == TYPED else self.cfa, self.mask)
 
     def reference(self) -> Modulator:
         """Return the reference; raises `InputError` if there is none."""
+        if self.family == "written":
+            return _small(modulator_of(self.reference_written))
         return self._made(self.reference_cfa, self.reference_mask)
 
     def _made(self, filters: str, kind: str) -> Modulator:
@@ -217,8 +262,19 @@ def _fitting(kind: str, size: int) -> int:
     return size
 
 
+def _small(modulator: Modulator) -> Modulator:
+    if modulator.pixels * modulator.count > MAX_ENTRIES:
+        entries = modulator.pixels * modulator.count
+        raise InputError.expected(
+            f"matrix of {modulator.name}", f"up to {MAX_ENTRIES} entries", entries, "a smaller one"
+        )
+    return modulator
+
+
 def choices_to_compare(family: str) -> tuple[str, ...]:
     """Return the names that can be compared within a family."""
+    if family == "written":
+        return ()
     return tuple(CFA_PATTERNS) if family == "cfa" else MASKS
 
 
@@ -306,7 +362,39 @@ def compare(settings: MultiplexSettings, sensor: Sensor, camera: str = "camera")
         high = 4.0 if math.isinf(chi2) or chi2 <= 0 else max(4.0, math.ceil(math.log10(chi2) + 0.5))
         curves = gain_curves(list(drawn.values()), reference, np.logspace(-4, high, 161), cameras={camera: chi2})
         left_out = [n for n, gains in zip(curves.names, curves.gains, strict=True) if not np.isfinite(gains).all()]
-    return Comparison(_rows(numbers, reference.name, chi2), curves, tuple(left_out), chi2, reason)
+    rows = (*_rows(numbers, reference.name, chi2), *_merits(settings, modulator, reference, sensor))
+    return Comparison(rows, curves, tuple(left_out), chi2, reason)
+
+
+def _merits(
+    settings: MultiplexSettings, modulator: Modulator, reference: Modulator, sensor: Sensor
+) -> tuple[tuple[str, str, str], ...]:
+    """Return what the camera's own noise, the finest detail and the eye say of the modulator."""
+    noise = sensor_noise(sensor, gain=settings.gain)
+    rows = []
+    try:
+        for name, key in (("Gain, own noise", "plain"), ("Gain, least noise", "optimal")):
+            gain = sensor_gain(modulator, reference, noise, decorrelation=key)
+            tip = f"Over {reference.name}, read, dark, quantisation and shot noise of each pixel; {key} decorrelation"
+            rows.append((name, number(gain, "+.2f", "dB"), tip))
+    except InputError:  # unlike samples have no gain
+        pass
+    if modulator.count * modulator.pixels <= MAX_SEEN:
+        seen = modulation_transfer(modulator, [0.1, 0.25])
+        tip = "Mean over samples: what waves of 0.1 and 0.25 cycles per pixel keep, and false detail beside the finer"
+        low, high = seen.transfer.mean(0)
+        rows.append(("MTF", f"{low:.2f}, {high:.2f}; false {seen.aliased[:, 1].mean():.2f}", tip))
+    if settings.family == "cfa":
+        try:
+            pattern = "/".join(parse_pattern(settings.pattern if settings.cfa == TYPED else settings.cfa))
+            found = colour_error(pattern, efficiency=shipped_spectra("silicon"), noise=noise)
+            tip = (
+                "CIEDE2000 of 100 smooth reflectances through the model filters that ship, in D65; and what noise adds"
+            )
+            rows.append(("Colour error", f"{found.mean:.1f} ΔE, noise {number(found.noise, '.1f')}", tip))
+        except InputError:  # filters without curves, such as emerald
+            pass
+    return tuple(rows)
 
 
 def number(value: float | None, form: str = ".4g", unit: str = "") -> str:

@@ -23,9 +23,11 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from gui.pages.multiplex.figures_view import FiguresView
 from gui.pages.multiplex.matrix_view import MatrixView
 from gui.pages.multiplex.model import FIELDS, Comparison, ModulatorPicture, number
 from gui.pages.multiplex.pictures import MultiplexPictures
+from gui.pages.multiplex.search_view import SearchView
 from gui.theme import current_theme
 from gui.widgets.cards import card, column_area
 from gui.widgets.form import Form
@@ -39,6 +41,8 @@ SCENE_FIELDS = ("scene", "filter", "noise")
 
 GAIN = "Is the modulator worth its light? Pattern, spectrum, and gain in SNR over the reference"
 PICTURES = "What it makes of a picture: the frame behind it, what is got back, and the error"
+FIGURES = "Figures 3, 5, 6 and 7 of Ihrke et al. 2010, of scenes made here, with shared scales"
+SEARCH = "Filters and masks of most gain that can be made, and how sure that is"
 
 
 class MultiplexPanel(QWidget):
@@ -64,8 +68,10 @@ class MultiplexPanel(QWidget):
             for key in form.fields:
                 form.editor(key).setMinimumWidth(56)
         self.pictures = MultiplexPictures()
+        self.figures, self.search = FiguresView(), SearchView()
         self.tabs = QTabWidget()
         tabs = (self._modulator_tab(), "Modulator and gain", GAIN), (self.pictures, "Reconstruction", PICTURES)
+        tabs = (*tabs, (self.figures, "Figures of the paper", FIGURES), (self.search, "Search", SEARCH))
         for tab, title, tip in tabs:
             self.tabs.setTabToolTip(self.tabs.addTab(tab, title), tip)
         row = QHBoxLayout(self)
@@ -273,7 +279,8 @@ class MultiplexPanel(QWidget):
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
-        for view in (self.pattern, self.spectrum, self.sigma, self.pi, self.curve, self.pictures):
+        plots = (self.pattern, self.spectrum, self.sigma, self.pi, self.curve)
+        for view in (*plots, self.pictures, self.figures, self.search):
             view.apply_theme()
         if self._drawn:
             self._show_legend()

@@ -67,16 +67,15 @@ def test_pictures_are_the_library_s() -> None:
 
 def test_numbers_and_curves_are_the_library_s() -> None:
     found = compare(MultiplexSettings(gain=4.0), SENSOR, "mine")
-    assert found.chi2 == pytest.approx(25) and found.curves is not None
+    assert found.chi2 == pytest.approx(25, rel=1e-3) and found.curves is not None
     gain = snr_gain(cfa("CYMG"), cfa("Bayer"), 25.0)
     rows = {name: value for name, value, _ in found.rows}
     assert rows["Gain at χ² = 25"] == f"{gain:+.2f} dB".replace("-", "−")
     assert rows["Transmission τ"] == "0.5833" and rows["Amplification α"] == f"{math.sqrt(13 / 21):.4g}"
     assert rows["Not recoverable"] == "nothing" and found.curves.names[0] == "CYMG"
     np.testing.assert_allclose(found.curves.gains[0], snr_gain(cfa("CYMG"), cfa("Bayer"), found.curves.chi2))
-    assert compare(MultiplexSettings(), replace(SENSOR, read_noise_e=0)).chi2 == math.inf
-    high = compare(MultiplexSettings(), replace(SENSOR, read_noise_e=0.1)).curves
-    assert high is not None and high.chi2[-1] > 1e6
+    high = compare(MultiplexSettings(), replace(SENSOR, read_noise_e=0.0, bit_depth=16))
+    assert high.curves is not None and high.curves.chi2[-1] > high.chi2 > 1e4, "quantisation is left"
 
 
 def test_what_is_lost_is_named_and_not_drawn() -> None:
