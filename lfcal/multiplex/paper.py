@@ -191,7 +191,7 @@ def _acquired(camera: str, chi2: float | None, seed: int) -> PaperFigure:
         gain = snr_gain(r.modulator, hole, ratio)
         part = _contrast(r.frame, r.modulator)
         low, top = (float(v) for v in np.percentile(part, (1, 99)))
-        words = f"over its mean about, {100 * (low - 1):+.1f} to {100 * (top - 1):+.1f} %"
+        words = f"over the mean of a super-pixel, {100 * (low - 1):+.1f} to {100 * (top - 1):+.1f} %"
         close.append(PaperPanel(f"{name}: frame", part, words, (low, top)))
         words = f"SNR {r.snr_db:.1f} dB, forecast {gain:+.1f} dB over pinhole"
         views.append(PaperPanel(f"{name}: middle view", scale * r.views[middle], words, (0.0, high)))

@@ -15,7 +15,8 @@ from gui.models.page import PageSpec
 from gui.models.project import ProjectState
 from gui.pages.multiplex import model as view
 from gui.pages.multiplex import takes
-from gui.pages.multiplex.model import Comparison, ModulatorPicture, MultiplexSettings
+from gui.pages.multiplex.model import ModulatorPicture, MultiplexSettings
+from gui.pages.multiplex.model_compare import Comparison, compare
 from gui.pages.multiplex.model_scene import Reconstructions, iter_reconstruct, opened
 from gui.pages.multiplex.model_search import iter_search
 from gui.pages.multiplex.panel import MultiplexPanel
@@ -102,7 +103,7 @@ class Page(BasePage):
         sensor, name = state.camera.sensor, state.camera.name
         self.context.jobs.compute(
             "multiplex modulator",
-            lambda: (view.picture(settings), view.compare(settings, sensor, name)),
+            lambda: (view.picture(settings), compare(settings, sensor, name)),
             self._computed,
             self._refused,
         )

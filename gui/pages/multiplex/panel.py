@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from html import escape
 
+import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import (
@@ -25,7 +26,8 @@ from PySide6.QtWidgets import (
 
 from gui.pages.multiplex.figures_view import FiguresView
 from gui.pages.multiplex.matrix_view import MatrixView
-from gui.pages.multiplex.model import FIELDS, Comparison, ModulatorPicture, number
+from gui.pages.multiplex.model import FIELDS, ModulatorPicture
+from gui.pages.multiplex.model_compare import Comparison, number
 from gui.pages.multiplex.pictures import MultiplexPictures
 from gui.pages.multiplex.search_view import SearchView
 from gui.theme import current_theme
@@ -88,6 +90,7 @@ class MultiplexPanel(QWidget):
 
     def _compare_card(self) -> QWidget:
         frame, column = card("Compared with")
+        self.compare_card = frame
         self.boxes: dict[str, QCheckBox] = {}
         self.box_grid = QGridLayout()
         self.box_grid.setSpacing(4)
@@ -193,6 +196,7 @@ class MultiplexPanel(QWidget):
 
     def show_choices(self, names: Sequence[str], ticked: Sequence[str]) -> None:
         """Offer the modulators to compare with."""
+        self.compare_card.setVisible(bool(names))
         if tuple(self.boxes) != tuple(names):
             for box in self.boxes.values():
                 box.hide()
@@ -258,7 +262,7 @@ class MultiplexPanel(QWidget):
         for k, (name, gains) in enumerate(zip(curves.names, curves.gains, strict=True)):
             if name not in found.left_out:
                 tone, dashed, text = LINES[k % len(LINES)], k >= len(LINES), name.replace("_", " ")
-                self.curve.set_curve(text, curves.chi2, gains, colour=tone, dashed=dashed)
+                self.curve.set_curve(text, curves.chi2, np.round(gains, 9), colour=tone, dashed=dashed)
                 self._drawn.append((text, tone, dashed))
         low, high = float(curves.chi2[0]), float(curves.chi2[-1])
         self.marker.setPos(math.log10(min(max(found.chi2, low), high)))

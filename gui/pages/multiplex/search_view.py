@@ -92,7 +92,9 @@ class SearchView(QWidget):
             return
         self.show_status("")
         pattern = found.design.modulator.pattern()
-        self.view.show_array(pattern if pattern.shape[2] == 3 else pattern[..., 0], name="design", levels=(0.0, 1.0))
+        self.view.show_array(
+            pattern if found.design.modulator.colours else pattern[..., 0], name="design", levels=(0.0, 1.0)
+        )
         for k, (name, value) in enumerate(found.words):
             for column, text in enumerate((name, value)):
                 label = QLabel(text)

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from gui.models.project import ProjectState
-from gui.pages.multiplex.model import MultiplexSettings, choices_to_compare, compare, number, picture, used_by
+from gui.pages.multiplex.model import MultiplexSettings, choices_to_compare, picture, used_by
+from gui.pages.multiplex.model_compare import compare, number
 from gui.pages.multiplex.model_scene import Reconstructions, iter_reconstruct, noisy, opened, rms_error, scene_of, shown
 from lfcal.camera import Sensor
 from lfcal.errors import FileFormatError, InputError
@@ -156,3 +157,19 @@ def test_opened_images_are_frames_or_scenes(tmp_path: Path) -> None:
 def test_too_large_a_light_field_is_refused_in_words() -> None:
     with pytest.raises(InputError, match="built-in scene"):
         scene_of("edges", mask("lenslet", 31))
+
+
+def test_stokes_parameters_are_shown_as_light() -> None:
+    found = picture(MultiplexSettings(family="written"))
+    assert found.colours is None
+    np.testing.assert_allclose(found.pattern, 0.5)
+    rows = {name: value for name, value, _ in compare(MultiplexSettings(family="written"), SENSOR).rows}
+    assert rows["Transmission τ"] == "0.5" and "dB" in rows["Gain, own noise"] and "Colour error" not in rows
+    same = MultiplexSettings(family="written", reference_written="polarisers:0,60,120")
+    rows = {name: value for name, value, _ in compare(same, SENSOR).rows}
+    assert rows["Gain, photon noise"] == "+0.00 dB", "rounding has no sign"
+    with pytest.raises(InputError, match="entries"):
+        MultiplexSettings(family="written", written="MURA:29").modulator()
+    for key, value in (("figure", 4), ("search_size", 50), ("crosstalk", 0.9), ("sought", "gold")):
+        with pytest.raises(InputError):
+            replace(MultiplexSettings(), **{key: value})
