@@ -42,6 +42,9 @@ class Context(QObject):
         A page wants another theme.
     theme_changed()
         Colours changed; plots redraw.
+    frame_seen(frame, first)
+        A frame of the camera is shown: ``(rows, columns)``, not to be changed, and which of the sensor's pixels
+        (row, column) its first one is.
     fitted_changed()
         Another camera was found by a fit, or the one that was is of no use any more.
     """
@@ -53,6 +56,7 @@ class Context(QObject):
     attention = Signal(str, bool)
     theme_asked = Signal(str)
     theme_changed = Signal()
+    frame_seen = Signal(object, object)
     fitted_changed = Signal()
 
     def __init__(self, project: Project, jobs: Jobs, parent: QObject | None = None) -> None:

@@ -10,10 +10,12 @@ import typer
 
 from lfcal.cli import multiplex_figures as pictures
 from lfcal.cli.console import print_json, print_table, report, run_work
+from lfcal.cli.multiplex_merits import design, gain_map_command, merits
+from lfcal.cli.multiplex_recover import recover
 from lfcal.cli.options import Chi2Option, ForceOption, GainOption, JsonOption, PresetOption, WorkersOption
 from lfcal.cli.outputs import check_output, check_outputs
 from lfcal.errors import InputError
-from lfcal.multiplex.naming import modulator_of
+from lfcal.multiplex.naming import GRAMMAR, modulator_of
 
 if TYPE_CHECKING:
     from lfcal.lattice import LatticeFit
@@ -36,6 +38,10 @@ def register(app: typer.Typer) -> None:
         ("search", search),
         ("filters", filters),
         ("figures", figures),
+        ("merits", merits),
+        ("map", gain_map_command),
+        ("design", design),
+        ("recover", recover),
     ):
         group.command(name)(function)
     app.add_typer(group, name="multiplex")
@@ -60,7 +66,7 @@ def _text(value: float | None, form: str = ".4g") -> str:
 
 
 def compare(
-    modulators: list[str] = typer.Argument(help="Such as Bayer CYMG RG/BW, or pinhole:11 MURA:11 lenslet:11."),
+    modulators: list[str] = typer.Argument(help=f"Such as {GRAMMAR}."),
     *,
     reference: str | None = typer.Option(None, help="Gains are over this one; the first by default."),
     chi2: Chi2Option = None,
@@ -157,7 +163,7 @@ def _lost(lost: dict[str, float]) -> str:
 
 
 def show(
-    modulator: str = typer.Argument(help="Such as X-Trans, RGB/GBR, MURA:11 or lenslet:5*Bayer."),
+    modulator: str = typer.Argument(help=f"Such as {GRAMMAR}."),
     *,
     out: Path = typer.Option(..., "--out", "-o", help="PNG with pattern, spectrum, Sigma and Pi."),
     force: ForceOption = False,
@@ -215,7 +221,8 @@ def views(
     out: Path = typer.Option(..., "--out", "-o", help="float32 TIFF, one page per view by rows."),
     size: int = typer.Option(0, min=0, help="Views along a side; as many as fit the pitch by default."),
     dark: Path | None = typer.Option(None, help="Dark frame, subtracted."),
-    filter: str = typer.Option("cubic", help="nearest, linear or cubic."),
+    route: str = typer.Option("spatial", help="spatial or fourier; fourier with --modulator only."),
+    filter: str = typer.Option("cubic", help="nearest, linear or cubic; with --modulator also sinc."),
     modulator: str | None = typer.Option(None, help="Mask in place of lenslets, such as MURA:11."),
     axes: str = typer.Option("lattice", help="Rows run along the lattice's or the frame's."),
     workers: WorkersOption = None,
@@ -231,13 +238,15 @@ def views(
     check_output(out, frame, white, lattice, dark, force=force)
     if modulator is not None and size:  # a mask has as many views as its super-pixel
         raise InputError.expected("views", "one of --size and --modulator", "both", "leave one out")
+    if modulator is None and route != "spatial":
+        raise InputError.expected("route", "spatial for lenslets", repr(route), "give the mask as --modulator")
     fit = _lattice_of(white, lattice, dark)
     light = pictures.less(read_image(frame), dark)
     if light.shape != fit.shape:
         raise InputError.expected(str(frame), f"the {fit.shape} px of the lattice", light.shape, "use its own camera's")
     if modulator is not None:
         mask = modulator_of(modulator)
-        found = demultiplex_lattice(light, fit, mask, filter=filter, axes=axes)
+        found = demultiplex_lattice(light, fit, mask, route=route, filter=filter, axes=axes)
         grid = channel_grid(light.shape, fit, mask.side, spacing_px=None, axes=axes)
     else:
         # An odd number of views has one in the middle, through the centre of the pupil.

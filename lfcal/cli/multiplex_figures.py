@@ -22,10 +22,7 @@ PICTURED = ("Bayer", "X-Trans", "MURA:11", "sum_of_sinusoids:11", "lenslet:3*Bay
 FIGURES = ("figure3", "figure5", "figure6", "figure7")
 
 SIDE = 11
-"""Super-pixel of figures 6 and 7."""
-
-DRAGONFLY = 10**-0.93
-"""chi^2 of the paper's figure 7."""
+"""Super-pixel of figure 6."""
 
 
 def gains(chosen: list[Modulator], base: Modulator, marks: Mapping[str, float], out: Path, curves: Any) -> None:
@@ -171,15 +168,11 @@ def _modulator(path: Path, name: str) -> None:
 
 
 def _figure3(path: Path, raw: Path | None) -> None:
-    from lfcal.multiplex import cfa, multiplex
+    from lfcal.multiplex import cfa
     from lfcal.multiplex.drawing_images import save_colour_routes
-    from lfcal.multiplex.scenes import colour_edges
 
     if raw is None:
-        modulator = cfa("Bayer")
-        save_colour_routes(
-            multiplex(colour_edges((256, 320)), modulator), modulator, path, zoom=(slice(70, 120), slice(110, 170))
-        )
+        _paper(3, path)
         return
     from lfcal.frames import open_image
 
@@ -205,16 +198,15 @@ def _opencv(frame: NDArray[Any], pattern: str) -> list[tuple[str, NDArray[Any]]]
     return [("OpenCV, bilinear", cv2.demosaicing(whole, code).transpose(2, 0, 1))]
 
 
-def _figure5(path: Path) -> None:
-    from lfcal.multiplex import mask, multiplex
-    from lfcal.multiplex.drawing_images import save_upsampling
-    from lfcal.multiplex.scenes import view_edges
+def _paper(number: int, path: Path, seed: int = 1) -> None:
+    from lfcal.multiplex.paper import paper_figure
+    from lfcal.multiplex.paper_drawing import save_paper_figure
 
-    frames = [
-        (kind.replace("_", " "), multiplex(view_edges(7, (36, 48)), mask(kind, 7)), mask(kind, 7))
-        for kind in ("sum_of_sinusoids", "MURA")
-    ]
-    save_upsampling(frames, path)
+    save_paper_figure(paper_figure(number, seed=seed), path)
+
+
+def _figure5(path: Path) -> None:
+    _paper(5, path)
 
 
 def _figure6(path: Path, marks: Mapping[str, float]) -> None:
@@ -227,13 +219,4 @@ def _figure6(path: Path, marks: Mapping[str, float]) -> None:
 
 
 def _figure7(path: Path, seed: int) -> None:
-    import numpy as np
-
-    from lfcal.multiplex import acquire_light_field, mask
-    from lfcal.multiplex.drawing_images import save_acquisition
-    from lfcal.multiplex.scenes import filament_light_field
-
-    rng = np.random.default_rng(seed)
-    scene = filament_light_field(SIDE, (40, 48), rng)
-    results = acquire_light_field(scene, [mask(kind, SIDE) for kind in RIGHT], chi2=DRAGONFLY, signal_e=1e7, rng=rng)
-    save_acquisition(results, path)
+    _paper(7, path, seed)

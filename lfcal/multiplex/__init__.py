@@ -1,69 +1,132 @@
 """Plenoptic multiplexing after I. Ihrke, G. Wetzstein, W. Heidrich, "A Theory of Plenoptic Multiplexing" (CVPR 2010).
 
-- ``modulator``: separable bases Sigma and Pi, rank, pseudo-inverse; ``colour_filters`` and ``masks`` make them
+- ``modulator``: separable bases Sigma and Pi, rank, pseudo-inverse, products; made by ``colour_filters``, ``masks``,
+  ``spectral_filters`` (curves: ``spectra``), ``exposures`` (assorted pixels, shutters, cameras), ``polarisation``,
+  ``tiles`` (super-pixels of any shape), ``matrix_file``; ``naming``: by the names people write
 - ``demultiplexing``: frames to samples and back; ``spatial`` (theorem 1), ``fourier`` (theorem 2), ``filters``
-- ``lattice``: super-pixels of any pitch and angle
-- ``noise``: transmission, amplification, gain over chi^2 (equations 12 to 14)
+- ``weighted``: saturated and dead pixels left out; ``general``: any modulator, by iterations
+- ``lattice``: super-pixels of any pitch and angle; ``heterodyne``: both theorems there
+- ``noise``: transmission, amplification, gain over chi^2 (equations 12 to 14), noise-optimal decorrelation;
+  ``sensor_noise``: that of the user's sensor
+- ``gains``: of each sample and of the sensor; ``colour_error``, ``resolution``: CIEDE2000 and MTF beside them
 - ``scenes``, ``acquisition``: a light field recorded with each modulator (figure 7)
 - ``quality``: ringing, error and time of each route and filter
 - ``demosaicing``: colours estimated from what images are like (``estimation``), along edges
 - ``search``: filter sets and masks of the best gain; ``mask_bounds``: what no mask exceeds
-- ``drawing``: the paper's figures as PNG
+- ``design``: layouts and masks that can be made, with a certificate
+- ``paper``: the paper's figures as data; ``drawing``, ``paper_drawing``: as PNG
 """
 
 from lfcal.multiplex.acquisition import Acquisition, acquire_light_field
+from lfcal.multiplex.colour_error import ColourError, colour_difference, colour_error
 from lfcal.multiplex.colour_filters import CFA_PATTERNS, cfa
-from lfcal.multiplex.demultiplexing import arrange, demultiplex, multiplex
+from lfcal.multiplex.demultiplexing import arrange, demultiplex, demultiplex_weighted, multiplex
+from lfcal.multiplex.design import Design, best_array, best_printed_mask, with_crosstalk
+from lfcal.multiplex.exposures import camera_array, coded_shutter, interleave, neutral_density
+from lfcal.multiplex.gains import GainMap, gain_map, sample_deviation, sensor_gain
+from lfcal.multiplex.general import demultiplex_generally, mask_shadows
+from lfcal.multiplex.heterodyne import lattice_transmissions
 from lfcal.multiplex.lattice import SuperPixelLattice, channel_grid, demultiplex_lattice, lattice_channels
 from lfcal.multiplex.mask_bounds import best_binary_mask, mask_gain_bound
 from lfcal.multiplex.masks import MASKS, mask, mask_at_distance, mask_pattern, shadow_shift_px
+from lfcal.multiplex.matrix_file import load_modulator
 from lfcal.multiplex.modulator import Modulator, modulator_from_matrix
+from lfcal.multiplex.naming import modulator_of
 from lfcal.multiplex.noise import (
     GainCurves,
     amplification,
     camera_chi2,
+    decorrelation_gain,
     gain_curves,
     monte_carlo_gain,
+    noise_optimal_inverse,
+    pixel_variance,
     snr_gain,
     transmission,
 )
+from lfcal.multiplex.polarisation import degree_of_polarisation, polarisers
 from lfcal.multiplex.quality import FilterTrial, measure_filters, ringing
+from lfcal.multiplex.resolution import Transfer, modulation_transfer
 from lfcal.multiplex.search import Frontier, best_filter_set, best_mask, filter_set_frontier, mask_frontier
+from lfcal.multiplex.sensor_noise import SensorNoise, pixel_weights, sensor_noise
+from lfcal.multiplex.spectra import Spectra, read_spectra, shipped_spectra
+from lfcal.multiplex.spectral_filters import bandpass_filters, cosine_basis, spectral_array
+from lfcal.multiplex.tiles import tiled_modulator
+from lfcal.multiplex.weighted import WeightedSamples
 
 __all__ = [
     "CFA_PATTERNS",
     "MASKS",
     "Acquisition",
+    "ColourError",
+    "Design",
     "FilterTrial",
     "Frontier",
     "GainCurves",
+    "GainMap",
     "Modulator",
+    "SensorNoise",
+    "Spectra",
     "SuperPixelLattice",
+    "Transfer",
+    "WeightedSamples",
     "acquire_light_field",
     "amplification",
     "arrange",
+    "bandpass_filters",
+    "best_array",
     "best_binary_mask",
     "best_filter_set",
     "best_mask",
+    "best_printed_mask",
+    "camera_array",
     "camera_chi2",
     "cfa",
     "channel_grid",
+    "coded_shutter",
+    "colour_difference",
+    "colour_error",
+    "cosine_basis",
+    "decorrelation_gain",
+    "degree_of_polarisation",
     "demultiplex",
+    "demultiplex_generally",
     "demultiplex_lattice",
+    "demultiplex_weighted",
     "filter_set_frontier",
     "gain_curves",
+    "gain_map",
+    "interleave",
     "lattice_channels",
+    "lattice_transmissions",
+    "load_modulator",
     "mask",
     "mask_at_distance",
     "mask_frontier",
     "mask_gain_bound",
     "mask_pattern",
+    "mask_shadows",
     "measure_filters",
+    "modulation_transfer",
     "modulator_from_matrix",
+    "modulator_of",
     "monte_carlo_gain",
     "multiplex",
+    "neutral_density",
+    "noise_optimal_inverse",
+    "pixel_variance",
+    "pixel_weights",
+    "polarisers",
+    "read_spectra",
     "ringing",
+    "sample_deviation",
+    "sensor_gain",
+    "sensor_noise",
     "shadow_shift_px",
+    "shipped_spectra",
     "snr_gain",
+    "spectral_array",
+    "tiled_modulator",
     "transmission",
+    "with_crosstalk",
 ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,7 +12,10 @@ from lfcal.errors import InputError
 from lfcal.multiplex.filters import COLOUR_FILTERS, SPATIAL_FILTERS
 from lfcal.multiplex.modulator import Modulator
 
-__all__ = ["ROUTES", "arrange", "default_filter", "demultiplex", "multiplex"]
+if TYPE_CHECKING:
+    from lfcal.multiplex.weighted import WeightedSamples
+
+__all__ = ["ROUTES", "arrange", "check_frame", "default_filter", "demultiplex", "demultiplex_weighted", "multiplex"]
 
 ROUTES = ("spatial", "fourier")
 
@@ -26,6 +29,7 @@ def demultiplex(
     samples: int | tuple[int, int] | None = None,
     origin: tuple[int, int] = (0, 0),
     rcond: float | None = None,
+    weights: ArrayLike | None = None,
     out: NDArray[Any] | None = None,
     workers: int | None = None,
 ) -> NDArray[Any]:
@@ -56,6 +60,10 @@ def demultiplex(
         Pixel ``(row, column)`` of the frame at which a super-pixel begins.
     rcond
         Singular values up to this share of the largest count as zero; None: rounding.
+    weights
+        Weight of each pixel ``(rows, columns)``: its inverse variance, 0 where it measured nothing (saturated, dead;
+        `lfcal.multiplex.pixel_weights`). Channels are then interpolated linearly from what has weight and decorrelated
+        by weighted least squares (`lfcal.multiplex.demultiplex_weighted` also tells the noise).
     out
         Array to write to, float32 or float64; without it float64 for float64 frames and float32 for others.
     workers
@@ -79,6 +87,14 @@ def demultiplex(
     check_choice("route", route, ROUTES)
     if filter is not None:
         check_choice("filter", filter, (*SPATIAL_FILTERS, *COLOUR_FILTERS))
+    if weights is not None:
+        if route != "spatial" or filter not in (None, "linear"):
+            got = f"{route}, {filter or 'default'}"
+            raise InputError.expected("route with weights", "spatial, linear", got, "leave route and filter out")
+        weighed = demultiplex_weighted(frame, modulator, weights, samples=samples, origin=origin, rcond=rcond).samples
+        filled = _output(out, weighed.shape, np.asarray(frame).dtype)
+        filled[:] = weighed
+        return filled
     image = check_frame(frame, modulator.side)
     counts = _samples(samples, modulator)
     at = check_tuple("origin of the super-pixels (px)", origin, 2, integer=True)
@@ -103,6 +119,40 @@ def demultiplex(
     if target is not result:
         result[:] = target[:, : cut[0], : cut[1]]
     return result
+
+
+def demultiplex_weighted(
+    frame: ArrayLike,
+    modulator: Modulator,
+    weights: ArrayLike,
+    *,
+    samples: int | tuple[int, int] | None = None,
+    origin: tuple[int, int] = (0, 0),
+    rcond: float | None = None,
+) -> WeightedSamples:
+    """Return the samples of a frame and their standard deviation by weighted least squares, theorem 1 with noise.
+
+    What is not finite in the frame must have no weight. The other arguments are those of `demultiplex`.
+
+    Raises
+    ------
+    InputError
+        If a weight is negative or all are zero, or as `demultiplex` raises.
+    """
+    from lfcal.multiplex.weighted import WeightedSamples, check_weights, reconstruct_weighted
+
+    raw = np.asarray(frame)
+    known = check_weights(weights, raw.shape)
+    # what was not measured may be anything, NaN as well
+    image = check_frame(np.where(known > 0, raw, 0) if raw.dtype.kind in "uif" else raw, modulator.side).astype(float)
+    counts = _samples(samples, modulator)
+    at = check_tuple("origin of the super-pixels (px)", origin, 2, integer=True)
+    placed = modulator.shifted(*at) if at != (0, 0) else modulator
+    whole, complete = _whole(image, placed.side), _whole(known, placed.side)
+    found = reconstruct_weighted(whole, complete, placed, counts, rcond)
+    sizes = zip(image.shape, found.samples.shape[1:], placed.side, counts, strict=True)
+    rows, columns = (n if m == side else size for n, size, side, m in sizes)
+    return WeightedSamples(found.samples[:, :rows, :columns], found.deviation[:, :rows, :columns])
 
 
 def default_filter(modulator: Modulator, samples: tuple[int, int]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -10,6 +11,7 @@ import numpy as np
 
 from lfcal.figures import COLOURS, LINES, draw_image, figure, save_figure
 from lfcal.multiplex.colour_filters import CFA_PATTERNS
+from lfcal.multiplex.gains import GainMap
 from lfcal.multiplex.modulator import Modulator
 from lfcal.multiplex.noise import GainCurves
 from lfcal.multiplex.quality import FilterTrial
@@ -19,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
-__all__ = ["draw_curves", "save_filter_choice", "save_frontier", "save_gain_curves", "save_modulator"]
+__all__ = ["draw_curves", "save_filter_choice", "save_frontier", "save_gain_curves", "save_gain_map", "save_modulator"]
 
 Path = str | os.PathLike[str]
 STYLES = ("-", "--", "-.", ":")
@@ -58,6 +60,28 @@ def save_gain_curves(parts: Sequence[tuple[str, GainCurves]], path: Path) -> Non
     with figure(5.2 * len(parts), 4.0) as fig:
         for axes, (title, curves) in zip(np.ravel(fig.subplots(1, len(parts))), parts, strict=True):
             draw_curves(axes, curves, title)
+        save_figure(fig, path)
+
+
+def save_gain_map(found: GainMap, path: Path) -> None:
+    """Write the gain of each sample over chi^2 as a picture, no gain in the middle of its colours."""
+    gains = np.where(np.isfinite(found.gains), found.gains, np.nan)
+    low, high = (math.log10(v) for v in (float(found.chi2[0]), float(found.chi2[-1])))
+    with figure(7.0, 4.4) as fig:
+        axes = fig.subplots()
+        draw_image(
+            axes,
+            gains,
+            title=f"{found.modulator} over {found.reference}",
+            unit="gain (dB)",
+            signed=True,
+            extent=(low, high, len(gains) - 0.5, -0.5),
+            xlabel="log10 of χ²",
+            ylabel="sample",
+        )
+        axes.set_aspect("auto")
+        shown = np.linspace(0, len(gains) - 1, min(16, len(gains))).astype(int)
+        axes.set_yticks(shown, [found.samples[k] for k in shown])
         save_figure(fig, path)
 
 

@@ -1,4 +1,4 @@
-"""Reconstructions side by side: the paper's figures 3, 5 and 7 for any scene (matplotlib, loaded when drawn)."""
+"""Reconstructions side by side, and how frames and colours are shown (matplotlib, loaded when drawn)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.figures import draw_image, figure, save_figure
-from lfcal.multiplex.acquisition import Acquisition
 from lfcal.multiplex.demultiplexing import demultiplex
 from lfcal.multiplex.modulator import Modulator
 
@@ -18,9 +17,7 @@ __all__ = [
     "colour_picture",
     "log_spectrum",
     "mosaic_picture",
-    "save_acquisition",
     "save_colour_routes",
-    "save_upsampling",
     "upsampled_views",
 ]
 
@@ -146,59 +143,3 @@ def upsampled_views(frame: ArrayLike, modulator: Modulator, factor: int = 3) -> 
         ("Fourier, then bicubic", bicubic),
         ("bicubic channels, then decorrelation", demultiplex(image, modulator, filter="cubic", samples=factor)),
     ]
-
-
-def save_upsampling(frames: Sequence[tuple[str, Image, Modulator]], path: Path, *, factor: int = 3) -> None:
-    """Write figure 5: the middle view of each titled frame, upsampled in three ways."""
-    with figure(4.6 * len(frames), 9.6, dpi=140) as fig:
-        grid = fig.subplots(3, len(frames), squeeze=False)
-        for k, (title, frame, modulator) in enumerate(frames):
-            middle = modulator.count // 2
-            for row, (name, views) in enumerate(upsampled_views(frame, modulator, factor)):
-                draw_image(
-                    grid[row, k],
-                    views[middle],
-                    title=f"{title}\n{name}",
-                    unit="light per sample",
-                    xlabel="column (samples)",
-                    ylabel="row (samples)",
-                )
-        save_figure(fig, path)
-
-
-def save_acquisition(results: Sequence[Acquisition], path: Path) -> None:
-    """Write figure 7: recorded frame, a part of it magnified, and the middle view for each modulator."""
-    with figure(10.5, 3.0 * len(results), dpi=140) as fig:
-        grid = fig.subplots(len(results), 3, squeeze=False)
-        high = max(float(r.truth[r.modulator.count // 2].max()) for r in results)
-        for row, r in zip(grid, results, strict=True):
-            name = r.modulator.name.replace("_", " ")
-            n = 5 * max(r.modulator.side)
-            a, b = (length // 2 for length in r.frame.shape)
-            draw_image(
-                row[0],
-                r.frame,
-                title=f"{name}: recorded",
-                unit="share of unmodulated light",
-                xlabel="column (px)",
-                ylabel="row (px)",
-            )
-            draw_image(
-                row[1],
-                r.frame[a : a + n, b : b + n],
-                title="magnified",
-                unit="share of unmodulated light",
-                extent=(b - 0.5, b + n - 0.5, a + n - 0.5, a - 0.5),
-                xlabel="column (px)",
-                ylabel="row (px)",
-            )
-            view = np.clip(r.views[r.modulator.count // 2], 0, 1.1 * high)
-            draw_image(
-                row[2],
-                view,
-                title=f"middle view, SNR {r.snr_db:.1f} dB",
-                unit="light per sample",
-                xlabel="column (super-pixels)",
-                ylabel="row (super-pixels)",
-            )
-        save_figure(fig, path)

@@ -198,6 +198,7 @@ def demultiplex_lattice(
     lattice: MicroImageLattice,
     modulator: Modulator,
     *,
+    route: str = "spatial",
     filter: str = "linear",
     axes: str = "lattice",
     rcond: float | None = None,
@@ -205,8 +206,22 @@ def demultiplex_lattice(
 ) -> NDArray[Any]:
     """Return the views of a light field whose super-pixels are no whole pixels, ``(N, rows, columns)``.
 
-    Each super-pixel is resampled to the modulator's pixels and decorrelated (theorem 1); its channels count as taken
-    at one place, its centre.
+    Parameters
+    ----------
+    frame, lattice, axes, workers
+        As in `lattice_channels`.
+    modulator
+        One super-pixel of a light field; its values lie at equal steps of the lattice's vectors.
+    route
+        ``"spatial"`` (theorem 1) or ``"fourier"`` (theorem 2): tiles of the spectrum about the lattice's own
+        frequencies, whatever its pitch and angle, which equals the spatial route with a sinc where the frame holds
+        nothing between the tiles. It takes a transform of the frame for each pixel of a super-pixel.
+    filter
+        Of the spatial route: ``"nearest"``, ``"linear"`` or ``"cubic"`` between pixels, the channels of a super-pixel
+        counting as taken at its centre; or ``"sinc"`` between super-pixels, each channel at its own place
+        (`lfcal.multiplex.heterodyne`).
+    rcond
+        Singular values up to this share of the largest count as zero.
 
     Raises
     ------
@@ -220,6 +235,10 @@ def demultiplex_lattice(
             modulator.name,
             "part the colours first (lfcal.frames.channel_source)",
         )
+    check_choice("route", route, ("spatial", "fourier"))
+    check_choice("filter", filter, (*LATTICE_FILTERS, "sinc"))
+    if route == "fourier" or filter == "sinc":
+        return _by_waves(check_frame(frame, (1, 1)), lattice, modulator, route, axes, rcond)
     channels = lattice_channels(
         frame, lattice, modulator.side, spacing_px=None, filter=filter, axes=axes, workers=workers
     )
@@ -227,3 +246,14 @@ def demultiplex_lattice(
     inverse = modulator.inverse(rcond).astype(channels.dtype)
     views: NDArray[Any] = (inverse @ flat).reshape(modulator.count, *channels.shape[2:])
     return views
+
+
+def _by_waves(
+    image: NDArray[Any], lattice: MicroImageLattice, modulator: Modulator, route: str, axes: str, rcond: float | None
+) -> NDArray[Any]:
+    from lfcal.multiplex.heterodyne import lattice_by_sinc, lattice_by_spectrum, sample_places
+
+    grid = channel_grid(image.shape, lattice, modulator.side, spacing_px=None, axes=axes)
+    solve = lattice_by_spectrum if route == "fourier" else lattice_by_sinc
+    views = solve(image, lattice, modulator, sample_places(grid), rcond).reshape(modulator.count, *grid.shape)
+    return views if image.dtype == np.float64 else views.astype(np.float32)

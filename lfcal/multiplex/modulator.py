@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from lfcal.checks import check_number, check_tuple
 from lfcal.errors import InputError
@@ -31,8 +31,9 @@ def default_rcond(shape: tuple[int, int]) -> float:
 class Modulator:
     """A plenoptic modulator m(x, p) = sum_j sigma_j(x) pi_j(p) (Ihrke et al., equation 2).
 
-    Conventions: the light at a pixel is one, spread as 1/N over the N plenoptic samples. A pixel that takes a sample
-    whole has entry 1 in `matrix`; a lenslet gathers for its pixel the light of the whole super-pixel and has N.
+    Conventions: the light at a pixel is one, spread as `light` over the N plenoptic samples, by default 1/N each. A
+    pixel that takes a sample whole has entry 1 in `matrix`; a lenslet gathers for its pixel the light of the whole
+    super-pixel and has N.
 
     Attributes
     ----------
@@ -47,11 +48,14 @@ class Modulator:
     views
         Directions ``(rows, columns)`` among the samples.
     colours
-        Names of the colour samples of each direction; empty for a light field of one colour.
+        Names of the samples of each direction: colours, spectral bands, Stokes parameters, moments, or products of
+        these; empty for a light field of one colour.
     cell
         Pixels ``(rows, columns)`` of one super-pixel of the light field; (1, 1) for a colour filter array.
     lenslets
         Whether all pixels of a cell sample the light where its lenslet is, not each at its own place.
+    light
+        Samples ``(N,)`` of unmodulated light that a bare pixel records as one; 1/N each by default.
 
     Samples are ordered by view, by rows, and within a view by colour.
     """
@@ -64,6 +68,7 @@ class Modulator:
     colours: tuple[str, ...] = ()
     cell: tuple[int, int] = (1, 1)
     lenslets: bool = False
+    light: Array = field(default=None, repr=False)  # type: ignore[arg-type]
 
     def __post_init__(self) -> None:
         """Check that the parts fit together."""
@@ -81,6 +86,16 @@ class Modulator:
                 )
             array.setflags(write=False)
             object.__setattr__(self, what, array)
+        self._take_light()
+
+    def _take_light(self) -> None:
+        even = np.full(self.count, 1.0 / self.count)
+        light = even if self.light is None else np.array(self.light, float)
+        if light.shape != (self.count,) or not np.isfinite(light).all() or not light.any():
+            wanted = f"{self.count} finite values, not all zero"
+            raise InputError.expected(f"unmodulated light of {self.name}", wanted, light.shape, "one per sample")
+        light.setflags(write=False)
+        object.__setattr__(self, "light", light)
 
     @property
     def count(self) -> int:
@@ -217,15 +232,13 @@ class Modulator:
                 "crop the frame to whole lenslets",
             )
         block = np.asarray(self.spatial).reshape(*self.side, -1)
-        moved = np.roll(block, (rows, columns), (0, 1)).reshape(self.pixels, -1)
-        return Modulator(
-            self.name, self.side, moved, self.plenoptic, self.views, self.colours, self.cell, self.lenslets
-        )
+        return replace(self, spatial=np.roll(block, (rows, columns), (0, 1)).reshape(self.pixels, -1))
 
     def __mul__(self, other: Modulator) -> Modulator:
         """Return this modulator in front of ``other``: light passes both, such as lenslets and a Bayer sensor.
 
-        The super-pixel is the least common multiple of both; the bases are products of each pair.
+        The super-pixel is the least common multiple of both; the bases are products of each pair, and the samples each
+        pair of theirs: two modulators that part the same (two masks, two colour filter arrays) have no product.
         """
         if not isinstance(other, Modulator):
             return NotImplemented
@@ -240,28 +253,63 @@ def _orthogonal(basis: Basis) -> bool:
 
 
 def _product(one: Modulator, two: Modulator) -> Modulator:
-    lf, colour = (one, two) if one.views != (1, 1) else (two, one)
-    if colour.views != (1, 1) or (one.colours and two.colours):
+    side = (math.lcm(one.side[0], two.side[0]), math.lcm(one.side[1], two.side[1]))
+    _check_factors(one, two, max(math.prod(side), one.count * two.count))
+    # a pattern of transmissions of both: every pair of basis functions multiplies
+    spatial = (_tiled(one, side)[:, :, None] * _tiled(two, side)[:, None, :]).reshape(math.prod(side), -1)
+    order = _order(one, two)
+    return Modulator(
+        f"{one.name} x {two.name}",
+        side,
+        spatial,
+        np.kron(one.plenoptic, two.plenoptic)[order],
+        (one.views[0] * two.views[0], one.views[1] * two.views[1]),
+        _names(one.colours, two.colours),
+        (math.lcm(one.cell[0], two.cell[0]), math.lcm(one.cell[1], two.cell[1])),
+        one.lenslets or two.lenslets,
+        np.asarray(np.kron(one.light, two.light)[order], float),
+    )
+
+
+def _check_factors(one: Modulator, two: Modulator, entries: int) -> None:
+    if _kinds(one) & _kinds(two):
         raise InputError.expected(
             "product of modulators",
-            "one of views and one of colours",
+            "unlike samples (views, colours, moments, polarisation)",
             f"{one.name} and {two.name}",
             "combine a mask or lenslets with a colour filter array",
         )
-    side = (math.lcm(one.side[0], two.side[0]), math.lcm(one.side[1], two.side[1]))
-    if max(math.prod(side), lf.count * colour.count) > MAX_SAMPLES:
+    if entries > MAX_SAMPLES:
         raise InputError.expected(
-            "super-pixel of the product", f"up to {MAX_SAMPLES} pixels", math.prod(side), "choose a smaller mask"
+            "super-pixel of the product", f"up to {MAX_SAMPLES} pixels and samples", entries, "choose smaller factors"
         )
+
+
+def _kinds(factor: Modulator) -> set[str]:
+    """Return what the samples part; colours and bands of a spectrum are one kind."""
+    words = {word for name in factor.colours for word in name.split(" ")}
+    views = set() if factor.views == (1, 1) else {"view"}
+    return views | {"colour" if word in ("R", "G", "B", "nm") else word for word in words if not word.isdigit()}
+
+
+def _tiled(factor: Modulator, side: tuple[int, int]) -> Basis:
+    """Return the spatial basis over a larger super-pixel."""
     r, c = np.divmod(np.arange(math.prod(side)), side[1])
-    rows_lf = lf.spatial[(r % lf.side[0]) * lf.side[1] + c % lf.side[1]]
-    rows_colour = colour.spatial[(r % colour.side[0]) * colour.side[1] + c % colour.side[1]]
-    # a pattern of transmissions of both: every pair of basis functions multiplies
-    spatial = (rows_lf[:, :, None] * rows_colour[:, None, :]).reshape(len(r), -1)
-    plenoptic = np.kron(lf.plenoptic, colour.plenoptic)
-    return Modulator(
-        f"{one.name} x {two.name}", side, spatial, plenoptic, lf.views, colour.colours, lf.cell, lf.lenslets
-    )
+    rows: Basis = factor.spatial[(r % factor.side[0]) * factor.side[1] + c % factor.side[1]]
+    return rows
+
+
+def _order(one: Modulator, two: Modulator) -> NDArray[np.intp]:
+    """Return where the samples by view, then by colour, lie among the pairs of samples."""
+    (av, au), (bv, bu) = one.views, two.views
+    shape = (av, au, max(1, len(one.colours)), bv, bu, max(1, len(two.colours)))
+    return np.arange(math.prod(shape)).reshape(shape).transpose(0, 3, 1, 4, 2, 5).ravel()
+
+
+def _names(one: tuple[str, ...], two: tuple[str, ...]) -> tuple[str, ...]:
+    if not one or not two:
+        return one or two
+    return tuple(f"{a} {b}" for a in one for b in two)
 
 
 def modulator_from_matrix(
@@ -273,6 +321,7 @@ def modulator_from_matrix(
     colours: tuple[str, ...] = (),
     cell: tuple[int, int] = (1, 1),
     lenslets: bool = False,
+    light: ArrayLike | None = None,
 ) -> Modulator:
     """Return a modulator of which only the transmissions ``matrix`` ``(K, N)`` are known: Sigma = A, Pi = identity.
 
@@ -281,4 +330,5 @@ def modulator_from_matrix(
     array = np.asarray(matrix, float)
     if array.ndim != 2:
         raise InputError.expected(f"transmissions of {name}", "a matrix (K, N)", array.shape, "correct it")
-    return Modulator(name, side, array, np.eye(array.shape[1]), views, colours, cell, lenslets)
+    samples: Any = None if light is None else np.asarray(light, float)
+    return Modulator(name, side, array, np.eye(array.shape[1]), views, colours, cell, lenslets, samples)

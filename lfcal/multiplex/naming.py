@@ -2,23 +2,91 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
 from lfcal.errors import InputError
 from lfcal.multiplex.colour_filters import cfa
+from lfcal.multiplex.exposures import camera_array, coded_shutter, neutral_density
 from lfcal.multiplex.masks import MASKS, mask
+from lfcal.multiplex.matrix_file import MATRIX_SUFFIXES, load_modulator
 from lfcal.multiplex.modulator import Modulator
+from lfcal.multiplex.polarisation import polarisers
+from lfcal.multiplex.spectral_filters import spectral_array
 
-__all__ = ["modulator_of"]
+__all__ = ["GRAMMAR", "modulator_of"]
+
+GRAMMAR = (
+    "Bayer, RG/GB, MURA:11, lenslet:5, nd:1,0.25/0.0625,0.25, polarisers:0,45/135,90, bands:RG/GB:3, "
+    "shutter:100,010/001,111, cameras:2x2, FILE.npy, FILE.json, or these joined by *"
+)
+"""How modulators are written."""
 
 
 def modulator_of(text: str) -> Modulator:
-    """Return the modulator written as ``Bayer``, ``RG/GB``, ``MURA:11``, or two of these joined by ``*``."""
+    """Return the modulator written as `GRAMMAR` says: a name, a matrix file, or several of these joined by ``*``.
+
+    ``nd:`` gives transmissions, ``polarisers:`` angles in degrees, by rows parted by slashes; ``bands:PATTERN:N`` the
+    shipped model filters over N bands of 400 … 700 nm behind silicon; ``shutter:`` for each pixel in which moments
+    it is open; ``cameras:2x2`` an array of cameras.
+    """
     if "*" in text:
-        first, second = text.split("*", 1)
+        first, second = text.rsplit("*", 1)
         return modulator_of(first) * modulator_of(second)
-    kind, _, size = text.strip().partition(":")
-    found = {m.lower(): m for m in MASKS}.get(kind.strip().lower().replace("-", "_").replace(" ", "_"))
+    written = text.strip()
+    if written.lower().endswith(MATRIX_SUFFIXES):
+        return load_modulator(written)
+    kind, _, rest = written.partition(":")
+    word = kind.strip().lower().replace("-", "_").replace(" ", "_")
+    if word in _READERS and rest:
+        return _READERS[word](rest)
+    found = {m.lower(): m for m in MASKS}.get(word)
     if found is None:
-        return cfa(text.strip())
-    if size and not size.isdigit():
-        raise InputError.expected(f"size of {found} (px)", "a whole number", repr(size), "write it like MURA:11")
-    return mask(found, int(size or 11))
+        return cfa(written)
+    if rest and not rest.isdigit():
+        raise InputError.expected(f"size of {found} (px)", "a whole number", repr(rest), "write it like MURA:11")
+    return mask(found, int(rest or 11))
+
+
+def _table(what: str, text: str) -> Any:
+    try:
+        return np.array([[float(cell) for cell in row.split(",")] for row in text.split("/")])
+    except ValueError as error:
+        raise InputError.expected(
+            what, "equal rows of numbers", repr(text)[:60], "write it like 1,0.25/0.5,1"
+        ) from error
+
+
+def _bands(text: str) -> Modulator:
+    from lfcal.multiplex.spectra import shipped_spectra
+
+    pattern, _, count = text.partition(":")
+    if not count.isdigit():
+        raise InputError.expected("bands", "a pattern and a number", repr(text)[:60], "write it like bands:RG/GB:3")
+    return spectral_array(pattern, int(count), efficiency=shipped_spectra("silicon"))
+
+
+def _shutter(text: str) -> Modulator:
+    rows = [row.split(",") for row in text.split("/")]
+    lengths = {len(pixel) for row in rows for pixel in row}
+    if set(text) - set("01,/") or len({len(row) for row in rows}) != 1 or len(lengths) != 1:
+        raise InputError.expected("shutter", "equal rows of 0 and 1", repr(text)[:60], "write it like 100,010/001,111")
+    return coded_shutter([[[float(c) for c in pixel] for pixel in row] for row in rows])
+
+
+def _cameras(text: str) -> Modulator:
+    rows, _, columns = text.partition("x")
+    if not (rows.isdigit() and columns.isdigit()):
+        raise InputError.expected("cameras", "rows x columns", repr(text)[:60], "write it like cameras:2x2")
+    return camera_array(int(rows), int(columns))
+
+
+_READERS: dict[str, Callable[[str], Modulator]] = {
+    "nd": lambda text: neutral_density(_table("exposures", text)),
+    "polarisers": lambda text: polarisers(_table("angles of polarisers", text)),
+    "bands": _bands,
+    "shutter": _shutter,
+    "cameras": _cameras,
+}

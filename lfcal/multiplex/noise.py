@@ -11,17 +11,21 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.camera import Sensor
-from lfcal.checks import check_choice, check_number
+from lfcal.checks import check_choice
 from lfcal.errors import InputError
 from lfcal.multiplex.modulator import Modulator
+from lfcal.multiplex.sensor_noise import sensor_noise
 
 __all__ = [
     "PAPER_CAMERAS",
     "GainCurves",
     "amplification",
     "camera_chi2",
+    "decorrelation_gain",
     "gain_curves",
     "monte_carlo_gain",
+    "noise_optimal_inverse",
+    "pixel_variance",
     "snr_gain",
     "transmission",
 ]
@@ -33,8 +37,8 @@ PAPER_CAMERAS: Mapping[str, float] = {"PG Dragonfly": 10**-0.93}
 
 
 def transmission(modulator: Modulator) -> float:
-    """Return tau: mean share of the light that reaches the sensor, its samples carrying 1/N each (equation 12)."""
-    return float(modulator.matrix.sum() / (modulator.pixels * modulator.count))
+    """Return tau: mean share of the unmodulated light (`Modulator.light`) that reaches the sensor (equation 12)."""
+    return float((modulator.matrix @ modulator.light).mean())
 
 
 def amplification(modulator: Modulator, *, rcond: float | None = None, recoverable: bool = False) -> float:
@@ -96,6 +100,54 @@ def snr_gain(modulator: Modulator, reference: Modulator, chi2: float | Sequence[
     return result if result.ndim else float(result)
 
 
+def noise_optimal_inverse(modulator: Modulator, covariance: ArrayLike) -> Array:
+    """Return the decorrelation ``(N, K)`` of least noise, (A^T C^-1 A)^+ A^T C^-1 (Gauss and Markov).
+
+    For square super-pixels of full rank it is the plain inverse; where there are more pixels than samples it trusts
+    the quieter ones.
+
+    Parameters
+    ----------
+    modulator
+        What the pixels measured.
+    covariance
+        Of the noise of the pixels of a super-pixel: variances ``(K,)`` above 0, or a positive definite ``(K, K)``.
+
+    Raises
+    ------
+    InputError
+        If it is no covariance of the super-pixel's pixels.
+    """
+    noise = np.asarray(covariance, float)
+    full = np.diag(noise) if noise.ndim == 1 else noise
+    good = full.shape == (modulator.pixels, modulator.pixels) and np.isfinite(full).all()
+    values = np.linalg.eigvalsh(full) if good and np.allclose(full, full.T) else np.zeros(1)
+    if not values[0] > 0:
+        wanted = f"positive variances ({modulator.pixels},) or a positive definite matrix"
+        raise InputError.expected(f"noise of {modulator.name}", wanted, f"shape {noise.shape}", "correct it")
+    # whitened: the pseudo-inverse of L^-1 A with C = L L^T, least squares of unit noise
+    white = np.linalg.inv(np.linalg.cholesky(full))
+    return np.asarray(np.linalg.pinv(white @ modulator.matrix, rcond=1e-12) @ white)
+
+
+def pixel_variance(modulator: Modulator, chi2: float) -> Array:
+    """Return the noise variance ``(K,)`` of each pixel in unmodulated light, as a share of s_c^2 + s_p^2.
+
+    Equation 12 with each pixel's own light in place of the mean.
+    """
+    if not chi2 >= 0:
+        raise InputError.expected("chi^2", "a number from 0 to inf", chi2, "correct it")
+    additive = 1.0 / (1.0 + chi2)
+    return np.asarray(additive + (1.0 - additive) * np.maximum(modulator.matrix @ modulator.light, 1e-12))
+
+
+def decorrelation_gain(modulator: Modulator, chi2: float) -> float:
+    """Return how much the noise-optimal decorrelation gains over the plain one (dB, 0 or more) in unmodulated light."""
+    variance = pixel_variance(modulator, chi2)
+    plain, best = modulator.inverse(), noise_optimal_inverse(modulator, variance)
+    return 5 * math.log10(float((plain**2 @ variance).sum()) / float((best**2 @ variance).sum()))
+
+
 def _variance(modulator: Modulator, chi2: Array) -> Array:
     """Variance of a sample per pixel, as a share of s_c^2 + s_p^2."""
     alpha = amplification(modulator)
@@ -106,20 +158,19 @@ def _variance(modulator: Modulator, chi2: Array) -> Array:
     return variance
 
 
-def camera_chi2(sensor: Sensor, *, gain: float = 1.0) -> float:
-    """Return chi^2 of a camera exposed to full scale: electrons of unmodulated light over read noise squared.
+def camera_chi2(sensor: Sensor, *, gain: float = 1.0, exposure_s: float = 0.0) -> float:
+    """Return chi^2 of a camera exposed to full scale: electrons of unmodulated light over the additive variance.
 
     Parameters
     ----------
     sensor
-        Its full well and read noise are used; a sensor without read noise has chi^2 = inf.
+        Its full well, read noise, dark current and quantisation are used (`sensor_noise`); inf without any of these.
     gain
         Amplifier gain: full scale is reached at full well over gain (electrons).
+    exposure_s
+        Time in which dark current gathers (s).
     """
-    check_number("gain", gain, above=0)
-    if sensor.read_noise_e == 0:
-        return math.inf
-    return sensor.full_well_e / gain / sensor.read_noise_e**2
+    return sensor_noise(sensor, gain=gain, exposure_s=exposure_s).chi2
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +235,7 @@ def monte_carlo_gain(
     trials: int = 4000,
     noise: str = "mean",
 ) -> float:
-    """Return the gain (dB) measured on simulated acquisitions of even light, each decorrelated by least squares.
+    """Return the gain (dB) measured on simulated acquisitions of unmodulated light, each decorrelated by least squares.
 
     Parameters
     ----------
@@ -204,7 +255,7 @@ def monte_carlo_gain(
 def _error(modulator: Modulator, chi2: float, rng: np.random.Generator, trials: int, noise: str) -> float:
     """Return the rms error of the recovered samples where s_c^2 + s_p^2 = 1."""
     check_choice("noise", noise, ("mean", "pixel"))
-    even = np.full(modulator.count, 1 / modulator.count)
+    even = modulator.light
     light = modulator.matrix @ even
     level = np.full_like(light, light.mean()) if noise == "mean" else light
     additive = 1.0 / (1.0 + chi2)

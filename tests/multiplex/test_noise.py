@@ -151,9 +151,9 @@ def test_curves_carry_cameras_and_numbers() -> None:
 
 
 def test_chi2_of_a_camera() -> None:
-    assert camera_chi2(preset("r29").sensor) == pytest.approx(20e3 / 144)
-    assert camera_chi2(preset("r29").sensor, gain=4) == pytest.approx(20e3 / 144 / 4)
-    assert camera_chi2(Sensor(read_noise_e=0.0)) == math.inf
+    assert camera_chi2(preset("r29").sensor) == pytest.approx(20e3 / (144 + (20e3 / 4095) ** 2 / 12))
+    assert camera_chi2(preset("r29").sensor, gain=4) == pytest.approx(5e3 / (144 + (5e3 / 4095) ** 2 / 12))
+    assert camera_chi2(Sensor(read_noise_e=0.0)) == pytest.approx(12 * 4095**2 / 20e3)
 
 
 @pytest.mark.parametrize("chi2", [-1.0, math.nan, [0.0, -2.0]])

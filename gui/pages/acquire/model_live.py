@@ -41,6 +41,8 @@ class LivePicture:
         see; None where not known.
     correlation
         Normalised correlation of the two, NaN where there is none.
+    first
+        Pixel (row, column) of the sensor that is the frame's first.
     """
 
     frame: NDArray[Any] | None
@@ -55,6 +57,7 @@ class LivePicture:
     seen: NDArray[Any] | None = None
     predicted: NDArray[Any] | None = None
     correlation: float = math.nan
+    first: tuple[int, int] = (0, 0)
 
 
 def live_picture(look: Look, plan: ScanPlan, reference: PSFMatrix | None) -> LivePicture:
@@ -71,7 +74,8 @@ def live_picture(look: Look, plan: ScanPlan, reference: PSFMatrix | None) -> Liv
     levels = state.levels
     mean = float((histogram * np.arange(len(histogram))).sum()) / frame.size
     numbers = f"maximum <b>{levels.maximum}</b>, median <b>{levels.quantile(0.5)}</b>, mean <b>{mean:.1f}</b> counts"
-    made = LivePicture(frame, edges, counts, numbers, _spot_words(look), levels.saturated, state.stage_um)
+    spot, first = _spot_words(look), (look.frame.roi.row, look.frame.roi.column)
+    made = LivePicture(frame, edges, counts, numbers, spot, levels.saturated, state.stage_um, first=first)
     return made if state.expected_px is None else _with_cutout(made, state.expected_px, plan, reference)
 
 

@@ -289,6 +289,7 @@ class RecordTab(QObject):
                 if self.panel.follow.isChecked():
                     self.panel.set_plane(frame.position.z)
             self.panel.show_frame(frame, point)
+            self.context.frame_seen.emit(frame.data, (frame.roi.row, frame.roi.column))
         self._show_error()
         self._refresh_picture()
 

@@ -203,6 +203,8 @@ class SetupTab(QObject):
         chosen = AcquireSettings.of(self.context.state)
         quick = chosen.backend == "sim" and dict(chosen.device_options).get("optics") == "pattern"
         self.panel.show_live(picture, self.context.state.camera, QUICK if quick else "")
+        if picture.frame is not None:
+            self.context.frame_seen.emit(picture.frame, picture.first)
         if self.panel.live.isChecked() and self.free:
             self.live_timer.start()
 

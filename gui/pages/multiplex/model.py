@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
@@ -12,27 +11,24 @@ from numpy.typing import NDArray
 
 from gui.models.form import Field
 from gui.models.settings import PageSettings
-from lfcal.camera import Sensor
 from lfcal.errors import InputError
 from lfcal.multiplex.colour_filters import CFA_PATTERNS, FILTERS, cfa, parse_pattern
 from lfcal.multiplex.filters import SPATIAL_FILTERS
 from lfcal.multiplex.masks import MASKS, mask, mask_pattern
 from lfcal.multiplex.modulator import Modulator
-from lfcal.multiplex.noise import GainCurves, camera_chi2, gain_curves
-from lfcal.multiplex.summary import ModulatorNumbers, describe
+from lfcal.multiplex.naming import GRAMMAR, modulator_of
 
 __all__ = [
     "FIELDS",
-    "Comparison",
     "ModulatorPicture",
     "MultiplexSettings",
     "choices_to_compare",
-    "compare",
     "picture",
     "used_by",
 ]
 
 TYPED = "typed"
+RANGES = {"search_size": (2, 13), "levels": (2, 16), "kinds": (1, 6), "crosstalk": (0, 0.4), "least_light": (0, 0.99)}
 MAX_SIZE = 31
 MAX_ENTRIES = 350_000
 """Entries of the matrix A of a mask over colour filters."""
@@ -43,7 +39,12 @@ def _named(names: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
     return tuple((name, name.replace("_", " ")) for name in names)
 
 
-FAMILIES = (("cfa", "colour filters"), ("mask", "mask or lenslets"), ("both", "mask over filters"))
+FAMILIES = (
+    ("cfa", "colour filters"),
+    ("mask", "mask or lenslets"),
+    ("both", "mask over filters"),
+    ("written", "as written"),
+)
 FIELDS = (
     Field("family", "Family", kind="choice", choices=FAMILIES, tip="What lies in front of the sensor"),
     Field(
@@ -68,6 +69,8 @@ FIELDS = (
         f"Pixels and views along a side, up to {MAX_SIZE}; MURA: odd primes, sum of sinusoids: odd",
         kind="int",
     ),
+    Field("written", "Written", kind="text", tip=f"Any modulator: {GRAMMAR}"),
+    Field("reference_written", "Over", kind="text", tip="The reference, written likewise; gains are over it"),
     Field(
         "reference_cfa",
         "Over filters",
@@ -87,8 +90,9 @@ FIELDS = (
         "scene",
         "Scene",
         kind="choice",
-        choices=(("edges", "sharp edges"), ("smooth", "smooth"), ("image", "opened image")),
-        tip="What is recorded; an opened grey image is taken as the recorded frame, a colour image as the scene",
+        choices=(("edges", "sharp edges"), ("smooth", "smooth"), ("image", "opened image"), ("live", "live frames")),
+        tip="What is recorded; an opened grey image is taken as the recorded frame, a colour image as the scene; "
+        "live frames are those that the Acquire page shows",
     ),
     Field(
         "filter",
@@ -107,12 +111,17 @@ FIELDS = (
 )
 
 _USES = {
-    "cfa": lambda s: s.family != "mask",
-    "pattern": lambda s: s.family != "mask" and s.cfa == TYPED,
-    "mask": lambda s: s.family != "cfa",
-    "size": lambda s: s.family != "cfa",
-    "reference_cfa": lambda s: s.family != "mask",
-    "reference_mask": lambda s: s.family != "cfa",
+    "cfa": lambda s: s.family in ("cfa", "both"),
+    "pattern": lambda s: s.family in ("cfa", "both") and s.cfa == TYPED,
+    "mask": lambda s: s.family in ("mask", "both"),
+    "size": lambda s: s.family in ("mask", "both"),
+    "reference_cfa": lambda s: s.family in ("cfa", "both"),
+    "reference_mask": lambda s: s.family in ("mask", "both"),
+    "written": lambda s: s.family == "written",
+    "reference_written": lambda s: s.family == "written",
+    "search_size": lambda s: s.sought == "mask",
+    "levels": lambda s: s.sought == "mask",
+    "kinds": lambda s: s.sought != "mask",
 }
 
 
@@ -133,6 +142,10 @@ class MultiplexSettings(PageSettings):
         Opened image, or empty.
     right
         Third picture: ``"difference"`` of the routes or ``"truth"``.
+    figure, own_camera
+        Which figure of the paper is shown, and whether with the project's camera in place of the paper's.
+    sought, search_size, levels, kinds, crosstalk, least_light
+        Of the search (`gui.pages.multiplex.model_search`).
     """
 
     page: ClassVar[str] = "multiplex"
@@ -144,6 +157,8 @@ class MultiplexSettings(PageSettings):
     size: int = 11
     reference_cfa: str = "Bayer"
     reference_mask: str = "pinhole"
+    written: str = "polarisers:0,45/135,90"
+    reference_written: str = "polarisers:0,45,90"
     gain: float = 1.0
     scene: str = "edges"
     filter: str = "cubic"
@@ -151,11 +166,20 @@ class MultiplexSettings(PageSettings):
     compared: tuple[str, ...] = ("CYMG", "RGBE", "RGBW", "CMYW", "lenslet", "MURA", "sum_of_sinusoids")
     image: str = ""
     right: str = "difference"
+    figure: int = 7
+    own_camera: bool = False
+    sought: str = "filters"
+    search_size: int = 5
+    levels: int = 2
+    kinds: int = 4
+    crosstalk: float = 0.0
+    least_light: float = 0.0
 
     def __post_init__(self) -> None:
         """Check every value."""
         offered = {f.key: tuple(value for value, _ in f.choices) for f in FIELDS if f.kind == "choice"}
         offered["right"] = ("difference", "truth")
+        offered["sought"] = ("filters", "filters 2x3", "mask")
         for key, values in offered.items():
             if getattr(self, key) not in values:
                 raise InputError.expected(key.replace("_", " "), " or ".join(values), getattr(self, key), "choose")
@@ -165,6 +189,11 @@ class MultiplexSettings(PageSettings):
         mask_pattern(self.mask, self.size)
         if not 0 < self.gain < 1e6:
             raise InputError.expected("amplifier gain", "above 0", self.gain, "correct it")
+        if self.figure not in (3, 5, 6, 7):
+            raise InputError.expected("figure", "3, 5, 6 or 7", self.figure, "choose one of these")
+        for what, (low, high) in RANGES.items():
+            if not low <= getattr(self, what) <= high:
+                raise InputError.expected(what.replace("_", " "), f"{low} to {high}", getattr(self, what), "correct it")
 
     def changed(self, key: str, value: Any) -> MultiplexSettings:
         """Return the settings with one field changed; a mask that has no such size takes the next one it has."""
@@ -174,10 +203,14 @@ class MultiplexSettings(PageSettings):
 
     def modulator(self) -> Modulator:
         """Return the chosen modulator; raises `InputError` if there is none."""
+        if self.family == "written":
+            return _small(modulator_of(self.written))
         return self._made(self.pattern if self.cfa == TYPED else self.cfa, self.mask)
 
     def reference(self) -> Modulator:
         """Return the reference; raises `InputError` if there is none."""
+        if self.family == "written":
+            return _small(modulator_of(self.reference_written))
         return self._made(self.reference_cfa, self.reference_mask)
 
     def _made(self, filters: str, kind: str) -> Modulator:
@@ -217,8 +250,19 @@ def _fitting(kind: str, size: int) -> int:
     return size
 
 
+def _small(modulator: Modulator) -> Modulator:
+    if modulator.pixels * modulator.count > MAX_ENTRIES:
+        entries = modulator.pixels * modulator.count
+        raise InputError.expected(
+            f"matrix of {modulator.name}", f"up to {MAX_ENTRIES} entries", entries, "a smaller one"
+        )
+    return modulator
+
+
 def choices_to_compare(family: str) -> tuple[str, ...]:
     """Return the names that can be compared within a family."""
+    if family == "written":
+        return ()
     return tuple(CFA_PATTERNS) if family == "cfa" else MASKS
 
 
@@ -231,7 +275,8 @@ class ModulatorPicture:
     name
         Its name.
     pattern, colours
-        Transmission seen by the middle view ``(rows, columns)``, mean over colours; the same ``(rows, columns, 3)``
+        Transmission seen by the middle view ``(rows, columns)``, mean over colours, or of unmodulated light where
+        samples are no colours; the same ``(rows, columns, 3)``
         as colours, None for a light field of one colour.
     spectrum
         Magnitude of its Fourier weights, mean over colours, zero frequency in the middle.
@@ -254,91 +299,17 @@ def picture(settings: MultiplexSettings) -> ModulatorPicture:
     """Return the chosen modulator as pictures."""
     modulator = settings.modulator()
     pattern = modulator.pattern()
+    coloured = modulator.colours == ("R", "G", "B")
+    if modulator.colours and not coloured and modulator.views == (1, 1):  # Stokes parameters are no transmissions
+        pattern = (modulator.matrix @ modulator.light).reshape(*modulator.side, 1)
     top = float(pattern.max()) or 1.0
     sigma, pi = np.asarray(modulator.spatial), np.asarray(modulator.plenoptic)
     return ModulatorPicture(
         modulator.name,
         pattern.mean(-1),
-        pattern / top if pattern.shape[-1] == 3 else None,
+        pattern / top if coloured else None,
         modulator.pattern_spectrum().mean(-1),
         sigma.real.astype(float),
         pi.real.astype(float),
         not (np.iscomplexobj(sigma) or np.iscomplexobj(pi)),
     )
-
-
-@dataclass(frozen=True, eq=False)
-class Comparison:
-    """Numbers of the modulator and gains of all.
-
-    Attributes
-    ----------
-    rows
-        Name, value with unit, and meaning of each number.
-    curves
-        Gains over chi^2; the first is the chosen modulator's.
-    left_out
-        Names of modulators that do not recover every sample.
-    chi2
-        Of the user's camera.
-    reason
-        Why there are no curves, or empty.
-    """
-
-    rows: tuple[tuple[str, str, str], ...]
-    curves: GainCurves | None
-    left_out: tuple[str, ...]
-    chi2: float
-    reason: str = ""
-
-
-def compare(settings: MultiplexSettings, sensor: Sensor, camera: str = "camera") -> Comparison:
-    """Return numbers and gain curves of the chosen modulators for a camera."""
-    modulator, reference = settings.modulator(), settings.reference()
-    chi2 = camera_chi2(sensor, gain=settings.gain)
-    try:
-        numbers, reason = describe(modulator, reference, chi2), ""
-    except InputError as error:
-        numbers, reason = describe(modulator), str(error)
-    curves, left_out = None, []
-    if not reason:
-        drawn = {m.name: m for m in (modulator, *settings.others())}
-        high = 4.0 if math.isinf(chi2) or chi2 <= 0 else max(4.0, math.ceil(math.log10(chi2) + 0.5))
-        curves = gain_curves(list(drawn.values()), reference, np.logspace(-4, high, 161), cameras={camera: chi2})
-        left_out = [n for n, gains in zip(curves.names, curves.gains, strict=True) if not np.isfinite(gains).all()]
-    return Comparison(_rows(numbers, reference.name, chi2), curves, tuple(left_out), chi2, reason)
-
-
-def number(value: float | None, form: str = ".4g", unit: str = "") -> str:
-    """Return a number for people; infinite and missing ones in words."""
-    if value is None:
-        return "–"
-    if math.isinf(value):
-        return "∞" if value > 0 else "−∞"
-    return f"{value:{form}} {unit}".strip().replace("-", "−")
-
-
-def _rows(n: ModulatorNumbers, reference: str, chi2: float) -> tuple[tuple[str, str, str], ...]:
-    return (
-        ("Super-pixel", f"{n.side[1]} × {n.side[0]} px", "K pixels that measure the same samples"),
-        ("Samples N", str(n.samples), "Colours, views, or both, that are to be separated"),
-        ("Rank", f"{n.rank} of {n.samples}", "Independent combinations of the samples that are measured"),
-        ("Condition number", number(n.condition), "Largest over smallest singular value of A = Σ Πᵀ"),
-        ("Transmission τ", number(n.transmission), "Mean fraction of the light that reaches the sensor (equation 12)"),
-        ("Amplification α", number(n.amplification), "Rms noise of a sample per noise of a pixel (equation 13)"),
-        (
-            f"Gain at χ² = {number(chi2, '.3g')}",
-            number(n.gain_db, "+.2f", "dB"),
-            f"Signal to noise over {reference} at the project's camera (equation 14), 10 log₁₀",
-        ),
-        ("Gain, additive noise", number(n.gain_additive_db, "+.2f", "dB"), f"Over {reference} at χ² = 0"),
-        ("Gain, photon noise", number(n.gain_photon_db, "+.2f", "dB"), f"Over {reference} at χ² = ∞"),
-        ("Not recoverable", _lost(n.lost), "Samples of which a part is not measured; it is reconstructed as zero"),
-    )
-
-
-def _lost(lost: Mapping[str, float]) -> str:
-    if not lost:
-        return "nothing"
-    named = [f"{name} {100 * share:.3g} %" for name, share in list(lost.items())[:4]]
-    return ", ".join(named) + (f" and {len(lost) - 4} more" if len(lost) > 4 else "")

@@ -77,9 +77,10 @@ class Reconstructions:
 
 def scene_of(kind: str, modulator: Modulator) -> NDArray[np.float64]:
     """Return a built-in scene ``(N, rows, columns)`` of whole super-pixels: ``"edges"`` or ``"smooth"``."""
-    if modulator.views == (1, 1) and modulator.colours:
+    if modulator.views == (1, 1):
         rows, columns = (math.ceil(CFA_SIDE / n) * n for n in modulator.side)
-        return colour_edges((rows, columns)) if kind == "edges" else zone_plate((rows, columns), 0.2)
+        shown = colour_edges((rows, columns)) if kind == "edges" else zone_plate((rows, columns), 0.2)
+        return shown if modulator.colours == ("R", "G", "B") else _told_apart(shown, modulator)
     views, step = modulator.views[0], modulator.side[0] // modulator.cell[0]
     if modulator.cell == (1, 1):
         step = max(1, modulator.side[0] // views)
@@ -97,8 +98,21 @@ def scene_of(kind: str, modulator: Modulator) -> NDArray[np.float64]:
         light = filament_light_field(views, (cells, cells), np.random.default_rng(7))
     if not modulator.colours:
         return light
-    tint = colour_edges(light.shape[1:])
-    return np.asarray((light[:, None] * tint).reshape(-1, *light.shape[1:]))
+    tint = _told_apart(colour_edges(light.shape[1:]), modulator)
+    return np.asarray((light[:, None] * tint[: len(modulator.colours)]).reshape(-1, *light.shape[1:]))
+
+
+def _told_apart(shown: NDArray[np.float64], modulator: Modulator) -> NDArray[np.float64]:
+    """Return as many planes as a direction has samples, unlike in their shapes, from those of three colours.
+
+    Stokes parameters are a share of S0, so that the light exists.
+    """
+    names = modulator.colours or ("light",)
+    planes = np.stack([np.roll(shown[k % 3], 7 * (k // 3), axis=1) for k in range(len(names))])
+    if any(name.startswith("S0") for name in names):
+        stokes = [not name.startswith("S0") for name in names]
+        planes[stokes] = 0.5 * planes[stokes] * shown.mean(0) - 0.1
+    return planes
 
 
 def opened(path: str) -> tuple[Array | None, Array | None, str]:
@@ -136,8 +150,13 @@ def noisy(frame: Array, sensor: Sensor, gain: float, rng: np.random.Generator) -
     return np.asarray(electrons / scale)
 
 
-def iter_reconstruct(settings: MultiplexSettings, sensor: Sensor) -> Work[Reconstructions]:
+def iter_reconstruct(
+    settings: MultiplexSettings, sensor: Sensor, live: tuple[Array, tuple[int, int]] | None = None
+) -> Work[Reconstructions]:
     """Record the scene and reconstruct it by the spatial and by the Fourier route.
+
+    ``live`` is a frame of the camera and the sensor's pixel (row, column) that its first one is: super-pixels begin at
+    the sensor's corner.
 
     Raises
     ------
@@ -147,7 +166,7 @@ def iter_reconstruct(settings: MultiplexSettings, sensor: Sensor) -> Work[Recons
     clock = Clock("reconstruct", 3)
     yield clock.at(0, "scene")
     modulator = settings.modulator()
-    truth, frame, words = _recorded(settings, modulator, sensor)
+    truth, frame, words = _recorded(settings, modulator, sensor, live)
     samples = modulator.side if truth is not None else None
     yield clock.at(1, f"spatial, {settings.filter}")
     routes = []
@@ -163,11 +182,28 @@ def iter_reconstruct(settings: MultiplexSettings, sensor: Sensor) -> Work[Recons
     return Reconstructions(routes[0], routes[1], truth, frame, modulator.sample_names, words, step)
 
 
-def _recorded(settings: MultiplexSettings, modulator: Modulator, sensor: Sensor) -> tuple[Array | None, Array, str]:
+def from_live(frame: Array, first: tuple[int, int], side: tuple[int, int], black: float) -> Array:
+    """Return the middle part of a live frame, less the black level, that begins with a whole super-pixel."""
+    start = [max(0, n - LARGEST) // 2 for n in frame.shape]
+    start = [s + -(s + f) % p for s, f, p in zip(start, first, side, strict=True)]
+    part = frame[start[0] : start[0] + LARGEST, start[1] : start[1] + LARGEST]
+    return np.asarray(part, np.float32) - np.float32(black)
+
+
+def _recorded(
+    settings: MultiplexSettings,
+    modulator: Modulator,
+    sensor: Sensor,
+    live: tuple[Array, tuple[int, int]] | None,
+) -> tuple[Array | None, Array, str]:
     truth: Array | None = None
     frame: Array | None = None
     words = "built-in scene"
-    if settings.scene == "image":
+    if settings.scene == "live":
+        if live is None:
+            raise InputError("scene: no live frame yet; switch the live view of the Acquire page on")
+        frame, words = from_live(*live, modulator.side, sensor.black_level), "live frame"
+    elif settings.scene == "image":
         if not settings.image:
             raise InputError("scene: no image yet; open one, or choose a built-in scene")
         truth, frame, words = opened(settings.image)

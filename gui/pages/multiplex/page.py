@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +15,17 @@ from gui.models.page import PageSpec
 from gui.models.project import ProjectState
 from gui.pages.multiplex import model as view
 from gui.pages.multiplex import takes
-from gui.pages.multiplex.model import Comparison, ModulatorPicture, MultiplexSettings
+from gui.pages.multiplex.model import ModulatorPicture, MultiplexSettings
+from gui.pages.multiplex.model_compare import Comparison, compare
 from gui.pages.multiplex.model_scene import Reconstructions, iter_reconstruct, opened
+from gui.pages.multiplex.model_search import iter_search
 from gui.pages.multiplex.panel import MultiplexPanel
 from lfcal.errors import LfcalError
 from lfcal.frames.formats.opening import image_suffixes
+from lfcal.multiplex.colour_filters import parse_pattern
+from lfcal.multiplex.matrix_file import save_modulator
+from lfcal.multiplex.noise import camera_chi2
+from lfcal.multiplex.paper import paper_figure
 from lfcal.progress import drain
 
 __all__ = ["Page"]
@@ -41,15 +48,26 @@ class Page(BasePage):
         self._job = 0
         self._request = 0
         self._asked: tuple[Any, ...] = ()
+        self._figure_asked: tuple[Any, ...] = ()
+        self._live: tuple[Any, tuple[int, int]] | None = None
+        self._live_busy = False
+        self._search_job = 0
         self.set_panel(self.panel)
-        for form in (self.panel.form, self.panel.scene_form):
+        self.forms = (self.panel.form, self.panel.scene_form, self.panel.search.form)
+        for form in self.forms:
             form.check = self._check
             form.edited.connect(self._edited)
         self.panel.compared.connect(self._compared)
         self.panel.pictures.right_chosen.connect(lambda name: self._edited("right", name))
         self.panel.pictures.sample_chosen.connect(lambda _: self._show_found())
         self.panel.open_asked.connect(self.choose_image)
-        self.panel.tabs.currentChanged.connect(lambda _: self._reconstruct())
+        self.panel.tabs.currentChanged.connect(lambda _: self._tab_changed())
+        self.panel.figures.figure_chosen.connect(lambda number: self._edited("figure", number))
+        self.panel.figures.camera_chosen.connect(lambda own: self._edited("own_camera", own))
+        self.panel.search.search_asked.connect(self.search)
+        self.panel.search.use_asked.connect(self.use_found)
+        self.panel.search.save_asked.connect(self.save_found)
+        context.frame_seen.connect(self._frame_seen)
         context.jobs.finished.connect(self._job_finished)
         self.theme_changed.connect(self._apply_theme)
         self._show(context.state)
@@ -72,23 +90,28 @@ class Page(BasePage):
 
     def _show(self, state: ProjectState) -> None:
         settings = MultiplexSettings.of(state)
-        for form in (self.panel.form, self.panel.scene_form):
+        for form in self.forms:
             form.set_values({key: getattr(settings, key) for key in form.fields})
             for key in form.fields:
                 form.set_enabled(key, view.used_by(settings, key))
         self.panel.show_choices(view.choices_to_compare(settings.family), settings.compared)
         self.panel.pictures.show_right(settings.right)
+        self.panel.figures.show_choice(settings.figure, settings.own_camera)
         self.panel.file.setText(Path(settings.image).name if settings.image else "no image opened")
         if not self._entered:
             return
         sensor, name = state.camera.sensor, state.camera.name
         self.context.jobs.compute(
             "multiplex modulator",
-            lambda: (view.picture(settings), view.compare(settings, sensor, name)),
+            lambda: (view.picture(settings), compare(settings, sensor, name)),
             self._computed,
             self._refused,
         )
+        self._tab_changed()
+
+    def _tab_changed(self) -> None:
         self._reconstruct()
+        self._draw_figure()
 
     def _computed(self, result: tuple[ModulatorPicture, Comparison]) -> None:
         self.picture, self.comparison = result
@@ -157,6 +180,9 @@ class Page(BasePage):
         if self._job:
             self.context.jobs.cancel(self._job)
             self._job = 0
+        if settings.scene == "live":
+            self._show_live(first=True)
+            return
         if settings.scene == "image" and not settings.image:
             self._failed(
                 "Open an image: a frame recorded behind this modulator, or a colour image as the scene.", bad=False
@@ -193,7 +219,112 @@ class Page(BasePage):
         self.panel.pictures.clear_pictures()
         self.panel.pictures.show_status(words, bad=bad)
 
+    # -- live frames -----------------------------------------------------------------------------------
+    def _frame_seen(self, frame: Any, first: tuple[int, int]) -> None:
+        """Keep the newest frame of the camera, and demultiplex it if that is looked at."""
+        self._live = (frame, first)
+        if self._entered and self.isVisible() and self.panel.tabs.currentIndex() == 1:
+            self._show_live()
+
+    def _show_live(self, first: bool = False) -> None:
+        """Demultiplex the newest frame; frames that come meanwhile are left out, all but the last."""
+        settings, sensor, live = self.settings, self.context.state.camera.sensor, self._live
+        if settings.scene != "live" or self._live_busy:
+            return
+        if live is None:
+            if first:
+                self._failed("No live frame yet: switch the live view of the Acquire page on.", bad=False)
+            return
+        self._live_busy = True
+
+        def done(found: Reconstructions) -> None:
+            self._live_busy = False
+            if self.settings.scene == "live":
+                self.found = found
+                self._show_found()
+            if self._live is not live:
+                self._show_live()
+
+        def failed(words: str) -> None:
+            self._live_busy = False
+            self._failed(words)
+
+        self.context.jobs.compute(
+            "multiplex live", lambda: drain(iter_reconstruct(settings, sensor, live)), done, failed
+        )
+
+    # -- figures of the paper ----------------------------------------------------------------------------
+    def _draw_figure(self) -> None:
+        settings, camera = self.settings, self.context.state.camera
+        own = settings.own_camera or settings.figure == 6
+        chi2 = camera_chi2(camera.sensor, gain=settings.gain) if own else None
+        asked = (settings.figure, chi2, camera.name if own else "")
+        if not self._entered or self.panel.tabs.currentIndex() != 2 or asked == self._figure_asked:
+            return
+        self._figure_asked = asked
+        self.panel.figures.show_status("computing …")
+        self.context.jobs.compute(
+            "multiplex figure",
+            lambda: paper_figure(settings.figure, camera=camera.name, chi2=chi2),
+            lambda found: self.panel.figures.show_figure(found) if asked == self._figure_asked else None,
+            self.panel.figures.show_status,
+        )
+
+    # -- search ----------------------------------------------------------------------------------------
+    def search(self) -> None:
+        """Search as a job."""
+        settings, sensor = self.settings, self.context.state.camera.sensor
+        if self._search_job:
+            self.context.jobs.cancel(self._search_job)
+        self.panel.search.show_found(None)
+        self.panel.search.show_status("searching …")
+        self._search_job = self.context.jobs.start(
+            "Search filters and masks",
+            "multiplex",
+            lambda: iter_search(settings, sensor),
+            self.panel.search.show_found,
+            at_once=True,
+        )
+
+    def use_found(self) -> None:
+        """Take the found filters as the own pattern; a mask is written to a file and named."""
+        found = self.panel.search.found
+        if found is None:
+            return
+        name = found.design.modulator.name
+        if self.panel.search.found is not None and found.design.modulator.colours:
+            pattern = "/".join(parse_pattern(name))
+            settings = replace(self.settings, family="cfa", cfa=view.TYPED, pattern=pattern)
+            self.context.project.update("use the search's filters", settings=settings.into(self.context.state))
+            self.panel.tabs.setCurrentIndex(0)
+            return
+        self.save_found(use=True)
+
+    def save_found(self, use: bool = False) -> None:
+        """Ask where to, and write the design."""
+        found = self.panel.search.found
+        path = QFileDialog.getSaveFileName(self, "Save design", "design.npy", "Arrays (*.npy)")[0] if found else ""
+        if found is None or not path:
+            return
+        try:
+            save_modulator(found.design.modulator, path)
+        except LfcalError as error:
+            self.context.message.emit(str(error))
+            self.panel.search.show_status(str(error))
+            return
+        self.panel.search.show_status(f"written to {path}")
+        if use:
+            hole = f"pinhole:{found.design.modulator.side[0]}"
+            settings = replace(self.settings, family="written", written=path, reference_written=hole)
+            self.context.project.update("use the search's mask", settings=settings.into(self.context.state))
+            self.panel.tabs.setCurrentIndex(0)
+
     def _job_finished(self, job: Job) -> None:
+        if job.number == self._search_job:
+            self._search_job = 0
+            if job.state is not JobState.DONE:
+                self.panel.search.show_status(job.error or "stopped")
+            return
         if job.number != self._job:
             return
         self._job = 0

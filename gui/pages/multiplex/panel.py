@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from html import escape
 
+import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import (
@@ -23,9 +24,12 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from gui.pages.multiplex.figures_view import FiguresView
 from gui.pages.multiplex.matrix_view import MatrixView
-from gui.pages.multiplex.model import FIELDS, Comparison, ModulatorPicture, number
+from gui.pages.multiplex.model import FIELDS, ModulatorPicture
+from gui.pages.multiplex.model_compare import Comparison, number
 from gui.pages.multiplex.pictures import MultiplexPictures
+from gui.pages.multiplex.search_view import SearchView
 from gui.theme import current_theme
 from gui.widgets.cards import card, column_area
 from gui.widgets.form import Form
@@ -39,6 +43,8 @@ SCENE_FIELDS = ("scene", "filter", "noise")
 
 GAIN = "Is the modulator worth its light? Pattern, spectrum, and gain in SNR over the reference"
 PICTURES = "What it makes of a picture: the frame behind it, what is got back, and the error"
+FIGURES = "Figures 3, 5, 6 and 7 of Ihrke et al. 2010, of scenes made here, with shared scales"
+SEARCH = "Filters and masks of most gain that can be made, and how sure that is"
 
 
 class MultiplexPanel(QWidget):
@@ -64,8 +70,10 @@ class MultiplexPanel(QWidget):
             for key in form.fields:
                 form.editor(key).setMinimumWidth(56)
         self.pictures = MultiplexPictures()
+        self.figures, self.search = FiguresView(), SearchView()
         self.tabs = QTabWidget()
         tabs = (self._modulator_tab(), "Modulator and gain", GAIN), (self.pictures, "Reconstruction", PICTURES)
+        tabs = (*tabs, (self.figures, "Figures of the paper", FIGURES), (self.search, "Search", SEARCH))
         for tab, title, tip in tabs:
             self.tabs.setTabToolTip(self.tabs.addTab(tab, title), tip)
         row = QHBoxLayout(self)
@@ -82,6 +90,7 @@ class MultiplexPanel(QWidget):
 
     def _compare_card(self) -> QWidget:
         frame, column = card("Compared with")
+        self.compare_card = frame
         self.boxes: dict[str, QCheckBox] = {}
         self.box_grid = QGridLayout()
         self.box_grid.setSpacing(4)
@@ -187,6 +196,7 @@ class MultiplexPanel(QWidget):
 
     def show_choices(self, names: Sequence[str], ticked: Sequence[str]) -> None:
         """Offer the modulators to compare with."""
+        self.compare_card.setVisible(bool(names))
         if tuple(self.boxes) != tuple(names):
             for box in self.boxes.values():
                 box.hide()
@@ -252,7 +262,7 @@ class MultiplexPanel(QWidget):
         for k, (name, gains) in enumerate(zip(curves.names, curves.gains, strict=True)):
             if name not in found.left_out:
                 tone, dashed, text = LINES[k % len(LINES)], k >= len(LINES), name.replace("_", " ")
-                self.curve.set_curve(text, curves.chi2, gains, colour=tone, dashed=dashed)
+                self.curve.set_curve(text, curves.chi2, np.round(gains, 9), colour=tone, dashed=dashed)
                 self._drawn.append((text, tone, dashed))
         low, high = float(curves.chi2[0]), float(curves.chi2[-1])
         self.marker.setPos(math.log10(min(max(found.chi2, low), high)))
@@ -273,7 +283,8 @@ class MultiplexPanel(QWidget):
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
-        for view in (self.pattern, self.spectrum, self.sigma, self.pi, self.curve, self.pictures):
+        plots = (self.pattern, self.spectrum, self.sigma, self.pi, self.curve)
+        for view in (*plots, self.pictures, self.figures, self.search):
             view.apply_theme()
         if self._drawn:
             self._show_legend()

@@ -15,7 +15,10 @@ def step(project: ProjectState, out: str = "") -> Step:
     chosen = MultiplexSettings.of(project)
     if chosen.family == "both":
         raise InputError.expected("modulator", "filters or a mask", "a mask over filters", "the command knows either")
-    if chosen.family == "cfa":
+    if chosen.family == "written":
+        own, other = chosen.written, chosen.reference_written
+        made, over = f"modulator_of({own!r})", f"modulator_of({other!r})"
+    elif chosen.family == "cfa":
         own, other = chosen.pattern if chosen.cfa == TYPED else chosen.cfa, chosen.reference_cfa
         made, over = f"cfa({own!r})", f"cfa({other!r})"
     else:
@@ -24,7 +27,7 @@ def step(project: ProjectState, out: str = "") -> Step:
     pairs = (("--reference", other), ("--camera", CAMERA_FILE), ("--gain", repr(chosen.gain)))
     python = f"""
 from lfcal.camera import Camera
-from lfcal.multiplex import camera_chi2, cfa, mask, snr_gain
+from lfcal.multiplex import camera_chi2, cfa, mask, modulator_of, snr_gain
 
 camera = Camera.from_json(Path({CAMERA_FILE!r}).read_text(encoding="utf-8"))
 print(snr_gain({made}, {over}, camera_chi2(camera.sensor, gain={chosen.gain!r})))

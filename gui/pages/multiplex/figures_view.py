@@ -1,0 +1,161 @@
+"""The paper's figures side by side: pictures with shared scales, a line of numbers under each, or gain curves."""
+
+from __future__ import annotations
+
+import math
+
+import pyqtgraph as pg
+from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtWidgets import QCheckBox, QGridLayout, QLabel, QStackedWidget, QVBoxLayout, QWidget
+
+from gui.pages.multiplex.matrix_view import MatrixView
+from gui.theme import current_theme
+from gui.widgets.cards import card, choice_box, line
+from gui.widgets.plots import LINES, LinePlot, shown_tone
+from lfcal.multiplex.noise import GainCurves
+from lfcal.multiplex.paper import FIGURES, PaperFigure
+
+__all__ = ["FiguresView"]
+
+MOST = 8
+TITLES = {3: "3: Bayer, both theorems", 5: "5: upsampled views", 6: "6: gain of SNR", 7: "7: four light fields"}
+
+
+class FiguresView(QWidget):
+    """Figures 3, 5, 6 and 7 of the paper, of scenes made here.
+
+    Signals
+    -------
+    figure_chosen(number)
+        Another figure is wanted.
+    camera_chosen(own)
+        The project's camera in place of the paper's.
+    """
+
+    figure_chosen = Signal(int)
+    camera_chosen = Signal(bool)
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.shown: PaperFigure | None = None
+        outer = QVBoxLayout(self)
+        outer.setContentsMargins(0, 8, 0, 0)
+        outer.setSpacing(6)
+        tip = "A figure of Ihrke, Wetzstein and Heidrich 2010 with scenes made here"
+        self.figure = choice_box([(str(n), TITLES[n]) for n in FIGURES], tip)
+        self.figure.setAccessibleName("figure of the paper")
+        self.figure.currentIndexChanged.connect(lambda _: self.figure_chosen.emit(int(self.figure.currentData())))
+        self.own = QCheckBox("project's camera")
+        self.own.setToolTip("Noise of the project's camera in place of the paper's; figure 6 marks it in any case")
+        self.own.toggled.connect(self.camera_chosen.emit)
+        self.status = QLabel("")
+        self.status.setProperty("role", "hint")
+        self.status.setWordWrap(True)
+        outer.addLayout(line("Figure", self.figure, self.own, self.status, stretch=3))
+        self.stack = QStackedWidget()
+        self.stack.addWidget(self._pictures())
+        self.stack.addWidget(self._plots())
+        outer.addWidget(self.stack, 1)
+
+    def _pictures(self) -> QWidget:
+        widget = QWidget()
+        self.grid = QGridLayout(widget)
+        self.grid.setContentsMargins(0, 0, 0, 0)
+        self.grid.setSpacing(6)
+        self.cards, self.heads, self.views, self.numbers = [], [], [], []
+        for _ in range(MOST):
+            head, words = QLabel(""), QLabel("")
+            for label in (head, words):
+                label.setWordWrap(True)
+                label.setMinimumWidth(60)
+            words.setProperty("role", "hint")
+            words.setAlignment(Qt.AlignmentFlag.AlignTop)
+            frame, column = card(head)
+            frame.setParent(widget)
+            view = MatrixView(xlabel="column", ylabel="row", value_label="intensity (1)", bar_below=True)
+            column.addWidget(view, 1)
+            column.addWidget(words)
+            self.cards.append(frame)
+            self.heads.append(head)
+            self.views.append(view)
+            self.numbers.append(words)
+        return widget
+
+    def _plots(self) -> QWidget:
+        widget = QWidget()
+        grid = QGridLayout(widget)
+        grid.setContentsMargins(0, 0, 0, 0)
+        grid.setSpacing(6)
+        self.curves, self.curve_heads, self.legends, self.markers = [], [], [], []
+        for k in range(2):
+            head, legend = QLabel(""), QLabel("")
+            frame, column = card(head)
+            plot = LinePlot("χ² = photon / additive noise variance (1)", "gain (dB)")
+            plot.plot.setLogMode(True, False)
+            marker = pg.InfiniteLine(angle=90)
+            plot.plot.addItem(marker, ignoreBounds=True)
+            legend.setWordWrap(True)
+            legend.setProperty("role", "hint")
+            column.addWidget(plot, 1)
+            column.addWidget(legend)
+            grid.addWidget(frame, 0, k)
+            grid.setColumnStretch(k, 1)
+            self.curves.append(plot)
+            self.curve_heads.append(head)
+            self.legends.append(legend)
+            self.markers.append(marker)
+        return widget
+
+    def show_choice(self, number: int, own: bool) -> None:
+        """Show what is chosen, without reporting it."""
+        blockers = [QSignalBlocker(self.figure), QSignalBlocker(self.own)]
+        self.figure.setCurrentIndex(self.figure.findData(str(number)))
+        self.own.setChecked(own)
+        self.own.setEnabled(number == 7)
+        for blocker in blockers:
+            blocker.unblock()
+
+    def show_status(self, words: str) -> None:
+        """Say what is shown or under way."""
+        self.status.setText(words)
+
+    def show_figure(self, found: PaperFigure) -> None:
+        """Draw a figure."""
+        self.shown = found
+        self.show_status(found.title)
+        self.stack.setCurrentIndex(1 if found.curves else 0)
+        for k, (title, curves) in enumerate(found.curves):
+            self._show_curves(k, title, curves)
+        for k in range(MOST):
+            self.grid.removeWidget(self.cards[k])
+            self.cards[k].hide()
+            self.grid.setColumnStretch(k, 1 if k < found.columns else 0)
+        for k, panel in enumerate(found.panels):
+            self.grid.addWidget(self.cards[k], k // found.columns, k % found.columns)
+            self.grid.setRowStretch(k // found.columns, 1)
+            self.heads[k].setText(panel.title)
+            self.numbers[k].setText(panel.numbers)
+            self.views[k].show_array(panel.image, name=panel.title, levels=panel.levels)
+            self.cards[k].show()
+
+    def _show_curves(self, k: int, title: str, curves: GainCurves) -> None:
+        plot, named = self.curves[k], []
+        plot.clear()
+        self.curve_heads[k].setText(title)
+        for n, (name, gains) in enumerate(zip(curves.names, curves.gains, strict=True)):
+            tone, text = LINES[n % len(LINES)], name.replace("_", " ")
+            plot.set_curve(text, curves.chi2, gains, colour=tone)
+            named.append(f"<span style='color:{shown_tone(tone)}'>━</span>&nbsp;{text}")
+        camera, chi2 = list(curves.cameras.items())[-1]
+        place = min(max(chi2, float(curves.chi2[0])), float(curves.chi2[-1]))
+        self.markers[k].setPos(math.log10(place))
+        self.markers[k].setPen(pg.mkPen(current_theme().text, width=1.2, style=Qt.PenStyle.DashLine))
+        self.legends[k].setText(f"{' &nbsp; '.join(named)}<br>┆ {camera}, χ² = {chi2:.3g}")
+
+    def apply_theme(self) -> None:
+        """Take the colours of the theme in use."""
+        for view in (*self.views, *self.curves):
+            view.apply_theme()
+        if self.shown is not None:
+            for k, (title, curves) in enumerate(self.shown.curves):
+                self._show_curves(k, title, curves)

@@ -1,0 +1,334 @@
+"""Modulators as they can be made: layouts and printed masks of the best gain, with a certificate."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.checks import check_number, check_tuple
+from lfcal.errors import InputError
+from lfcal.multiplex.colour_filters import CFA_PATTERNS, FILTERS, cfa
+from lfcal.multiplex.mask_bounds import mask_gain_bound, noise_shares
+from lfcal.multiplex.masks import mask, mask_at_distance
+from lfcal.multiplex.modulator import Modulator
+from lfcal.multiplex.noise import snr_gain
+from lfcal.multiplex.search import best_mask
+
+__all__ = ["Design", "best_array", "best_printed_mask", "with_crosstalk"]
+
+Array = NDArray[np.float64]
+
+MOST_TRIED = 200_000
+"""Candidates up to which all are tried."""
+
+BATCH = 4096
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """What a search found, and how sure it is that nothing is better.
+
+    Attributes
+    ----------
+    modulator
+        The best that can be made, as made (without crosstalk).
+    gain_db
+        Its gain over the reference with the crosstalk asked for, 10 log10 as in equation 14.
+    bound_db
+        What no candidate exceeds; the gain itself where all were tried.
+    tried
+        Candidates whose gain was computed.
+    exhaustive
+        Whether these were all.
+    """
+
+    modulator: Modulator = field(repr=False)
+    gain_db: float
+    bound_db: float
+    tried: int
+    exhaustive: bool
+
+    @property
+    def certificate(self) -> str:
+        """In words, how far the best may be from this."""
+        if self.exhaustive:
+            return f"the best of all {self.tried} candidates"
+        return f"at most {max(0.0, self.bound_db - self.gain_db):.3f} dB below the best there is"
+
+
+def with_crosstalk(modulator: Modulator, share: float) -> Modulator:
+    """Return a modulator whose pixels each lose ``share`` of their light to their four neighbours, and gain theirs.
+
+    Parameters
+    ----------
+    modulator
+        Periodic: the neighbours at its border are those of the next super-pixel. Lenslets are in front of the pixels
+        and keep what is theirs, so that only pixels of one cell mix as well.
+    share
+        Charge or light that leaves a pixel, 0 … 0.5, a quarter to each side.
+    """
+    check_number("crosstalk", share, at_least=0, at_most=0.5)
+    block = np.asarray(modulator.spatial).reshape(*modulator.side, -1)
+    near = sum(np.roll(block, step, axis) for axis in (0, 1) for step in (1, -1))
+    mixed = (1 - share) * block + share / 4 * near
+    return replace(modulator, spatial=mixed.reshape(modulator.pixels, -1))
+
+
+def best_array(
+    side: tuple[int, int],
+    chi2: float,
+    *,
+    letters: str = "RGBCMYW",
+    crosstalk: float = 0.0,
+    most_kinds: int | None = None,
+    least_light: float = 0.0,
+    reference: Modulator | None = None,
+) -> Design:
+    """Return the layout of filters with most gain over ``reference`` that can be made, of all there are.
+
+    Parameters
+    ----------
+    side
+        Pixels (rows, columns) of the super-pixel.
+    chi2
+        The camera's.
+    letters
+        Filters to choose from (`lfcal.multiplex.colour_filters.FILTERS`).
+    crosstalk
+        Share of the light that pixels lose to their neighbours (`with_crosstalk`): then places matter.
+    most_kinds
+        Kinds of filters at most: each is a step of lithography.
+    least_light
+        Transmission that is wanted at least.
+    reference
+        Bayer with the same crosstalk by default.
+
+    Raises
+    ------
+    InputError
+        If there are more candidates than can all be tried, or none that recovers the colours.
+    """
+    rows, columns = check_tuple("super-pixel (rows, columns)", side, 2, at_least=1, at_most=8, integer=True)
+    check_number("least light", least_light, at_least=0, at_most=1)
+    kinds = sorted(set(letters), key=letters.index)
+    if not kinds or not set(kinds) <= set(FILTERS):
+        raise InputError.expected("filters", f"letters of {''.join(FILTERS)}", repr(letters), "choose among these")
+    count = rows * columns
+    number = len(kinds) ** count if crosstalk else math.comb(len(kinds) + count - 1, count)
+    if number > MOST_TRIED:
+        remedy = "choose fewer filters or a smaller super-pixel"
+        raise InputError.expected("candidates to try", f"up to {MOST_TRIED}", number, remedy)
+    table = np.array([FILTERS[kind] for kind in kinds], float)
+    best, least, tried = None, math.inf, 0
+    for batch in _batches(len(kinds), count, places=bool(crosstalk)):
+        good = _makeable(batch, table, most_kinds, least_light)
+        tried += len(batch)
+        noise = _noise(batch[good], table, (rows, columns), chi2, crosstalk)
+        if len(noise) and noise.min() < least:
+            least, best = float(noise.min()), batch[good][int(np.argmin(noise))]
+    if best is None or not math.isfinite(least):
+        raise InputError.expected("filters", "a choice that recovers red, green and blue", repr(letters), "allow more")
+    best = _known_equal(
+        best, least, kinds, (rows, columns), lambda b: _noise(b, table, (rows, columns), chi2, crosstalk)
+    )
+    found = cfa("/".join("".join(kinds[k] for k in row) for row in best.reshape(rows, columns)))
+    base = with_crosstalk(reference or cfa("Bayer"), crosstalk)
+    gain = float(snr_gain(with_crosstalk(found, crosstalk), base, chi2))
+    return Design(found, gain, gain, tried, True)
+
+
+def _known_equal(
+    best: NDArray[np.intp],
+    least: float,
+    kinds: list[str],
+    side: tuple[int, int],
+    noise: Callable[[NDArray[np.intp]], Array],
+) -> NDArray[np.intp]:
+    """Return a known pattern of the same kinds and noise where there is one: places then do not matter."""
+    for rows in CFA_PATTERNS.values():
+        letters = [letter for row in rows.split("/") for letter in row]
+        shape = (rows.count("/") + 1, len(rows.split("/")[0]))
+        if shape == side and set(letters) <= set(kinds):
+            other = np.array([kinds.index(letter) for letter in letters], np.intp)
+            same = len(set(other.tolist())) <= len(set(best.tolist()))
+            if same and float(noise(other[None])[0]) <= least * (1 + 1e-12):
+                return other
+    return best
+
+
+def _batches(kinds: int, count: int, *, places: bool) -> Iterator[NDArray[np.intp]]:
+    """Yield all choices ``(n, count)``; without crosstalk places do not matter."""
+    every = (
+        itertools.product(range(kinds), repeat=count)
+        if places
+        else itertools.combinations_with_replacement(range(kinds), count)
+    )
+    while part := list(itertools.islice(every, BATCH)):
+        yield np.array(part, np.intp)
+
+
+def _makeable(batch: NDArray[np.intp], table: Array, most_kinds: int | None, least_light: float) -> NDArray[np.bool_]:
+    light = table.mean(1)[batch].mean(1)
+    ordered = np.sort(batch, axis=1)
+    kinds = 1 + (np.diff(ordered, axis=1) != 0).sum(1)
+    return np.asarray((light >= least_light - 1e-12) & (kinds <= (most_kinds or batch.shape[1])))
+
+
+def _noise(batch: NDArray[np.intp], table: Array, side: tuple[int, int], chi2: float, crosstalk: float) -> Array:
+    """Return the variance of the samples of each choice (equation 12), infinite where a colour is lost."""
+    additive, photon = noise_shares(chi2)
+    block = table[batch].reshape(len(batch), *side, 3)
+    near = sum(np.roll(block, step, axis) for axis in (1, 2) for step in (1, -1))
+    a = ((1 - crosstalk) * block + crosstalk / 4 * near).reshape(len(batch), -1, 3)
+    gram = np.einsum("bki,bkj->bij", a, a)
+    whole = np.linalg.matrix_rank(gram, hermitian=True) == 3
+    trace = np.full(len(batch), math.inf)
+    trace[whole] = np.trace(np.linalg.inv(gram[whole]), axis1=1, axis2=2)
+    return np.asarray(trace * (additive + photon * a.mean((1, 2))))
+
+
+def best_printed_mask(
+    size: int,
+    chi2: float,
+    *,
+    levels: int = 2,
+    crosstalk: float = 0.0,
+    most_light: float = 1.0,
+    least_light: float = 0.0,
+    starts: int = 12,
+    rng: np.random.Generator | None = None,
+) -> Design:
+    """Return the attenuation mask that a printer can make, of most gain over a pinhole of the same crosstalk.
+
+    Of up to 20 000 candidates all are tried. Otherwise the best grey mask (`best_mask`), the known ones and random ones
+    are rounded to the levels and changed pixel by pixel as long as that gains; the bound is that of every mask.
+
+    Parameters
+    ----------
+    size
+        Pixels along a side.
+    chi2
+        The camera's.
+    levels
+        Transmissions that can be printed, evenly from closed to open: 2 for chrome on glass.
+    crosstalk
+        Share that pixels lose to their neighbours.
+    least_light, most_light
+        Share of the light that the mask must and may let through.
+    starts
+        Random starts.
+    rng
+        Their source; seeded by default.
+    """
+    check_number("size of the mask (px)", size, at_least=2, at_most=31, integer=True)
+    check_number("levels", levels, at_least=2, at_most=256, integer=True)
+    check_number("crosstalk", crosstalk, at_least=0, at_most=0.4)
+    if not 0 <= least_light < most_light <= 1:
+        got = f"{least_light} … {most_light}"
+        raise InputError.expected("share of light", "0 ≤ least < most ≤ 1", got, "correct it")
+    random = rng or np.random.default_rng(0)
+    limits = (least_light, most_light)
+    gains = _MaskGain(size, chi2, crosstalk, limits)
+    count = levels ** (size * size)
+    if count <= 20_000:
+        found, tried = _every_mask(size, levels, gains), count
+    else:
+        found, tried = _changed_masks(size, chi2, levels, gains, starts, random)
+    modulator = mask_at_distance(found / (levels - 1), 1.0, name=f"printed {size} x {size}, {levels} levels")
+    gain = gains.of(found[None] / (levels - 1))[0]
+    if not math.isfinite(gain):
+        raise InputError.expected("mask", "one within the limits that recovers all views", "none", "allow more light")
+    exhaustive = count <= 20_000
+    # a mixing of pixels only lessens the Fourier weights but the zeroth, and the reference's with them
+    bound = float(gain) if exhaustive else mask_gain_bound(size, chi2) + gains.reference_loss
+    return Design(modulator, float(gain), bound, tried, exhaustive)
+
+
+class _MaskGain:
+    """Gain over the pinhole (dB) of masks with crosstalk; minus infinity outside the limits of light."""
+
+    def __init__(self, size: int, chi2: float, crosstalk: float, limits: tuple[float, float]) -> None:
+        wave = np.cos(2 * np.pi * np.arange(size) / size)
+        self.mix = 1 - crosstalk + crosstalk / 2 * (wave[:, None] + wave)
+        self.additive, self.photon = noise_shares(chi2)
+        self.limits, self.size = limits, size
+        hole = np.zeros((1, size, size))
+        hole[0, 0, 0] = 1
+        self.hole = float(self._log(hole)[0])
+        # what crosstalk costs the reference raises every gain over it
+        self.reference_loss = 5 * math.log10(float((1 / self.mix**2).mean()))
+
+    def of(self, masks: Array) -> Array:
+        light = masks.mean((1, 2))
+        good = (light >= self.limits[0] - 1e-12) & (light <= self.limits[1] + 1e-12)
+        return np.where(good, self.hole - self._log(masks), -math.inf)
+
+    def _log(self, masks: Array) -> Array:
+        power = np.abs(np.fft.fft2(masks) * self.mix) ** 2
+        lost = (power < 1e-9).any((1, 2))
+        total = (1 / np.where(power < 1e-9, 1.0, power)).sum((1, 2))
+        return np.where(
+            lost, math.inf, 5 * np.log10(total * (self.additive + self.photon * masks.mean((1, 2)) + 1e-300))
+        )
+
+
+def _every_mask(size: int, levels: int, gains: _MaskGain) -> Array:
+    every = itertools.product(range(levels), repeat=size * size)
+    best, most = np.ones((size, size)) * (levels - 1), -math.inf
+    while part := list(itertools.islice(every, BATCH)):
+        masks = np.array(part, float).reshape(-1, size, size)
+        found = gains.of(masks / (levels - 1))
+        k = int(np.argmax(found))
+        if found[k] > most:
+            best, most = masks[k], float(found[k])
+    return best
+
+
+def _changed_masks(
+    size: int, chi2: float, levels: int, gains: _MaskGain, starts: int, rng: np.random.Generator
+) -> tuple[Array, int]:
+    grey = best_mask(size, chi2, starts=2, rng=rng).matrix[:, 0].reshape(size, size)
+    begin = [grey, *_open_masks(size)]
+    begin += [(rng.random((size, size)) < rng.uniform(*gains.limits)).astype(float) for _ in range(starts)]
+    best, most, tried = np.zeros((size, size)), -math.inf, 0
+    for start in begin:
+        found, value, looked = _climbed(np.rint(start * (levels - 1)), levels, gains)
+        tried += looked
+        if value > most:
+            best, most = found, value
+    return best, tried
+
+
+def _open_masks(size: int) -> list[Array]:
+    found = []
+    for kind in ("pinhole", "MURA"):
+        try:
+            found.append(mask(kind, size).matrix[:, 0].reshape(size, size))
+        except InputError:
+            continue
+    return found
+
+
+def _climbed(start: Array, levels: int, gains: _MaskGain) -> tuple[Array, float, int]:
+    """Change the one pixel that gains most until none does."""
+    now, tried = start, 0
+    value = float(gains.of(now[None] / (levels - 1))[0])
+    while True:
+        steps = [
+            (k, level) for k in range(now.size) for level in {max(now.flat[k] - 1, 0), min(now.flat[k] + 1, levels - 1)}
+        ]
+        steps = [(k, level) for k, level in steps if level != now.flat[k]]
+        masks = np.repeat(now[None], len(steps), 0)
+        for mask_, (k, level) in zip(masks, steps, strict=True):
+            mask_.flat[k] = level
+        found = gains.of(masks / (levels - 1))
+        tried += len(masks)
+        k = int(np.argmax(found))
+        if not found[k] > value + 1e-12:
+            return now, value, tried
+        now, value = masks[k], float(found[k])

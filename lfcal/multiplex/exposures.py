@@ -1,0 +1,106 @@
+"""Modulators over exposure, time and cameras: assorted pixels, coded shutters, arrays of cameras."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.checks import check_tuple
+from lfcal.errors import InputError
+from lfcal.multiplex.modulator import Modulator, modulator_from_matrix
+
+__all__ = ["camera_array", "coded_shutter", "interleave", "neutral_density"]
+
+Array = NDArray[np.float64]
+
+
+def neutral_density(transmissions: ArrayLike, *, name: str = "") -> Modulator:
+    """Return pixels of unlike exposure: one sample, the radiance, seen with each pixel's share of it.
+
+    Assorted pixels for high dynamic range (Nayar and Mitsunaga 2000, Narasimhan and Nayar 2005): neutral-density
+    filters or exposure times, as shares of the longest. What saturates carries no measurement: give `demultiplex` the
+    weights of `lfcal.multiplex.pixel_weights`.
+
+    Parameters
+    ----------
+    transmissions
+        Shares ``(rows, columns)`` of the light in 0 … 1, over one super-pixel.
+    name
+        For tables and plots.
+    """
+    shares = _shares("exposures of the super-pixel", transmissions)
+    found = name or "ND " + "/".join(f"{share:.3g}" for share in shares.ravel()[:6])
+    return modulator_from_matrix(found, shares.shape, shares.reshape(-1, 1))
+
+
+def coded_shutter(open_shares: ArrayLike, *, name: str = "coded shutter") -> Modulator:
+    """Return pixels that are open at unlike moments of one exposure: the samples are the light in each moment.
+
+    Parameters
+    ----------
+    open_shares
+        Shares ``(rows, columns, moments)`` of each moment that a pixel of the super-pixel is open, 0 … 1.
+    name
+        For tables and plots.
+    """
+    array = np.asarray(open_shares, float)
+    if array.ndim != 3:
+        raise InputError.expected(name, "shares (rows, columns, moments)", array.shape, "correct it")
+    shares = _shares(name, array.reshape(-1, array.shape[2])).reshape(array.shape)
+    moments = tuple(f"t{k}" for k in range(array.shape[2]))
+    side = (array.shape[0], array.shape[1])
+    return modulator_from_matrix(name, side, shares.reshape(-1, len(moments)), colours=moments)
+
+
+def camera_array(rows: int, columns: int) -> Modulator:
+    """Return an array of cameras that see one view each; their frames are parts of one (`interleave`).
+
+    Filters, shutters or polarisers of the single cameras are a factor of the same super-pixel:
+    ``camera_array(2, 2) * ...`` where every view is wanted with every colour, or the colours' modulator alone where all
+    cameras see the same view (a distant scene).
+    """
+    side = check_tuple("cameras (rows, columns)", (rows, columns), 2, at_least=1, at_most=64, integer=True)
+    identity = math.prod(side) * np.eye(math.prod(side))  # a camera has its light to itself, as a lenslet
+    return modulator_from_matrix(
+        f"cameras {rows} x {columns}",
+        (rows, columns),
+        identity,
+        views=(rows, columns),
+        cell=(rows, columns),
+        lenslets=True,
+    )
+
+
+def interleave(frames: Sequence[ArrayLike], side: tuple[int, int]) -> NDArray[np.float32] | Array:
+    """Return frames of as many cameras (or moments) as one mosaic ``(rows * side[0], columns * side[1])``.
+
+    Frame k gives pixel k, by rows, of every super-pixel: what holds for super-pixels holds for cameras side by side.
+
+    Raises
+    ------
+    InputError
+        If the number of frames is not that of the super-pixel's pixels, or their shapes differ.
+    """
+    rows, columns = check_tuple("super-pixel (rows, columns)", side, 2, at_least=1, integer=True)
+    arrays = [np.asarray(frame) for frame in frames]
+    shapes = {a.shape for a in arrays}
+    if len(arrays) != rows * columns or len(shapes) != 1 or arrays[0].ndim != 2:
+        wanted = f"{rows * columns} frames of one shape"
+        raise InputError.expected("frames to interleave", wanted, f"{len(arrays)} of {sorted(shapes)}", "correct them")
+    h, w = arrays[0].shape
+    kind = np.float64 if any(a.dtype == np.float64 for a in arrays) else np.float32
+    mosaic = np.empty((h * rows, w * columns), kind)
+    for k, array in enumerate(arrays):
+        mosaic[k // columns :: rows, k % columns :: columns] = array
+    return mosaic
+
+
+def _shares(what: str, values: ArrayLike) -> Array:
+    shares = np.asarray(values, float)
+    good = shares.ndim == 2 and shares.size and np.isfinite(shares).all() and shares.min() >= 0 and shares.max() <= 1
+    if not good or not shares.any():
+        raise InputError.expected(what, "rows and columns of shares from 0 to 1", f"shape {shares.shape}", "correct it")
+    return shares

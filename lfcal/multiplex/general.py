@@ -1,0 +1,256 @@
+"""The general route: any modulator m(x, p), periodic or not, separable or not, by regularised least squares.
+
+Where every pixel has transmissions of its own, no measurement channel can be interpolated and no decorrelation is
+shared by super-pixels. The samples are then found on a grid of their own, linear between its nodes, from all pixels at
+once: minimise sum w (i - sum_n m_n B rho_n)^2 + lambda |grad rho|^2 by conjugate gradients. Each iteration costs about
+14 multiply-adds per pixel and sample (`GeneralModel.operations`), where the routes of super-pixels take one pass; some
+20 to 200 iterations are usual.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.checks import check_number, check_tuple
+from lfcal.errors import InputError
+from lfcal.multiplex.demultiplexing import check_frame
+from lfcal.multiplex.modulator import Modulator
+from lfcal.multiplex.weighted import check_weights
+from lfcal.progress import Clock, Work, drain
+
+__all__ = ["GeneralModel", "GeneralSamples", "demultiplex_generally", "iter_demultiplex_generally", "mask_shadows"]
+
+Array = NDArray[np.float64]
+
+MAX_SHARE = 1e6
+
+
+class GeneralModel:
+    """The linear model of a frame: ``forward`` makes it from samples on their grid, ``adjoint`` is its transpose.
+
+    Parameters
+    ----------
+    transmissions
+        ``(N, rows, columns)``: share of each sample that each pixel takes; or a periodic modulator, with ``shape``.
+    spacing
+        Pixels per node of the grid (rows, columns).
+    shape
+        Frame ``(rows, columns)``, for a modulator.
+    """
+
+    def __init__(
+        self,
+        transmissions: ArrayLike | Modulator,
+        spacing: tuple[float, float],
+        shape: tuple[int, int] | None = None,
+    ) -> None:
+        self.transmissions = _transmissions(transmissions, shape)
+        steps = check_tuple("spacing of the samples (px)", spacing, 2, at_least=0.5)
+        self.shape: tuple[int, int] = (self.transmissions.shape[1], self.transmissions.shape[2])
+        self.spacing = (steps[0], steps[1])
+        self._down, self._across = (_hats(n, s) for n, s in zip(self.shape, steps, strict=True))
+        self.grid: tuple[int, int, int] = (len(self.transmissions), self._down.shape[1], self._across.shape[1])
+
+    def forward(self, samples: ArrayLike) -> Array:
+        """Return the frame ``(rows, columns)`` of samples ``(N, nodes down, nodes across)``."""
+        values, frame = np.asarray(samples, float).reshape(self.grid), np.zeros(self.shape)
+        for share, value in zip(self.transmissions, values, strict=True):
+            frame += share * ((self._down @ value) @ self._across.T)
+        return frame
+
+    def adjoint(self, frame: ArrayLike) -> Array:
+        """Return the transpose of `forward` applied to a frame."""
+        image = np.asarray(frame, float)
+        return np.stack([(self._down.T @ (share * image)) @ self._across for share in self.transmissions])
+
+    @property
+    def operations(self) -> int:
+        """Multiply-adds of one iteration, a forward and an adjoint."""
+        (n, ny, nx), (rows, columns) = self.grid, self.shape
+        return int(2 * n * (2 * rows * nx + 2 * rows * columns + rows * columns) + 4 * n * ny * nx)
+
+    @property
+    def bytes(self) -> int:
+        """Memory of the transmissions and of the solver's six copies of the samples."""
+        return int(self.transmissions.nbytes + 6 * 8 * np.prod(self.grid))
+
+
+@dataclass(frozen=True, eq=False)
+class GeneralSamples:
+    """What the general route found, and what it took.
+
+    Attributes
+    ----------
+    samples
+        ``(N, nodes down, nodes across)``.
+    iterations
+        Of the conjugate gradients.
+    residual
+        Rms of the frame less its prediction, weighted, over the rms of the frame.
+    operations
+        Multiply-adds in all.
+    """
+
+    samples: Array = field(repr=False)
+    iterations: int
+    residual: float
+    operations: int
+
+
+def iter_demultiplex_generally(
+    frame: ArrayLike,
+    transmissions: ArrayLike | Modulator,
+    spacing: float | tuple[float, float],
+    *,
+    weights: ArrayLike | None = None,
+    smoothness: float = 1e-4,
+    tolerance: float = 1e-6,
+    most: int = 400,
+) -> Work[GeneralSamples]:
+    """Solve iteration by iteration; parameters and result as in `demultiplex_generally`."""
+    pair = spacing if isinstance(spacing, tuple) else (spacing, spacing)
+    raw = np.asarray(frame)
+    known = np.ones(raw.shape) if weights is None else check_weights(weights, raw.shape)
+    image = check_frame(np.where(known > 0, raw, 0) if raw.dtype.kind in "uif" else raw, (1, 1)).astype(float)
+    model = GeneralModel(transmissions, pair, (image.shape[0], image.shape[1]))
+    if model.shape != image.shape:
+        raise InputError.expected("transmissions", f"(N, {image.shape})", model.transmissions.shape, "one per pixel")
+    check_number("smoothness", smoothness, at_least=0)
+    check_number("tolerance", tolerance, above=0, below=1)
+    known = known / known.max()
+    # in units of what a node's pixels measure of it, so that the same number means the same for every modulator
+    share = model.adjoint(known * model.forward(np.ones(model.grid))).mean()
+    rough = smoothness * float(share)
+    right, clock = model.adjoint(known * image), Clock("demultiplex", most)
+
+    def normal(x: Array) -> Array:
+        return model.adjoint(known * model.forward(x)) + rough * _roughness(x)
+
+    x, r = np.zeros(model.grid), right
+    p, first, now = r, float((right**2).sum()), float((right**2).sum())
+    done = 0
+    while done < most and now > tolerance**2 * first:
+        yield clock.at(done, f"residual {(now / first) ** 0.5:.1e}")
+        q = normal(p)
+        step = now / float((p * q).sum())
+        x, r = x + step * p, r - step * q
+        last, now = now, float((r**2).sum())
+        p, done = r + now / last * p, done + 1
+    yield clock.at(most)
+    miss = float((known * (model.forward(x) - image) ** 2).sum() / max(float((known * image**2).sum()), 1e-300))
+    return GeneralSamples(x, done, miss**0.5, (done + 2) * model.operations)
+
+
+def demultiplex_generally(
+    frame: ArrayLike,
+    transmissions: ArrayLike | Modulator,
+    spacing: float | tuple[float, float],
+    *,
+    weights: ArrayLike | None = None,
+    smoothness: float = 1e-4,
+    tolerance: float = 1e-6,
+    most: int = 400,
+) -> GeneralSamples:
+    """Return the samples of a frame behind any modulator, periodic or not, separable or not.
+
+    Parameters
+    ----------
+    frame
+        ``(rows, columns)``, background subtracted.
+    transmissions
+        ``(N, rows, columns)``, what each pixel takes of each sample; or a modulator, repeated over the frame.
+    spacing
+        Pixels per node of the samples' grid, or (rows, columns): about the root of N where all is to be measured.
+    weights
+        Inverse variances of the pixels, 0 for saturated and dead ones.
+    smoothness
+        Weight of the squared differences between neighbouring nodes, over the mean measured share: what decides where
+        pixels leave a sample open. It must be small beside the signal to noise.
+    tolerance
+        The gradient's norm over its first, at which the iterations end.
+    most
+        Iterations at most.
+
+    Raises
+    ------
+    InputError
+        If the transmissions are not those of the frame, or an option is out of range.
+    """
+    return drain(
+        iter_demultiplex_generally(
+            frame, transmissions, spacing, weights=weights, smoothness=smoothness, tolerance=tolerance, most=most
+        )
+    )
+
+
+def mask_shadows(pattern: ArrayLike, shape: tuple[int, int], views: tuple[int, int], shift_px: float) -> Array:
+    """Return what pixels see through a mask that need not repeat: ``(views, rows, columns)``, m(x - s v) of equation 9.
+
+    Each pixel takes the mean of the mask's cells (a pixel wide) over its area; beyond the pattern the mask is closed.
+
+    Parameters
+    ----------
+    pattern
+        Transmissions 0 … 1 ``(rows, columns)``, its middle over the middle of the frame for the middle view.
+    shape
+        Frame ``(rows, columns)``.
+    views
+        Views ``(down, across)``.
+    shift_px
+        Pixels that the shadow moves from view to view.
+    """
+    from scipy.ndimage import shift as moved
+
+    values = np.asarray(pattern, float)
+    if values.ndim != 2 or not values.size or not (values.min() >= 0 and values.max() <= 1):
+        raise InputError.expected("mask", "rows and columns of transmissions from 0 to 1", values.shape, "correct it")
+    wide = np.zeros([n + 2 * m for n, m in zip(values.shape, shape, strict=True)])
+    wide[shape[0] : shape[0] + values.shape[0], shape[1] : shape[1] + values.shape[1]] = values
+    found = []
+    for v in np.arange(views[0]) - (views[0] - 1) / 2:
+        for u in np.arange(views[1]) - (views[1] - 1) / 2:
+            # linear between cells is the overlap of a moved cell with a pixel of its size
+            seen = moved(wide, (shift_px * v, shift_px * u), order=1, mode="constant")
+            top, left = ((n + 2 * m - m) // 2 for n, m in zip(values.shape, shape, strict=True))
+            found.append(seen[top : top + shape[0], left : left + shape[1]])
+    return np.clip(np.array(found), 0.0, 1.0)
+
+
+def _transmissions(given: ArrayLike | Modulator, shape: tuple[int, int] | None) -> Array:
+    if isinstance(given, Modulator):
+        if shape is None:
+            raise InputError.expected("frame of the modulator", "its shape (rows, columns)", "none", "give it")
+        rows, columns = (np.arange(n) % s for n, s in zip(shape, given.side, strict=True))
+        return np.ascontiguousarray(given.matrix[rows[:, None] * given.side[1] + columns].transpose(2, 0, 1))
+    array = np.asarray(given, float)
+    if array.ndim != 3 or not array.size or not np.isfinite(array).all() or np.abs(array).max() > MAX_SHARE:
+        raise InputError.expected("transmissions", "finite (N, rows, columns)", array.shape, "one plane per sample")
+    if not array.any():
+        raise InputError.expected("transmissions", "some light", "0 everywhere", "correct them")
+    return array
+
+
+def _roughness(x: Array) -> Array:
+    """Return the gradient of half the squared differences between neighbouring nodes, the Laplacian with free ends."""
+    found = np.zeros_like(x)
+    for axis in (1, 2):
+        steps = np.diff(x, axis=axis)
+        found -= np.diff(steps, axis=axis, prepend=0.0, append=0.0)
+    return found
+
+
+def _hats(length: int, spacing: float) -> Any:
+    """Return linear interpolation to pixels from nodes ``spacing`` apart, the first in the middle of its pixels."""
+    from scipy.sparse import csr_array
+
+    count = max(1, round(length / spacing))
+    place = np.clip((np.arange(length) + 0.5) / spacing - 0.5, 0, count - 1)
+    first = np.minimum(place.astype(int), max(count - 2, 0))
+    share = place - first
+    rows = np.repeat(np.arange(length), 2)
+    columns = np.stack([first, np.minimum(first + 1, count - 1)], 1).ravel()
+    return csr_array((np.stack([1 - share, share], 1).ravel(), (rows, columns)), shape=(length, count))

@@ -1,0 +1,264 @@
+"""Both routes on a real lattice: super-pixels of any pitch, turned and sheared, in the frame's own pixels.
+
+With reciprocal vectors g of the lattice (cycles per pixel) a frame behind a periodic modulator is ``i(x) = sum_k
+exp(2 pi i g_k x) c_k(x)`` (equations 5 to 7). Theorem 2 crops each ``c_k`` from the spectrum about ``g_k`` and brings
+it to zero frequency; theorem 1 samples the frame at each pixel of the super-pixels, wherever that lies between the
+sensor's, and interpolates. With a sinc both are the same wherever the frame holds nothing between the tiles.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.checks import check_choice, check_tuple
+from lfcal.errors import InputError
+from lfcal.lattice import MicroImageLattice, ViewGrid
+from lfcal.multiplex.modulator import MAX_SAMPLES, Modulator
+
+__all__ = ["PROFILES", "lattice_by_sinc", "lattice_by_spectrum", "lattice_transmissions", "sample_places"]
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+PROFILES = ("cells", "sinusoids")
+"""What lies between a modulator's values: even cells with sharp borders, or the smoothest profile through them."""
+
+TAPS = 24
+SHAPE = 27.7
+"""Taps and shape of the Kaiser window: 260 dB for tiles that fill a third of the sensor's band or less."""
+
+SUB = 8
+"""Points along a pixel over which the mean of a mask's cells is taken."""
+
+MOST_CELLS = 4096
+VALUES_AT_ONCE = 2_000_000
+
+
+def lattice_transmissions(
+    shape: tuple[int, int], lattice: MicroImageLattice, modulator: Modulator, *, profile: str = "cells"
+) -> Array:
+    """Return what each pixel of a frame takes of each sample behind a modulator on a lattice ``(N, rows, columns)``.
+
+    Parameters
+    ----------
+    shape
+        Rows and columns of the frame.
+    lattice
+        Where the super-pixels lie; the middle of a super-pixel is on a centre of the lattice.
+    modulator
+        Its values are at equal steps of the lattice's vectors.
+    profile
+        ``"cells"``: a mask of even cells, each pixel the mean over its area (to 1/64 of it), within the mask's own
+        values; ``"sinusoids"``: the trigonometric polynomial through the values, as in optical heterodyning.
+
+    Raises
+    ------
+    InputError
+        If the profile is not known or the frame's size is none.
+    """
+    check_choice("profile", profile, PROFILES)
+    rows, columns = check_tuple("frame (rows, columns)", shape, 2, at_least=1, at_most=20_000, integer=True)
+    # rounding of bases, such as Fourier ones, is no light
+    table = np.round(modulator.matrix, 12).reshape(*modulator.side, -1)
+    out = np.empty((modulator.count, rows, columns))
+    for top in range(0, rows, max(1, VALUES_AT_ONCE // (columns * modulator.pixels))):
+        y = np.arange(top, min(rows, top + max(1, VALUES_AT_ONCE // (columns * modulator.pixels))))
+        take = _by_cells if profile == "cells" else _by_sinusoids
+        out[:, y] = np.moveaxis(take(lattice, table, y.astype(float), np.arange(columns, dtype=float)), -1, 0)
+    return out
+
+
+def _by_cells(lattice: MicroImageLattice, table: Array, y: Array, x: Array) -> Array:
+    found = np.zeros((len(y), len(x), table.shape[2]))
+    sub = (np.arange(SUB) + 0.5) / SUB - 0.5
+    for dy in sub:
+        for dx in sub:
+            q, r = np.moveaxis(lattice.lenslet_at((y + dy)[:, None], (x + dx)[None, :]), -1, 0)
+            a = np.floor((r - np.floor(r + 0.5) + 0.5) * table.shape[0]).astype(int) % table.shape[0]
+            b = np.floor((q - np.floor(q + 0.5) + 0.5) * table.shape[1]).astype(int) % table.shape[1]
+            found += table[a, b]
+    return np.asarray(found / SUB**2)
+
+
+def _by_sinusoids(lattice: MicroImageLattice, table: Array, y: Array, x: Array) -> Array:
+    q, r = np.moveaxis(lattice.lenslet_at(y[:, None], x[None, :]), -1, 0)
+    spectrum = np.fft.fft2(table, axes=(0, 1)) / (table.shape[0] * table.shape[1])
+    waves = [_waves(r, table.shape[0]), _waves(q, table.shape[1])]
+    (ky, kx) = (_harmonics(n)[0] for n in table.shape[:2])
+    weights = spectrum[ky % table.shape[0]][:, kx % table.shape[1]]
+    return np.asarray(np.einsum("yxk,klc,yxl->yxc", waves[0], weights, waves[1], optimize=True).real)
+
+
+def _harmonics(n: int) -> tuple[NDArray[np.intp], Array]:
+    """Return harmonics of a period of n values and their weights (halves at even ends)."""
+    k = np.arange(-(n // 2), n // 2 + 1)
+    weight = np.ones(len(k))
+    if n % 2 == 0:
+        weight[[0, -1]] = 0.5
+    return k, weight
+
+
+def _waves(place: Array, n: int) -> Complex:
+    """Return the harmonics at places in periods from the middle of one, ``(..., harmonics)``."""
+    k, weight = _harmonics(n)
+    return np.asarray(weight * np.exp(2j * np.pi * k * (place[..., None] + (n - 1) / (2 * n))))
+
+
+def sample_places(grid: ViewGrid) -> Array:
+    """Return the place (row, column) of each sample of a view, ``(rows * columns, 2)`` (pixels)."""
+    down = np.array([math.cos(grid.rotation_rad), -math.sin(grid.rotation_rad)])
+    along = np.array([math.sin(grid.rotation_rad), math.cos(grid.rotation_rad)])
+    i, j = np.indices(grid.shape)
+    steps = i[..., None] * grid.step_px[0] * down + j[..., None] * grid.step_px[1] * along
+    return np.asarray(grid.corner_px + steps).reshape(-1, 2)
+
+
+def _vectors(lattice: MicroImageLattice) -> tuple[Array, Array, Array]:
+    """Return origin, along and across of a lattice as (row, column); it must be straight to be a lattice of waves."""
+    origin, along, across, far = (lattice.centres_px(*index) for index in ((0, 0), (1, 0), (0, 1), (20, 20)))
+    along, across = along - origin, across - origin
+    if np.abs(origin + 20 * (along + across) - far).max() > 0.05:
+        raise InputError.expected("lattice", "a straight one", "a distorted one", "take route spatial, filter cubic")
+    return origin, along, across
+
+
+def lattice_by_spectrum(
+    frame: NDArray[Any], lattice: MicroImageLattice, modulator: Modulator, places: Array, rcond: float | None = None
+) -> Array:
+    """Return the samples ``(N, n)`` at places (row, column) by theorem 2: tiles about each g_k, then decorrelation.
+
+    One transform of the frame and one per pixel of the super-pixel; frames are taken as periodic, so that samples less
+    than two super-pixels from the border see across it.
+    """
+    from scipy import fft
+
+    image = np.asarray(frame, float)
+    origin, along, across = _vectors(lattice)
+    (py, px), spectrum = modulator.side, fft.fft2(image)
+    tiles = np.zeros((py * px, len(places)), complex)
+    g = np.linalg.inv(np.stack([across, along]))  # columns: reciprocal vectors (cycles per pixel)
+    for k1, w1 in zip(*_harmonics(py), strict=True):
+        for k2, w2 in zip(*_harmonics(px), strict=True):
+            inside = _tile(image.shape, along, across, int(k1), int(k2))
+            tile = _demodulated(fft.ifft2(spectrum * inside), g @ np.array([k1, k2], float), origin)
+            # the super-pixel's first pixel lies (n - 1)/2n of a period before its middle
+            phase = np.exp(-2j * np.pi * (k1 * (py - 1) / (2 * py) + k2 * (px - 1) / (2 * px)))
+            tiles[(k1 % py) * px + k2 % px] += w1 * w2 * phase * _interpolated(tile, places)
+    return np.asarray((_decorrelation(modulator, rcond) @ tiles).real)
+
+
+def _tile(shape: tuple[int, ...], along: Array, across: Array, k1: int, k2: int) -> Array:
+    """Return which share of each frequency of a frame (order of the transform) lies in the tile about g_k."""
+    inside = np.zeros(shape)
+    for turn_y in (-1, 0, 1):  # a tile at the end of the band goes on at its other end
+        for turn_x in (-1, 0, 1):
+            fy, fx = (np.fft.fftfreq(n) + t for n, t in zip(shape, (turn_y, turn_x), strict=True))
+            down = _share(fy[:, None] * across[0] + fx * across[1] - k1)  # in cycles per step of the lattice
+            inside += down * _share(fy[:, None] * along[0] + fx * along[1] - k2)
+    return inside
+
+
+def _share(away: Array) -> Array:
+    """Return which share of a tile a frequency is, ``away`` from its middle in cycles per super-pixel."""
+    size = np.abs(away)
+    return np.where(size < 0.5 - 1e-9, 1.0, np.where(size <= 0.5 + 1e-9, 0.5, 0.0))
+
+
+def _demodulated(tile: Complex, wave: Array, origin: Array) -> Complex:
+    y, x = (np.arange(n) - o for n, o in zip(tile.shape, origin, strict=True))
+    return np.asarray(tile * np.exp(-2j * np.pi * wave[0] * y)[:, None] * np.exp(-2j * np.pi * wave[1] * x))
+
+
+def _decorrelation(modulator: Modulator, rcond: float | None) -> Complex:
+    """Return (F Sigma Pi^T)^+ for tiles c_k = F c / K, ``(N, K)``."""
+    inverse = modulator.inverse(rcond).reshape(-1, *modulator.side)
+    return np.asarray(np.fft.ifft2(inverse, axes=(1, 2)).reshape(len(inverse), -1) * modulator.pixels)
+
+
+def _interpolated(image: Complex, places: Array) -> Complex:
+    """Return a smooth image at places between its pixels by a Kaiser-windowed sinc, across its borders."""
+    first = np.floor(places).astype(np.intp) - TAPS // 2 + 1
+    away = places[:, :, None] - first[:, :, None] - np.arange(TAPS)
+    window = np.i0(SHAPE * np.sqrt(np.maximum(0, 1 - (2 * away / TAPS) ** 2))) / np.i0(SHAPE)
+    weights = np.sinc(away) * window
+    found = np.empty(len(places), complex)
+    for start in range(0, len(places), VALUES_AT_ONCE // TAPS**2):
+        part = slice(start, start + VALUES_AT_ONCE // TAPS**2)
+        rows, columns = ((first[part, k, None] + np.arange(TAPS)) % image.shape[k] for k in range(2))
+        block = image[rows[:, :, None], columns[:, None, :]]
+        found[part] = np.einsum("na,nab,nb->n", weights[part, 0], block, weights[part, 1], optimize=True)
+    return found
+
+
+def lattice_by_sinc(
+    frame: NDArray[Any], lattice: MicroImageLattice, modulator: Modulator, places: Array, rcond: float | None = None
+) -> Array:
+    """Return the samples ``(N, n)`` at places (row, column) by theorem 1 with a sinc.
+
+    The frame is sampled at each pixel of the super-pixels between the sensor's (by its trigonometric polynomial), each
+    channel is interpolated to the places by the waves of the lattice's cell, and decorrelated there. Takes about
+    pixels x super-pixels operations for each channel, for up to 4096 super-pixels.
+
+    Raises
+    ------
+    InputError
+        If the frame holds more super-pixels than that.
+    """
+    image = np.asarray(frame, float)
+    origin, along, across = _vectors(lattice)
+    cells = _cells(image.shape, origin, along, across)
+    if len(cells) > MOST_CELLS:
+        remedy = "take route fourier, which is the same, or filter cubic"
+        raise InputError.expected("super-pixels for the filter sinc", f"up to {MOST_CELLS}", len(cells), remedy)
+    frequency, weight = _cell_waves(image.shape, along, across)
+    leave = np.exp(2j * np.pi * (places @ frequency.T)) * weight
+    steps = [(np.arange(n) - (n - 1) / 2) / n for n in modulator.side]
+    inverse, found = modulator.inverse(rcond), np.zeros((modulator.count, len(places)))
+    for k in range(modulator.pixels):
+        a, b = divmod(k, modulator.side[1])
+        at = cells + steps[0][a] * across + steps[1][b] * along
+        channel = _off_grid(image, at)
+        waves = (np.exp(-2j * np.pi * (frequency @ at.T)) @ channel) / len(cells)
+        found += inverse[:, k : k + 1] * (leave @ waves).real
+    return found
+
+
+def _cells(shape: tuple[int, ...], origin: Array, along: Array, across: Array) -> Array:
+    """Return the super-pixels' centres (row, column) within the frame, its lower borders excluded."""
+    reach = math.ceil(2 * math.hypot(*shape) / min(math.hypot(*along), math.hypot(*across))) + 1
+    if reach * reach > 64 * MAX_SAMPLES:
+        raise InputError.expected(
+            "super-pixels for the filter sinc", f"up to {MOST_CELLS}", "more", "take filter cubic"
+        )
+    q, r = (v.ravel() for v in np.meshgrid(np.arange(-reach, reach + 1), np.arange(-reach, reach + 1)))
+    centres = origin + q[:, None] * along + r[:, None] * across
+    slack = 1e-6  # a lattice that closes over the frame has its first cell at the end as well
+    inside = ((centres > -0.5 - slack) & (centres < np.array(shape) - 0.5 - slack)).all(1)
+    return np.asarray(centres[inside])
+
+
+def _cell_waves(shape: tuple[int, ...], along: Array, across: Array) -> tuple[Array, Array]:
+    """Return the frame's frequencies (cycles per pixel) within the lattice's cell, ``(n, 2)``, and their weights."""
+    fy, fx = (np.fft.fftfreq(n) for n in shape)
+    weight = _share(fy[:, None] * across[0] + fx * across[1]) * _share(fy[:, None] * along[0] + fx * along[1])
+    rows, columns = np.nonzero(weight)
+    return np.stack([fy[rows], fx[columns]], 1), weight[rows, columns]
+
+
+def _off_grid(image: Array, places: Array) -> Array:
+    """Return the trigonometric polynomial through a frame's pixels at places (row, column)."""
+    down, across = (_dirichlet(places[:, k, None] - np.arange(n), n) for k, n in enumerate(image.shape))
+    return np.asarray(((down @ image) * across).sum(1))
+
+
+def _dirichlet(t: Array, count: int) -> Array:
+    """Return the periodic sinc of ``count`` samples at distances t."""
+    away = t - count * np.rint(t / count)  # within half a period, where only zero is a pole
+    on = np.abs(away) < 1e-12
+    angle = np.pi * np.where(on, 0.5, away) / count
+    bottom = np.sin(angle) if count % 2 else np.tan(angle)
+    return np.asarray(np.where(on, 1.0, np.sin(np.pi * away) / (count * bottom)))

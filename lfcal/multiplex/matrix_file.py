@@ -1,0 +1,102 @@
+"""Modulators of one's own from files: matrices as ``.npy`` or ``.json``."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lfcal.errors import FileFormatError, InputError
+from lfcal.files import read_text, replace_whole, storage_errors
+from lfcal.multiplex.modulator import MAX_SAMPLES, Modulator, modulator_from_matrix
+from lfcal.npy import map_npy, npy_header
+
+__all__ = ["MATRIX_SUFFIXES", "load_modulator", "save_modulator"]
+
+MATRIX_SUFFIXES = (".npy", ".json")
+KEYS = {"name", "side", "matrix", "views", "colours", "cell", "lenslets", "light"}
+
+
+def load_modulator(path: str | os.PathLike[str]) -> Modulator:
+    """Return the modulator of a file.
+
+    ``.npy``: transmissions ``(rows, columns, N)`` of a super-pixel, or ``(K, N)`` of a square one. ``.json``: an object
+    with ``matrix`` (the same, as nested lists) and, where wanted, ``side``, ``name``, ``views``, ``colours``, ``cell``,
+    ``lenslets``, ``light`` as in `lfcal.multiplex.Modulator`.
+
+    Raises
+    ------
+    FileFormatError
+        If it holds no such matrix.
+    StorageError
+        If there is no such file.
+    """
+    file = Path(path)
+    try:
+        found = _from_json(file) if file.suffix.lower() == ".json" else {"matrix": map_npy(file)}
+        return _made(file.stem, found)
+    except FileFormatError:
+        raise
+    except (ValueError, TypeError, OverflowError, RecursionError, InputError) as error:
+        wanted = "transmissions (rows, columns, N) or (K, N)"
+        raise FileFormatError.expected(str(file), wanted, str(error)[:160], "see docs/multiplexing.md") from error
+
+
+def save_modulator(modulator: Modulator, path: str | os.PathLike[str]) -> None:
+    """Write transmissions ``(rows, columns, N)`` as ``.npy``, whole or not at all; `load_modulator` reads them."""
+    file = Path(path)
+    with storage_errors(file), replace_whole(file) as part, part.open("wb") as stream:
+        stream.write(npy_header((*modulator.side, modulator.count), np.dtype("<f8")))
+        stream.write(np.ascontiguousarray(modulator.matrix, "<f8").tobytes())
+
+
+def _from_json(file: Path) -> dict[str, Any]:
+    found = json.loads(read_text(file, foreign=True))
+    if not isinstance(found, dict) or "matrix" not in found:
+        raise ValueError('an object without "matrix"')
+    if strange := sorted(set(found) - KEYS):
+        raise ValueError(f"unknown {', '.join(strange)}; known are {', '.join(sorted(KEYS))}")
+    return found
+
+
+def _made(stem: str, found: dict[str, Any]) -> Modulator:
+    array = np.asarray(found["matrix"])
+    if array.dtype.kind not in "uif" or array.ndim not in (2, 3) or not array.size:
+        raise ValueError(f"{array.dtype} {array.shape}")
+    if array.size > MAX_SAMPLES**2 or max(array.size // array.shape[-1], array.shape[-1]) > MAX_SAMPLES:
+        raise ValueError(f"{array.shape}: more than {MAX_SAMPLES} pixels or samples")
+    side = tuple(found.get("side") or _side(array.shape))
+    if len(side) != 2 or (array.ndim == 3 and side != array.shape[:2]):
+        raise ValueError(f"side {side} for {array.shape}")
+    return modulator_from_matrix(
+        str(found.get("name", stem)),
+        (side[0], side[1]),
+        array.reshape(-1, array.shape[-1]).astype(float),
+        views=_pair(found, "views"),
+        colours=tuple(str(c) for c in found.get("colours", ())) or _numbered(array.shape[-1], "views" in found),
+        cell=_pair(found, "cell"),
+        lenslets=bool(found.get("lenslets", False)),
+        light=found.get("light"),
+    )
+
+
+def _pair(found: dict[str, Any], key: str) -> tuple[int, int]:
+    one, two = found.get(key, (1, 1))
+    return one, two
+
+
+def _numbered(count: int, views: bool) -> tuple[str, ...]:
+    return () if views or count == 1 else tuple(f"s{k}" for k in range(count))
+
+
+def _side(shape: tuple[int, ...]) -> tuple[int, int]:
+    if len(shape) == 3:
+        return shape[0], shape[1]
+    side = math.isqrt(shape[0])
+    if side * side != shape[0]:
+        raise ValueError(f"{shape[0]} pixels are no square: give side, or an array (rows, columns, N)")
+    return side, side

@@ -1,0 +1,84 @@
+"""Modulators over polarisation: what pixels behind polarisers and retarders record of the Stokes parameters."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.checks import check_number
+from lfcal.errors import InputError
+from lfcal.multiplex.modulator import Modulator, modulator_from_matrix
+
+__all__ = ["STOKES", "degree_of_polarisation", "polarisers"]
+
+STOKES = ("S0", "S1", "S2", "S3")
+"""Stokes parameters: all light, horizontal less vertical, +45° less -45°, right less left circular."""
+
+
+def polarisers(
+    angles_deg: ArrayLike, *, retardance_deg: ArrayLike | None = None, extinction: float = math.inf
+) -> Modulator:
+    """Return a super-pixel of linear polarisers over the Stokes parameters S0, S1, S2, with retarders also S3.
+
+    A polariser at angle a lets pass ``(S0 + e (S1 cos 2a + S2 sin 2a)) / 2`` (Mueller matrix of a diattenuator): half
+    of unpolarised light, which is S0 alone. A pixel's share is within 0 and 1 for every state of light.
+
+    Parameters
+    ----------
+    angles_deg
+        Angle of the polariser of each pixel ``(rows, columns)`` (degrees); NaN: no polariser.
+    retardance_deg
+        Retardance of a plate with its fast axis along 0° before each polariser, same shape (degrees); 90: a quarter
+        wave. None: no plates.
+    extinction
+        Light passed along over across the polariser, the larger the better; the shares are (1 ± e)/2 with
+        e = (x - 1)/(x + 1).
+
+    Raises
+    ------
+    InputError
+        If the arrays are no super-pixel.
+    """
+    angles = np.asarray(angles_deg, float)
+    if angles.ndim != 2 or not angles.size or np.isinf(angles).any() or angles.size > 4096:
+        raise InputError.expected("angles of polarisers", "rows and columns of degrees", angles.shape, "correct it")
+    if extinction != math.inf:
+        check_number("extinction ratio", extinction, above=1)
+    contrast = 1.0 if math.isinf(extinction) else (extinction - 1) / (extinction + 1)
+    matrix = _rows(np.radians(angles.ravel()), contrast, _plates(retardance_deg, angles.shape))
+    kept = 3 if retardance_deg is None else 4
+    named = "/".join("–" if math.isnan(a) else f"{a:g}°" for a in angles.ravel()[:8])
+    light = np.eye(kept)[0]  # unpolarised
+    side = (angles.shape[0], angles.shape[1])
+    return modulator_from_matrix(f"polarisers {named}", side, matrix[:, :kept], colours=STOKES[:kept], light=light)
+
+
+def _plates(retardance: ArrayLike | None, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    plates = np.zeros(shape) if retardance is None else np.asarray(retardance, float)
+    if plates.shape != shape or not np.isfinite(plates).all():
+        raise InputError.expected("retardance of plates", f"degrees {shape}", plates.shape, "one per polariser")
+    return np.asarray(np.radians(plates.ravel()), float)
+
+
+def _rows(angles: NDArray[np.float64], contrast: float, plates: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the first rows ``(K, 4)`` of the Mueller matrices of plate, then polariser."""
+    bare = np.isnan(angles)
+    double = 2 * np.where(bare, 0.0, angles)
+    # a plate with its fast axis at 0° turns S2 into S3 and leaves S1
+    across = contrast * np.sin(double)
+    rows = [np.ones_like(double), contrast * np.cos(double), across * np.cos(plates), across * np.sin(plates)]
+    matrix = np.asarray(np.stack(rows, 1) / 2, float)
+    matrix[bare] = (1.0, 0.0, 0.0, 0.0)
+    return matrix
+
+
+def degree_of_polarisation(stokes: ArrayLike) -> NDArray[np.float64]:
+    """Return the polarised share of light from Stokes parameters ``(3 or 4, ...)``; 0 where there is no light."""
+    values = np.asarray(stokes, float)
+    if values.ndim < 1 or len(values) not in (3, 4):
+        raise InputError.expected("Stokes parameters", "3 or 4 planes", values.shape, "give S0, S1, S2 (and S3)")
+    strength = np.sqrt((values[1:] ** 2).sum(0))
+    lit = values[0] > 0
+    return np.asarray(np.where(lit, strength / np.where(lit, values[0], 1.0), 0.0), float)

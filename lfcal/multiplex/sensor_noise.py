@@ -1,0 +1,111 @@
+"""The noise of the user's own sensor: read, dark, shot, quantisation, fixed pattern; weights of recorded samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.camera import Sensor
+from lfcal.checks import check_number
+from lfcal.errors import InputError
+
+__all__ = ["SensorNoise", "pixel_weights", "sensor_noise"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class SensorNoise:
+    """Variance of a sample in electrons squared: additive + signal + (prnu signal)^2.
+
+    Attributes
+    ----------
+    full_e
+        Electrons of unmodulated light at full scale.
+    additive_e2
+        Read noise, dark current, offsets and quantisation.
+    prnu
+        Response non-uniformity, relative; 0 where frames are corrected for it.
+    """
+
+    full_e: float
+    additive_e2: float
+    prnu: float = 0.0
+
+    @property
+    def chi2(self) -> float:
+        """Photon over additive noise variance at full scale (equation 12); fixed pattern is no part of it."""
+        return self.full_e / self.additive_e2 if self.additive_e2 > 0 else float("inf")
+
+    def variance(self, electrons: ArrayLike) -> Array:
+        """Return the variance (e-^2) of samples of so many electrons."""
+        signal = np.maximum(np.asarray(electrons, float), 0.0)
+        return np.asarray(self.additive_e2 + signal + (self.prnu * signal) ** 2)
+
+
+def sensor_noise(
+    sensor: Sensor, *, gain: float = 1.0, exposure_s: float = 0.0, flat_corrected: bool = True
+) -> SensorNoise:
+    """Return the noise of a sensor as described: read, dark shot, offsets, quantisation, and the response's where left.
+
+    Parameters
+    ----------
+    sensor
+        Full well, read noise, dark current, bit depth, DSNU and PRNU are used.
+    gain
+        Amplifier gain: full scale is reached at full well over gain.
+    exposure_s
+        Time in which dark current gathers (s).
+    flat_corrected
+        Whether frames are divided by a white image: the response's pattern is then no noise.
+    """
+    check_number("gain", gain, above=0)
+    check_number("exposure (s)", exposure_s, at_least=0)
+    step = sensor.electrons_per_count / gain
+    dark = sensor.dark_current_e_s * exposure_s
+    additive = sensor.read_noise_e**2 + dark + (0.0 if flat_corrected else (sensor.dsnu_e or 0.0) ** 2) + step**2 / 12
+    return SensorNoise(sensor.full_well_e / gain, additive, 0.0 if flat_corrected else sensor.prnu)
+
+
+def pixel_weights(
+    frame: ArrayLike,
+    sensor: Sensor,
+    *,
+    dead: ArrayLike | None = None,
+    expected: ArrayLike | None = None,
+    gain: float = 1.0,
+    exposure_s: float = 0.0,
+    flat_corrected: bool = True,
+) -> Array:
+    """Return the weight of each recorded sample ``(rows, columns)``: inverse variance, 0 where nothing was measured.
+
+    Parameters
+    ----------
+    frame
+        Raw sample values, black level included; saturated ones (`Sensor.saturated_from`) get weight 0.
+    sensor, gain, exposure_s, flat_corrected
+        As in `sensor_noise`.
+    dead
+        Pixels that measure nothing, true or non-zero, same shape.
+    expected
+        Sample values to take the shot noise from, such as a prediction or a smoothed frame; by default the frame
+        itself, whose noise then makes dark samples count a little more than they should.
+
+    Raises
+    ------
+    InputError
+        If a shape differs.
+    """
+    raw = np.asarray(frame, float)
+    level = raw if expected is None else np.asarray(expected, float)
+    bad = np.zeros(raw.shape, bool) if dead is None else np.asarray(dead).astype(bool)
+    if raw.ndim != 2 or level.shape != raw.shape or bad.shape != raw.shape:
+        got = f"{raw.shape}, {level.shape}, {bad.shape}"
+        raise InputError.expected("frame, expected values, dead pixels", "one shape (rows, columns)", got, "correct it")
+    noise = sensor_noise(sensor, gain=gain, exposure_s=exposure_s, flat_corrected=flat_corrected)
+    step = sensor.electrons_per_count / gain
+    weights = step**2 / noise.variance((level - sensor.black_level) * step)
+    weights[bad | ~np.isfinite(raw) | (raw >= sensor.saturated_from)] = 0.0
+    return np.asarray(weights)

@@ -1,0 +1,77 @@
+"""Super-pixels of any shape: a tile of pixels that two vectors repeat without gaps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.checks import check_tuple
+from lfcal.errors import InputError
+from lfcal.multiplex.modulator import MAX_SAMPLES, Modulator, modulator_from_matrix
+
+__all__ = ["tile_pixels", "tiled_modulator"]
+
+Index = NDArray[np.intp]
+
+
+def tile_pixels(pixels: Sequence[tuple[int, int]], vectors: Sequence[tuple[int, int]]) -> Index:
+    """Return which pixel of a tile each pixel of the smallest rectangular period is, ``(rows, columns)``.
+
+    Parameters
+    ----------
+    pixels
+        ``(row, column)`` of each pixel of the tile: an L, a cross, a hexagon, any.
+    vectors
+        Two steps ``(rows, columns)`` that repeat the tile.
+
+    Raises
+    ------
+    InputError
+        If the repeated tiles leave gaps or overlap.
+    """
+    (a, b), (c, d) = (check_tuple("vector of the tiles (px)", tuple(v), 2, integer=True) for v in vectors)
+    area = abs(a * d - b * c)
+    tile = [check_tuple("pixel of the tile", tuple(p), 2, integer=True) for p in pixels]
+    if area != len(tile) or not area:
+        raise InputError.expected("tile", f"{area} pixels, the area between its vectors", len(tile), "correct either")
+    # rows (columns) after which the lattice meets a straight line again
+    rows, columns = area // math.gcd(b, d), area // math.gcd(a, c)
+    if rows * columns > MAX_SAMPLES:
+        raise InputError.expected(
+            "period of the tiles", f"up to {MAX_SAMPLES} px", rows * columns, "choose shorter vectors"
+        )
+    found = np.full((rows, columns), -1, np.intp)
+    reach = range(-max(rows, columns) - 1, max(rows, columns) + 2)
+    steps = {((i * a + j * c) % rows, (i * b + j * d) % columns) for i in reach for j in reach}
+    for k, (y, x) in enumerate(tile):
+        for dy, dx in steps:
+            if found[(y + dy) % rows, (x + dx) % columns] >= 0:
+                raise InputError.expected("tile", "pixels that do not meet when repeated", (y, x), "correct its shape")
+            found[(y + dy) % rows, (x + dx) % columns] = k
+    return found
+
+
+def tiled_modulator(
+    name: str,
+    pixels: Sequence[tuple[int, int]],
+    vectors: Sequence[tuple[int, int]],
+    matrix: ArrayLike,
+    *,
+    colours: tuple[str, ...] = (),
+    light: ArrayLike | None = None,
+) -> Modulator:
+    """Return a modulator whose super-pixel is a tile of any shape: its matrix ``(pixels, N)`` over the period.
+
+    Gains count pixels, not super-pixels, so that the period holds the tile several times at no gain or loss. The
+    reconstruction by channels takes each pixel of the period as one channel; where that wastes resolution take
+    `lfcal.multiplex.demultiplex_generally`.
+    """
+    array = np.asarray(matrix, float)
+    if array.ndim != 2 or len(array) != len(pixels):
+        raise InputError.expected(f"transmissions of {name}", f"({len(pixels)}, N)", array.shape, "one row per pixel")
+    which = tile_pixels(pixels, vectors)
+    side = (which.shape[0], which.shape[1])
+    return modulator_from_matrix(name, side, array[which.ravel()], colours=colours, light=light)

@@ -1,0 +1,161 @@
+"""Reconstruction with weights: saturated and dead pixels left out, the others by their noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.errors import InputError
+from lfcal.multiplex.filters import tap_table
+from lfcal.multiplex.modulator import Modulator
+
+__all__ = ["WeightedSamples", "check_weights", "least_squares", "reconstruct_weighted"]
+
+Array = NDArray[np.float64]
+
+VALUES_AT_ONCE = 4_000_000
+SINGULAR = 1e-10
+"""Smallest over largest eigenvalue of a place's equations below which it is solved by the pseudo-inverse."""
+
+
+@dataclass(frozen=True, eq=False)
+class WeightedSamples:
+    """Samples with what is known of their noise.
+
+    Attributes
+    ----------
+    samples
+        ``(N, rows, columns)``.
+    deviation
+        Standard deviation of each, where weights are inverse variances; infinite where a sample is not measured.
+    """
+
+    samples: NDArray[Any] = field(repr=False)
+    deviation: NDArray[Any] = field(repr=False)
+
+
+def check_weights(weights: ArrayLike, shape: tuple[int, ...]) -> Array:
+    """Return weights of a frame's pixels as float64, or raise."""
+    array = np.asarray(weights, float)
+    if array.shape != shape or not np.isfinite(array).all() or array.min(initial=0.0) < 0 or not array.any():
+        told = f"shape {array.shape}" if array.shape != shape else f"{array.min():.3g} … {array.max():.3g}"
+        raise InputError.expected(
+            "weights of the pixels", f"{shape}, 0 or more, finite, not all 0", told, "correct them"
+        )
+    return array
+
+
+def reconstruct_weighted(
+    frame: NDArray[Any],
+    weights: Array,
+    modulator: Modulator,
+    samples: tuple[int, int],
+    rcond: float | None = None,
+) -> WeightedSamples:
+    """Return the samples of a frame of whole super-pixels by weighted least squares at every place.
+
+    Each measurement channel is interpolated linearly from the samples that carry weight, ``c = sum h w f / sum h w``,
+    with the variance ``sum h^2 w / (sum h w)^2`` that follows where w are inverse variances; then
+    ``(A^T W A) x = A^T W c`` (theorem 1 with the weights of Gauss and Markov). Where none of these carries weight,
+    those within two super-pixels count; where none of them does, the channel drops out, and what the others do not
+    tell comes out as of least norm.
+
+    Parameters
+    ----------
+    frame, weights
+        ``(rows, columns)``, whole super-pixels.
+    modulator
+        What the pixels measured.
+    samples
+        Output samples per super-pixel.
+    rcond
+        Eigenvalues up to the square of this share of the largest count as zero; None: rounding.
+    """
+    axes = [_axis(*args) for args in zip(frame.shape, modulator.side, modulator.positions, samples, strict=True)]
+    light, scale = np.where(weights > 0, frame, 0.0), float(weights.max())
+    weights = weights / scale
+    size = tuple(n // side * m for n, side, m in zip(frame.shape, modulator.side, samples, strict=True))
+    out, deviation = np.empty((2, modulator.count, *size))
+    rows = max(1, VALUES_AT_ONCE // (size[1] * max(modulator.pixels, modulator.count**2)))
+    for start in range(0, size[0], rows):
+        part = slice(start, min(start + rows, size[0]))
+        channels, trust = _channels(light, weights, modulator.side, axes, part)
+        found, variance = least_squares(modulator.matrix, channels, trust, rcond)
+        shape = (modulator.count, -1, size[1])
+        out[:, part], deviation[:, part] = found.reshape(shape), np.sqrt(variance / scale).reshape(shape)
+    return WeightedSamples(out, deviation)
+
+
+def _axis(length: int, side: int, positions: Array, samples: int) -> list[tuple[Any, Any]]:
+    """Return for each pixel along the super-pixel two interpolations as sparse matrices (output, super-pixels).
+
+    The linear one, and one of three times its reach for where samples are missing.
+    """
+    first, weight = tap_table("linear", side, positions, samples)
+    wanted = (np.arange(samples) + 0.5) * side / samples - 0.5
+    place = (wanted[:, None] - positions) / side
+    near = np.floor(place + 0.5).astype(np.intp) - 2
+    wide = np.maximum(0.0, 1 - np.abs(place[..., None] - near[..., None] - np.arange(5)) / 2.5)
+    cells = length // side
+    return [(_taps(first[:, a], weight[:, a], cells), _taps(near[:, a], wide[:, a], cells)) for a in range(side)]
+
+
+def _taps(first: NDArray[np.intp], weight: Array, cells: int) -> Any:
+    """Return the sparse matrix of taps ``(samples, taps)`` of one pixel over all super-pixels."""
+    from scipy.sparse import csr_array
+
+    places = np.arange(cells * len(first))
+    cell, phase = np.divmod(places, len(first))
+    columns = np.clip(cell[:, None] + first[phase][:, None] + np.arange(weight.shape[1]), 0, cells - 1)
+    shape = (len(places), cells)
+    return csr_array((weight[phase].ravel(), (np.repeat(places, weight.shape[1]), columns.ravel())), shape=shape)
+
+
+def _channels(light: Array, weights: Array, side: tuple[int, int], axes: list[Any], part: slice) -> tuple[Array, Array]:
+    """Return values and weights of the channels ``(K, places)`` in some rows of the output."""
+    down, across = axes
+    values, trust = [], []
+    for k in range(side[0] * side[1]):
+        a, b = divmod(k, side[1])
+        f, w = light[a :: side[0], b :: side[1]], weights[a :: side[0], b :: side[1]]
+        value, sure = _weighed(f, w, down[a][0][part], across[b][0])
+        if not sure.all():
+            other, less = _weighed(f, w, down[a][1][part], across[b][1])
+            value, sure = np.where(sure > 0, value, other), np.where(sure > 0, sure, less)
+        values.append(value.ravel())
+        trust.append(sure.ravel())
+    return np.array(values), np.array(trust)
+
+
+def _weighed(f: Array, w: Array, down: Any, across: Any) -> tuple[Array, Array]:
+    """Return the weighted mean of a channel at each place, and its weight; 0 where nothing has any."""
+    total = (down @ w) @ across.T
+    squared = (down.multiply(down) @ w) @ across.multiply(across).T
+    some = total > 1e-12
+    safe = np.where(some, total, 1.0)
+    value = ((down @ (w * f)) @ across.T) / safe
+    return np.where(some, value, 0.0), np.where(some, safe**2 / np.where(some, squared, 1.0), 0.0)
+
+
+def least_squares(matrix: Array, values: Array, weights: Array, rcond: float | None = None) -> tuple[Array, Array]:
+    """Return weighted least squares ``(N, places)`` and its variances for channels ``(K, places)``.
+
+    Where the weighted equations have not full rank, the answer of least norm, with infinite variance of every sample
+    that has a part in what is not measured.
+    """
+    count = matrix.shape[1]
+    pairs = (matrix[:, :, None] * matrix[:, None, :]).reshape(len(matrix), -1)
+    normal = (weights.T @ pairs).reshape(-1, count, count)
+    right = (weights * values).T @ matrix
+    strengths, vectors = np.linalg.eigh(normal)
+    cut = SINGULAR if rcond is None else max(rcond**2, 1e-15)
+    kept = (strengths > cut * strengths[:, -1:]) & (strengths > 0)
+    inverse = np.where(kept, 1.0 / np.where(kept, strengths, 1.0), 0.0)
+    found = np.einsum("pij,pj,pkj,pk->pi", vectors, inverse, vectors, right, optimize=True)
+    variance = np.einsum("pij,pj->pi", vectors**2, inverse)
+    lost = np.einsum("pij,pj->pi", vectors**2, ~kept)
+    variance[lost > 1e-9] = np.inf
+    return found.T, variance.T

@@ -1,0 +1,127 @@
+"""``lfcal multiplex merits``, ``map``, ``design`` and ``recover`` as a user runs them."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import tifffile
+
+from lfcal.camera import preset
+from lfcal.multiplex import (
+    cfa,
+    colour_error,
+    demultiplex_generally,
+    demultiplex_weighted,
+    modulation_transfer,
+    modulator_of,
+    multiplex,
+    neutral_density,
+    pixel_weights,
+    sample_deviation,
+    sensor_gain,
+    sensor_noise,
+    shipped_spectra,
+    snr_gain,
+)
+from tests.cli.conftest import lfcal  # noqa: F401  the fixture
+
+
+def test_merits_of_a_camera(lfcal) -> None:  # noqa: F811
+    words = ("multiplex", "merits", "Bayer", "RGBW 4x4", "polarisers:0,45/135,90", "--json", "--camera", "r29")
+    done = lfcal(*words[:4], *words[5:], "--gain", 2, "--exposure", 0.5, "--reference", "RG/GB")
+    assert done.code == 0, done.err
+    noise = sensor_noise(preset("r29").sensor, gain=2, exposure_s=0.5)
+    bayer, clear = done.json["modulators"]
+    assert done.json["chi2"] == pytest.approx(noise.chi2) and bayer["gain_plain_db"] == pytest.approx(0)
+    assert clear["gain_optimal_db"] == pytest.approx(
+        sensor_gain(cfa("RGBW 4x4"), cfa("Bayer"), noise, decorrelation="optimal")
+    )
+    assert bayer["mtf_0.25"] == pytest.approx(modulation_transfer(cfa("Bayer"), 0.25).transfer.mean())
+    wanted = colour_error("RG/GB", efficiency=shipped_spectra("silicon"), noise=noise)
+    assert bayer["delta_e_mean"] == pytest.approx(wanted.mean) and bayer["delta_e_noise"] == pytest.approx(wanted.noise)
+    rough = lfcal(*words[:3], *words[5:], "--uncorrected", "--filter", "linear").json["modulators"][0]
+    left = sensor_noise(preset("r29").sensor, flat_corrected=False)
+    assert rough["worst_noise_percent"] == pytest.approx(100 * sample_deviation(cfa("Bayer"), left).max())
+    assert rough["mtf_0.25"] == pytest.approx(modulation_transfer(cfa("Bayer"), 0.25, filter="linear").transfer.mean())
+    lone = lfcal("multiplex", "merits", "polarisers:0,45/135,90", "--camera", "r29")
+    assert lone.code == 0 and "ΔE00" in lone.out
+    unlike = lfcal("multiplex", "merits", "Bayer", "nd:1,0.5", "--camera", "r29")
+    assert unlike.code == 2 and "number of samples" in unlike.err
+
+
+def test_map_of_gains(lfcal, tmp_path: Path) -> None:  # noqa: F811
+    words = ("multiplex", "map", "bands:CM/YG:3", "--reference", "bands:RG/GB:3")
+    found = lfcal(*words, "--json", "--out", tmp_path / "map.png").json
+    assert found["samples"] == ["450 nm", "550 nm", "650 nm"] and len(found["gains"][0]) == len(found["chi2"])
+    assert cv2.imread(str(tmp_path / "map.png")).std() > 5
+    assert "450 nm" in lfcal(*words).out
+    assert lfcal("multiplex", "map", "Bayer", "--reference", "RRGG").code == 2
+
+
+def test_designs(lfcal, tmp_path: Path) -> None:  # noqa: F811
+    out = tmp_path / "own.npy"
+    done = lfcal("multiplex", "design", "2x2", "--chi2", 0, "--letters", "RGBCMY", "--out", out, "--json")
+    assert done.code == 0 and done.json["exhaustive"], done.err
+    assert done.json["gain_db"] == pytest.approx(snr_gain(cfa("CYMG"), cfa("Bayer"), 0.0))
+    assert snr_gain(modulator_of(str(out)), cfa("Bayer"), 0.0) == pytest.approx(done.json["gain_db"])
+    few = lfcal("multiplex", "design", "2x2", "--camera", "r29", "--gain", 100, "--kinds", 3, "--crosstalk", 0.1)
+    assert few.code == 0 and "best of all" in few.err + few.out
+    light = ("--least-light", 0.2, "--most-light", 0.6, "--levels", 3, "--starts", 0)
+    mask = lfcal("multiplex", "design", 3, "--chi2", 1, *light, "--json").json
+    assert 0.2 <= np.mean(mask["pattern"]) <= 0.6 and mask["tried"] == 3**9
+    for words in (
+        ("2x2",),
+        ("2x", "--chi2", 1),
+        ("2x2", "--chi2", 1, "--camera", "r29"),
+        ("2x2", "--chi2", 1, "-o", "x.tif"),
+    ):
+        assert lfcal("multiplex", "design", *words).code == 2
+
+
+def test_recover_a_frame_with_saturation(lfcal, tmp_path: Path) -> None:  # noqa: F811
+    nd = neutral_density([[1.0, 0.25], [0.25, 0.0625]])
+    light = np.full((1, 40, 44), 9000.0)
+    raw = np.minimum(np.rint(multiplex(light, nd)), 4095).astype(np.uint16)
+    dead = np.zeros(raw.shape, np.uint8)
+    dead[4, 7], raw[4, 7] = 1, 4000
+    tifffile.imwrite(tmp_path / "pages.tif", np.stack([raw * 0, raw]), photometric="minisblack")
+    cv2.imwrite(str(tmp_path / "dead.png"), dead)
+    camera = json.loads(preset("r29").to_json())
+    camera["sensor"]["shape"] = list(raw.shape)
+    (tmp_path / "camera.json").write_text(json.dumps(camera))
+    words = ("multiplex", "recover", tmp_path / "pages.tif", "--page", 1, "--modulator", "nd:1,0.25/0.25,0.0625")
+    options = ("--camera", tmp_path / "camera.json", "--dead", tmp_path / "dead.png", "--gain", 1, "--exposure", 0.1)
+    outs = ("--out", tmp_path / "found.tif", "--deviation", tmp_path / "sd.tif")
+    done = lfcal(*words, *options, *outs, "--json")
+    assert done.code == 0 and done.json["places_not_recovered"] == 0, done.err
+    found = tifffile.imread(tmp_path / "found.tif")
+    np.testing.assert_allclose(found, 9000, rtol=2e-3)
+    weights = pixel_weights(raw, preset("r29").sensor, dead=dead, exposure_s=0.1)
+    wanted = demultiplex_weighted(raw, nd, weights)
+    np.testing.assert_allclose(tifffile.imread(tmp_path / "sd.tif"), wanted.deviation[0], rtol=1e-4)
+    plain = lfcal(*words, "--dark", 10, "--out", tmp_path / "plain.tif")
+    assert plain.code == 0 and "pixels left out 0" in plain.out
+    assert np.median(tifffile.imread(tmp_path / "plain.tif")) < 8000
+    for more in (("--transmissions", "x.npy"), ("--spacing", 2, "--deviation", tmp_path / "no.tif")):
+        refused = lfcal(*words, "--out", tmp_path / "no2.tif", *more)
+        assert refused.code == 2 and not (tmp_path / "no2.tif").exists(), refused.err
+
+
+def test_recover_by_iterations(lfcal, tmp_path: Path) -> None:  # noqa: F811
+    shares = np.random.default_rng(0).random((2, 30, 36))
+    light = np.array([100.0, 300.0])[:, None, None] * np.ones((30, 36))
+    frame = np.rint((shares * light).sum(0) * 10).astype(np.uint16)
+    np.save(tmp_path / "shares.npy", shares)
+    cv2.imwrite(str(tmp_path / "frame.png"), frame)
+    words = ("multiplex", "recover", tmp_path / "frame.png", "--transmissions", tmp_path / "shares.npy", "--json")
+    options = ("--spacing", 3, "--smoothness", 1e-3, "--iterations", 50)
+    done = lfcal(*words, *options, "--out", tmp_path / "found.tif")
+    assert done.code == 0, done.err
+    wanted = demultiplex_generally(frame, shares, 3.0, smoothness=1e-3, most=50)
+    np.testing.assert_allclose(tifffile.imread(tmp_path / "found.tif"), wanted.samples, rtol=1e-4)
+    assert done.json["iterations"] == wanted.iterations and math.isfinite(done.json["residual"])
