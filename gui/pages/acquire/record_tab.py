@@ -89,6 +89,11 @@ class RecordTab(QObject):
         if self.recorder is None:
             self._refresh_picture()
 
+    def let_go(self) -> None:
+        """Open no folder any more for the project before."""
+        for group in ("acquire folder chosen", "acquire folder", "acquire start"):
+            self.context.jobs.drop(group)
+
     def _forget(self) -> None:
         """Let go of what was recorded before: it is of another folder."""
         self.recorder, self.folder, self._lamp = None, FolderState(), ""
@@ -139,6 +144,7 @@ class RecordTab(QObject):
 
     def _look_into_folder(self) -> None:
         path = self.context.state.recording
+        self.context.jobs.drop("acquire folder")  # it may hang
         self.context.jobs.load("acquire folder", lambda: folder_state(path), self._folder_seen)
 
     def _folder_seen(self, found: FolderState) -> None:
@@ -257,7 +263,7 @@ class RecordTab(QObject):
         """Take the devices for a job, or give them back (0)."""
         self._job, self.setup.reserved = number, bool(number)
         if number:
-            held = Hold(HELD, ("camera", "plan", "recording"), ("acquire",), self.context.message.emit)
+            held = Hold(HELD, ("camera", "plan", "recording"), ("acquire",), self.context.refused.emit)
             self.context.project.hold(held)
         else:
             self.context.project.release()
@@ -338,7 +344,9 @@ class RecordTab(QObject):
     def _recorded(self, outcome: Any) -> None:
         words = f"{outcome.how}: {outcome.acknowledged} of {outcome.total} positions are safe"
         self.context.message.emit(words)
-        if outcome.how == "complete" and self.recorder is not None and self.recorder.redo:
+        recorder = self.recorder
+        own = recorder is not None and recorder.folder == Path(self.context.state.recording)
+        if outcome.how == "complete" and recorder is not None and recorder.redo and own:
             self.context.project.update("positions recorded again", redo=())
 
     def _failed(self, _: Job) -> None:

@@ -163,8 +163,10 @@ class Page(BasePage):
         if found.plan is not None:
             changes |= {"plan": found.plan, "camera": found.plan.camera}
         self._ready = found
-        self.context.project.update("open frames", **changes)
-        if self._ready is not None:  # the project had them before
+        if not self.context.project.update("open frames", **changes):
+            self._ready = None
+            found.close()
+        elif self._ready is not None:  # the project had them before
             self._open()
 
     def accept_drop(self, paths: list[str]) -> bool:

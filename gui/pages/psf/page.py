@@ -55,6 +55,7 @@ class Page(BasePage):
         self.reference: PSFMatrix | None = None
         self.plane: LoadedPlane | None = None
         self.reference_plane: LoadedPlane | None = None
+        self._asked = ""  # a file that is opened for the project
         self._export_intent = ExportSettings.of(context.state).on(ExportIntent())
         self._held = False
         self._levels: Mapping[str, tuple[float, float]] = {}
@@ -88,6 +89,12 @@ class Page(BasePage):
         self.shortcut("G", lambda: self.panel.toggle_scale("gamma"))
 
     # -- files -----------------------------------------------------------------------------------------
+    def let_go(self) -> None:
+        """Open no file any more that the project before was to take."""
+        asked, self._asked = self._asked, ""
+        if asked and self.context.matrices.opening(asked):
+            self.context.forget(asked)
+
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
         """Open what the project names now."""
         if (old.psf, old.reference) != (new.psf, new.reference):
@@ -196,6 +203,7 @@ class Page(BasePage):
             self.notice.clear()
             self.context.project.update(label, **changes)
 
+        self._asked = path
         self.notice.wait(f"Opening {Path(path).name} …", lambda: self.context.matrices.cancel(path))
         self.context.matrices.take(path, opened, self.refuse)
 

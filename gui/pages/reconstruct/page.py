@@ -70,6 +70,17 @@ class Page(BasePage):
         """What the user chose."""
         return ReconstructSettings.of(self.context.state)
 
+    def let_go(self) -> None:
+        """Forget the volume of the project before, and stop what is at work on it."""
+        number, self._job = self._job, 0  # whose end closes H
+        if number:
+            self.context.jobs.cancel(number)
+        else:
+            self._close()
+        self.solving = self.synthetic = self.saved = None
+        self.panel.show_no_volume()
+        self._show_controls()
+
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
         """Follow H, light field and settings."""
         same = ReconstructSettings.of(old) == ReconstructSettings.of(new)
@@ -226,14 +237,17 @@ class Page(BasePage):
             path = ask_target(self, "Light field to make", str(name), "TIFF (*.tif)")
         if path:
             self.panel.file.setText(f"making {Path(path).name} …")
+            begun = self.context.project.begun
             self.context.jobs.compute(
                 "reconstruct make",
                 lambda: make_light_field(matrix, phantom, path, shape=shape),
-                self._made,
+                lambda synthetic: self._made(synthetic, begun),
                 self._not_loaded,
             )
 
-    def _made(self, synthetic: Synthetic) -> None:
+    def _made(self, synthetic: Synthetic, begun: int) -> None:
+        if begun != self.context.project.begun:
+            return
         self.synthetic = synthetic
         if self.context.state.light_field == synthetic.path:
             self._load()  # the same file holds something else now
@@ -269,6 +283,7 @@ class Page(BasePage):
         if self.image is None or self._job:
             return
         self._close()
+        self.saved = None
         made = self.synthetic
         truth = made.truth if made is not None and made.path == self._opened else None
         self.solving = Solving(self.context.state.psf, self.image, self.settings, truth)
@@ -293,8 +308,19 @@ class Page(BasePage):
         title = f"Reconstruct by {solving.settings.solver}"
         taken = self.context.taken("reconstruct", title, draft=True)
         jobs, needs = self.context.jobs, (solving.psf,)
+
+        def ended(_: Job) -> None:
+            if solving is not self.solving:  # another project was begun meanwhile
+                solving.close()
+
         self._job = jobs.start(
-            title, "reconstruct", lambda: solving.work(count), abandon=True, needs=needs, taken=taken
+            title,
+            "reconstruct",
+            lambda: solving.work(count),
+            on_end=ended,
+            abandon=True,
+            needs=needs,
+            taken=taken,
         )
         self.panel.show_running()
         self.panel.show_status(WAITS if self._job in jobs.waiting() else "setting up …", None)
@@ -325,6 +351,8 @@ class Page(BasePage):
             self.panel.show_volume(truth, solving.depths, "True volume of the light field")
             return
         title = f"Volume after {solving.state.iteration} iterations, {format_seconds(solving.state.seconds)}"
+        if solving.psf != self.context.state.psf:
+            title += f", by {Path(solving.psf).name}"
         self.panel.show_volume(solving.volume, solving.depths, title)
 
     def _job_finished(self, job: Job) -> None:
@@ -350,10 +378,12 @@ class Page(BasePage):
     def _load_volume(self) -> None:
         """Show the volume of the project until there is a newer one."""
         if self.solving is None:
+            self.saved = None
+            self.panel.show_no_volume()
             self.volume_file.load()
 
     def _volume_loaded(self, path: str, volume: NDArray[Any]) -> None:
-        if self.solving is None:
+        if self.solving is None and path == self.context.state.volume:
             self.saved = volume
             self.panel.show_volume(volume, None, f"Volume {Path(path).name}")
 
