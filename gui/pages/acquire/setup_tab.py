@@ -22,6 +22,7 @@ from gui.pages.acquire.model_stills import ASKED, KINDS, iter_stills, still_file
 from gui.pages.acquire.moves import StageMoves
 from gui.pages.acquire.setup_panel import FINDINGS, SetupPanel
 from gui.saving import may_replace
+from gui.workers import start_thread, wait_for
 from lfcal.camera import ScanPlan
 from lfcal.devices.simulated.faults import Fault
 from lfcal.errors import LfcalError
@@ -30,6 +31,8 @@ from lfcal.psf import PSFMatrix
 __all__ = ["SetupTab"]
 
 LIVE_MS = 30
+RELEASE_S = 5.0
+"""How long closing the window waits for devices to be released (s)."""
 QUICK = "the simulator's quick pattern has no lenslets: set optics under Options"
 MEASURING = "measuring …"
 
@@ -209,8 +212,9 @@ class SetupTab(QObject):
         self._changed()
 
     def _close_station(self) -> None:
+        """Release the devices as the window closes; one that does not answer does not keep it open."""
         if self.station is not None:
-            self.station.close()
+            wait_for([start_thread(self.station.close, "lfcal-release")], RELEASE_S)
             self.station = None
 
     # -- live view -------------------------------------------------------------------------------------
