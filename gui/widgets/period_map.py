@@ -72,6 +72,11 @@ class PeriodMap(QWidget):
         y, x = np.nonzero(recorded == 0) if recorded is not None else (np.zeros(0), np.zeros(0))
         self.missing.setData(x, y)
 
+    def clear(self) -> None:
+        """Show no values; positions can still be chosen."""
+        self.item.clear()
+        self.missing.setData([], [])
+
     def set_position(self, y: int, x: int) -> None:
         """Move the cross without reporting it."""
         self.cross.setPos(x, y)

@@ -206,7 +206,9 @@ class SetupTab(QObject):
         """Release the devices."""
         station, self.station = self.station, None
         if station is not None:
-            self.context.jobs.compute("acquire connect", station.close, lambda _: None, self.context.message.emit)
+            # in a thread of its own: it is done, also where the window closes next
+            group = f"acquire release {id(station)}"
+            self.context.jobs.load(group, station.close, lambda _: None, self.context.message.emit)
         self.panel.devices.set_connected("", connected=False)
         self.panel.stage.set_limits(None)
         self._changed()

@@ -296,7 +296,13 @@ class Page(BasePage):
             if opened is self.opened and where == self.position:  # else another is looked at, which may have none
                 self._loaded(found)
 
-        self.context.jobs.compute("frames load", lambda: load_frame(opened, where), loaded, self.refuse)
+        def failed(words: str) -> None:
+            self.context.message.emit(words)
+            if opened is self.opened and where == self.position:  # the picture of another must not stand for it
+                self.loaded = None
+                self.panel.show_missing(words)
+
+        self.context.jobs.compute("frames load", lambda: load_frame(opened, where), loaded, failed)
 
     def _step(self, dy: int, dx: int) -> None:
         if self.opened is not None:

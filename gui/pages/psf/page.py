@@ -299,6 +299,8 @@ class Page(BasePage):
 
         def failed(words: str) -> None:
             self.context.message.emit(words)
+            if matrix is self.matrix:
+                self.panel.show_no_plane(words)
             self._load_sums(matrix)
 
         self.context.jobs.compute("psf plane", lambda: read_plane(matrix, reference, z), self._plane_read, failed)
@@ -320,7 +322,7 @@ class Page(BasePage):
         self.context.jobs.compute(
             "psf aperture",
             lambda: _apertures_of(matrix, loaded.plane.z),
-            self._show_aperture,
+            lambda found: self._show_aperture(loaded, found),
             self.panel.aperture_text.setText,
         )
         self._load_sums(matrix)
@@ -334,8 +336,8 @@ class Page(BasePage):
         unit = shown_unit(self.intent, self.matrix, self.reference)
         self.panel.show_picture(picture, self.intent, None if own else self._levels.get(self.intent.show), unit)
 
-    def _show_aperture(self, found: dict[str, Any]) -> None:
-        if self.matrix is not None:
+    def _show_aperture(self, loaded: PlaneData, found: dict[str, Any]) -> None:
+        if self.matrix is not None and loaded.plane is self.plane:  # else it is of a plane that was looked at before
             self.panel.show_aperture(found["fitted"], found["expected"], self.matrix.cutout)
 
 
