@@ -263,7 +263,7 @@ class Jobs(Background):
             running.thread.join(join_s)
         # what can go on is remembered as it was asked for; what jobs made is not
         asked = self._asked[number] if job.kept else self._asked.pop(number)
-        self._jobs[number] = replace(job, result=None)
+        self._jobs[number] = job.remembered()
         if self._closed:
             return
         try:

@@ -20,7 +20,7 @@ from gui.pages.acquire.model_recorder import FolderState, Recorder, RecordPictur
 from gui.pages.acquire.model_until import check_goal, error_curve
 from gui.pages.acquire.record_panel import RecordPanel
 from gui.pages.acquire.setup_tab import SetupTab
-from gui.pages.acquire.status import end_words, progress_words
+from gui.pages.acquire.status import asked_words, end_words, progress_words
 from gui.pages.acquire.step import step
 from lfcal.errors import LfcalError, StorageError
 from lfcal.units import format_length
@@ -52,6 +52,8 @@ class RecordTab(QObject):
         self.folder = FolderState()
         self.after = Afterwards(context, panel, lambda: self.recording)
         self._job, self._lamp = 0, ""
+        self._under_way: Job | None = None
+        """The recording as it was told last."""
         self.poll_timer = QTimer(self)
         self.poll_timer.setInterval(POLL_MS)
         self.poll_timer.timeout.connect(self._poll)
@@ -257,6 +259,8 @@ class RecordTab(QObject):
                 taken=self.context.taken("acquire", f"Record {folder.name}", str(folder), recorded),
             )
         )
+        self._under_way = next((job for job in self.context.jobs.jobs() if job.number == self._job), None)
+        self._show_progress()
         self.poll_timer.start()
 
     def _set_job(self, number: int) -> None:
@@ -275,12 +279,14 @@ class RecordTab(QObject):
         if self.recorder is not None and self._job:
             control = self.recorder.control
             (control.resume if control.pausing else control.pause)()
+            self._show_progress()
             self.show_controls()
 
     def _ask(self, what: str) -> None:
         if self.recorder is not None and self._job:
             getattr(self.recorder.control, what)()
             self.panel.buttons[what].setEnabled(False)
+            self._show_progress()
 
     def _poll(self) -> None:
         """Show the newest frame and the quality; the recording thread never waits for this."""
@@ -325,9 +331,22 @@ class RecordTab(QObject):
         self._lamp = picture.lamp
 
     def _job_changed(self, job: Job) -> None:
-        if job.number != self._job or job.progress is None or self.recorder is None or not job.active:
+        if job.number == self._job and job.active:
+            self._under_way = job
+            self._show_progress()
+
+    def _show_progress(self) -> None:
+        """Show how far the recording is, or at once what it was asked to do: the position under way may be long."""
+        job, recorder = self._under_way, self.recorder
+        if job is None or recorder is None or not self.recording:
             return
-        self.panel.show_status(*progress_words(self.recorder, job.progress, self._lamp))
+        asked = asked_words(recorder.control, stopping=job.stopping)
+        if job.progress is None:
+            self.panel.show_status(asked or "Beginning …", "", None)
+            return
+        words, detail, fraction = progress_words(recorder, job.progress, self._lamp)
+        said = (asked, words) if asked else (words, detail)
+        self.panel.show_status(*said, fraction)
 
     def _show_error(self) -> None:
         """Show the error of H of a recording that ends by it; of another one the depth-plane sum."""
@@ -356,6 +375,7 @@ class RecordTab(QObject):
         if job.number != self._job:
             return
         self._set_job(0)
+        self._under_way = None
         self.poll_timer.stop()
         if self.recorder is not None and self.recorder.folder != Path(self.context.state.recording):
             self._forget()  # another project was begun meanwhile

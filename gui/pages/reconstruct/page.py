@@ -28,6 +28,7 @@ from lfcal.units import format_seconds
 __all__ = ["Page"]
 
 IMAGES = "Light fields (*.tif *.tiff *.png *.pgm *.npy *.raw *.nef *.cr2 *.dng);;All files (*)"
+STOPPING = "stopping after the iteration under way …"
 FOLLOWED = ("psf", "light_field", "volume")
 
 
@@ -145,7 +146,7 @@ class Page(BasePage):
         same = self.solving is not None and self.solving.fits(state.psf, self.settings)
         same = same and self._opened == state.light_field
         buttons["start"].setEnabled(ready and not running)
-        buttons["stop"].setEnabled(running)
+        buttons["stop"].setEnabled(running and not (self.solving is not None and self.solving.stopping))
         buttons["more"].setEnabled(done and same and not running)
         buttons["save"].setEnabled(done)
         for widget in (self.panel.form, self.panel.open, self.panel.make):
@@ -297,14 +298,17 @@ class Page(BasePage):
 
     def stop(self) -> None:
         """End after the iteration under way."""
-        if self.solving is not None:
+        if self.solving is not None and self._job:
             self.solving.stop()
+            self.panel.show_status(STOPPING, None)
+            self._show_controls()
         if self._job in self.context.jobs.waiting():
             self.context.jobs.cancel(self._job)
 
     def _run(self) -> None:
-        solving, count = self.solving, self.settings.iterations
+        solving = self.solving
         assert solving is not None
+        work = solving.work(self.settings.iterations)
         title = f"Reconstruct by {solving.settings.solver}"
         taken = self.context.taken("reconstruct", title, draft=True)
         jobs, needs = self.context.jobs, (solving.psf,)
@@ -313,15 +317,7 @@ class Page(BasePage):
             if solving is not self.solving:  # another project was begun meanwhile
                 solving.close()
 
-        self._job = jobs.start(
-            title,
-            "reconstruct",
-            lambda: solving.work(count),
-            on_end=ended,
-            abandon=True,
-            needs=needs,
-            taken=taken,
-        )
+        self._job = jobs.start(title, "reconstruct", lambda: work, on_end=ended, abandon=True, needs=needs, taken=taken)
         self.panel.show_running()
         self.panel.show_status(WAITS if self._job in jobs.waiting() else "setting up …", None)
         self._show_controls()
@@ -330,6 +326,9 @@ class Page(BasePage):
         if job.number != self._job or job.progress is None or self.solving is None or not job.active:
             return
         record = job.progress
+        if self.solving.stopping or job.stopping:
+            self.panel.show_status(STOPPING, record.fraction)
+            return
         self.panel.show_status(f"{record.stage}: {record.done} of {record.total}<br>{record.note}", record.fraction)
         self._show_progress()
 
