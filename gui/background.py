@@ -37,7 +37,7 @@ class Background(QObject):
         self._timer = QTimer(self)
         self._timer.setInterval(POLL_MS)
         self._timer.timeout.connect(self._take)
-        self._closed = False
+        self._closed = self._leaving = False
         self._collector = Collector(self)  # threads must not destroy widgets
 
     @property
@@ -61,6 +61,11 @@ class Background(QObject):
             self._computations.start(group, function, on_result, on_error or self.trouble.emit)
             self._timer.start()
 
+    @property
+    def computing(self) -> bool:
+        """Whether something is computed, or its result waits to be shown."""
+        return bool(self._computations)
+
     # -- opening files ---------------------------------------------------------------------------------
     def load(
         self,
@@ -75,7 +80,7 @@ class Background(QObject):
         Only the newest request of a ``group`` reports. It waits for an earlier one unless that is dropped; what comes
         too late is handed to ``discard``.
         """
-        if not self._closed:
+        if not (self._closed or self._leaving):
             self._loads.start(group, function, on_result, on_error or self.trouble.emit, discard)
             self._timer.start()
 
@@ -106,10 +111,16 @@ class Background(QObject):
     def _look(self) -> None:
         """Look at what is at work, every `POLL_MS` while something is."""
 
-    def close(self) -> None:
-        """Wait for the threads; nothing reports afterwards."""
+    def leave(self) -> None:
+        """Begin nothing any more, and wait for no file; what is computed still reports."""
+        self._leaving = True
+        self._computations.end()
+        self._loads.close(0.0)
+
+    def close(self, wait_s: float = COMPUTATIONS_S) -> None:
+        """Wait for the threads, at most ``wait_s``; nothing reports afterwards."""
         self._closed = True
-        self._loads.close(LOADS_S)
-        self._computations.close(COMPUTATIONS_S)
+        self._loads.close(min(wait_s, LOADS_S))
+        self._computations.close(min(wait_s, COMPUTATIONS_S))
         self._timer.stop()
         self._collector.close()

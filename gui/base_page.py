@@ -83,7 +83,9 @@ class BasePage(QWidget):
         self._stack.addWidget(self.body)
         self.empty: EmptyState | None = None
         outer.addWidget(self._stack, 1)
+        self._begun = context.project.begun
         context.state_changed.connect(self._follow_project)
+        context.refused.connect(self._say_refused)
         self._theme = current_theme()
         self.setStyleSheet(style_sheet())
         context.theme_changed.connect(self._theme_changed)
@@ -162,6 +164,11 @@ class BasePage(QWidget):
         self.notice.refuse(words)
         self.context.message.emit(words)
 
+    def _say_refused(self, words: str) -> None:
+        """Say on the page that is looked at why the project did not change."""
+        if self.isVisible():
+            self.notice.refuse(words)
+
     def load(
         self,
         what: str,
@@ -175,7 +182,7 @@ class BasePage(QWidget):
         Errors of any kind are said on the page, or told to ``on_error``, and the user may stop waiting; what opens
         after that is handed to ``discard``.
         """
-        group = f"{self.spec.key} import"
+        group = self._imports
 
         def opened(found: Any) -> None:
             self.notice.clear()
@@ -184,6 +191,11 @@ class BasePage(QWidget):
         self.notice.wait(f"Opening {what} …", lambda: self.context.jobs.drop(group))
         self.context.jobs.drop(group)  # it may hang
         self.context.jobs.load(group, function, opened, on_error or self.refuse, discard)
+
+    @property
+    def _imports(self) -> str:
+        """What the page opens for the project."""
+        return f"{self.spec.key} import"
 
     def tool_button(self, text: str, tip: str, action: Any, *, primary: bool = False) -> QPushButton:
         """Add a button to the header."""
@@ -226,9 +238,17 @@ class BasePage(QWidget):
         self.setFocus(Qt.FocusReason.OtherFocusReason)
 
     def _follow_project(self, old: ProjectState, new: ProjectState) -> None:
+        if self._begun != self.context.project.begun:
+            self._begun = self.context.project.begun
+            self.context.jobs.drop(self._imports)
+            self.notice.clear()
+            self.let_go()
         self.state_changed(old, new)
 
     # -- what pages override -----------------------------------------------------------------------------
+    def let_go(self) -> None:
+        """Forget what belongs to the project before: another was begun, which `state_changed` is told of next."""
+
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
         """Follow a change of the project."""
 

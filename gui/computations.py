@@ -25,7 +25,7 @@ class Computations:
         self._workers = Workers(2, "lfcal-compute")
         self._generation: dict[str, int] = {}
         self._pending: dict[str, int] = {}
-        self._closed = False
+        self._closed = self._ending = False
 
     def __bool__(self) -> bool:
         """Whether something is computed, or its result waits to be shown."""
@@ -38,7 +38,9 @@ class Computations:
         on_result: Callable[[Any], None],
         on_error: Callable[[str], None],
     ) -> None:
-        """Compute; the words of an error go to ``on_error``."""
+        """Compute, unless all is to end; the words of an error go to ``on_error``."""
+        if self._ending:
+            return
         generation = self._generation[group] = self._generation.get(group, 0) + 1
         self._pending[group] = self._pending.get(group, 0) + 1
 
@@ -51,13 +53,13 @@ class Computations:
                 report(value)
 
         def compute() -> None:
-            if stale():
+            if stale() or self._ending:
                 self._hand_over(lambda: ended(_nobody, None))
                 return
             report: Callable[[Any], None] = on_result
             value: Any
             try:
-                with wanted_while(lambda: not stale()):
+                with wanted_while(lambda: not (stale() or self._ending)):
                     value = function()
             except Unwanted:
                 report, value = _nobody, None
@@ -67,6 +69,10 @@ class Computations:
             self._hand_over(lambda: ended(report, value))
 
         self._workers.submit(compute)
+
+    def end(self) -> None:
+        """Begin nothing any more; what is under way still reports, unless it hears that nobody waits for it."""
+        self._ending = True
 
     def close(self, timeout_s: float) -> None:
         """Drop what waits, and wait at most ``timeout_s`` seconds for what is under way; nothing reports any more."""

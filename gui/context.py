@@ -36,6 +36,8 @@ class Context(QObject):
         A page of the manual is wanted, such as ``faults.md``, or its section about ``name``.
     message(text)
         A line for the log and the status bar.
+    refused(text)
+        Why a change of the project was refused; the page that is looked at says it, too.
     attention(page, flag)
         A page found something that needs the user.
     theme_asked(name)
@@ -53,6 +55,7 @@ class Context(QObject):
     go = Signal(str, object)
     help_asked = Signal(str, str)
     message = Signal(str)
+    refused = Signal(str)
     attention = Signal(str, bool)
     theme_asked = Signal(str)
     theme_changed = Signal()
@@ -69,6 +72,7 @@ class Context(QObject):
         self.history = History()
         jobs.finished.connect(self._remember)
         project.listen(self.state_changed.emit)
+        self.refused.connect(self.message.emit)
 
     @property
     def state(self) -> ProjectState:

@@ -61,7 +61,7 @@ class JobRow(HeadedCard):
 
     def show_job(self, job: Job) -> None:
         """Show the job as it is now."""
-        self._job = job
+        self._job = job if job.active else job.remembered()
         record, place = job.progress, self._place()
         self.bar.setVisible(job.active and not place)
         self.bar.setRange(0, 1000 if record is not None and record.total else 0)

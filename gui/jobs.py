@@ -14,7 +14,7 @@ from typing import Any
 
 from PySide6.QtCore import QObject, Signal
 
-from gui.background import LOADS_S, Background
+from gui.background import COMPUTATIONS_S, LOADS_S, Background
 from gui.job_line import Line
 from gui.job_thread import Asked, JobThread
 from gui.models.history import Taken
@@ -110,6 +110,9 @@ class Jobs(Background):
 
     def _enter(self, number: int) -> None:
         """Let a job begin, or wait for its turn."""
+        if self._leaving:
+            self._end(number, state=JobState.CANCELLED)
+            return
         if self._asked[number].at_once:
             self.changed.emit(self._jobs[number])
             self._begin(number)
@@ -121,7 +124,7 @@ class Jobs(Background):
 
     def _advance(self) -> None:
         """Begin the next job of the queue if none is at work."""
-        number = None if self._closed else self._line.next()
+        number = None if self._closed or self._leaving else self._line.next()
         if number is not None:
             self._begin(number)
             self.queued.emit()
@@ -260,7 +263,7 @@ class Jobs(Background):
             running.thread.join(join_s)
         # what can go on is remembered as it was asked for; what jobs made is not
         asked = self._asked[number] if job.kept else self._asked.pop(number)
-        self._jobs[number] = replace(job, result=None)
+        self._jobs[number] = job.remembered()
         if self._closed:
             return
         try:
@@ -288,6 +291,20 @@ class Jobs(Background):
             log.say("wrote", job.taken.out)
         log.end(job.ended_words(), job.details)
 
+    def leave(self) -> None:
+        """Ask everything to stop, and begin nothing any more: `waits_for` says how long that is worth waiting for."""
+        super().leave()
+        self.cancel_all()
+
+    def waits_for(self, seconds: float) -> bool:
+        """Return whether something is at work that is waited for so many ``seconds`` after `leave`."""
+        left = self._loads.alive or any(thread.is_alive() for thread in self._abandoned)
+        return (
+            (bool(self.running_pages()) and seconds < JOBS_S)
+            or (self.computing and seconds < COMPUTATIONS_S)
+            or (left and seconds < LOADS_S)
+        )
+
     def close(self, wait_s: float = JOBS_S) -> None:
         """Stop everything and wait for the threads, for jobs at most ``wait_s``; nothing reports afterwards."""
         self._closed = True
@@ -295,5 +312,6 @@ class Jobs(Background):
         for one in running:
             one.stop.set()
         wait_for([one.thread for one in running if not one.asked.leave], wait_s)
-        wait_for([*self._abandoned, *(one.thread for one in running if one.asked.leave)], LOADS_S)
-        super().close()
+        left = [*self._abandoned, *(one.thread for one in running if one.asked.leave)]
+        wait_for(left, min(wait_s, LOADS_S))
+        super().close(wait_s)

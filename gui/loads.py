@@ -98,6 +98,11 @@ class Loads:
         self._running.pop(group, None)
         self._waiting.pop(group, None)
 
+    @property
+    def alive(self) -> bool:
+        """Whether a thread still opens something, wanted or not."""
+        return any(thread.is_alive() for thread in self._threads)
+
     def close(self, timeout_s: float) -> None:
         """Drop everything, and wait at most ``timeout_s`` seconds for the threads."""
         for group in list(self._newest):

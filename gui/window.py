@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable
 from datetime import datetime
 from pathlib import Path
@@ -43,6 +44,8 @@ from lfcal.errors import LfcalError
 __all__ = ["MainWindow"]
 
 SIZE = (1280, 800)
+LEAVE_MS = 20
+"""Between two looks whether a window that is to be closed can be (ms)."""
 DOCK_MS = 6000
 """How long jobs that have ended well are still shown (ms)."""
 
@@ -345,7 +348,9 @@ class MainWindow(QMainWindow):
             if not self._leaving and not self.files.may_leave():
                 event.ignore()
                 return
-            if self.jobs.running_pages() and not self._overdue:
+            if not self._leaving:
+                self.jobs.leave()
+            if self.jobs.waits_for(0) and not self._overdue:
                 self._leave_later()
                 event.ignore()
                 return
@@ -353,20 +358,24 @@ class MainWindow(QMainWindow):
         event.accept()
 
     def _leave_later(self) -> None:
-        """Close when the jobs, which were asked to stop, have cleaned up behind themselves."""
+        """Close when the jobs, which were asked to stop, have cleaned up behind themselves, and nothing is computed."""
         if self._leaving:
             return
-        self._leaving = True
+        self._leaving, began = True, time.monotonic()
         for widget in (self.menuBar(), self.centralWidget()):
             widget.setEnabled(False)
         self.log("stopping what is at work; the window closes when that is done")
-        self.jobs.finished.connect(lambda _: None if self.jobs.running_pages() else self.close())
-        QTimer.singleShot(int(1e3 * JOBS_S), self._leave_now)
+        look = QTimer(self)
+        look.setInterval(LEAVE_MS)
+        look.timeout.connect(lambda: self._look_whether_to_leave(look, time.monotonic() - began))
+        look.start()
 
-    def _leave_now(self) -> None:
-        """Close, whatever is still at work."""
-        self._overdue = True
-        self.close()
+    def _look_whether_to_leave(self, look: QTimer, seconds: float) -> None:
+        """Close as soon as nothing is at work that is worth waiting for, ``seconds`` after it was asked to stop."""
+        if not self.jobs.waits_for(seconds):
+            look.stop()
+            self._overdue = self.jobs.waits_for(0)
+            self.close()
 
     def shut_down(self, *, asked: bool = False) -> None:
         """Stop timers, jobs and threads; keep the window's state, and what is not saved unless the user was ``asked``.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from enum import Enum
 from typing import Any, Protocol
 
@@ -11,7 +11,12 @@ from gui.models.history import Taken
 from lfcal.progress import Progress
 from lfcal.units import format_seconds
 
-__all__ = ["Job", "JobState", "Keeping"]
+__all__ = ["Job", "JobState", "Keeping", "plain_record"]
+
+
+def plain_record(record: Progress) -> Progress:
+    """Return how far ``record`` is without what else it tells, such as a volume so far."""
+    return Progress(*(getattr(record, one.name) for one in fields(Progress)))
 
 
 class JobState(Enum):
@@ -85,6 +90,10 @@ class Job:
     def active(self) -> bool:
         """Whether the job waits or runs."""
         return self.state in (JobState.WAITING, JobState.RUNNING)
+
+    def remembered(self) -> Job:
+        """Return the job without what it made, which its last record may hold, too: a volume, a chart."""
+        return replace(self, result=None, progress=None if self.progress is None else plain_record(self.progress))
 
     def ended_words(self) -> str:
         """Return how it ended, with the time it took, or what is kept of it."""

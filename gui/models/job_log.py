@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
+from gui.models.job import plain_record
 from lfcal.progress import Progress
 from lfcal.units import format_seconds
 
@@ -83,7 +84,7 @@ class JobLog:
 
     def follow(self, record: Progress) -> None:
         """Add what a record tells that was not told before: the end of a stage, with its time, and a note."""
-        before, self._latest = self._latest, record
+        before, self._latest = self._latest, plain_record(record)
         if self._stage is None or self._stage[0] != record.stage:
             self._end_stage(before)
             self._stage = (record.stage, self._now())

@@ -132,8 +132,10 @@ class Hold:
     tell: Callable[[str], None] = lambda _: None
 
     def concerns(self, old: ProjectState, new: ProjectState) -> bool:
-        """Return whether the change from ``old`` to ``new`` is of what stays."""
+        """Return whether the change from ``old`` to ``new`` is of what stays, with where camera values come from."""
         if any(getattr(old, name) != getattr(new, name) for name in self.fields):
+            return True
+        if "camera" in self.fields and old.camera.marks != new.camera.marks:
             return True
         return any(old.settings.get(page) != new.settings.get(page) for page in self.pages)
 
@@ -171,15 +173,18 @@ class Project:
         """Call ``listener(old, new)`` after every change."""
         self._listeners.append(listener)
 
-    def update(self, label: str, **changes: Any) -> None:
-        """Change the state as a new step of undo; ``label`` names it in the menu."""
+    def update(self, label: str, **changes: Any) -> bool:
+        """Change the state as a new step of undo; ``label`` names it in the menu. Return False where it was refused."""
         new = replace(self._state, **changes)
-        if new == self._state or self._refused(new):
-            return
+        if new == self._state:
+            return True
+        if self._refused(new):
+            return False
         self._past.append((label, self._state))
         del self._past[:-UNDO_STEPS]
         self._future.clear()
         self._set(new)
+        return True
 
     def merge(self, label: str, **changes: Any) -> None:
         """Change the state as part of the last change of the same label: a drag, or a number that is typed."""

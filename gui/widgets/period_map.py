@@ -83,6 +83,12 @@ class PeriodMap(QWidget):
         for row in self._values:
             yield between.join(f"{value:.7g}" for value in row) + "\n"
 
+    def clear(self) -> None:
+        """Show no values; positions can still be chosen."""
+        self._values = None
+        self.item.clear()
+        self.missing.setData([], [])
+
     def set_position(self, y: int, x: int) -> None:
         """Move the cross without reporting it."""
         self.cross.setPos(x, y)

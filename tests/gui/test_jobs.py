@@ -1,18 +1,22 @@
 from __future__ import annotations
 
+import gc
 import threading
 import time
+import weakref
 from collections.abc import Generator
+from dataclasses import dataclass
 from typing import Any
 
 import pytest
 from pytestqt.qtbot import QtBot
 
 from gui.jobs import JOBS_S, LOADS_S, Job, Jobs, JobState
+from gui.window import MainWindow
 from gui.workers import words_of
 from lfcal.errors import InputError
 from lfcal.progress import Progress, leave_if_unwanted
-from tests.gui.waiting import GUARD_MS
+from tests.gui.waiting import GUARD_MS, idle
 
 
 @pytest.fixture
@@ -197,6 +201,40 @@ def test_what_a_job_made_is_told_and_not_remembered(jobs: Jobs, qtbot: QtBot) ->
     qtbot.waitUntil(lambda: bool(ends), timeout=GUARD_MS)
     assert made and ends[0].result == made[0], "whoever hears of the end gets it"
     assert jobs.jobs()[0].state is JobState.DONE and jobs.jobs()[0].result is None
+
+
+def test_nothing_of_the_window_keeps_what_a_job_made(window: MainWindow, qtbot: QtBot) -> None:
+    """The row in the dock kept every result, and the last record of a reconstruction its volume."""
+
+    class Made:
+        pass
+
+    @dataclass(frozen=True, slots=True)
+    class Record(Progress):
+        state: Any = None
+
+    seen: list[weakref.ref[Made]] = []
+
+    def made() -> Made:
+        one = Made()
+        seen.append(weakref.ref(one))
+        return one
+
+    def work() -> Generator[Progress, None, Made]:
+        yield Record(1, 2, "solve", 3.0, state=made())
+        return made()
+
+    window.jobs.start("Reconstruct", "reconstruct", work)
+    idle(window.jobs, qtbot)
+    job = window.jobs.jobs()[0]
+    assert job.progress == Progress(1, 2, "solve", 3.0) and job.ended_words() == "done in 3.0 s"
+
+    def freed() -> bool:
+        gc.collect()
+        return all(one() is None for one in seen)
+
+    qtbot.waitUntil(freed, timeout=GUARD_MS)
+    assert len(seen) == 2
 
 
 def test_a_job_asked_to_stop_says_so_at_once(jobs: Jobs, qtbot: QtBot) -> None:

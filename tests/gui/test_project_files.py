@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -266,8 +267,6 @@ def test_a_suffix_added_does_not_get_round_the_question(
 def test_jobs_go_on_until_everything_is_answered(
     window: MainWindow, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import threading
-
     from lfcal.progress import Progress
 
     going = threading.Event()
@@ -290,8 +289,6 @@ def test_jobs_go_on_until_everything_is_answered(
 def test_closing_does_not_hold_the_window_while_a_job_stops(
     window: MainWindow, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import threading
-
     from lfcal.progress import Progress
 
     go_on = threading.Event()
@@ -316,8 +313,6 @@ def test_closing_does_not_hold_the_window_while_a_job_stops(
 
 
 def test_enter_does_not_stop_what_is_at_work(window: MainWindow, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> None:
-    import threading
-
     from lfcal.progress import Progress
 
     going = threading.Event()
@@ -339,3 +334,61 @@ def test_enter_does_not_stop_what_is_at_work(window: MainWindow, qtbot: QtBot, m
     assert job.active and not job.stopping and asked[0][-1] == BUTTONS.No and "recording" in asked[0][2]
     going.set()
     idle(window.jobs, qtbot)
+
+
+@pytest.fixture
+def go_on() -> Iterator[threading.Event]:
+    """Return what ends whatever hangs, at the latest with the test."""
+    event = threading.Event()
+    yield event
+    event.set()
+
+
+def test_closing_does_not_hold_the_window_while_something_is_computed_or_opened(
+    window: MainWindow, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, go_on: threading.Event
+) -> None:
+    """It stood still for up to seven seconds: while a simulator was connected, a light field made, a file opened."""
+    from functools import partial
+
+    from lfcal.progress import Progress
+
+    begun, told, waits = [threading.Event() for _ in range(3)], list[str](), list[float]()
+
+    def hang(event: threading.Event) -> str:
+        event.set()
+        go_on.wait(GUARD_MS / 1e3)
+        return "device"
+
+    def fit() -> Any:
+        hang(begun[2])
+        yield Progress(0, 1, "fit")
+
+    window.jobs.compute("connect", partial(hang, begun[0]), told.append)
+    window.jobs.load("file", partial(hang, begun[1]), told.append)
+    window.jobs.start("Fit", "fit", fit, leave=True)
+    assert all(event.wait(GUARD_MS / 1e3) for event in begun)
+    monkeypatch.setattr(QMessageBox, "question", lambda *_: BUTTONS.Yes)
+    for name in ("gui.jobs.wait_for", "gui.workers.wait_for", "gui.loads.wait_for"):
+        monkeypatch.setattr(name, lambda threads, seconds: waits.append(seconds))
+    assert not window.close() and window.isVisible() and sum(waits) == 0
+    window.jobs.compute("live view", lambda: "again", told.append)
+    window.jobs.load("another", lambda: "again", told.append)
+    number = window.jobs.start("Late", "fit", fit)
+    assert not next(job for job in window.jobs.jobs() if job.number == number).active, "nothing begins any more"
+    monkeypatch.undo()
+    go_on.set()
+    qtbot.waitUntil(lambda: not window.isVisible(), timeout=GUARD_MS)
+    assert told == ["device"], "what was connected is handed over, to be released"
+
+
+def test_what_never_ends_does_not_keep_the_window_open(
+    window: MainWindow, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, go_on: threading.Event
+) -> None:
+    begun, waits = threading.Event(), list[float]()
+    window.jobs.compute("stuck", lambda: begun.set() or go_on.wait(GUARD_MS / 1e3), lambda _: None)
+    assert begun.wait(GUARD_MS / 1e3)
+    monkeypatch.setattr("gui.jobs.COMPUTATIONS_S", 0.05)
+    monkeypatch.setattr("gui.workers.wait_for", lambda threads, seconds: waits.append(seconds))
+    assert not window.close()
+    qtbot.waitUntil(lambda: not window.isVisible(), timeout=GUARD_MS)
+    assert waits == [0.0]

@@ -156,13 +156,14 @@ class Page(BasePage):
             return
         rung = curve.rungs[number]
         use = use_of(self.context.state, curve, rung)
-        self._used = (curve.place, f"{rung.label}. {use.words}")
         if use.changes is not None:
             key, kept = self._key, self.kept
-            self.context.project.update(use.label, **use.changes)
+            if not self.context.project.update(use.label, **use.changes):
+                return
             if self._key != key and curve.place in ("planes", "averaging"):
                 # the plan is the rung's now: the curve that it was chosen from stays
                 self.kept.curves[curve.place] = kept.curves[curve.place]
+        self._used = (curve.place, f"{rung.label}. {use.words}")
         self.context.message.emit(self._used[1])
         self._show(self.context.state)
 

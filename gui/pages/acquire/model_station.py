@@ -26,6 +26,15 @@ from lfcal.progress import Work
 __all__ = ["Look", "Station", "in_limits", "open_station", "read_target", "with_defaults"]
 
 R = TypeVar("R")
+Choice = tuple[Mapping[str, str], str]
+"""Options of a backend, and the backend of the stage."""
+
+DESCRIBED = ("sim",)
+"""Backends whose frames are those of a description."""
+
+SEEN = ("camera", "period", "cutout", "depths_um", "anchor", "resample")
+"""What of a plan is seen in such frames; exposure and stage are set, not described."""
+
 MOVE_TIMEOUT_S = 60.0
 SETTLE_S = 0.1
 
@@ -50,12 +59,13 @@ class Station:
         The devices; closed with the station.
     name
         Of the backend, for people.
-    sensor
-        Rows and columns of the camera the devices were opened for.
+    plan, choice
+        The plan the devices were opened for; options of the backend, and the backend of the stage.
     """
 
-    def __init__(self, rig: Rig, name: str, sensor: tuple[int, int]) -> None:
-        self.rig, self.name, self.sensor = rig, name, sensor
+    def __init__(self, rig: Rig, name: str, plan: ScanPlan, choice: Choice = ({}, "")) -> None:
+        self.rig, self.name = rig, name
+        self._opened_for, self._choice = plan, (dict(choice[0]), choice[1])
         self._lock = threading.Lock()
         self._live: Generator[LiveState, float | None, None] | None = None
         self._preview = Preview(1)
@@ -76,6 +86,15 @@ class Station:
         camera = self.rig.camera
         rows, columns = camera.sensor_shape
         return f"{camera.name}, {columns} × {rows} px, {camera.bit_depth} bits; {self.rig.stage.name}"
+
+    def outdated(self, plan: ScanPlan, name: str, options: Mapping[str, str], stage: str) -> str:
+        """Return in words why these are not the devices for ``plan`` and the choice that stands; empty: they are."""
+        if (self.name, *self._choice) != (name, dict(options), stage):
+            return "Other devices are chosen now than were connected; connect them."
+        opened = self._opened_for
+        if name in DESCRIBED and any(getattr(opened, key) != getattr(plan, key) for key in SEEN):
+            return "Camera or plan changed: connect again, to see what they are now."
+        return ""
 
     # -- use -------------------------------------------------------------------------------------------
     def look(self, exposure_s: float, plan: ScanPlan) -> Look:
@@ -179,7 +198,7 @@ def open_station(plan: ScanPlan, backend: str, options: Mapping[str, str], stage
     except BaseException:
         rig.close()
         raise
-    return Station(rig, backend, plan.camera.sensor.shape)
+    return Station(rig, backend, plan, (options, stage))
 
 
 def read_target(words: str, limits: Limits) -> tuple[float | None, ...]:

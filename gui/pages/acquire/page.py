@@ -45,6 +45,11 @@ class Page(BasePage):
         self.theme_changed.connect(self.panel.apply_theme)
         self._show(context.state, folder=True)
 
+    def let_go(self) -> None:
+        """Forget what was seen, found and asked for another project; a recording under way is shown until it ends."""
+        self.setup.let_go()
+        self.record.let_go()
+
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
         """Follow plan, settings, recording and the list of positions to redo."""
         same = AcquireSettings.of(old) == AcquireSettings.of(new)

@@ -20,7 +20,7 @@ from gui.pages.acquire.model_recorder import FolderState, Recorder, RecordPictur
 from gui.pages.acquire.model_until import check_goal, error_curve
 from gui.pages.acquire.record_panel import RecordPanel
 from gui.pages.acquire.setup_tab import SetupTab
-from gui.pages.acquire.status import end_words, progress_words
+from gui.pages.acquire.status import asked_words, end_words, progress_words
 from gui.pages.acquire.step import step
 from lfcal.errors import LfcalError, StorageError
 from lfcal.units import format_length
@@ -52,6 +52,8 @@ class RecordTab(QObject):
         self.folder = FolderState()
         self.after = Afterwards(context, panel, lambda: self.recording)
         self._job, self._lamp = 0, ""
+        self._under_way: Job | None = None
+        """The recording as it was told last."""
         self.poll_timer = QTimer(self)
         self.poll_timer.setInterval(POLL_MS)
         self.poll_timer.timeout.connect(self._poll)
@@ -88,6 +90,11 @@ class RecordTab(QObject):
         self.show_controls()
         if self.recorder is None:
             self._refresh_picture()
+
+    def let_go(self) -> None:
+        """Open no folder any more for the project before."""
+        for group in ("acquire folder chosen", "acquire folder", "acquire start"):
+            self.context.jobs.drop(group)
 
     def _forget(self) -> None:
         """Let go of what was recorded before: it is of another folder."""
@@ -139,6 +146,7 @@ class RecordTab(QObject):
 
     def _look_into_folder(self) -> None:
         path = self.context.state.recording
+        self.context.jobs.drop("acquire folder")  # it may hang
         self.context.jobs.load("acquire folder", lambda: folder_state(path), self._folder_seen)
 
     def _folder_seen(self, found: FolderState) -> None:
@@ -251,13 +259,15 @@ class RecordTab(QObject):
                 taken=self.context.taken("acquire", f"Record {folder.name}", str(folder), recorded),
             )
         )
+        self._under_way = next((job for job in self.context.jobs.jobs() if job.number == self._job), None)
+        self._show_progress()
         self.poll_timer.start()
 
     def _set_job(self, number: int) -> None:
         """Take the devices for a job, or give them back (0)."""
         self._job, self.setup.reserved = number, bool(number)
         if number:
-            held = Hold(HELD, ("camera", "plan", "recording"), ("acquire",), self.context.message.emit)
+            held = Hold(HELD, ("camera", "plan", "recording"), ("acquire",), self.context.refused.emit)
             self.context.project.hold(held)
         else:
             self.context.project.release()
@@ -269,12 +279,14 @@ class RecordTab(QObject):
         if self.recorder is not None and self._job:
             control = self.recorder.control
             (control.resume if control.pausing else control.pause)()
+            self._show_progress()
             self.show_controls()
 
     def _ask(self, what: str) -> None:
         if self.recorder is not None and self._job:
             getattr(self.recorder.control, what)()
             self.panel.buttons[what].setEnabled(False)
+            self._show_progress()
 
     def _poll(self) -> None:
         """Show the newest frame and the quality; the recording thread never waits for this."""
@@ -320,9 +332,22 @@ class RecordTab(QObject):
         self._lamp = picture.lamp
 
     def _job_changed(self, job: Job) -> None:
-        if job.number != self._job or job.progress is None or self.recorder is None or not job.active:
+        if job.number == self._job and job.active:
+            self._under_way = job
+            self._show_progress()
+
+    def _show_progress(self) -> None:
+        """Show how far the recording is, or at once what it was asked to do: the position under way may be long."""
+        job, recorder = self._under_way, self.recorder
+        if job is None or recorder is None or not self.recording:
             return
-        self.panel.show_status(*progress_words(self.recorder, job.progress, self._lamp))
+        asked = asked_words(recorder.control, stopping=job.stopping)
+        if job.progress is None:
+            self.panel.show_status(asked or "Beginning …", "", None)
+            return
+        words, detail, fraction = progress_words(recorder, job.progress, self._lamp)
+        said = (asked, words) if asked else (words, detail)
+        self.panel.show_status(*said, fraction)
 
     def _show_error(self) -> None:
         """Show the error of H of a recording that ends by it; of another one the depth-plane sum."""
@@ -339,7 +364,9 @@ class RecordTab(QObject):
     def _recorded(self, outcome: Any) -> None:
         words = f"{outcome.how}: {outcome.acknowledged} of {outcome.total} positions are safe"
         self.context.message.emit(words)
-        if outcome.how == "complete" and self.recorder is not None and self.recorder.redo:
+        recorder = self.recorder
+        own = recorder is not None and recorder.folder == Path(self.context.state.recording)
+        if outcome.how == "complete" and recorder is not None and recorder.redo and own:
             self.context.project.update("positions recorded again", redo=())
 
     def _failed(self, _: Job) -> None:
@@ -349,6 +376,7 @@ class RecordTab(QObject):
         if job.number != self._job:
             return
         self._set_job(0)
+        self._under_way = None
         self.poll_timer.stop()
         if self.recorder is not None and self.recorder.folder != Path(self.context.state.recording):
             self._forget()  # another project was begun meanwhile

@@ -226,6 +226,8 @@ class SetupPanel(QWidget):
         """Enable what needs devices; ``free``: nothing else uses them now."""
         for widget in (self.live, *self.find_buttons.values()):
             widget.setEnabled(connected and free)
+        for button in self.use_buttons.values():  # what was found can be used without the devices
+            button.setEnabled(free)
         self.stage.set_free(connected and free)
         self.stage.stop.setEnabled(connected)
         if not connected:
@@ -265,6 +267,19 @@ class SetupPanel(QWidget):
         self.predicted.set_image(picture.predicted, name="predicted")
         words = "correlation –" if math.isnan(picture.correlation) else f"correlation {picture.correlation:.2f}"
         self.correlation.setText(f"{words}; {note}" if note else words)
+
+    def show_nothing(self) -> None:
+        """Show no live frame, and nothing of one."""
+        self.view.set_frame(None, (0.0, 1.0))
+        self.view.set_lattice(None)
+        self.view.clear_cutout()
+        self.histogram.clear()
+        for view in (self.seen, self.predicted):
+            view.set_image(None)
+        self.numbers.setText("–")
+        self.spot.setText("–")
+        for label in (self.saturated, self.correlation):
+            label.setText("")
 
     def show_result(self, key: str, words: str, *, good: bool = True, usable: bool = False) -> None:
         """Show what was found; what is bad is red."""

@@ -22,6 +22,8 @@ from gui.pages.acquire.model_stills import ASKED, KINDS, iter_stills, still_file
 from gui.pages.acquire.moves import StageMoves
 from gui.pages.acquire.setup_panel import FINDINGS, SetupPanel
 from gui.saving import may_replace
+from gui.workers import start_thread, wait_for
+from lfcal.camera import ScanPlan
 from lfcal.devices.simulated.faults import Fault
 from lfcal.errors import LfcalError
 from lfcal.psf import PSFMatrix
@@ -29,6 +31,8 @@ from lfcal.psf import PSFMatrix
 __all__ = ["SetupTab"]
 
 LIVE_MS = 30
+RELEASE_S = 5.0
+"""How long closing the window waits for devices to be released (s)."""
 QUICK = "the simulator's quick pattern has no lenslets: set optics under Options"
 MEASURING = "measuring …"
 
@@ -53,6 +57,7 @@ class SetupTab(QObject):
         """Whether a session is being recorded."""
         self.connecting = False
         self._job = 0
+        self._scene: Any = None
         self._looked_for = False
         self._then: Callable[[], None] | None = None
         self.live_timer = QTimer(self)
@@ -91,6 +96,39 @@ class SetupTab(QObject):
         self.panel.faults.set_faults(dict(chosen.device_options).get("faults", ""))
         if self.panel.exposure.value() == self.panel.exposure.minimum():
             self.panel.set_exposure(state.plan.exposures[0])
+        self._forget_others(state.plan)
+        self._check_station()
+
+    def let_go(self) -> None:
+        """Forget what was seen and found for the project before, and what was to be done once it is connected."""
+        self._then = None
+        for key in self.panel.results:
+            self._forget(key)
+        self.panel.show_nothing()
+
+    def _forget(self, key: str) -> None:
+        self.found.pop(key, None)
+        self.panel.show_result(key, "")
+
+    def _forget_others(self, plan: ScanPlan) -> None:
+        """Forget what was found of other optics or planes; how the stage moves is true of any."""
+        scene = _scene(plan)
+        if self._scene not in (None, scene):
+            for key in ("axis", "exposure"):
+                self._forget(key)
+        self._scene = scene
+
+    def _check_station(self) -> None:
+        """Let go of devices that are not those of the project any more, unless they are at work."""
+        plan, chosen = self.context.state.plan, AcquireSettings.of(self.context.state)
+        if plan is None or self.station is None or not self.free:
+            return
+        choice = chosen.backend, dict(chosen.device_options), chosen.stage
+        if why := self.station.outdated(plan, *choice):
+            self.disconnect_devices()
+            self.panel.show_nothing()
+            self.panel.devices.set_connected(why, connected=False)
+            self.context.message.emit(why)
 
     @property
     def free(self) -> bool:
@@ -99,6 +137,7 @@ class SetupTab(QObject):
 
     def show_controls(self) -> None:
         """Enable what can be used now."""
+        self._check_station()
         connected = self.station is not None
         self.panel.set_connected(connected, free=self.free)
         self.panel.faults.set_connected(connected, busy=self.connecting)
@@ -148,9 +187,11 @@ class SetupTab(QObject):
         self.station, self.connecting = station, False
         self.panel.devices.set_connected(station.title, connected=True)
         self.panel.stage.set_limits(station.limits)
+        then, self._then = self._then, None
         self._changed()
-        if self._then is not None:
-            then, self._then = self._then, None
+        if self.station is None:  # opened for what the project was before
+            return
+        if then is not None:
             then()
         else:
             self.panel.live.setChecked(True)
@@ -165,14 +206,17 @@ class SetupTab(QObject):
         """Release the devices."""
         station, self.station = self.station, None
         if station is not None:
-            self.context.jobs.compute("acquire connect", station.close, lambda _: None, self.context.message.emit)
+            # in a thread of its own: it is done, also where the window closes next
+            group = f"acquire release {id(station)}"
+            self.context.jobs.load(group, station.close, lambda _: None, self.context.message.emit)
         self.panel.devices.set_connected("", connected=False)
         self.panel.stage.set_limits(None)
         self._changed()
 
     def _close_station(self) -> None:
+        """Release the devices as the window closes; one that does not answer does not keep it open."""
         if self.station is not None:
-            self.station.close()
+            wait_for([start_thread(self.station.close, "lfcal-release")], RELEASE_S)
             self.station = None
 
     # -- live view -------------------------------------------------------------------------------------
@@ -239,7 +283,7 @@ class SetupTab(QObject):
             "axis": lambda: library.iter_optical_axis(station.rig, plan, options=options),
             "exposure": lambda: library.iter_exposures(station.rig, plan, options=options),
         }
-        self._start(key, lambda: station.use(works[key]()), lambda found: self._found(key, found))
+        self._start(key, lambda: station.use(works[key]()), lambda found: self._found(key, found, plan))
 
     def _start(self, key: str, work: Callable[[], Any], done: Callable[[Any], None]) -> None:
         """Use the devices for a job whose result stands below its button."""
@@ -277,9 +321,10 @@ class SetupTab(QObject):
             lambda found: self.panel.show_result(kind, found.words()),
         )
 
-    def _found(self, key: str, found: Any) -> None:
+    def _found(self, key: str, found: Any, asked: ScanPlan) -> None:
         plan = self.context.state.plan
-        if plan is None:
+        if plan is None or _scene(plan) != _scene(asked):
+            self.panel.show_result(key, "Camera or planes changed meanwhile; measure again.")
             return
         self.found[key] = found
         if key == "stage":
@@ -297,12 +342,11 @@ class SetupTab(QObject):
         if plan is None or found is None:
             return
         if key == "stage":
-            changed = replace(plan, stage=found.axes)
-            self.context.project.update("stage axes as measured", plan=changed)
+            if not self.context.project.update("stage axes as measured", plan=replace(plan, stage=found.axes)):
+                return
             self.context.attention.emit("acquire", False)
             self.panel.show_result(key, "Taken into the plan. Measure again to check.")
-        else:
-            self.context.project.update("exposures as measured", plan=replace(plan, exposure_s=found))
+        elif self.context.project.update("exposures as measured", plan=replace(plan, exposure_s=found)):
             self.panel.show_result(key, findings.exposure_words(found, plan))
 
     def _job_finished(self, job: Job) -> None:
@@ -318,6 +362,11 @@ class SetupTab(QObject):
     def _changed(self) -> None:
         self.show_controls()
         self.changed.emit()
+
+
+def _scene(plan: ScanPlan) -> tuple[Any, ...]:
+    """Return what exposures and the optical axis are found for."""
+    return plan.camera, plan.depths_um
 
 
 def _backends() -> tuple[Any, dict[str, Any], dict[str, bool]]:

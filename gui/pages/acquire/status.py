@@ -5,10 +5,11 @@ from __future__ import annotations
 from gui.jobs import Job, JobState
 from gui.pages.acquire.model_recorder import Recorder
 from gui.pages.acquire.model_until import until_words
+from lfcal.acquire.control import Control
 from lfcal.progress import Progress
 from lfcal.units import format_seconds
 
-__all__ = ["end_words", "progress_words"]
+__all__ = ["asked_words", "end_words", "progress_words"]
 
 
 def progress_words(recorder: Recorder, record: Progress, lamp: str) -> tuple[str, str, float | None]:
@@ -21,6 +22,17 @@ def progress_words(recorder: Recorder, record: Progress, lamp: str) -> tuple[str
     pace = f"{rate:.0f} per second, about {format_seconds(left)} to go" if left else ""
     words = f"{record.done} of {record.total} positions"
     return words, _joined(record.note or pace, lamp), record.fraction
+
+
+def asked_words(control: Control, *, stopping: bool) -> str:
+    """Return what a recording was asked to do and has not done yet; ``stopping``: its job is to stop."""
+    if control.aborting:
+        return "Aborting: nothing more is taken …"
+    if control.stopping or stopping:
+        return "Stopping once the position under way is safe …"
+    if control.pausing and control.held != "paused":
+        return "Pausing once the position under way is safe …"
+    return "Going on …" if control.held == "paused" and not control.pausing else ""
 
 
 def end_words(job: Job, ended: str) -> tuple[str, float]:

@@ -89,13 +89,16 @@ class Page(BasePage):
         held = "" if camera is None else self.context.project.held(replace(self.context.state, camera=camera))
         return why or held
 
-    def _set(self, camera: Camera, label: str) -> None:
+    def _set(self, camera: Camera, label: str) -> bool:
+        """Take a camera; return False where that was refused."""
         before = self.context.state.plan
-        self.context.project.update(label, **state_with(self.context.state, camera))
+        if not self.context.project.update(label, **state_with(self.context.state, camera)):
+            return False
         if before is not None and self.context.state.plan is None:
             words = "The plan was of the other camera and is gone with it. Undo brings both back."
             self.context.message.emit(words)
             self.notice.offer(words, "Undo", lambda: self._take_back(label), stay="Leave it so")
+        return True
 
     def _take_back(self, label: str) -> None:
         """Bring back what was there before another camera was taken, unless something else was done since."""
@@ -127,9 +130,9 @@ class Page(BasePage):
             return
 
         def read(found: Imported) -> None:
-            self._set(found.camera, f"import of {Path(path).name}")
-            self.context.message.emit(f"camera taken from {path}")
-            self._tell(found)
+            if self._set(found.camera, f"import of {Path(path).name}"):
+                self.context.message.emit(f"camera taken from {path}")
+                self._tell(found)
 
         self.load(Path(path).name, lambda: _checked(import_camera(path)), read)
 
@@ -212,8 +215,8 @@ class Page(BasePage):
 
     def _take_measured(self) -> None:
         if self._checked is not None and self._checked.check.camera is not None:
-            self._set(self._checked.check.camera, f"lattice measured in {self._checked.name}")
-            self.panel.check.show_taken()
+            if self._set(self._checked.check.camera, f"lattice measured in {self._checked.name}"):
+                self.panel.check.show_taken()
 
 
 def _checked(found: Imported) -> Imported:

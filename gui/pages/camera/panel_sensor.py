@@ -44,10 +44,10 @@ class SensorDialog(QDialog):
     parent, context
         The page, and what it may use of the window.
     take
-        Called with the camera as measured, and a label for undoing it.
+        Called with the camera as measured, and a label for undoing it; returns whether it was taken.
     """
 
-    def __init__(self, parent: QWidget, context: Context, take: Callable[[Camera, str], None]) -> None:
+    def __init__(self, parent: QWidget, context: Context, take: Callable[[Camera, str], bool]) -> None:
         super().__init__(parent)
         self.setWindowTitle("Measure the sensor")
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
@@ -192,7 +192,9 @@ class SensorDialog(QDialog):
         if camera is None:
             self.words.setText(why)
             return
-        self._take_over(camera, "measured sensor")
+        if not self._take_over(camera, "measured sensor"):
+            self.words.setText("The camera stays as it is while a session is being recorded; take it over afterwards.")
+            return
         self.words.setText("The measured sensor is the camera's now; save the camera to use it elsewhere.")
         self.take_button.setEnabled(False)
 

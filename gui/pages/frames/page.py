@@ -163,8 +163,10 @@ class Page(BasePage):
         if found.plan is not None:
             changes |= {"plan": found.plan, "camera": found.plan.camera}
         self._ready = found
-        self.context.project.update("open frames", **changes)
-        if self._ready is not None:  # the project had them before
+        if not self.context.project.update("open frames", **changes):
+            self._ready = None
+            found.close()
+        elif self._ready is not None:  # the project had them before
             self._open()
 
     def accept_drop(self, paths: list[str]) -> bool:
@@ -300,7 +302,13 @@ class Page(BasePage):
             if opened is self.opened and where == self.position:  # else another is looked at, which may have none
                 self._loaded(found)
 
-        self.context.jobs.compute("frames load", lambda: load_frame(opened, where), loaded, self.refuse)
+        def failed(words: str) -> None:
+            self.context.message.emit(words)
+            if opened is self.opened and where == self.position:  # the picture of another must not stand for it
+                self.loaded = None
+                self.panel.show_missing(words)
+
+        self.context.jobs.compute("frames load", lambda: load_frame(opened, where), loaded, failed)
 
     def _step(self, dy: int, dx: int) -> None:
         if self.opened is not None:

@@ -55,6 +55,7 @@ class Page(BasePage):
         self.reference: PSFMatrix | None = None
         self.plane: LoadedPlane | None = None
         self.reference_plane: LoadedPlane | None = None
+        self._asked = ""  # a file that is opened for the project
         self._export_intent = ExportSettings.of(context.state).on(ExportIntent())
         self._held = False
         self._levels: Mapping[str, tuple[float, float]] = {}
@@ -88,6 +89,12 @@ class Page(BasePage):
         self.shortcut("G", lambda: self.panel.toggle_scale("gamma"))
 
     # -- files -----------------------------------------------------------------------------------------
+    def let_go(self) -> None:
+        """Open no file any more that the project before was to take."""
+        asked, self._asked = self._asked, ""
+        if asked and self.context.matrices.opening(asked):
+            self.context.forget(asked)
+
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
         """Open what the project names now."""
         if (old.psf, old.reference) != (new.psf, new.reference):
@@ -196,6 +203,7 @@ class Page(BasePage):
             self.notice.clear()
             self.context.project.update(label, **changes)
 
+        self._asked = path
         self.notice.wait(f"Opening {Path(path).name} …", lambda: self.context.matrices.cancel(path))
         self.context.matrices.take(path, opened, self.refuse)
 
@@ -291,6 +299,8 @@ class Page(BasePage):
 
         def failed(words: str) -> None:
             self.context.message.emit(words)
+            if matrix is self.matrix:
+                self.panel.show_no_plane(words)
             self._load_sums(matrix)
 
         self.context.jobs.compute("psf plane", lambda: read_plane(matrix, reference, z), self._plane_read, failed)
@@ -312,7 +322,7 @@ class Page(BasePage):
         self.context.jobs.compute(
             "psf aperture",
             lambda: _apertures_of(matrix, loaded.plane.z),
-            self._show_aperture,
+            lambda found: self._show_aperture(loaded, found),
             self.panel.aperture_text.setText,
         )
         self._load_sums(matrix)
@@ -326,8 +336,8 @@ class Page(BasePage):
         unit = shown_unit(self.intent, self.matrix, self.reference)
         self.panel.show_picture(picture, self.intent, None if own else self._levels.get(self.intent.show), unit)
 
-    def _show_aperture(self, found: dict[str, Any]) -> None:
-        if self.matrix is not None:
+    def _show_aperture(self, loaded: PlaneData, found: dict[str, Any]) -> None:
+        if self.matrix is not None and loaded.plane is self.plane:  # else it is of a plane that was looked at before
             self.panel.show_aperture(found["fitted"], found["expected"], self.matrix.cutout)
 
 

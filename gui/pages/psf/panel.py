@@ -253,6 +253,18 @@ class PSFPanel(QWidget):
         self.expected.setData([], [])
         self.aperture_text.setText("fitting the aperture …")
 
+    def show_no_plane(self, words: str) -> None:
+        """Show no picture, and why: a plane that cannot be read must not have those of another."""
+        for view in (self.main_view, self.linked_view, self.sum_view):
+            view.blank.words = "This plane cannot be read."
+            view.set_image(None)
+        self.map.clear()
+        self.profile.clear()
+        for curve in (self.outline, self.expected):
+            curve.setData([], [])
+        self.aperture_text.setText("")
+        self.readout.setText(words)
+
     def show_picture(self, picture: PSFPicture, intent: PSFIntent, levels: Levels, unit: str) -> None:
         """Show the main and the linked picture with values in ``unit``; ``levels`` None: each fills the scale."""
         self._show_unit(unit)

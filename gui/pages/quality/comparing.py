@@ -91,6 +91,12 @@ class Comparing:
             self._panel.show_message(gone if now is None else READY)
         self._show_buttons()
 
+    def let_go(self) -> None:
+        """Forget what was compared in another project."""
+        self.release()
+        self._asked = None
+        self._panel.show_message(NONE)
+
     def release(self) -> None:
         """Forget what was compared, and stop what is at work."""
         number, self._job = self._job, 0
@@ -110,12 +116,20 @@ class Comparing:
         # known to be good before the project takes it
         self._panel.show_message(f"Opening {Path(path).name} …")
 
+        begun = self._context.project.begun
+
         def taken() -> None:
+            if begun != self._context.project.begun:  # the project it was opened for is no longer open
+                if path not in (self._context.state.psf, self._context.state.reference):
+                    self._context.forget(path)
+                return
             self._context.project.update("second H", reference=path)
             self.follow()
             self.compare()
 
         def refused(words: str) -> None:
+            if begun != self._context.project.begun:
+                return
             self._asked = None
             self.follow()
             self._panel.show_message(words)

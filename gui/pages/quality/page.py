@@ -84,6 +84,10 @@ class Page(BasePage):
         """What the user chose."""
         return QualitySettings.of(self.context.state)
 
+    def let_go(self) -> None:
+        """Forget what was compared in another project."""
+        self.comparing.let_go()
+
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
         """Let go of what belongs to another H."""
         if (old.psf, old.reference) != (new.psf, new.reference):

@@ -102,6 +102,11 @@ class Solving:
         """End after the iteration under way; what there is stays, and `work` goes on from it."""
         self._stop.set()
 
+    @property
+    def stopping(self) -> bool:
+        """Whether it was asked to end."""
+        return self._stop.is_set()
+
     def fits(self, psf: str, settings: ReconstructSettings) -> bool:
         """Return whether one can go on with ``settings``: all but iterations and the saved voxels is the same."""
         same = replace(settings, iterations=self.settings.iterations, voxel=self.settings.voxel)
@@ -109,8 +114,13 @@ class Solving:
 
     def work(self, iterations: int | None = None) -> Work[SolverState | None]:
         """Iterate, as many times as the settings say or so many; goes on where an earlier call stopped."""
-        self._stop.clear()
+        self._stop.clear()  # by whoever asks for it: what is to stop before it has begun does
+        return self._work(iterations)
+
+    def _work(self, iterations: int | None) -> Work[SolverState | None]:
         yield from self._prepare()
+        if self._stop.is_set():
+            return self.state
         settings = self.settings if iterations is None else self.settings.changed("iterations", iterations)
         choice = replace(settings.choice(), margin=self._margin)
         self.stopped = ""
@@ -137,12 +147,16 @@ class Solving:
         from lfcal.psf import open_psf
         from lfcal.psf.voxels import voxel_um
 
-        self._matrix = open_psf(self.psf)
+        if self._matrix is None:
+            self._matrix = open_psf(self.psf)
         shape = self.image.shape[0], self.image.shape[1]
         self._margin = self.settings.choice_for(self._matrix, shape).margin
         projector = projector_for(self._matrix, shape, self.settings)
         if not self.settings.choice().solver.in_parts:
-            yield from projector.iter_prepare()
+            for record in projector.iter_prepare():
+                yield record
+                if self._stop.is_set():
+                    return
         if projector.camera is not None:
             self.depths = projector.depths
             self.voxel_um = voxel_um(self._matrix)

@@ -28,6 +28,7 @@ from lfcal.units import format_seconds
 __all__ = ["Page"]
 
 IMAGES = "Light fields (*.tif *.tiff *.png *.pgm *.npy *.raw *.nef *.cr2 *.dng);;All files (*)"
+STOPPING = "stopping after the iteration under way …"
 FOLLOWED = ("psf", "light_field", "volume")
 
 
@@ -69,6 +70,17 @@ class Page(BasePage):
     def settings(self) -> ReconstructSettings:
         """What the user chose."""
         return ReconstructSettings.of(self.context.state)
+
+    def let_go(self) -> None:
+        """Forget the volume of the project before, and stop what is at work on it."""
+        number, self._job = self._job, 0  # whose end closes H
+        if number:
+            self.context.jobs.cancel(number)
+        else:
+            self._close()
+        self.solving = self.synthetic = self.saved = None
+        self.panel.show_no_volume()
+        self._show_controls()
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
         """Follow H, light field and settings."""
@@ -134,7 +146,7 @@ class Page(BasePage):
         same = self.solving is not None and self.solving.fits(state.psf, self.settings)
         same = same and self._opened == state.light_field
         buttons["start"].setEnabled(ready and not running)
-        buttons["stop"].setEnabled(running)
+        buttons["stop"].setEnabled(running and not (self.solving is not None and self.solving.stopping))
         buttons["more"].setEnabled(done and same and not running)
         buttons["save"].setEnabled(done)
         for widget in (self.panel.form, self.panel.open, self.panel.make):
@@ -231,14 +243,17 @@ class Page(BasePage):
             path = ask_target(self, "Light field to make", str(name), "TIFF (*.tif)")
         if path:
             self.panel.file.setText(f"making {Path(path).name} …")
+            begun = self.context.project.begun
             self.context.jobs.compute(
                 "reconstruct make",
                 lambda: make_light_field(matrix, phantom, path, shape=shape),
-                self._made,
+                lambda synthetic: self._made(synthetic, begun),
                 self._not_loaded,
             )
 
-    def _made(self, synthetic: Synthetic) -> None:
+    def _made(self, synthetic: Synthetic, begun: int) -> None:
+        if begun != self.context.project.begun:
+            return
         self.synthetic = synthetic
         if self.context.state.light_field == synthetic.path:
             self._load()  # the same file holds something else now
@@ -274,6 +289,7 @@ class Page(BasePage):
         if self.image is None or self._job:
             return
         self._close()
+        self.saved = None
         made = self.synthetic
         truth = made.truth if made is not None and made.path == self._opened else None
         self.solving = Solving(self.context.state.psf, self.image, self.settings, truth)
@@ -287,20 +303,26 @@ class Page(BasePage):
 
     def stop(self) -> None:
         """End after the iteration under way."""
-        if self.solving is not None:
+        if self.solving is not None and self._job:
             self.solving.stop()
+            self.panel.show_status(STOPPING, None)
+            self._show_controls()
         if self._job in self.context.jobs.waiting():
             self.context.jobs.cancel(self._job)
 
     def _run(self) -> None:
-        solving, count = self.solving, self.settings.iterations
+        solving = self.solving
         assert solving is not None
+        work = solving.work(self.settings.iterations)
         title = f"Reconstruct by {solving.settings.solver}"
         taken = self.context.taken("reconstruct", title, draft=True)
         jobs, needs = self.context.jobs, (solving.psf,)
-        self._job = jobs.start(
-            title, "reconstruct", lambda: solving.work(count), abandon=True, needs=needs, taken=taken
-        )
+
+        def ended(_: Job) -> None:
+            if solving is not self.solving:  # another project was begun meanwhile
+                solving.close()
+
+        self._job = jobs.start(title, "reconstruct", lambda: work, on_end=ended, abandon=True, needs=needs, taken=taken)
         self.panel.show_running()
         self.panel.show_status(WAITS if self._job in jobs.waiting() else "setting up …", None)
         self._show_controls()
@@ -309,6 +331,9 @@ class Page(BasePage):
         if job.number != self._job or job.progress is None or self.solving is None or not job.active:
             return
         record = job.progress
+        if self.solving.stopping or job.stopping:
+            self.panel.show_status(STOPPING, record.fraction)
+            return
         self.panel.show_status(f"{record.stage}: {record.done} of {record.total}<br>{record.note}", record.fraction)
         self._show_progress()
 
@@ -330,6 +355,8 @@ class Page(BasePage):
             self.panel.show_volume(truth, solving.depths, "True volume of the light field")
             return
         title = f"Volume after {solving.state.iteration} iterations, {format_seconds(solving.state.seconds)}"
+        if solving.psf != self.context.state.psf:
+            title += f", by {Path(solving.psf).name}"
         self.panel.show_volume(solving.volume, solving.depths, title)
 
     def _job_finished(self, job: Job) -> None:
@@ -355,10 +382,12 @@ class Page(BasePage):
     def _load_volume(self) -> None:
         """Show the volume of the project until there is a newer one."""
         if self.solving is None:
+            self.saved = None
+            self.panel.show_no_volume()
             self.volume_file.load()
 
     def _volume_loaded(self, path: str, volume: NDArray[Any]) -> None:
-        if self.solving is None:
+        if self.solving is None and path == self.context.state.volume:
             self.saved = volume
             self.panel.show_volume(volume, None, f"Volume {Path(path).name}")
 

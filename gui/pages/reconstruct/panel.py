@@ -260,6 +260,16 @@ class ReconstructPanel(QWidget):
         self.hint.setText(text)
         self.stack.setCurrentWidget(self.hint)
 
+    def show_no_volume(self) -> None:
+        """Show none, and nothing of how one came to be."""
+        self.stack.setCurrentWidget(self.hint)
+        self.title.setText("Volume")
+        self.volume.set_volume(None)
+        self.shown.hide()
+        self.residual.clear()
+        self.likelihood.clear()
+        self.show_status("", 0.0)
+
     def show_volume(self, volume: NDArray[Any], depths_um: NDArray[np.float64] | None, title: str) -> None:
         """Show a volume ``(Z, Y, X)``."""
         self.stack.setCurrentWidget(self.volume)

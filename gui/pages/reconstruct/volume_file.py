@@ -53,8 +53,10 @@ class VolumeFile(QObject):
             save_volume(path, placed.volume, depths_um=depths, voxel_um=placed.voxel_um, details=placed.details)
             return path
 
-        taken = self._taken(solving, path)
-        self._context.jobs.compute("reconstruct save", write, lambda path: self._saved(path, taken), self._page.refuse)
+        taken, begun = self._taken(solving, path), self._context.project.begun
+        self._context.jobs.compute(
+            "reconstruct save", write, lambda path: self._saved(path, taken, begun), self._page.refuse
+        )
 
     def _taken(self, solving: Solving, path: str) -> Taken:
         """Return the reconstruction, with all its iterations, for the history."""
@@ -65,16 +67,18 @@ class VolumeFile(QObject):
         title = f"Reconstruct {Path(path).name} by {solving.settings.solver}"
         return self._context.taken("reconstruct", title, path, lambda: step(state, path))
 
-    def _saved(self, path: str, taken: Taken) -> None:
+    def _saved(self, path: str, taken: Taken, begun: int) -> None:
         self._context.history.add(taken)
         self._context.message.emit(f"volume saved as {path}")
-        self._context.project.update("reconstruction", volume=path)
+        if begun == self._context.project.begun:  # else it is of a project that is no longer open
+            self._context.project.update("reconstruction", volume=path)
 
     def load(self) -> None:
         """Read the project's volume if there is one."""
         from lfcal.reconstruct.volumes import load_volume
 
         path = self._context.state.volume
+        self._context.jobs.drop("reconstruct volume")
         if path and Path(path).exists():
             self._context.jobs.load(
                 "reconstruct volume",

@@ -67,6 +67,15 @@ class FramePanel(QWidget):
         self.view.set_cutout(top, left, (nt, ns), (top + nt // 2, left + ns // 2))
         self.words.setText(frame.words())
 
+    def show_none(self) -> None:
+        """Take away a frame of another plan, or of other choices."""
+        self.frame = None
+        self.make_button.setEnabled(True)
+        self.save_button.setEnabled(False)
+        self.view.set_frame(None, (0.0, 1.0))
+        self.view.clear_cutout()
+        self.words.setText("Plan or choices changed since a frame was made: make one anew.")
+
     def save(self, path: str = "") -> None:
         """Write the samples of the frame."""
         frame = self.frame

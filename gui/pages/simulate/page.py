@@ -44,6 +44,8 @@ class Page(BasePage):
         self._computing = False
         self._measuring = 0
         self._ladder: Any = None
+        self._asked: tuple[Any, ...] = (None, None)
+        """Plan and settings of the frame that is shown, or being made."""
         self.tool_button("Measure accuracy", "Time and error of every level and sampling for this camera", self.ladder)
         self.tool_button(
             "Simulate frames …", "Write the frames of the whole plan to a folder, as a job", self.simulate_frames
@@ -83,8 +85,27 @@ class Page(BasePage):
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
         """Ask the planner again if plan or settings changed, or where the camera's values come from."""
         marks = old.camera.marks != new.camera.marks
+        if old.plan != new.plan:
+            self._forget_ladder()
+        elif SimulateSettings.of(old).tolerance != SimulateSettings.of(new).tolerance:
+            self._show_ladder()
+        if (new.plan, SimulateSettings.of(new)) != self._asked:
+            self._forget_frame()
         if old.plan != new.plan or marks or SimulateSettings.of(old) != SimulateSettings.of(new):
             self._show(new)
+
+    def _forget_ladder(self) -> None:
+        """Take away what was measured of another plan, and stop measuring it."""
+        number, self._measuring = self._measuring, 0
+        self.context.jobs.cancel(number)
+        self._ladder = None
+        self.panel.show_no_ladder()
+
+    def _forget_frame(self) -> None:
+        """Take away a frame that was made for another plan, or with other choices."""
+        if self._asked != (None, None):
+            self._asked = (None, None)
+            self.panel.frame.show_none()
 
     def _show(self, state: ProjectState) -> None:
         if state.plan is None:
@@ -225,15 +246,17 @@ class Page(BasePage):
         asked = frame_question(verdict, panel.effect.place)
         panel.show_frame_tab()
         panel.frame.show_waiting()
+        self._asked = question = (self.context.state.plan, self.settings)
         self.context.jobs.compute(
             "simulate frame",
             lambda: self.bench.frame(asked),
-            self._framed,
-            lambda why: panel.frame.show_frame(None, why),
+            lambda frame: self._framed(question, frame),
+            lambda why: self._framed(question, None, why),
         )
 
-    def _framed(self, frame: Frame | None) -> None:
-        self.panel.frame.show_frame(frame)
+    def _framed(self, question: tuple[Any, ...], frame: Frame | None, why: str = "") -> None:
+        if question == self._asked:
+            self.panel.frame.show_frame(frame, why)
 
     # -- files -------------------------------------------------------------------------------------------
     def import_magnitudes(self, path: str = "") -> None:
@@ -333,7 +356,12 @@ class Page(BasePage):
         found = getattr(job.progress, "ladder", None)
         if job.number == self._measuring and found is not None and found.rungs and found is not self._ladder:
             self._ladder = found
-            self.panel.show_ladder(found)
+            self._show_ladder()
+
+    def _show_ladder(self) -> None:
+        """Show the rungs, and which of them the tolerance picks that is asked for now."""
+        if self._ladder is not None:
+            self.panel.show_ladder(replace(self._ladder, tolerance=self.settings.tolerance))
 
     def _apply_theme(self) -> None:
         self.panel.apply_theme()

@@ -40,6 +40,7 @@ TAB_TIPS = (
     "A whole sensor frame with noise, as the camera would record it",
     "Time and error of every way to compute: which one is worth its time",
 )
+NOT_MEASURED = "Measure accuracy to see time and error of every level for this camera."
 
 
 class SimulatePanel(QWidget):
@@ -160,7 +161,7 @@ class SimulatePanel(QWidget):
         self.curve.plot.setLogMode(True, True)
         self.curve.plot.showGrid(x=True, y=True, alpha=0.15)
         self.curve.set_labels("processor time for the whole H (s)", "relative L1 error (%)")
-        self.curve_hint = QLabel("Measure accuracy to see time and error of every level for this camera.")
+        self.curve_hint = QLabel(NOT_MEASURED)
         self.curve_hint.setProperty("role", "hint")
         self.curve_hint.setWordWrap(True)
         column.addWidget(self.curve, 1)
@@ -209,6 +210,11 @@ class SimulatePanel(QWidget):
                 f"{chosen.label}: {100 * chosen.error:.2g} % error, about {format_seconds(chosen.whole_seconds)} "
                 "for H. On the page Accuracy every point has its name, and a click uses it."
             )
+
+    def show_no_ladder(self) -> None:
+        """Take away what was measured: it is of another plan."""
+        self.curve.clear()
+        self.curve_hint.setText(NOT_MEASURED)
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""

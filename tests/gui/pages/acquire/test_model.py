@@ -29,7 +29,7 @@ PLAN = small_plan((3, 4), 2)
 
 @pytest.fixture
 def station() -> Station:
-    return Station(simulated_rig(PLAN), "sim", PLAN.camera.sensor.shape)
+    return Station(simulated_rig(PLAN), "sim", PLAN)
 
 
 def test_settings_go_through_json_and_survive_damage() -> None:

@@ -343,6 +343,28 @@ def test_a_recording_keeps_its_plan_and_its_buttons(recording: Page, context: Co
     context.project.update("plan", plan=PLAN)
 
 
+def test_what_a_recording_is_asked_to_do_is_said_at_once(recording: Page, context: Context, qtbot: QtBot) -> None:
+    """Stop greyed its button, and nothing else showed that it had been heard."""
+    panel, recorder = recording.panel.record, recording.record.recorder
+    assert recorder is not None
+    assert panel.status.text().startswith("Pausing") or recorder.control.held
+    qtbot.waitUntil(lambda: recorder.control.held == "paused", timeout=GUARD_MS)
+    qtbot.waitUntil(lambda: panel.detail.text() == "paused", timeout=GUARD_MS)
+    panel.buttons["stop"].click()
+    assert panel.status.text().startswith("Stopping") and not panel.buttons["stop"].isEnabled()
+    qtbot.waitUntil(lambda: not recording.record.recording, timeout=GUARD_MS)
+    assert panel.status.text().startswith("Stopped")
+
+
+def test_a_recording_stopped_in_the_dock_says_so_too(recording: Page, context: Context, qtbot: QtBot) -> None:
+    panel, recorder = recording.panel.record, recording.record.recorder
+    assert recorder is not None
+    qtbot.waitUntil(lambda: recorder.control.held == "paused", timeout=GUARD_MS)
+    context.jobs.cancel(recording.record._job)
+    assert panel.status.text().startswith("Stopping")
+    qtbot.waitUntil(lambda: not recording.record.recording, timeout=GUARD_MS)
+
+
 def test_another_project_shows_nothing_of_the_recording_before(
     page: Page, context: Context, qtbot: QtBot, tmp_path: Path
 ) -> None:

@@ -159,6 +159,22 @@ def test_where_there_is_no_frame_nothing_of_another_is_shown(scanned: Any, conte
     assert panel.numbers.text() and panel.crop.image is not None
 
 
+def test_a_frame_that_cannot_be_read_has_no_picture(scan: Path, scanned: Any, context: Context, qtbot: QtBot) -> None:
+    """The frame before was shown in its place, and the reason stayed over all that came after."""
+    page, panel = scanned, scanned.panel
+    (scan / "0_0_2.npy").write_bytes(b"no array")
+    page.go_to(Position(0, 0, 1))
+    idle(context.jobs, qtbot)
+    assert panel.view.item.image is not None
+    page.go_to(Position(0, 0, 2))
+    idle(context.jobs, qtbot)
+    assert "0_0_2.npy" in panel.position_label.text() and panel.view.item.image is None
+    assert panel.numbers.text() == "" and panel.crop.image is None and page.loaded is None
+    page.go_to(Position(0, 0, 3))
+    idle(context.jobs, qtbot)
+    assert page.loaded is not None and panel.view.item.image is not None and not page.notice.isVisible()
+
+
 def test_without_frames_assembling_says_so(open_page: Any) -> None:
     page = open_page("frames")
     page.assemble()

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 from PySide6.QtCore import QSize
@@ -66,6 +67,35 @@ def test_a_damaged_h_says_so(window: MainWindow, qtbot: QtBot, tmp_path: Path) -
     idle(window.jobs, qtbot)
     assert page.matrix is None and "HDF5" in page.empty.label.text()
     assert "HDF5" in window.log_view.toPlainText()
+
+
+def test_a_plane_that_cannot_be_read_has_no_picture(
+    open_page: OpenPage, context: Context, qtbot: QtBot, tmp_path: Path
+) -> None:
+    """It went on reading for ever, with the pictures, the map and the aperture of the plane before."""
+    values = np.random.default_rng(0).random((3, 3, 4, 9, 9)).astype(np.float32)
+    save(PSFMatrix(values, depths=[0, 10, 20]), tmp_path / "H.h5")
+    with h5py.File(tmp_path / "H.h5", "r+") as file:
+        chunks = file["H"].id
+        mask, raw = chunks.read_direct_chunk((2, 0, 0, 0, 0))
+        chunks.write_direct_chunk((2, 0, 0, 0, 0), raw[:20] + bytes([raw[20] ^ 255]) + raw[21:], mask)
+    context.project.update("open", psf=str(tmp_path / "H.h5"))
+    page: Any = open_page("psf")
+    idle(context.jobs, qtbot)
+    panel = page.panel
+    qtbot.waitUntil(lambda: panel.map.item.image is not None, timeout=GUARD_MS)
+    idle(context.jobs, qtbot)
+    page.set_intent(z=2)
+    idle(context.jobs, qtbot)
+    for view in (panel.main_view, panel.linked_view, panel.sum_view):
+        assert view.image is None and view.blank.shown and "cannot be read" in view.blank.text()
+    assert "damaged" in panel.readout.text() and panel.map.item.image is None and not panel.profile._curves
+    assert panel.aperture_text.text() == ""
+    page._step(0, 1)
+    page.set_intent(transposed=True, z=1)
+    qtbot.waitUntil(lambda: panel.map.item.image is not None, timeout=GUARD_MS)
+    assert np.array_equal(panel.main_view.image, page.matrix.T[1, page.intent.y, page.intent.x])
+    assert panel.readout.text().startswith("Hover") and panel.aperture_text.text()
 
 
 @pytest.fixture

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -115,6 +116,38 @@ def test_stop_keeps_what_there_is(page: Page, context: Context, qtbot: QtBot, tm
     context.jobs.cancel(page._job)  # the stop button of the status area
     qtbot.waitUntil(lambda: page._job == 0, timeout=GUARD_MS)
     assert "residual" in page.panel.status.text()
+
+
+def test_stop_answers_at_once_also_while_it_is_set_up(
+    page: Page, context: Context, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It said nothing, and went through all of the preparation and an iteration first."""
+    import gui.pages.reconstruct.model_solving as module
+
+    make(page, qtbot, tmp_path / "v.tif")
+    begun, go_on, really = threading.Event(), threading.Event(), module.projector_for
+
+    def slow(*given: Any) -> Any:
+        begun.set()
+        go_on.wait(GUARD_MS / 1e3)
+        return really(*given)
+
+    page.panel.forecast.setText("")
+    qtbot.waitUntil(lambda: not context.jobs.computing, timeout=GUARD_MS)
+    monkeypatch.setattr(module, "projector_for", slow)
+    page.start()
+    solving, stop = page.solving, page.panel.buttons["stop"]
+    assert solving is not None and begun.wait(GUARD_MS / 1e3) and stop.isEnabled()
+    stop.click()
+    assert "stopping" in page.panel.status.text() and not stop.isEnabled()
+    go_on.set()
+    qtbot.waitUntil(lambda: page._job == 0, timeout=GUARD_MS)
+    assert solving.history == () and page.panel.status.text() == "stopped"
+    monkeypatch.undo()
+    page.start()
+    page.panel.buttons["stop"].click()  # before its thread has come to anything
+    qtbot.waitUntil(lambda: page._job == 0, timeout=GUARD_MS)
+    assert page.solving is not None and len(page.solving.history) <= 1
 
 
 def test_faults_come_in_words(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
