@@ -42,7 +42,7 @@ def parts_folder(out: str | os.PathLike[str]) -> Path:
 
 def check_begun(folder: Path, *, resume: bool) -> None:
     """Raise `InputError` where an earlier run left something in ``folder`` and nobody said what becomes of it."""
-    if resume or not (folder / JOURNAL).exists():
+    if resume or "begin" not in read_events(folder):  # one that was killed before it began left nothing
         return
     state = read_run(folder)
     raise InputError(
@@ -126,21 +126,39 @@ def iter_run(
         raise InputError.expected("units", "a name for each", f"{twice[0]} twice", "rename one")
     with storage_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    with only_writer(folder):
-        prints = [unit.fingerprint() for unit in units]
-        earlier = read_settled(folder)
-        units = [replace(u, settled=earlier.get(p, u.settled)) for u, p in zip(units, prints, strict=True)]
-        names = [file_name(unit, p) for unit, p in zip(units, prints, strict=True)]
-        jobs = [Job(k, unit, str(folder.absolute() / names[k])) for k, unit in enumerate(units)]
-        _sweep(folder, {Path(job.out).name for job in jobs})
-        seals = read_seals(folder)
-        try:
-            with Journal.open(folder) as journal, executor:
-                _note_settled(journal, units, prints, earlier)
-                journal.begin(title, [u.name for u in units], executor.name, executor.workers, executor.place)
-                yield from _Run(jobs, executor, journal, attempts, following, joined).steps(seals)
-        finally:
-            sweep_scratch(folder)  # what workers that were killed have left
+    try:
+        with only_writer(folder):
+            parts = yield from _run_in(folder, units, executor, title, attempts, following, joined)
+    finally:
+        with suppress(OSError):
+            folder.rmdir()  # what ended before it began leaves nothing: there was no scheduler, for one
+    return parts
+
+
+def _run_in(
+    folder: Path,
+    units: Sequence[Unit],
+    executor: Executor,
+    title: str,
+    attempts: int,
+    following: Following | None,
+    joined: bool,
+) -> Work[tuple[Path, ...]]:
+    """Do units in a folder in which nobody else works."""
+    prints = [unit.fingerprint() for unit in units]
+    earlier = read_settled(folder)
+    units = [replace(u, settled=earlier.get(p, u.settled)) for u, p in zip(units, prints, strict=True)]
+    names = [file_name(unit, p) for unit, p in zip(units, prints, strict=True)]
+    jobs = [Job(k, unit, str(folder.absolute() / names[k])) for k, unit in enumerate(units)]
+    _sweep(folder, {Path(job.out).name for job in jobs})
+    seals = read_seals(folder)
+    try:
+        with executor, Journal.open(folder) as journal:
+            _note_settled(journal, units, prints, earlier)
+            journal.begin(title, [u.name for u in units], executor.name, executor.workers, executor.place)
+            yield from _Run(jobs, executor, journal, attempts, following, joined).steps(seals)
+    finally:
+        sweep_scratch(folder)  # what workers that were killed have left
     return tuple(Path(job.out) for job in jobs)
 
 

@@ -98,6 +98,12 @@ def test_closing_stops_and_leaves_nothing_half_written(folder: Path, tmp_path: P
     assert [u.state for u in read_run(folder).units] == ["done", "waiting"]
 
 
+def test_a_run_that_was_killed_before_it_began_stops_nobody(folder: Path) -> None:
+    folder.mkdir()
+    (folder / JOURNAL).touch()
+    check_begun(folder, resume=False)
+
+
 @pytest.mark.parametrize(("joined", "room"), [(False, 4), (True, 9)])
 def test_a_disk_that_is_too_small_is_told_after_the_first_unit(
     folder: Path, monkeypatch: pytest.MonkeyPatch, joined: bool, room: int
