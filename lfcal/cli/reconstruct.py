@@ -295,6 +295,7 @@ def _solve_in_units(
         run,
         partial(iter_collect, names=names, saved=saved, results=results),
         title=f"volumes of {out.name}",
+        joined=False,
     )
     run_kept(made, out, quiet=task.quiet)
     return tuple(results)

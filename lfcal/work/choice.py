@@ -66,6 +66,7 @@ def iter_begun(
     *,
     title: str,
     following: Following | None = None,
+    joined: bool = False,
 ) -> Work[tuple[Path, ...]]:
     """Do the units of ``out``; their files stay in `parts_folder` until the caller discards it.
 
@@ -75,7 +76,7 @@ def iter_begun(
     check_begun(folder, resume=run.begun != "refuse")
     if run.begun == "discard":
         discard(folder)
-    return (yield from iter_run(units, folder, run.make(), title=title, following=following))
+    return (yield from iter_run(units, folder, run.make(), title=title, following=following, joined=joined))
 
 
 def iter_made(
@@ -87,6 +88,7 @@ def iter_made(
     title: str,
     keep: bool = False,
     in_order: bool = False,
+    joined: bool = True,
 ) -> Work[None]:
     """Do units and join their files to ``out``; yields progress over both.
 
@@ -104,9 +106,10 @@ def iter_made(
         Makes ``out`` of the units' files, in order, whole or not at all.
     keep
         Leave the units' files when ``out`` is there: more belongs to it, and who writes that discards them.
-
     in_order
         ``join`` takes a file with each step, after a first step that takes none: it begins while others are made.
+    joined
+        As in `iter_run`: not where ``out`` may be much smaller than the files.
 
     Raises
     ------
@@ -117,7 +120,8 @@ def iter_made(
     """
     following = Following(join)
     try:
-        parts = yield from iter_begun(units, out, run, title=title, following=following if in_order else None)
+        early = following if in_order else None
+        parts = yield from iter_begun(units, out, run, title=title, following=early, joined=joined)
         # not before: until now nothing of this run has the name of ``out``
         note_joining(parts_folder(out))
         yield from following.rest(parts)

@@ -26,6 +26,11 @@ class Following:
         self._taken = -1
         self._last: Progress | None = None
 
+    @property
+    def taken(self) -> int:
+        """How many files were taken."""
+        return max(0, self._taken)
+
     def advance(self, files: Sequence[Path], there: int) -> None:
         """Take a step where one of the first ``there`` files was not taken yet."""
         if self._steps is None:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from lfcal.errors import InputError, StorageError
-from lfcal.files import only_writer, storage_errors, sweep_scratch
+from lfcal.files import only_writer, require_space, storage_errors, sweep_scratch
 from lfcal.h5.probe import trust
 from lfcal.progress import Clock, Progress, Work
 from lfcal.work.executors.base import Ended, Event, Executor, What
@@ -42,7 +42,7 @@ def parts_folder(out: str | os.PathLike[str]) -> Path:
 
 def check_begun(folder: Path, *, resume: bool) -> None:
     """Raise `InputError` where an earlier run left something in ``folder`` and nobody said what becomes of it."""
-    if resume or not (folder / JOURNAL).exists():
+    if resume or "begin" not in read_events(folder):  # one that was killed before it began left nothing
         return
     state = read_run(folder)
     raise InputError(
@@ -84,6 +84,7 @@ def iter_run(
     title: str = "",
     attempts: int = ATTEMPTS,
     following: Following | None = None,
+    joined: bool = False,
 ) -> Work[tuple[Path, ...]]:
     """Do what is not done of ``units``; yields progress over all of them.
 
@@ -105,6 +106,8 @@ def iter_run(
         How often a unit is begun whose worker ends before it does.
     following
         What takes the files that are there, while others are under way; closed by the caller.
+    joined
+        Whether what they hold is written once more, to the same disk; it must have room for both.
 
     Returns
     -------
@@ -114,7 +117,7 @@ def iter_run(
     Raises
     ------
     StorageError
-        If another run works in the folder.
+        If another run works in the folder, or its disk is too small for what is yet to come.
     LfcalError
         What a unit raised, or `WorkerLost` where its workers ended again and again. What other units made stays.
     """
@@ -123,21 +126,39 @@ def iter_run(
         raise InputError.expected("units", "a name for each", f"{twice[0]} twice", "rename one")
     with storage_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    with only_writer(folder):
-        prints = [unit.fingerprint() for unit in units]
-        earlier = read_settled(folder)
-        units = [replace(u, settled=earlier.get(p, u.settled)) for u, p in zip(units, prints, strict=True)]
-        names = [file_name(unit, p) for unit, p in zip(units, prints, strict=True)]
-        jobs = [Job(k, unit, str(folder.absolute() / names[k])) for k, unit in enumerate(units)]
-        _sweep(folder, {Path(job.out).name for job in jobs})
-        seals = read_seals(folder)
-        try:
-            with Journal.open(folder) as journal, executor:
-                _note_settled(journal, units, prints, earlier)
-                journal.begin(title, [u.name for u in units], executor.name, executor.workers, executor.place)
-                yield from _Run(jobs, executor, journal, attempts, following).steps(seals)
-        finally:
-            sweep_scratch(folder)  # what workers that were killed have left
+    try:
+        with only_writer(folder):
+            parts = yield from _run_in(folder, units, executor, title, attempts, following, joined)
+    finally:
+        with suppress(OSError):
+            folder.rmdir()  # what ended before it began leaves nothing: there was no scheduler, for one
+    return parts
+
+
+def _run_in(
+    folder: Path,
+    units: Sequence[Unit],
+    executor: Executor,
+    title: str,
+    attempts: int,
+    following: Following | None,
+    joined: bool,
+) -> Work[tuple[Path, ...]]:
+    """Do units in a folder in which nobody else works."""
+    prints = [unit.fingerprint() for unit in units]
+    earlier = read_settled(folder)
+    units = [replace(u, settled=earlier.get(p, u.settled)) for u, p in zip(units, prints, strict=True)]
+    names = [file_name(unit, p) for unit, p in zip(units, prints, strict=True)]
+    jobs = [Job(k, unit, str(folder.absolute() / names[k])) for k, unit in enumerate(units)]
+    _sweep(folder, {Path(job.out).name for job in jobs})
+    seals = read_seals(folder)
+    try:
+        with executor, Journal.open(folder) as journal:
+            _note_settled(journal, units, prints, earlier)
+            journal.begin(title, [u.name for u in units], executor.name, executor.workers, executor.place)
+            yield from _Run(jobs, executor, journal, attempts, following, joined).steps(seals)
+    finally:
+        sweep_scratch(folder)  # what workers that were killed have left
     return tuple(Path(job.out) for job in jobs)
 
 
@@ -160,15 +181,22 @@ class _Run:
     """The state of a run while it lasts."""
 
     def __init__(
-        self, jobs: list[Job], executor: Executor, journal: Journal, attempts: int, following: Following | None
+        self,
+        jobs: list[Job],
+        executor: Executor,
+        journal: Journal,
+        attempts: int,
+        following: Following | None,
+        joined: bool,
     ) -> None:
         self.jobs, self.executor, self.journal, self.attempts = jobs, executor, journal, attempts
-        self.following, self.files = following, [Path(job.out) for job in jobs]
+        self.following, self.joined, self.files = following, joined, [Path(job.out) for job in jobs]
         self.shares = [0.0] * len(jobs)
         self.tries: Counter[int] = Counter()
         self.open: set[int] = set()
         self.later: list[tuple[float, Job]] = []
         self.stage = ""
+        self.least: int | None = None
 
     def steps(self, seals: Mapping[str, str]) -> Work[None]:
         try:
@@ -180,6 +208,8 @@ class _Run:
                 for event in events:
                     self._heard(event)
                     yield self._progress(event, began, kept)
+                if any(event.what is What.DONE for event in events):
+                    self._check_room()
                 if self.following is not None and not any(event.what in Ended for event in events):
                     # workers that are free have been given another unit by now
                     self.following.advance(self.files, self._there())
@@ -194,6 +224,22 @@ class _Run:
         """Return how many units are done before the first that is not."""
         return next((k for k, share in enumerate(self.shares) if share < 1.0), len(self.shares))
 
+    def _check_room(self) -> None:
+        """Raise where the disk cannot hold what is yet to come, were every unit as small as the least there is.
+
+        It is said as soon as it can be known, and not hours later by a full disk.
+        """
+        left = sum(share < 1.0 for share in self.shares)
+        if self.joined:
+            left += len(self.files) - (self.following.taken if self.following is not None else 0)
+        require_space(self.files[0].parent, left * (self.least or 0), what="what is yet to come")
+
+    def _weigh(self, path: Path) -> None:
+        """Note the size of a unit's file."""
+        with suppress(OSError):  # another machine's file may be seen here a while later
+            size = path.stat().st_size
+            self.least = size if self.least is None else min(self.least, size)
+
     def _look(self, seals: Mapping[str, str]) -> Work[None]:
         """Keep what is there and whole, and submit the rest."""
         clock = Clock("looking at what is there", len(self.jobs))
@@ -203,6 +249,7 @@ class _Run:
             # a file that was not noted was moved into place whole, and its run killed right after
             if there and seals.get(path.name) in (None, seal_of(path)):
                 self.shares[job.number] = 1.0
+                self._weigh(path)
                 self.journal.note("kept", unit=name)
                 yield clock.at(job.number + 1)
                 continue
@@ -248,6 +295,7 @@ class _Run:
             self.shares[number] = float(event.what is What.DONE)
         if event.what is What.DONE:
             self.open.remove(number)
+            self._weigh(Path(job.out))
             _trust(event)
         elif event.what is What.FAILED:
             assert event.error is not None

@@ -135,7 +135,7 @@ def test_own_solvers_cannot_be_replaced(foreign):
 
 
 def test_a_run_has_every_option_at_its_idle_value():
-    run = SolverRun()
+    run = SolverRun(3)
     assert {name: getattr(run, name) for name in OPTIONS} == OPTIONS
     with pytest.raises(InputError, match="options of solver x"):
         Solver("x", "x", lambda P, image, run: iter(()), frozenset({"speed"}))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -95,6 +96,33 @@ def test_closing_stops_and_leaves_nothing_half_written(folder: Path, tmp_path: P
     work.close()
     assert [path.suffix for path in folder.iterdir() if path.name != JOURNAL] == [".txt"]
     assert [u.state for u in read_run(folder).units] == ["done", "waiting"]
+
+
+def test_a_run_that_was_killed_before_it_began_stops_nobody(folder: Path) -> None:
+    folder.mkdir()
+    (folder / JOURNAL).touch()
+    check_begun(folder, resume=False)
+
+
+@pytest.mark.parametrize(("joined", "room"), [(False, 4), (True, 9)])
+def test_a_disk_that_is_too_small_is_told_after_the_first_unit(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, joined: bool, room: int
+) -> None:
+    """Five units of 3 MB, or ten with what is joined of them: one is there, so the others need four, or nine."""
+    size, beside = 3 << 20, (1 << 20) + (1 << 18)  # what HDF5 takes beside the data
+
+    def full(free: int) -> None:
+        usage = shutil.disk_usage(folder)
+        monkeypatch.setattr("lfcal.files.shutil.disk_usage", lambda path: usage._replace(free=free))
+
+    units = [unit(f"plane {k}", text=f"{k}" * size) for k in range(5)]
+    folder.mkdir()
+    full((room - 1) * size + beside)
+    with pytest.raises(StorageError, match=r"disk space for what is yet to come .*: expected .*, got .* free"):
+        drain(iter_run(units, folder, Threads(1), joined=joined))
+    assert read_run(folder).count("done") == 1
+    full(room * size + beside)
+    assert len(drain(iter_run(units, folder, Threads(1), joined=joined))) == 5
 
 
 # -- processes -------------------------------------------------------------------------------------------

@@ -6,6 +6,7 @@ yields the windows of all lattice cells, which are added to the image where they
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable, Iterator
 from typing import Any
@@ -19,7 +20,16 @@ from lfcal.reconstruct.projectors.nodes import Nodes, source_places
 from lfcal.reconstruct.projectors.planes import centre_of, runs_of_rows, trim
 from lfcal.threads import chunks, in_order, one_blas_thread, worker_count
 
-__all__ = ["PARTS", "WINDOW_BYTES", "Direct", "cells_at_once", "rows_at_once", "rows_together", "strips_of"]
+__all__ = [
+    "PARTS",
+    "WINDOW_BYTES",
+    "Direct",
+    "cells_at_once",
+    "rows_at_once",
+    "rows_together",
+    "strips_of",
+    "strips_together",
+]
 
 WINDOW_BYTES = 1 << 21
 """Size of the window buffer of a product: about the second-level cache."""
@@ -27,12 +37,15 @@ WINDOW_BYTES = 1 << 21
 CELLS, SOURCES = 256, 200
 """Lattice cells and sources that a product takes at least, where there are as many (measured)."""
 
+LEAST_RAMP = 4
+"""Window rows below which a product of their own costs more than what it spares."""
+
 PARTS = 16
 """Into which a projection falls, whoever works on it: its sums are the same for any number of workers."""
 
 
-Task = tuple[tuple[int, int], slice]
-"""A run of lattice rows, and the groups of rows of sources that are added up there."""
+Task = tuple[list[tuple[int, int]], slice]
+"""Runs of lattice rows, and the groups of rows of sources that are added up in each."""
 
 
 class _Scratch:
@@ -64,6 +77,14 @@ def cells_at_once(rows: int, width: int, itemsize: int) -> int:
 def strips_of(cells: tuple[int, int]) -> list[tuple[int, int]]:
     """Return the runs of lattice rows that are worked on at a time, where there are cells enough."""
     return chunks(cells[0], min(PARTS, cells[0] * cells[1] // CELLS))
+
+
+def strips_together(grid: Grid, workers: int) -> int:
+    """Return for how many strips a band is laid out once: a worker's share of them, twice the image at most."""
+    strips, (ny, _), overlap = strips_of(grid.cells), grid.period, grid.cutout[0] - 1
+    lines = math.ceil(grid.cells[0] / len(strips))
+    room = 2 * (grid.cells[0] * ny + overlap) // (lines * ny + overlap)
+    return max(1, min(room, math.ceil(len(strips) / workers)))
 
 
 def rows_together(rows: int, columns: int, strips: int) -> int:
@@ -122,20 +143,22 @@ class Direct:
         groups = self._groups(operand)
         (ny, nx), (cells_y, cells_x), (nt, ns) = self.grid.period, self.grid.cells, operand.shape[2:]
 
-        def work(task: Task) -> NDArray[Any]:
-            (top, bottom), own = task
-            strip = np.zeros(((bottom - top) * ny + nt - 1, cells_x * nx + ns - 1), self.dtype)
+        def work(task: Task) -> list[NDArray[Any]]:
+            strips, own = task
+            images = [np.zeros(((b - a) * ny + nt - 1, cells_x * nx + ns - 1), self.dtype) for a, b in strips]
+            sources = [cells[:, a * cells_x : b * cells_x] for a, b in strips]
             scratch = _Scratch(self.dtype)
             for group in groups[own]:
-                self._spread(cells[group, top * cells_x : bottom * cells_x], operand, group, strip, scratch)
-            return strip
+                self._spread([one[group] for one in sources], operand, group, images, scratch)
+            return images
 
         total = np.zeros((cells_y * ny + nt - 1, cells_x * nx + ns - 1), self.dtype)
         tasks = self._tasks(len(groups))
         # threads over strips: BLAS's threads on top would only queue
         with one_blas_thread():
-            for ((top, _), _), strip in zip(tasks, in_order(work, tasks, self.workers), strict=True):
-                total[top * ny : top * ny + len(strip)] += strip
+            for (strips, _), images in zip(tasks, in_order(work, tasks, self.workers), strict=True):
+                for (top, _), image in zip(strips, images, strict=True):
+                    total[top * ny : top * ny + len(image)] += image
         return self.grid.unpack(total, before=centre_of(operand))
 
     def adjoint(self, image: NDArray[Any], operands: Iterable[NDArray[Any]]) -> Iterator[NDArray[Any]]:
@@ -156,12 +179,12 @@ class Direct:
         (ny, _), (_, cells_x) = self.grid.period, self.grid.cells
 
         def work(task: Task) -> None:
-            (top, bottom), own = task
+            strips, own = task
+            images = [packed[a * ny :] for a, _ in strips]
+            parts = [cells[:, a * cells_x : b * cells_x] for a, b in strips]
             scratch = _Scratch(self.dtype)
             for group in groups[own]:
-                self._collect(
-                    packed[top * ny :], operand, group, cells[group, top * cells_x : bottom * cells_x], scratch
-                )
+                self._collect(images, operand, group, [one[group] for one in parts], scratch)
 
         with one_blas_thread():
             for _ in in_order(work, self._tasks(len(groups)), self.workers):
@@ -180,44 +203,56 @@ class Direct:
         return [slice(k, min(k + step, len(operand))) for k in range(0, len(operand), step)]
 
     def _tasks(self, groups: int) -> list[Task]:
-        """Return what is worked on at a time."""
-        strips = strips_of(self.grid.cells)
+        """Return what is worked on at a time; the strips are added up in the same order however many share bands."""
+        strips, step = strips_of(self.grid.cells), strips_together(self.grid, self.workers)
         parts = chunks(groups, math.ceil(PARTS / len(strips)))
-        return [(strip, slice(*part)) for strip in strips for part in parts]
+        return [(strips[k : k + step], slice(*part)) for part in parts for k in range(0, len(strips), step)]
 
     def _spread(
-        self, sources: NDArray[Any], operand: NDArray[Any], group: slice, image: NDArray[Any], scratch: _Scratch
+        self,
+        sources: list[NDArray[Any]],
+        operand: NDArray[Any],
+        group: slice,
+        images: list[NDArray[Any]],
+        scratch: _Scratch,
     ) -> None:
-        """Add the patterns of some rows, weighted by ``sources`` (rows, cells, columns), to the padded ``image``."""
+        """Add the patterns of some rows, weighted by ``sources`` (rows, cells, columns) of each strip, to its image."""
         (ny, nx), cells_x, y = self.grid.period, self.grid.cells[1], int(self.sources[0][group.start])
+        by_cell = [one.swapaxes(0, 1).reshape(one.shape[1], -1) for one in sources]
         for rows, own, band in self._bands(operand, group, scratch):
             window = band.shape[-2:]
             flat = band.reshape(-1, math.prod(window))
-            for first, stop in self._blocks(sources.shape[1], window):
+            for strip, first, stop in self._blocks(by_cell, window):
                 windows = scratch.array("windows", (stop - first, *window))
-                left = sources[own, first:stop].swapaxes(0, 1).reshape(stop - first, -1)
-                np.matmul(left, flat, out=windows.reshape(stop - first, -1))
+                np.matmul(by_cell[strip][first:stop, own], flat, out=windows.reshape(stop - first, -1))
                 # windows of neighbouring cells overlap: a pattern is wider than the period
-                overlap_add(windows, image, Tiling(y + rows.start, cells_x, ny, nx), first)
+                overlap_add(windows, images[strip], Tiling(y + rows.start, cells_x, ny, nx), first)
 
     def _collect(
-        self, packed: NDArray[Any], operand: NDArray[Any], group: slice, cells: NDArray[Any], scratch: _Scratch
+        self,
+        images: list[NDArray[Any]],
+        operand: NDArray[Any],
+        group: slice,
+        cells: list[NDArray[Any]],
+        scratch: _Scratch,
     ) -> None:
-        """Add the patterns' products with the padded image to ``cells``: the transpose of `_spread`."""
+        """Add the patterns' products with each strip's image to its ``cells``: the transpose of `_spread`."""
         (ny, nx), cells_x, y = self.grid.period, self.grid.cells[1], int(self.sources[0][group.start])
+        by_cell = [np.zeros((one.shape[1], len(one) * one.shape[2]), self.dtype) for one in cells]
         for rows, own, band in self._bands(operand, group, scratch):
             window = band.shape[-2:]
             flat = band.reshape(-1, math.prod(window)).T
-            for first, stop in self._blocks(cells.shape[1], window):
+            for strip, first, stop in self._blocks(by_cell, window):
                 windows = scratch.array("windows", (stop - first, *window))
-                gather_windows(windows, packed, Tiling(y + rows.start, cells_x, ny, nx), first)
-                product = windows.reshape(stop - first, -1) @ flat
-                cells[own, first:stop] += product.reshape(stop - first, len(band), -1).swapaxes(0, 1)
+                gather_windows(windows, images[strip], Tiling(y + rows.start, cells_x, ny, nx), first)
+                by_cell[strip][first:stop, own] += windows.reshape(stop - first, -1) @ flat
+        for one, sums in zip(cells, by_cell, strict=True):
+            one[:] = sums.reshape(one.shape[1], len(one), -1).swapaxes(0, 1)
 
     def _bands(
         self, operand: NDArray[Any], group: slice, scratch: _Scratch
     ) -> Iterator[tuple[slice, slice, NDArray[Any]]]:
-        """Yield runs of window rows, the group's rows that reach there, and their banded matrix.
+        """Yield runs of window rows, the group's sources whose rows reach there, and their banded matrix.
 
         That is ``(rows of sources, columns of sources, window rows, nx + ns - 1)``: pattern ``x`` lies ``x`` columns
         to the right, and those of later rows of sources lower down.
@@ -227,7 +262,7 @@ class Direct:
         width, down = self.grid.period[1] + ns - 1, at_y[group] - at_y[group.start]
         height = nt + int(down[-1])
         step = rows_at_once(nt, width, self.dtype.itemsize)
-        for rows in self._row_runs(height, int(at_y[group.start]) - (nt - 1) // 2, step):
+        for rows in self._row_runs(height, int(at_y[group.start]) - (nt - 1) // 2, step, int(down[-1])):
             count = rows.stop - rows.start
             own = slice(
                 int(np.searchsorted(down, rows.start - nt, side="right")), int(np.searchsorted(down, rows.stop))
@@ -236,14 +271,24 @@ class Direct:
             # what lies beside the patterns is never written, so the zeros of the first use last
             band = scratch.array(f"band of {count} rows", (len(patterns), len(at_x), count, width))
             lay_patterns(patterns, down[own] - rows.start, at_x, band)
-            yield rows, own, band
+            yield rows, slice(own.start * len(at_x), own.stop * len(at_x)), band
 
-    def _row_runs(self, height: int, first: int, step: int) -> Iterator[slice]:
-        """Yield runs of at most ``step`` window rows that fall onto selected image phases, row 0 onto ``first``."""
+    def _row_runs(self, height: int, first: int, step: int, ramp: int) -> Iterator[slice]:
+        """Yield runs of at most ``step`` window rows that fall onto selected image phases, row 0 onto ``first``.
+
+        The first and the last ``ramp`` rows are not reached by all rows of sources: runs end amid them.
+        """
+        half = ramp // 2 + 1
+        cuts = [0, half, height - half, height] if half > LEAST_RAMP and height > 2 * half else [0, height]
         for start, stop in runs_of_rows(self.phases, height, first):
-            yield from (slice(t, min(t + step, stop)) for t in range(start, stop, step))
+            edges = [start, *(cut for cut in cuts if start < cut < stop), stop]
+            for top, bottom in itertools.pairwise(edges):
+                yield from (slice(t, min(t + step, bottom)) for t in range(top, bottom, step))
 
-    def _blocks(self, cells: int, window: tuple[int, ...]) -> Iterator[tuple[int, int]]:
-        """Yield runs of lattice cells whose windows fill `WINDOW_BYTES`."""
+    def _blocks(self, strips: list[NDArray[Any]], window: tuple[int, ...]) -> Iterator[tuple[int, int, int]]:
+        """Yield strips ``(cells, sources)`` and runs of their cells whose windows about fill `WINDOW_BYTES`."""
         step = cells_at_once(window[0], window[1], self.dtype.itemsize)
-        yield from ((k, min(k + step, cells)) for k in range(0, cells, step))
+        for strip, values in enumerate(strips):
+            cells = len(values)
+            # of one size: a last one of few cells costs as much as a full one
+            yield from ((strip, start, stop) for start, stop in chunks(cells, round(cells / step)))

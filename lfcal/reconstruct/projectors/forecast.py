@@ -12,7 +12,15 @@ import numpy as np
 
 from lfcal.errors import InputError
 from lfcal.reconstruct.projectors import rates
-from lfcal.reconstruct.projectors.direct import WINDOW_BYTES, cells_at_once, rows_at_once, rows_together, strips_of
+from lfcal.reconstruct.projectors.direct import (
+    PARTS,
+    WINDOW_BYTES,
+    cells_at_once,
+    rows_at_once,
+    rows_together,
+    strips_of,
+    strips_together,
+)
 from lfcal.reconstruct.projectors.engine import Cost, DeviceUse
 from lfcal.reconstruct.projectors.grid import Grid
 from lfcal.reconstruct.projectors.nodes import Nodes
@@ -235,12 +243,15 @@ def _direct_scratch(problem: Problem, grid: Grid, sources: tuple[int, int]) -> i
     strips = strips_of(grid.cells)
     rows, lines = rows_at_once(nt, nx + ns - 1, item), -(-grid.cells[0] // len(strips))
     window = rows * (nx + ns - 1) * item
-    # each worker makes windows and bands of two sizes in a strip of its own; one more strip waits to be added
-    own = 2 * min(WINDOW_BYTES, lines * grid.cells[1] * window)
-    own += 2 * rows_together(*sources, len(strips)) * sources[1] * window
+    at_once, columns = strips_together(grid, problem.workers), rows_together(*sources, len(strips)) * sources[1]
+    # each worker makes windows and bands of up to four heights, a cell's sources side by side
+    own = 2 * min(WINDOW_BYTES, lines * grid.cells[1] * window) + 2 * columns * window
+    own += at_once * lines * grid.cells[1] * columns * item
+    # in strips of its own; those of one worker more wait to be added, if there are as many
     strip = (lines * ny + nt - 1) * (width + ns - 1) * item
+    waiting = min((problem.workers + 1) * at_once, len(strips) * -(-PARTS // len(strips)))
     image = (height + nt - 1) * (width + ns - 1) * item
-    return 2 * height * width * item + image + (problem.workers + 1) * strip + problem.workers * own
+    return 2 * height * width * item + image + waiting * strip + problem.workers * own
 
 
 def _direct_seconds(problem: Problem, sources: tuple[int, int]) -> tuple[float, float]:
@@ -261,7 +272,8 @@ def _direct_seconds(problem: Problem, sources: tuple[int, int]) -> tuple[float, 
     reaching = round(across * max(1.0, together * (nt + rows) / (height + rows)))
     ahead = rates.gemm_seconds(block, reaching, rows * width, dtype, workers)
     back = rates.gemm_seconds(block, rows * width, reaching, dtype, workers, turned=True)
-    bands = len(strips) * down * across * nt * 2 * ns / rates.copy_rate(dtype, workers) / 2
+    laid = -(-len(strips) // strips_together(grid, workers))
+    bands = laid * down * across * nt * 2 * ns / rates.copy_rate(dtype, workers) / 2
     return runs * (ahead + add * values) + bands, runs * (back + gather * values) + bands
 
 

@@ -58,7 +58,7 @@ class SolverRun:
         What `measure` returns where it is known already.
     """
 
-    iterations: int = 20
+    iterations: int
     background: float = 0.0
     read_noise: float = 0.0
     saturation: float | None = None

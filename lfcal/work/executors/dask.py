@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import itertools
+import logging
 import queue
+import re
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -21,6 +23,8 @@ __all__ = ["EXECUTOR", "Dask", "do"]
 
 REACHED = 20.0
 """Seconds within which a scheduler has to answer."""
+
+ADDRESS = re.compile(r"([a-z]+://)?([\w.-]+|\[[\da-fA-F:.]+\]):\d{1,5}", re.ASCII)
 
 SETTINGS: dict[str, Any] = {
     # dask's own value hands every array's memory back to the system when it is let go: each is then mapped and filled
@@ -57,7 +61,7 @@ class Dask:
     Raises
     ------
     InputError
-        If dask.distributed is not installed, or no scheduler answers at the address.
+        If dask.distributed is not installed, the address is none, or no scheduler answers there.
     """
 
     name = "dask"
@@ -67,6 +71,8 @@ class Dask:
             import distributed
         except ImportError:
             raise InputError("dask.distributed is not installed; pip install 'lfcal[cluster]'") from None
+        if address and not ADDRESS.fullmatch(address):
+            raise InputError.expected("scheduler", "an address such as tcp://host:8786", repr(address), "correct it")
         self._library: Any = distributed
         self.workers, self.address, self.place = worker_count(workers), address, ""
         self._stack = ExitStack()
@@ -81,11 +87,9 @@ class Dask:
             if self.address:
                 try:
                     client = self._library.Client(self.address, timeout=REACHED, set_as_default=False)
-                except (OSError, ValueError) as error:
-                    said = type(error).__name__
-                    raise InputError.expected(
-                        "scheduler", f"an answer from {self.address} within {REACHED:g} s", said, "check the address"
-                    ) from error
+                except OSError as error:
+                    wanted = f"an answer from {self.address} within {REACHED:g} s"
+                    raise InputError.expected("scheduler", wanted, "none", "check the address") from error
             else:
                 cluster = stack.enter_context(self._local())
                 client = self._library.Client(cluster, set_as_default=False)
@@ -101,6 +105,10 @@ class Dask:
         """Give a cluster of this machine."""
         import dask
 
+        # what becomes of workers is told by the journal; dask's own lines would fall into the progress of a command
+        logger = logging.getLogger("distributed")
+        before = logger.level
+        logger.setLevel(logging.ERROR)
         with dask.config.set(SETTINGS):  # workers that take the place of others are told the same
             cluster = self._library.LocalCluster(
                 n_workers=self.workers, threads_per_worker=1, dashboard_address="127.0.0.1:0", memory_limit=0
@@ -109,6 +117,7 @@ class Dask:
             yield cluster
         finally:
             cluster.close()
+            logger.setLevel(before)
 
     def __exit__(self, *error: object) -> None:
         """Take back what was not begun, and end the local cluster."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import sys
 from collections.abc import Iterator
@@ -98,8 +99,23 @@ def test_workers_have_numbers(scheduler: str, tmp_path: Path) -> None:
 
 def test_nobody_answers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lfcal.work.executors.dask.REACHED", 0.3)
-    with pytest.raises(InputError, match=r"an answer from tcp://127\.0\.0\.1:9"):
+    with pytest.raises(InputError, match=r"an answer from tcp://127\.0\.0\.1:9 within 0\.3 s, got none"):
         drain(iter_run([unit("a")], tmp_path / "run", Dask(None, "tcp://127.0.0.1:9")))
+    assert not (tmp_path / "run").exists(), "nothing was begun, and nothing is left that the next run would refuse"
+
+
+@pytest.mark.parametrize("address", ["nonsense", "tcp://:x", "tcp://host", "tcp://host:8786:1", "//host:8786"])
+def test_what_is_no_address(address: str) -> None:
+    with pytest.raises(InputError, match=r"an address such as tcp://host:8786, got '"):
+        Dask(None, address)
+
+
+def test_dask_says_nothing_beside_the_journal() -> None:
+    logger = logging.getLogger("distributed.nanny")
+    before = logger.getEffectiveLevel()
+    with Dask(1):
+        assert not logger.isEnabledFor(logging.WARNING)
+    assert logger.getEffectiveLevel() == before
 
 
 def test_without_the_library(monkeypatch: pytest.MonkeyPatch) -> None:
