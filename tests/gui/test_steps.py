@@ -140,6 +140,11 @@ def test_camera_plan_and_multiplex_run(project: ProjectState) -> None:
     assert do(step)["plan"] == PLAN
     run(step_of(SPECS["multiplex"], project))
     do(step_of(SPECS["multiplex"], project))
+    written = MultiplexSettings(family="written").into(project)
+    step = step_of(SPECS["multiplex"], replace(project, settings=written))
+    assert "polarisers:0,45/135,90" in step.arguments
+    run(step)
+    do(step)
 
 
 def test_a_simulation_by_command_and_by_script_is_the_same(project: ProjectState) -> None:

@@ -102,6 +102,12 @@ FIELDS = (
         tip="Interpolation of the spatial route (theorem 1); the Fourier route is a sinc (theorem 2)",
     ),
     Field(
+        "weighted",
+        "Leave out clipped",
+        kind="bool",
+        tip="Spatial route of opened and live frames: saturated pixels have no say, the others by the camera's noise",
+    ),
+    Field(
         "noise",
         "Camera noise",
         kind="bool",
@@ -122,6 +128,8 @@ _USES = {
     "search_size": lambda s: s.sought == "mask",
     "levels": lambda s: s.sought == "mask",
     "kinds": lambda s: s.sought != "mask",
+    "weighted": lambda s: s.scene in ("image", "live"),
+    "noise": lambda s: s.scene in ("edges", "smooth"),
 }
 
 
@@ -163,6 +171,7 @@ class MultiplexSettings(PageSettings):
     scene: str = "edges"
     filter: str = "cubic"
     noise: bool = False
+    weighted: bool = False
     compared: tuple[str, ...] = ("CYMG", "RGBE", "RGBW", "CMYW", "lenslet", "MURA", "sum_of_sinusoids")
     image: str = ""
     right: str = "difference"

@@ -16,6 +16,7 @@ from lfcal.errors import FileFormatError, InputError
 from lfcal.multiplex.demultiplexing import demultiplex, multiplex
 from lfcal.multiplex.modulator import Modulator
 from lfcal.multiplex.scenes import colour_edges, filament_light_field, view_edges, zone_plate
+from lfcal.multiplex.sensor_noise import pixel_weights
 from lfcal.progress import Clock, Work
 from lfcal.units import format_seconds
 
@@ -170,16 +171,27 @@ def iter_reconstruct(
     samples = modulator.side if truth is not None else None
     yield clock.at(1, f"spatial, {settings.filter}")
     routes = []
-    for k, (route, name) in enumerate((("spatial", f"Spatial, {settings.filter}"), ("fourier", "Fourier"))):
-        corner = frame[: 6 * modulator.side[0], : 6 * modulator.side[1]]  # loads compiled parts, not to be timed
-        demultiplex(corner, modulator, route=route, filter=settings.filter, samples=samples)
+    weights = _weights(settings, frame, sensor)
+    spatial = f"Spatial, {settings.filter}" if weights is None else "Spatial, weighted"
+    for k, (route, name) in enumerate((("spatial", spatial), ("fourier", "Fourier"))):
+        own = {} if weights is None or route == "fourier" else {"weights": weights}
+        how: dict[str, Any] = {"route": route, "filter": None if own else settings.filter, "samples": samples}
+        corner = np.s_[: 6 * modulator.side[0], : 6 * modulator.side[1]]  # loads compiled parts, not to be timed
+        demultiplex(frame[corner], modulator, **how)
         start = time.perf_counter()
-        found = demultiplex(frame, modulator, route=route, filter=settings.filter, samples=samples)
+        found = demultiplex(frame, modulator, **how, **own)
         seconds = time.perf_counter() - start
         routes.append(Route(name, found, None if truth is None else rms_error(found, truth, modulator.side), seconds))
         yield clock.at(k + 2, "Fourier" if k == 0 else "")
     step = 1.0 if samples is not None else modulator.side[0] / modulator.natural_samples[0]
     return Reconstructions(routes[0], routes[1], truth, frame, modulator.sample_names, words, step)
+
+
+def _weights(settings: MultiplexSettings, frame: Array, sensor: Sensor) -> Array | None:
+    """Return the weights of a recorded frame, None where all pixels count alike."""
+    if not settings.weighted or settings.scene not in ("image", "live"):
+        return None
+    return pixel_weights(frame + sensor.black_level, sensor, gain=settings.gain)
 
 
 def from_live(frame: Array, first: tuple[int, int], side: tuple[int, int], black: float) -> Array:

@@ -31,7 +31,8 @@ from lfcal.progress import drain
 __all__ = ["Page"]
 
 IMAGES = f"Images ({' '.join('*' + suffix for suffix in sorted(image_suffixes()))});;All files (*)"
-RECONSTRUCTED = ("family", "cfa", "pattern", "mask", "size", "scene", "filter", "noise", "image", "gain")
+CHOSEN = ("family", "cfa", "pattern", "mask", "size", "written", "scene", "filter", "weighted", "noise", "image")
+RECONSTRUCTED = (*CHOSEN, "gain")
 """Settings that change what is reconstructed; the gain only with noise."""
 
 
@@ -167,8 +168,9 @@ class Page(BasePage):
     def _reconstruct(self) -> None:
         """Reconstruct if the tab is looked at and something changed: scenes at once, opened images as a job."""
         settings, sensor = self.settings, self.context.state.camera.sensor
-        keys = RECONSTRUCTED if settings.noise else RECONSTRUCTED[:-1]
-        asked = (*(getattr(settings, key) for key in keys), sensor if settings.noise else None)
+        noisy = settings.noise or settings.weighted
+        keys = RECONSTRUCTED if noisy else CHOSEN
+        asked = (*(getattr(settings, key) for key in keys), sensor if noisy else None)
         if not self._entered or self.panel.tabs.currentIndex() != 1:
             return
         if asked == self._asked:

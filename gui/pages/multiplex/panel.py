@@ -38,7 +38,7 @@ from gui.widgets.plots import LINES, LinePlot, shown_tone
 __all__ = ["MultiplexPanel"]
 
 NUMBER_HEIGHT = 22
-SCENE_FIELDS = ("scene", "filter", "noise")
+SCENE_FIELDS = ("scene", "filter", "weighted", "noise")
 
 
 GAIN = "Is the modulator worth its light? Pattern, spectrum, and gain in SNR over the reference"

@@ -13,7 +13,7 @@ from gui.context import Context
 from gui.pages.multiplex.model import MultiplexSettings
 from gui.pages.multiplex.page import Page
 from gui.theme import DARK, LIGHT, apply_theme
-from lfcal.multiplex import cfa, demultiplex, mask, multiplex
+from lfcal.multiplex import cfa, demultiplex, mask, modulator_of, multiplex
 from lfcal.multiplex.noise import camera_chi2
 from lfcal.multiplex.paper import paper_figure
 from lfcal.multiplex.scenes import colour_edges
@@ -260,3 +260,22 @@ def test_live_frames_of_another_page_are_demultiplexed(page: Page, context: Cont
     context.frame_seen.emit(frame * 2, (3, 1))
     settle(page, qtbot)
     assert float(page.found.spatial.samples.max()) > 1.5 * float(wanted.max())
+
+
+def test_clipped_pixels_of_a_live_frame_have_no_say(page: Page, context: Context, qtbot: QtBot) -> None:
+    page.panel.tabs.setCurrentIndex(1)
+    settings = MultiplexSettings(family="written", written="nd:1,0.25/0.25,0.0625", reference_written="nd:1")
+    context.project.update("assorted pixels", settings=replace(settings, scene="live").into(context.state))
+    sensor = context.state.camera.sensor
+    light = 2.5 * (sensor.max_value - sensor.black_level)
+    modulator = modulator_of(settings.written)
+    raw = multiplex(np.full((1, 40, 40), light), modulator) + sensor.black_level
+    context.frame_seen.emit(np.minimum(np.rint(raw), sensor.max_value).astype(np.uint16), (0, 0))
+    settle(page, qtbot)
+    assert page.found is not None and page.found.spatial.samples.max() < 0.9 * light
+    box: Any = page.panel.scene_form.editor("weighted")
+    assert box.isEnabled() and not page.panel.scene_form.editor("noise").isEnabled()
+    box.click()
+    settle(page, qtbot)
+    np.testing.assert_allclose(page.found.spatial.samples, light, rtol=2e-3)
+    assert "weighted" in page.panel.pictures.heads[0].text()
