@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import QCheckBox, QGridLayout, QLabel, QStackedWidget, QVBoxLayout, QWidget
@@ -12,13 +13,23 @@ from gui.pages.multiplex.matrix_view import MatrixView
 from gui.theme import current_theme
 from gui.widgets.cards import card, choice_box, line
 from gui.widgets.plots import LINES, LinePlot, shown_tone
+from lfcal.multiplex.gains import GainMap
 from lfcal.multiplex.noise import GainCurves
 from lfcal.multiplex.paper import FIGURES, PaperFigure
 
-__all__ = ["FiguresView"]
+__all__ = ["MAP", "FiguresView"]
 
 MOST = 8
-TITLES = {3: "3: Bayer, both theorems", 5: "5: upsampled views", 6: "6: gain of SNR", 7: "7: four light fields"}
+MAP = 0
+"""In place of a figure's number: the gain of each sample of the modulator."""
+
+TITLES = {
+    MAP: "gain map of the modulator",
+    3: "3: Bayer, both theorems",
+    5: "5: upsampled views",
+    6: "6: gain of SNR",
+    7: "7: four light fields",
+}
 
 
 class FiguresView(QWidget):
@@ -42,7 +53,7 @@ class FiguresView(QWidget):
         outer.setContentsMargins(0, 8, 0, 0)
         outer.setSpacing(6)
         tip = "A figure of Ihrke, Wetzstein and Heidrich 2010 with scenes made here"
-        self.figure = choice_box([(str(n), TITLES[n]) for n in FIGURES], tip)
+        self.figure = choice_box([(str(n), TITLES[n]) for n in (*FIGURES, MAP)], tip)
         self.figure.setAccessibleName("figure of the paper")
         self.figure.currentIndexChanged.connect(lambda _: self.figure_chosen.emit(int(self.figure.currentData())))
         self.own = QCheckBox("project's camera")
@@ -55,6 +66,7 @@ class FiguresView(QWidget):
         self.stack = QStackedWidget()
         self.stack.addWidget(self._pictures())
         self.stack.addWidget(self._plots())
+        self.stack.addWidget(self._map())
         outer.addWidget(self.stack, 1)
 
     def _pictures(self) -> QWidget:
@@ -106,6 +118,31 @@ class FiguresView(QWidget):
             self.markers.append(marker)
         return widget
 
+    def _map(self) -> QWidget:
+        self.map_head, self.map_words = QLabel(""), QLabel("")
+        frame, column = card(self.map_head)
+        self.map = MatrixView(
+            xlabel="log₁₀ χ²", ylabel="sample", unit="1", value_label="gain (dB)", signed=True, square=False
+        )
+        self.map.setToolTip("Gain of each sample (band, colour, view) over the reference; blue: a loss, red: a gain")
+        self.map_words.setProperty("role", "hint")
+        self.map_words.setWordWrap(True)
+        column.addWidget(self.map, 1)
+        column.addWidget(self.map_words)
+        return frame
+
+    def show_map(self, found: GainMap) -> None:
+        """Draw gains of samples over powers of ten of chi^2."""
+        self.shown = None
+        self.stack.setCurrentIndex(2)
+        self.show_status(f"{found.modulator} over {found.reference}")
+        self.map_head.setText(f"Gain of each sample of {found.modulator}")
+        gains = np.where(np.isfinite(found.gains), found.gains, np.nan)
+        self.map.set_image(gains, name="gain map", origin=(0.0, round(math.log10(float(found.chi2[0])))))
+        first = [f"{k}: {name}" for k, name in enumerate(found.samples[:16])]
+        more = f" and {len(found.samples) - 16} more" if len(found.samples) > 16 else ""
+        self.map_words.setText(f"{', '.join(first)}{more}; what is not recovered is left blank")
+
     def show_choice(self, number: int, own: bool) -> None:
         """Show what is chosen, without reporting it."""
         blockers = [QSignalBlocker(self.figure), QSignalBlocker(self.own)]
@@ -154,7 +191,7 @@ class FiguresView(QWidget):
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
-        for view in (*self.views, *self.curves):
+        for view in (*self.views, *self.curves, self.map):
             view.apply_theme()
         if self.shown is not None:
             for k, (title, curves) in enumerate(self.shown.curves):

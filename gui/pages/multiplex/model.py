@@ -151,7 +151,8 @@ class MultiplexSettings(PageSettings):
     right
         Third picture: ``"difference"`` of the routes or ``"truth"``.
     figure, own_camera
-        Which figure of the paper is shown, and whether with the project's camera in place of the paper's.
+        Which figure of the paper is shown (0: a map of gains), and whether with the project's camera in place of
+        the paper's.
     sought, search_size, levels, kinds, crosstalk, least_light
         Of the search (`gui.pages.multiplex.model_search`).
     """
@@ -198,8 +199,8 @@ class MultiplexSettings(PageSettings):
         mask_pattern(self.mask, self.size)
         if not 0 < self.gain < 1e6:
             raise InputError.expected("amplifier gain", "above 0", self.gain, "correct it")
-        if self.figure not in (3, 5, 6, 7):
-            raise InputError.expected("figure", "3, 5, 6 or 7", self.figure, "choose one of these")
+        if self.figure not in (0, 3, 5, 6, 7):
+            raise InputError.expected("figure", "3, 5, 6, 7, or 0 for the gain map", self.figure, "choose one of these")
         for what, (low, high) in RANGES.items():
             if not low <= getattr(self, what) <= high:
                 raise InputError.expected(what.replace("_", " "), f"{low} to {high}", getattr(self, what), "correct it")

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from PySide6.QtWidgets import QFileDialog
 
 from gui.base_page import BasePage
@@ -15,6 +16,7 @@ from gui.models.page import PageSpec
 from gui.models.project import ProjectState
 from gui.pages.multiplex import model as view
 from gui.pages.multiplex import takes
+from gui.pages.multiplex.figures_view import MAP
 from gui.pages.multiplex.model import ModulatorPicture, MultiplexSettings
 from gui.pages.multiplex.model_compare import Comparison, compare
 from gui.pages.multiplex.model_scene import Reconstructions, iter_reconstruct, opened
@@ -23,6 +25,7 @@ from gui.pages.multiplex.panel import MultiplexPanel
 from lfcal.errors import LfcalError
 from lfcal.frames.formats.opening import image_suffixes
 from lfcal.multiplex.colour_filters import parse_pattern
+from lfcal.multiplex.gains import gain_map
 from lfcal.multiplex.matrix_file import save_modulator
 from lfcal.multiplex.noise import camera_chi2
 from lfcal.multiplex.paper import paper_figure
@@ -32,6 +35,10 @@ __all__ = ["Page"]
 
 IMAGES = f"Images ({' '.join('*' + suffix for suffix in sorted(image_suffixes()))});;All files (*)"
 CHOSEN = ("family", "cfa", "pattern", "mask", "size", "written", "scene", "filter", "weighted", "noise", "image")
+MODULATORS = ("family", "cfa", "pattern", "mask", "size", "written")
+MODULATORS += ("reference_cfa", "reference_mask", "reference_written")
+"""Settings that change the modulator or its reference."""
+
 RECONSTRUCTED = (*CHOSEN, "gain")
 """Settings that change what is reconstructed; the gain only with noise."""
 
@@ -260,11 +267,22 @@ class Page(BasePage):
         settings, camera = self.settings, self.context.state.camera
         own = settings.own_camera or settings.figure == 6
         chi2 = camera_chi2(camera.sensor, gain=settings.gain) if own else None
-        asked = (settings.figure, chi2, camera.name if own else "")
+        asked: tuple[Any, ...] = (settings.figure, chi2, camera.name if own else "")
+        if settings.figure == MAP:
+            asked = (MAP, *(getattr(settings, key) for key in MODULATORS))
         if not self._entered or self.panel.tabs.currentIndex() != 2 or asked == self._figure_asked:
             return
         self._figure_asked = asked
         self.panel.figures.show_status("computing …")
+        if settings.figure == MAP:
+            chi2s = 10.0 ** np.arange(-4, 5)
+            self.context.jobs.compute(
+                "multiplex figure",
+                lambda: gain_map(settings.modulator(), settings.reference(), chi2s),
+                lambda found: self.panel.figures.show_map(found) if asked == self._figure_asked else None,
+                self.panel.figures.show_status,
+            )
+            return
         self.context.jobs.compute(
             "multiplex figure",
             lambda: paper_figure(settings.figure, camera=camera.name, chi2=chi2),

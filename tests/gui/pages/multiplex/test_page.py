@@ -13,7 +13,7 @@ from gui.context import Context
 from gui.pages.multiplex.model import MultiplexSettings
 from gui.pages.multiplex.page import Page
 from gui.theme import DARK, LIGHT, apply_theme
-from lfcal.multiplex import cfa, demultiplex, mask, modulator_of, multiplex
+from lfcal.multiplex import cfa, demultiplex, gain_map, mask, modulator_of, multiplex
 from lfcal.multiplex.noise import camera_chi2
 from lfcal.multiplex.paper import paper_figure
 from lfcal.multiplex.scenes import colour_edges
@@ -208,6 +208,23 @@ def test_figures_of_the_paper(page: Page, context: Context, qtbot: QtBot, qapp: 
     context.project.undo()
     settle(page, qtbot)
     assert shown.figure.currentData() == "7", "one step back from all choices of a figure"
+
+
+def test_map_of_the_samples_gains(page: Page, qtbot: QtBot) -> None:
+    shown = page.panel.figures
+    page.panel.tabs.setCurrentIndex(2)
+    shown.figure.setCurrentIndex(shown.figure.findData("0"))
+    settle(page, qtbot)
+    wanted = gain_map(cfa("CYMG"), cfa("Bayer"), 10.0 ** np.arange(-4, 5)).gains
+    np.testing.assert_allclose(shown.map.image, wanted, rtol=1e-6)
+    assert shown.stack.currentIndex() == 2 and "0: R, 1: G, 2: B" in shown.map_words.text()
+    choose(page, "reference_cfa", "CYMG")
+    settle(page, qtbot)
+    np.testing.assert_allclose(shown.map.image, 0, atol=1e-9)
+    choose(page, "cfa", "typed")
+    type_in(page, "pattern", "RG/RG")
+    settle(page, qtbot)
+    assert np.isnan(shown.map.image[2]).all() and np.isfinite(shown.map.image[0]).all()
 
 
 def test_search_and_use(page: Page, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
