@@ -101,6 +101,7 @@ class FiguresView(QWidget):
         self.curves, self.curve_heads, self.legends, self.markers = [], [], [], []
         for k in range(2):
             head, legend = QLabel(""), QLabel("")
+            head.setMinimumWidth(60)
             frame, column = card(head)
             plot = LinePlot("χ² = photon / additive noise variance (1)", "gain (dB)")
             plot.plot.setLogMode(True, False)
@@ -120,6 +121,7 @@ class FiguresView(QWidget):
 
     def _map(self) -> QWidget:
         self.map_head, self.map_words = QLabel(""), QLabel("")
+        self.map_head.setMinimumWidth(60)
         frame, column = card(self.map_head)
         self.map = MatrixView(
             xlabel="log₁₀ χ²", ylabel="sample", unit="1", value_label="gain (dB)", signed=True, square=False

@@ -136,6 +136,7 @@ class MultiplexPanel(QWidget):
             zip(views, tips, ("Pattern", "Spectrum, magnitude (1)", "Σ", "Π"), strict=True)
         ):
             label = QLabel(title)
+            label.setMinimumWidth(60)  # names of modulators may be long: they do not widen the window
             frame, column = card(label)
             view.setToolTip(tip)
             column.addWidget(view, 1)
@@ -173,6 +174,7 @@ class MultiplexPanel(QWidget):
 
     def _curve_card(self) -> QWidget:
         self.curve_title = QLabel("Gain of signal to noise")
+        self.curve_title.setMinimumWidth(60)
         frame, column = card(self.curve_title)
         self.curve = LinePlot("χ² = photon / additive noise variance (1)", "gain (dB)")
         self.curve.plot.setLogMode(True, False)

@@ -172,6 +172,9 @@ def test_any_modulator_as_written(page: Page, qtbot: QtBot) -> None:
     assert cells(page)["Samples N"] == "3" and cells(page)["Transmission τ"] == "0.5"
     assert not page.panel.boxes and page.panel.form.editor("written").isEnabled()
     assert "dB" in cells(page)["Gain, least noise"] and "false" in cells(page)["MTF"]
+    type_in(page, "written", "polarisers:0,45/135,90*RRGG/RRGG/GGBB/GGBB*shutter:10,01")
+    settle(page, qtbot)
+    assert page.body.minimumSizeHint().width() <= 1100, "a long name does not widen the page"
     type_in(page, "written", "polarisers:0,45/90")
     settle(page, qtbot)
     assert "equal rows" in page.panel.curve_hint.text() and page.panel.sigma.image is None
