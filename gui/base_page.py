@@ -211,9 +211,16 @@ class BasePage(QWidget):
         """Add the button Stop (Esc): it stops every job of this page, and can be pressed while there is one."""
         button, jobs = self.tool_button("Stop", f"{tip} (Esc)", self.stop), self.context.jobs
         button.setEnabled(False)
-        jobs.changed.connect(lambda _: button.setEnabled(self.spec.key in jobs.running_pages()))
+        jobs.changed.connect(lambda _: self._show_stop(button))
         self.shortcut("Escape", self.stop)
         return button
+
+    def _show_stop(self, button: QPushButton) -> None:
+        """Say on the button at once that what is at work was asked to stop."""
+        active = [job for job in self.context.jobs.jobs() if job.active and job.page == self.spec.key]
+        stopping = bool(active) and all(job.stopping for job in active)
+        button.setEnabled(bool(active) and not stopping)
+        button.setText("Stopping …" if stopping else "Stop")
 
     def stop(self) -> None:
         """Stop every job of this page; what they made so far stays."""

@@ -157,6 +157,7 @@ class Jobs(Background):
         opening = running.asked.abandon and self._jobs[number].progress is None
         if opening or running.asked.leave:
             self._abandoned.append(running.thread)
+            self._tell(running)
             self._end(number, join_s=0, state=JobState.CANCELLED)
         elif not self._jobs[number].stopping:
             self._change(number, stopping=True)

@@ -38,12 +38,12 @@ from gui.theme import DARK, LIGHT, THEMES, apply_theme, current_theme, style_she
 from gui.tools import Tools
 from gui.widgets.enlarging import toggle_in
 from gui.widgets.naming import name_controls
+from gui.window_size import size_within
 from gui.workers import LOG
 from lfcal.errors import LfcalError
 
 __all__ = ["MainWindow"]
 
-SIZE = (1280, 800)
 LEAVE_MS = 20
 """Between two looks whether a window that is to be closed can be (ms)."""
 DOCK_MS = 6000
@@ -89,7 +89,7 @@ class MainWindow(QMainWindow):
         self.menus = WindowMenus(self)
         self._style()
         self._connect()
-        self.resize(*SIZE)
+        self._fit_screen()
         self._restore()
         self.rail.setCurrentRow(0)
         self._refresh()
@@ -398,7 +398,12 @@ class MainWindow(QMainWindow):
             self.addDockWidget(Qt.DockWidgetArea.BottomDockWidgetArea, dock)
             dock.hide()
         self.tabifyDockWidget(self.job_dock, self.log_dock)
-        self.resize(*SIZE)
+        self._fit_screen()
+
+    def _fit_screen(self) -> None:
+        """Take the usual size, less where the screen has no room for it under a title bar."""
+        room = self.screen().availableGeometry()
+        self.resize(*size_within((room.width(), room.height()), self.minimumSizeHint().width()))
 
     def _restore(self) -> None:
         for key, restore in (("geometry", self.restoreGeometry), ("windowState", self.restoreState)):

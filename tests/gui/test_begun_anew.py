@@ -131,6 +131,8 @@ def test_a_volume_of_another_project(window: MainWindow, good: Path, tmp_path: P
     assert page.panel.title.text() == "Volume volume.npy", "the volume of a project is shown when it is opened"
     window.project.update("no volume", volume="")
     assert page.saved is None and page.panel.volume.volume is None
+    window.project.start(ProjectState())
+    assert page.hint.text() == page.spec.hint, "the H before was named over an empty page"
 
 
 def test_a_reconstruction_under_way(

@@ -103,6 +103,7 @@ class Page(BasePage):
         self.context.matrices.want(state.psf)
         matrix = self.context.matrix(self.context.state.psf)
         if matrix is None:
+            self.hint.setText(self.spec.hint)
             self.show_no_matrix(
                 state.psf,
                 "A reconstruction needs an H: assemble one, simulate one, or open one on the PSF page.",

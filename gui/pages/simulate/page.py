@@ -348,7 +348,7 @@ class Page(BasePage):
             tolerance = self.settings.tolerance
             self.panel.show_accuracy_tab()
             self._measuring = self.context.jobs.start(
-                "Accuracy against time", "simulate", lambda: iter_ladder(plan.camera, plan, tolerance)
+                "Accuracy against time", "simulate", lambda: iter_ladder(plan.camera, plan, tolerance), leave=True
             )
 
     def _measured(self, job: Job) -> None:

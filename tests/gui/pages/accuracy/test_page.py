@@ -129,6 +129,18 @@ def test_it_fills_while_it_is_measured_and_keeps_what_it_has(
     assert "measuring" not in page.panel.how.text() and page.panel.answer.text() == page.curve.answer(0.01)
 
 
+def test_stop_says_that_it_stops(page: Page, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = Place("bases", "Bases", "error", "cost", "seconds", lambda s, t: endless())  # type: ignore[arg-type]
+    monkeypatch.setattr("gui.pages.accuracy.model.PLACES", SimpleNamespace(get=lambda name: made))
+    look_at(page, "bases")
+    page.measure()
+    qtbot.waitUntil(lambda: len(points(page)) > 1, timeout=GUARD_MS)
+    page.stop()
+    assert page.stop_button.text() == "Stopping …" and not page.stop_button.isEnabled()
+    idle(page.context.jobs, qtbot)
+    assert page.stop_button.text() == "Stop"
+
+
 def test_a_click_uses_a_rung_and_undo_takes_it_back(page: Page, context: Context, qtbot: QtBot) -> None:
     look_at(page, "averaging")
     page.measure()

@@ -155,9 +155,9 @@ def test_rungs_that_were_measured_stay_when_measuring_is_stopped(
     qtbot.waitUntil(lambda: "measured" in curve._curves, timeout=GUARD_MS)
     number = context.jobs.jobs()[0].number
     context.jobs.cancel(number)
-    go_on.set()
+    assert context.jobs.jobs()[0].state is JobState.CANCELLED, "it writes nothing: no rung is waited for"
     qtbot.waitUntil(lambda: not context.jobs.busy, timeout=GUARD_MS)
-    assert context.jobs.jobs()[0].state is JobState.CANCELLED
+    go_on.set()
     assert curve._curves["measured"].getOriginalDataset()[0].tolist() == [0.2]
     assert "geometric: 40 % error" in page.panel.curve_hint.text()
 

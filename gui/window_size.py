@@ -1,0 +1,15 @@
+"""How large a new window is. No Qt."""
+
+from __future__ import annotations
+
+__all__ = ["SIZE", "size_within"]
+
+SIZE = (1280, 800)
+TITLE = 40
+"""Height of the title bar that the system puts over the window, at the most (px)."""
+
+
+def size_within(room: tuple[int, int], least: int) -> tuple[int, int]:
+    """Return the size of a new window on a screen with ``room`` for it; one narrower than ``least`` holds none."""
+    width, height = room
+    return SIZE if width < least else (min(SIZE[0], width), min(SIZE[1], height - TITLE))
