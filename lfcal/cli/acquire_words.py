@@ -9,23 +9,29 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from lfcal.acquire.options import Options
     from lfcal.camera import ScanPlan
+    from lfcal.targets import TargetPlan
 
 __all__ = ["numbers", "options_of", "pairs", "read_plan"]
 
 
-def read_plan(path: Path, origin: str) -> ScanPlan:
-    """Return the plan in a file, its stage placed at ``origin`` where one is given."""
+def read_plan(path: Path, origin: str) -> ScanPlan | TargetPlan:
+    """Return the plan of a scan or of a target in a file, its stage placed at ``origin`` where one is given."""
     from lfcal.camera import ScanPlan
+    from lfcal.cli.acquire_target import target_plan_in
     from lfcal.errors import InputError
     from lfcal.files import read_text
+    from lfcal.plain import parse_json
 
-    plan = ScanPlan.from_json(read_text(path))
+    text = read_text(path)
+    target = target_plan_in(parse_json(text, "scan plan"))
+    plan = ScanPlan.from_json(text) if target is None else target.scan
     if not origin:
-        return plan
+        return target or plan
     place = numbers(origin, "--origin") or ()
     if len(place) != 3:
         raise InputError.expected("--origin", "X,Y,Z in µm", origin, "give three numbers")
-    return replace(plan, stage=replace(plan.stage, origin_um=(place[0], place[1], place[2])))
+    plan = replace(plan, stage=replace(plan.stage, origin_um=(place[0], place[1], place[2])))
+    return plan if target is None else replace(target, scan=plan)
 
 
 def options_of(session: Path | None, given: dict[str, Any], check_origin: bool) -> Options:
