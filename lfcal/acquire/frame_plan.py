@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.camera import ScanPlan
+from lfcal.camera import RegionPlan, ScanPlan
 
 __all__ = ["FramePlan", "frame_grid", "frame_positions", "read_frame_plan", "scan_of"]
 
@@ -38,8 +38,8 @@ class FramePlan(Protocol):
         ...
 
 
-def scan_of(plan: ScanPlan | FramePlan) -> ScanPlan:
-    """Return the scan that a plan is, or stands for."""
+def scan_of(plan: ScanPlan | FramePlan | RegionPlan) -> ScanPlan:
+    """Return the scan that a plan is, or stands for; of several regions that of the first."""
     return plan if isinstance(plan, ScanPlan) else plan.scan
 
 

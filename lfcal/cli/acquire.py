@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from lfcal.acquire.options import Options
     from lfcal.acquire.redo import RedoList
     from lfcal.acquire.runner import Outcome
-    from lfcal.camera import ScanPlan
+    from lfcal.camera import RegionPlan, ScanPlan
     from lfcal.campaign import Adapted, Goal
     from lfcal.devices.protocols import Rig
     from lfcal.progress import Work
@@ -107,6 +107,8 @@ def command(
     from lfcal.acquire.frame_plan import scan_of
     from lfcal.acquire.redo import RedoList
     from lfcal.acquire.runner import Outcome
+    from lfcal.camera import RegionPlan
+    from lfcal.cli.acquire_regions import check_region_options, finish_regions
     from lfcal.cli.acquire_target import check_target_options, simulated_options
     from lfcal.cli.cameras import tell_assumed
     from lfcal.cli.console import report
@@ -131,7 +133,13 @@ def command(
         "--controls": bool(controls),
         "--margin": margin is not None,
     }
-    check_target_options(recorded, single)
+    sim: dict[str, str] = pairs(option)
+    if isinstance(recorded, RegionPlan):
+        one = {"--redo": redo is not None, "--positions": positions is not None, "--until-error": goal is not None}
+        check_region_options(one)
+    else:
+        check_target_options(recorded, single)
+        sim = simulated_options(recorded, plan, backend, sim)
     tell_assumed(scan.camera, plan.name, quiet=json)
     given = {
         "order": order,
@@ -152,7 +160,7 @@ def command(
     options = options_of(out if resume or redo is not None else None, given, check_origin)
     again, only = (None if path is None else RedoList.read(path) for path in (redo, positions))
     task = _Task(out, recorded, options, resume, again, only, goal, json)
-    with open_rig(scan, backend, simulated_options(recorded, plan, backend, pairs(option)), stage=stage) as rig:
+    with open_rig(scan, backend, sim, stage=stage) as rig:
         # A light that can be switched needs nobody to cover the lens, whatever was asked for.
         if cover and rig.light is None:
             rig = replace(rig, light=_Cover())
@@ -162,12 +170,15 @@ def command(
         found, seen, ended_by = _run(task, rig, check_stage)
     adapted = None if isinstance(found, Outcome) else found
     outcome = found if isinstance(found, Outcome) else found.outcome
-    result: dict[str, Any] = {"session": out, "outcome": outcome, **seen, **list_suspects(out, outcome)}
+    result: dict[str, Any] = {"session": out, "outcome": outcome, **seen}
+    if not isinstance(recorded, RegionPlan):
+        result |= list_suspects(out, outcome)
     result["assumed"] = scan.camera.marks.paths("assumed")
     result |= {} if adapted is None else adapted_facts(adapted)
     if outcome.how == "complete":
         try:
-            result |= finish(out, assemble, pack, json)
+            ending = finish_regions if isinstance(recorded, RegionPlan) else finish
+            result |= ending(out, assemble, pack, json)
         except LfcalError:
             # the frames are safe whatever became of H
             show_outcome(result, outcome, out, json)
@@ -186,7 +197,7 @@ class _Task:
     """A session to record: where, by which plan, how, and what of it."""
 
     out: Path
-    plan: ScanPlan | TargetPlan
+    plan: ScanPlan | TargetPlan | RegionPlan
     options: Options
     resume: bool
     redo: RedoList | None
@@ -218,10 +229,14 @@ def _record(task: _Task, rig: Rig, control: Control) -> tuple[Outcome | Adapted,
     from lfcal.acquire.live_quality import LiveQuality, QualityState
     from lfcal.acquire.redo import RedoList
     from lfcal.acquire.session import iter_record
-    from lfcal.camera import ScanPlan
+    from lfcal.camera import RegionPlan, ScanPlan
+    from lfcal.cli.acquire_regions import record_regions
     from lfcal.cli.acquire_target import coverage_facts, recorded_before
     from lfcal.cli.console import run_work
 
+    if isinstance(task.plan, RegionPlan):
+        how = {"resume": task.resume, "quiet": task.quiet}
+        return record_regions(task.plan, task.out, rig, task.options, control, **how)
     quality: LiveQuality | LiveCoverage
     if isinstance(task.plan, ScanPlan):
         quality = LiveQuality(task.plan, window_shape(task.plan, task.options))
@@ -334,20 +349,23 @@ def _check_stage(task: _Task, rig: Rig, control: Control) -> None:
     from lfcal.acquire.frame_plan import scan_of
     from lfcal.acquire.session import check_devices
     from lfcal.acquire.setup import check_stage, iter_stage_fit
-    from lfcal.camera import ScanPlan
+    from lfcal.camera import RegionPlan, ScanPlan
     from lfcal.cli.console import report, run_work
 
     check_devices(scan_of(task.plan), rig)
-    if not isinstance(task.plan, ScanPlan):
+    if not isinstance(task.plan, ScanPlan | RegionPlan):
         report("note: sign and scale of the stage are measured with a single point; they are not checked with a target")
         return
-    work = iter_stage_fit(rig, task.plan, options=task.options, control=control)
-    check_stage(run_work(work, quiet=task.quiet), task.plan)
+    scan = scan_of(task.plan)
+    work = iter_stage_fit(rig, scan, options=task.options, control=control)
+    check_stage(run_work(work, quiet=task.quiet), scan)
 
 
 def _show_forecast(task: _Task, rig: Rig) -> None:
     from lfcal.acquire.forecast import forecast
     from lfcal.acquire.frame_plan import scan_of
+    from lfcal.camera import RegionPlan
+    from lfcal.cli.acquire_regions import forecast_regions
     from lfcal.cli.console import print_json, print_table, report
     from lfcal.frames.source import Position
     from lfcal.plain import plain
@@ -359,7 +377,10 @@ def _show_forecast(task: _Task, rig: Rig) -> None:
         most = task.goal.most or scan.n_positions
         only = tuple(Position(*place) for place in scan.order_indices()[:most].tolist())
         report("note: at most so much: the session ends when the wanted error of H is reached")
-    found = forecast(task.plan, rig, task.options, task.out, only=only)
+    if isinstance(task.plan, RegionPlan):
+        found = forecast_regions(task.plan, rig, task.options, task.out)
+    else:
+        found = forecast(task.plan, rig, task.options, task.out, only=only)
     if task.quiet:
         print_json(plain(found) | {"assumed": scan_of(task.plan).camera.marks.paths("assumed")})
         return
