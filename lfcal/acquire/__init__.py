@@ -6,6 +6,7 @@
 - ``guard``, ``known``: each frame held against what it should be before it counts, and against earlier runs
 - ``suspending``: a session that holds while temperature or lamp are off, and goes on by itself
 - ``control``, ``preview``, ``live_quality``, ``errors``: requests to a running session, and what it reports
+- ``frame_plan``, ``live_coverage``: whole frames of a target instead of cutouts of a point, and what they show so far
 - ``recording``: frames on the disk that survive a crash and a power cut; a session as a `FrameSource`
 - ``redo``, ``suspects``, ``finish``: positions to record again; H from a session; packing
 - ``setup``, ``spots``: live set-up
@@ -18,12 +19,16 @@ from lfcal.acquire.control import Control
 from lfcal.acquire.errors import AcquisitionStopped, SuspectFrame
 from lfcal.acquire.finish import iter_assemble_session, iter_finish
 from lfcal.acquire.forecast import SessionForecast, forecast
+from lfcal.acquire.frame_plan import FramePlan
+from lfcal.acquire.live_coverage import CoverageState, LiveCoverage
 from lfcal.acquire.live_quality import Alarm, LiveQuality, QualityState
 from lfcal.acquire.options import Options
 from lfcal.acquire.preview import LiveFrame, Preview
+from lfcal.acquire.recording.opening import open_session
 from lfcal.acquire.recording.records import Kind, Note, Suspicion
 from lfcal.acquire.recording.source import CheckFrame, RecordingSource, read_checks
 from lfcal.acquire.recording.verify import DamagedFrame, SessionReport, iter_verify, verify
+from lfcal.acquire.recording.whole_frames import TargetRecording
 from lfcal.acquire.redo import RedoList
 from lfcal.acquire.runner import Observer, Outcome
 from lfcal.acquire.schedule import Schedule, Step
@@ -39,8 +44,11 @@ __all__ = [
     "Bound",
     "CheckFrame",
     "Control",
+    "CoverageState",
     "DamagedFrame",
+    "FramePlan",
     "Kind",
+    "LiveCoverage",
     "LiveFrame",
     "LiveQuality",
     "Note",
@@ -59,6 +67,7 @@ __all__ = [
     "SuspectFrame",
     "Suspender",
     "Suspicion",
+    "TargetRecording",
     "check_devices",
     "coarse_order",
     "forecast",
@@ -67,6 +76,7 @@ __all__ = [
     "iter_record",
     "iter_verify",
     "open_rig",
+    "open_session",
     "read_checks",
     "read_suspects",
     "record",

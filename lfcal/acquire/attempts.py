@@ -12,9 +12,8 @@ from lfcal.acquire.guard.neighbours import Measured, same_place
 from lfcal.acquire.guard.repeats import Place
 from lfcal.acquire.options import Options
 from lfcal.acquire.recording.records import Kind
-from lfcal.acquire.schedule import Step
+from lfcal.acquire.schedule import Schedule, Step
 from lfcal.acquire.taking import Taken, Taker
-from lfcal.axes import position_at
 from lfcal.camera import ScanPlan
 from lfcal.devices.errors import CameraError, StageError, WrongFrame
 from lfcal.frames.source import Position
@@ -42,12 +41,13 @@ class Attempts:
     ----------
     taker, guard
         What takes a frame, and what judges it.
-    plan, options
+    schedule, plan, options
         As in `Runner`.
     """
 
-    def __init__(self, taker: Taker, guard: ContentGuard, plan: ScanPlan, options: Options) -> None:
-        self._taker, self._guard, self._plan, self._options = taker, guard, plan, options
+    def __init__(self, taker: Taker, guard: ContentGuard, schedule: Schedule, plan: ScanPlan, options: Options) -> None:
+        self._taker, self._guard, self._schedule = taker, guard, schedule
+        self._plan, self._options = plan, options
         self._trusted: tuple[Step, Measured] | None = None
         self._standing = NO_DOUBT
         self._attempt = 1
@@ -153,4 +153,4 @@ class Attempts:
             self._attempt += 1
 
     def _position(self, step: Step) -> Position:
-        return position_at(step.flat, self._plan.period)
+        return self._schedule.position(step.flat)

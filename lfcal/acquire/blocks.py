@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.acquire.frame_plan import FramePlan, frame_grid, frame_positions
 from lfcal.acquire.options import Options
 from lfcal.acquire.recording.records import Kind
 from lfcal.camera import ScanPlan
@@ -16,7 +17,7 @@ from lfcal.errors import InputError
 from lfcal.frames.source import Position
 from lfcal.psf.cutout import Cutout
 
-__all__ = ["Block", "blocks_of", "coarse_order", "window_shape"]
+__all__ = ["Block", "blocks_of", "coarse_order", "frame_blocks", "window_shape"]
 
 SPLINE_MEMORY = 12
 """Pixels after which a cubic spline has forgotten its neighbours to 1e-6."""
@@ -52,11 +53,6 @@ class Block:
         counted = np.arange(len(positions)) if slots is None else slots
         return cls(kind, counted, positions, np.zeros((len(positions), 2), np.int64), before)
 
-    def places(self, plan: ScanPlan) -> NDArray[Any]:
-        """Return ``(N, 3)`` positions (z, y, x), counted on beyond the period where frames lie periods away."""
-        places: NDArray[Any] = self.positions + np.pad(self.periods * np.array(plan.period), ((0, 0), (1, 0)))
-        return places
-
 
 def blocks_of(
     plan: ScanPlan, options: Options, redo: Sequence[Position] | None, only: Sequence[Position] = ()
@@ -70,10 +66,12 @@ def blocks_of(
     InputError
         If ``redo`` lies outside the plan, or no control frame fits on the sensor.
     """
+    nz, ny, nx = plan.shape[:3]
+    middle = (nz // 2, ny // 2, nx // 2)
     if redo is not None:
-        again = _redo_positions(plan, redo)
+        again = _redo_positions(plan.shape[:3], redo)
         count = len(again)
-        return [Block.of(Kind.POSITION, again, np.arange(count)), *_references(plan, options, count, count)]
+        return [Block.of(Kind.POSITION, again, np.arange(count)), *_references(middle, options, count, count)]
     if only:
         positions = plan.in_scan_order(only)
         slots = np.arange(len(positions))
@@ -83,9 +81,41 @@ def blocks_of(
     count = len(positions)
     return [
         Block.of(Kind.POSITION, positions, np.arange(count), slots),
-        *_references(plan, options, count, options.reference_every),
+        *_references(middle, options, count, options.reference_every),
         *_darks(plan, options, count),
         *_controls(plan, options, count),
+    ]
+
+
+def frame_blocks(plan: FramePlan, options: Options, redo: Sequence[Position] | None) -> list[Block]:
+    """Return everything to record of a plan of whole frames, or of the frames ``redo`` of it.
+
+    Raises
+    ------
+    InputError
+        If the plan has no such frame, or the options are of single points.
+    """
+    if options.order != "plan" or options.controls:
+        what = "order coarse" if options.order != "plan" else "control frames"
+        raise InputError.expected("frames of many points", "the plan's order, no controls", what, "leave it out")
+    there = frame_positions(plan)
+    if not len(there):
+        raise InputError.expected("plan of a target", "a frame or more", "none", "plan it again")
+    z = len(plan.scan.depths_um) // 2
+    own = there[there[:, 0] == z]
+    middle = tuple((own if len(own) else there)[0].tolist())
+    if redo is not None:
+        again = _redo_positions(frame_grid(plan), redo)
+        for position in again.tolist():
+            if not (there == position).all(axis=1).any():
+                raise InputError.expected("frame to redo", "one of the plan", tuple(position), "use this plan's list")
+        count = len(again)
+        return [Block.of(Kind.POSITION, again, np.arange(count)), *_references(middle, options, count, count)]
+    count = len(there)
+    return [
+        Block.of(Kind.POSITION, there, np.arange(count)),
+        *_references(middle, options, count, options.reference_every),
+        *_darks(plan.scan, options, count),
     ]
 
 
@@ -117,13 +147,12 @@ def window_shape(plan: ScanPlan, options: Options) -> tuple[int, int]:
     return rows + 2 * margin, columns + 2 * margin
 
 
-def _references(plan: ScanPlan, options: Options, count: int, every: int) -> list[Block]:
+def _references(middle: tuple[int, int, int], options: Options, count: int, every: int) -> list[Block]:
     if not options.reference_every:
         return []
     # also after the last position, so that the whole session lies between two of them
     before = np.append(np.arange(0, count, every), count)
-    nz, ny, nx = plan.shape[:3]
-    return [Block.of(Kind.REFERENCE, np.tile([[nz // 2, ny // 2, nx // 2]], (len(before), 1)), before)]
+    return [Block.of(Kind.REFERENCE, np.tile([middle], (len(before), 1)), before)]
 
 
 def _darks(plan: ScanPlan, options: Options, count: int) -> list[Block]:
@@ -177,14 +206,12 @@ def _periods_to_edge(plan: ScanPlan, middle: NDArray[Any], shape: tuple[int, int
     return max(0, int(room * plan.resample_factors[axis] // plan.period[axis]))
 
 
-def _redo_positions(plan: ScanPlan, redo: Sequence[Position]) -> NDArray[np.int64]:
+def _redo_positions(shape: tuple[int, ...], redo: Sequence[Position]) -> NDArray[np.int64]:
     positions = np.array(sorted(set(redo)), np.int64).reshape(-1, 3)
     if not len(positions):
         raise InputError.expected("positions to redo", "at least one", "none", "check the list")
-    bad = ((positions < 0) | (positions >= np.array(plan.shape[:3]))).any(axis=1)
+    bad = ((positions < 0) | (positions >= np.array(shape))).any(axis=1)
     if bad.any():
         first = tuple(positions[np.flatnonzero(bad)[0]].tolist())
-        raise InputError.expected(
-            "position to redo", f"(z, y, x) inside {plan.shape[:3]}", first, "use the list of this plan"
-        )
+        raise InputError.expected("position to redo", f"(z, y, x) inside {shape}", first, "use the list of this plan")
     return positions

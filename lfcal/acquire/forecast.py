@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lfcal.acquire.frame_plan import FramePlan, scan_of
 from lfcal.acquire.lighting import check_light
 from lfcal.acquire.motion import check_limits, limits_of
 from lfcal.acquire.options import Options
@@ -24,6 +25,9 @@ from lfcal.frames.source import Position
 
 __all__ = ["SessionForecast", "forecast"]
 
+STAGE_UM_PER_S = 1000.0
+"""Speed of the stage, as `Forecast.of` takes it where none is named (µm/s)."""
+
 
 @dataclass(frozen=True, slots=True)
 class SessionForecast:
@@ -32,7 +36,7 @@ class SessionForecast:
     Attributes
     ----------
     positions, other_frames
-        Frames of the plan's positions, and dark, reference and control frames.
+        Frames of the plan's positions (of a target: its frames), and dark, reference and control frames.
     seconds
         Exposures, settling and movement; retries and the approach from one side come on top (s).
     recording_bytes, free_bytes
@@ -51,7 +55,7 @@ class SessionForecast:
 
 
 def forecast(
-    plan: ScanPlan, rig: Rig, options: Options, folder: Path, *, only: Sequence[Position] = ()
+    plan: ScanPlan | FramePlan, rig: Rig, options: Options, folder: Path, *, only: Sequence[Position] = ()
 ) -> SessionForecast:
     """Return what the session will cost, after checking devices, limits, light and disk; nothing moves.
 
@@ -62,15 +66,19 @@ def forecast(
     InputError, DeviceError, StorageError
         What would stop the session at its start.
     """
-    devices = check_devices(plan, rig)
-    schedule = Schedule.of(plan, options, only=only)
+    scan = scan_of(plan)
+    devices = check_devices(scan, rig)
+    if isinstance(plan, ScanPlan):
+        schedule = Schedule.of(plan, options, only=only)
+    else:
+        schedule = Schedule.of_frames(plan, options)
     moved = schedule.targets[schedule.kinds != Kind.DARK]
-    check_limits(moved, limits_of(rig.stage), options.motion(plan).overshoot_um)
+    check_limits(moved, limits_of(rig.stage), options.motion(scan).overshoot_um)
     dark = schedule.kinds == Kind.DARK
     if dark.any():
         check_light(rig)
     positions = schedule.count(Kind.POSITION)
-    size = _recording_bytes(schedule, frame_dtype(plan, options, devices).itemsize)
+    size = _recording_bytes(schedule, frame_dtype(scan, options, devices).itemsize)
     # the recording is reserved at once, and the session holds below its reserve
     require_space(folder, size + options.keep_free_bytes, what="the recording and its reserve")
     place = folder.absolute()
@@ -81,7 +89,7 @@ def forecast(
     return SessionForecast(
         positions,
         len(schedule) - positions,
-        _seconds(plan, options, schedule),
+        _seconds(scan, options, schedule, whole=scan is not plan),
         size,
         free,
         devices.camera,
@@ -95,12 +103,18 @@ def _recording_bytes(schedule: Schedule, sample_bytes: int) -> int:
     return lit + darks * math.prod(schedule.roi.shape) * 4 + len(schedule) * RECORD.itemsize
 
 
-def _seconds(plan: ScanPlan, options: Options, schedule: Schedule) -> float:
+def _seconds(plan: ScanPlan, options: Options, schedule: Schedule, *, whole: bool) -> float:
     """Return the time of all frames; a reference or control frame takes that of a position."""
-    planned = schedule.flat[schedule.kinds == Kind.POSITION]
-    index = np.stack(np.unravel_index(planned, plan.shape[:3]), axis=1)
-    cost = Forecast.of(plan, positions=plan.in_scan_order(index))
-    hours = cost.exposure_hours * sum(options.bracket) + cost.settle_hours + cost.move_hours
+    planned = schedule.kinds == Kind.POSITION
+    if whole:
+        planes, places = schedule.planes[planned], schedule.targets[planned]
+        exposing = sum(plan.exposures[z] for z in planes.tolist()) * plan.frames_averaged
+        way = float(np.abs(np.diff(places, axis=0)).max(axis=1).sum()) if len(places) > 1 else 0.0
+        hours = (exposing * sum(options.bracket) + len(planes) * plan.settle_s + way / STAGE_UM_PER_S) / 3600
+    else:
+        index = np.stack(np.unravel_index(schedule.flat[planned], plan.shape[:3]), axis=1)
+        cost = Forecast.of(plan, positions=plan.in_scan_order(index))
+        hours = cost.exposure_hours * sum(options.bracket) + cost.settle_hours + cost.move_hours
     dark = schedule.kinds == Kind.DARK
     exposed = sum(plan.exposures[z] for z in schedule.planes[dark].tolist()) * sum(options.bracket) * options.darks
     lit = (len(schedule) - int(dark.sum())) / schedule.count(Kind.POSITION)

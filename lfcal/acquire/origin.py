@@ -46,7 +46,7 @@ def check_origin(
     targets = np.array([[x, y, depth]])
     looker = Looker(rig, plan, options, control, targets=targets, roi=schedule.roi, bracket=options.bracket)
     looker.go((x, y, depth))
-    z = int(note["index"]) // (plan.period[0] * plan.period[1])
+    z = schedule.position(int(note["index"])).z
     data = looker.expose(plan.exposures[z], plan.frames_averaged)
     top, left = int(note["row"]) - looker.roi.row, int(note["column"]) - looker.roi.column
     after = data[top : top + before.shape[0], left : left + before.shape[1]]

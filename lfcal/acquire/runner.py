@@ -25,7 +25,6 @@ from lfcal.acquire.recording.records import Kind, Note
 from lfcal.acquire.recording.writer import Acknowledged, Sink, Writer
 from lfcal.acquire.schedule import Schedule, Step
 from lfcal.acquire.taking import Taker
-from lfcal.axes import position_at
 from lfcal.camera import ScanPlan
 from lfcal.devices.protocols import Rig, Roi
 from lfcal.errors import LfcalError
@@ -78,6 +77,8 @@ class Runner:
         CRC-32 of the frames they kept, with their positions.
     known
         Frames of them around the steps to do.
+    whole_frames
+        Frames are of many points, not of one that moves on by a pixel.
 
     Raises
     ------
@@ -102,6 +103,7 @@ class Runner:
         elapsed_s: float = 0.0,
         recorded: Mapping[int, Position] | None = None,
         known: Sequence[Known] = (),
+        whole_frames: bool = False,
     ) -> None:
         self._rig, self._plan, self._options, self._schedule = rig, plan, options, schedule
         self._sink, self._todo = sink, todo
@@ -116,8 +118,10 @@ class Runner:
         sensor = Sensor(rig.camera.max_value, plan.camera.sensor.electrons_per_count)
         taker = Taker(rig, plan, options, schedule, self.control, sensor, self._elapsed_s)
         self._lighting = taker.lighting
-        guard = ContentGuard(plan.shape[:3], sensor, coarse=options.order == "coarse", recorded=recorded)
-        self._attempts = Attempts(taker, guard, plan, options)
+        guard = ContentGuard(
+            schedule.grid, sensor, coarse=options.order == "coarse", recorded=recorded, whole=whole_frames
+        )
+        self._attempts = Attempts(taker, guard, schedule, plan, options)
         for item in known:
             seen = guard.know(*item)
             if item is known[-1]:
@@ -193,7 +197,7 @@ class Runner:
         return taken.frame, note
 
     def _position(self, step: Step) -> Position:
-        return position_at(step.flat, self._plan.period)
+        return self._schedule.position(step.flat)
 
     def _elapsed_s(self) -> float:
         return self._earlier_s + self._rig.time.monotonic() - self._since

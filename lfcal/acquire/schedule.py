@@ -9,10 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.acquire.blocks import Block, blocks_of, window_shape
+from lfcal.acquire.blocks import Block, blocks_of, frame_blocks, window_shape
+from lfcal.acquire.frame_plan import FramePlan, frame_grid
 from lfcal.acquire.options import Options
 from lfcal.acquire.recording.records import Kind
-from lfcal.axes import centre
+from lfcal.axes import centre, position_at
 from lfcal.camera import ScanPlan
 from lfcal.devices.protocols import Point, Roi
 from lfcal.errors import InputError
@@ -52,6 +53,8 @@ class Schedule:
         Rows and columns of every frame kept.
     roi
         Region read for all but control frames; ``control_roi`` for those.
+    grid
+        ``(nz, ny, nx)`` that positions are counted on: the plan's, or that of `frame_grid`.
     """
 
     kinds: NDArray[np.uint8]
@@ -64,6 +67,7 @@ class Schedule:
     window: tuple[int, int]
     roi: Roi
     control_roi: Roi
+    grid: tuple[int, int, int]
 
     def __len__(self) -> int:
         """Return the number of steps."""
@@ -76,6 +80,10 @@ class Schedule:
     def roi_of(self, kind: Kind) -> Roi:
         """Return the region of the sensor that frames of ``kind`` need."""
         return self.control_roi if kind is Kind.CONTROL else self.roi
+
+    def position(self, flat: int) -> Position:
+        """Return the position that is counted as ``flat``."""
+        return position_at(flat, self.grid[1:])
 
     def steps(self, todo: NDArray[np.bool_] | None = None) -> Iterator[Step]:
         """Iterate over the steps in order, those of ``todo`` ``(N,)`` only."""
@@ -112,29 +120,64 @@ class Schedule:
         InputError
             If a frame to be kept would leave the sensor, or ``redo`` lies outside the plan.
         """
-        blocks = blocks_of(plan, options, redo, only)
-        kinds = np.concatenate([np.full(len(b.slots), b.kind, np.uint8) for b in blocks])
-        order = _order(blocks, kinds)
-        places = np.concatenate([b.places(plan) for b in blocks])[order]
-        positions = np.concatenate([b.positions for b in blocks])[order]
+        found = _Joined.of(blocks_of(plan, options, redo, only))
         shape = window_shape(plan, options)
+        places = found.positions + np.pad(found.periods * np.array(plan.period), ((0, 0), (1, 0)))
         images = plan.image_px(places)
         # the same rounding as assembly's: half a pixel goes down
         origins = (np.ceil(images - 0.5) - [centre(shape[0]), centre(shape[1])]).astype(np.int64)
-        _check_on_sensor(plan, origins, positions, shape)
-        control = kinds[order] == Kind.CONTROL
-        return cls(
-            kinds[order],
-            _slots(blocks)[order],
-            np.ravel_multi_index(tuple(positions.T), plan.shape[:3]).astype(np.int64),
-            positions[:, 0].astype(np.int64),
+        _check_on_sensor(plan, origins, found.positions, shape)
+        control = found.kinds == Kind.CONTROL
+        return found.schedule(
+            plan.shape[:3],
             plan.stage_um(places),
             origins,
-            np.concatenate([b.periods for b in blocks])[order].astype(np.int64),
             shape,
-            _union(origins[~control], shape),
-            _union(origins[control] if control.any() else origins, shape),
+            (_union(origins[~control], shape), _union(origins[control] if control.any() else origins, shape)),
         )
+
+    @classmethod
+    def of_frames(cls, plan: FramePlan, options: Options, redo: Sequence[Position] | None = None) -> Schedule:
+        """Return the schedule of whole frames, or of the frames ``redo`` of them; raises as `frame_blocks`."""
+        found = _Joined.of(frame_blocks(plan, options, redo))
+        number = {frame: k for k, frame in enumerate(plan.frames)}
+        places = plan.stage_um()[[number.get((z, k), 0) for z, _, k in found.positions.tolist()]]
+        shape = plan.scan.camera.sensor.shape
+        whole = Roi(0, 0, *shape)
+        origins = np.zeros((len(found.kinds), 2), np.int64)
+        return found.schedule(frame_grid(plan), places, origins, shape, (whole, whole))
+
+
+class _Joined(NamedTuple):
+    """Blocks as arrays in the order of recording; see `Schedule`."""
+
+    kinds: NDArray[np.uint8]
+    slots: NDArray[np.int64]
+    positions: NDArray[np.int64]
+    periods: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, blocks: list[Block]) -> _Joined:
+        kinds = np.concatenate([np.full(len(b.slots), b.kind, np.uint8) for b in blocks])
+        order = _order(blocks, kinds)
+        positions, periods = (
+            np.concatenate(values)[order].astype(np.int64)
+            for values in zip(*((b.positions, b.periods) for b in blocks), strict=True)
+        )
+        return cls(kinds[order], _slots(blocks)[order], positions, periods)
+
+    def schedule(
+        self,
+        grid: tuple[int, int, int],
+        targets: NDArray[np.float64],
+        origins: NDArray[np.int64],
+        window: tuple[int, int],
+        rois: tuple[Roi, Roi],
+    ) -> Schedule:
+        """Return the schedule of these steps at places of the stage."""
+        flat = np.ravel_multi_index(tuple(self.positions.T), grid).astype(np.int64)
+        planes = self.positions[:, 0]
+        return Schedule(self.kinds, self.slots, flat, planes, targets, origins, self.periods, window, *rois, grid)
 
 
 def _order(blocks: list[Block], kinds: NDArray[np.uint8]) -> NDArray[np.intp]:

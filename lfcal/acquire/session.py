@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from lfcal.acquire.control import Control
 from lfcal.acquire.errors import AcquisitionStopped
-from lfcal.acquire.known import known_around
+from lfcal.acquire.frame_plan import FramePlan, scan_of
+from lfcal.acquire.known import Known, known_around
 from lfcal.acquire.options import Options
 from lfcal.acquire.origin import check_origin
 from lfcal.acquire.preview import Preview
@@ -29,7 +30,6 @@ from lfcal.acquire.runner import Observer, Outcome, Runner
 from lfcal.acquire.schedule import Schedule
 from lfcal.acquire.session_file import Devices, Run, SessionFile, frame_dtype
 from lfcal.acquire.suspending import Suspender
-from lfcal.axes import position_at
 from lfcal.camera import ScanPlan
 from lfcal.devices.protocols import Rig
 from lfcal.errors import InputError, LfcalError, StorageError
@@ -42,7 +42,7 @@ __all__ = ["check_devices", "check_new", "iter_record", "record"]
 
 def iter_record(
     folder: Path,
-    plan: ScanPlan,
+    plan: ScanPlan | FramePlan,
     rig: Rig,
     options: Options | None = None,
     *,
@@ -61,14 +61,15 @@ def iter_record(
     folder
         A new or empty folder; with ``resume`` or ``redo`` that of an earlier session.
     plan, rig, options
-        What, with which devices, how; by default the options of the session that goes on, or `Options()`.
+        What (a scan, or a `lfcal.targets.TargetPlan`: whole frames), with which devices, how; by default the options of
+        the session that goes on, or `Options()`.
     resume
         Go on where an earlier run was interrupted, after checking that plan, options, devices and the
         stage's origin are the same. Every frame is checked first, and those that are damaged are taken again: in
         their place, or, where the recording was packed, in a file of their own.
     redo
         Record these positions of a finished session again, into a file of their own; the later frame counts. Where
-        the session has no others they are added to it.
+        the session has no others they are added to it. Whole frames are named as `lfcal.acquire.frame_plan` says.
     only
         Record these positions and no others; a session that goes on has its own.
     kept_aside
@@ -84,7 +85,10 @@ def iter_record(
         When the session had to end early; it can be resumed.
     """
     control = control or Control()
-    devices = check_devices(plan, rig)
+    scan = scan_of(plan)
+    devices = check_devices(scan, rig)
+    if scan is not plan and (only is not None or len(kept_aside)):
+        raise InputError.expected("positions to record", "none beside a target", "some", "its frames show many at once")
     goes_on = resume or redo is not None
     if not goes_on:
         check_new(folder)
@@ -94,7 +98,8 @@ def iter_record(
         earlier.check_same(plan, options, devices)  # before the lock, for the clearer message
     trouble = _trouble(folder, rig, options)  # a gauge that is not there is told before anything is made
     with _locked(folder):
-        new = _new(SessionFile(uuid.uuid4().hex, plan, options, devices), only, kept_aside)
+        target = None if isinstance(plan, ScanPlan) else plan
+        new = _new(SessionFile(uuid.uuid4().hex, scan, options, devices, target=target), only, kept_aside)
         file, first = _prepare(folder, rig, new, resume=resume, redo=redo)
         found = None
         if resume:
@@ -111,7 +116,7 @@ def iter_record(
 
 def record(
     folder: Path,
-    plan: ScanPlan,
+    plan: ScanPlan | FramePlan,
     rig: Rig,
     options: Options | None = None,
     *,
@@ -179,7 +184,8 @@ def _prepare(
         _create(folder, new, 0, rig, new.options)
         return new, 0
     file = SessionFile.read(folder)
-    file.check_same(new.plan, new.options, new.devices)  # again: another program may have been at it before the lock
+    # again: another program may have been at it before the lock
+    file.check_same(new.target or new.plan, new.options, new.devices)
     if redo is not None:
         file = replace(file, kept_aside=tuple(dict.fromkeys((*file.kept_aside, *new.kept_aside))))
         file = _add_recording(folder, file, redo, rig, new.options)
@@ -272,8 +278,9 @@ def _record_one(
             todo,
             **watching._asdict(),
             elapsed_s=store.elapsed_s,
-            known=known_around(folder, _open_positions(file.plan, schedule, todo)) if not todo.all() or run else (),
-            recorded={crc: position_at(flat, file.plan.period) for crc, flat in store.checksums().items()},
+            known=_known(folder, file, schedule, todo) if not todo.all() or run else (),
+            recorded={crc: schedule.position(flat) for crc, flat in store.checksums().items()},
+            whole_frames=file.target is not None,
         )
         if found is not None and todo.any():
             _check_origin(folder, file, rig, options, watching.control, found)
@@ -331,11 +338,13 @@ def _note(folder: Path, file: SessionFile, how: str, done: int, seconds: float, 
     return file
 
 
-def _open_positions(plan: ScanPlan, schedule: Schedule, todo: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return which positions ``(nz, ny, nx)`` of the plan are still to do."""
-    positions = np.zeros(plan.n_positions, np.bool_)
+def _known(folder: Path, file: SessionFile, schedule: Schedule, todo: NDArray[np.bool_]) -> list[Known]:
+    """Return frames of earlier runs around the positions that are still to do; whole frames have no neighbours."""
+    if file.target is not None:
+        return []
+    positions = np.zeros(file.positions, np.bool_)
     positions[schedule.flat[todo & (schedule.kinds == Kind.POSITION)]] = True
-    return positions.reshape(plan.shape[:3])
+    return known_around(folder, positions.reshape(file.grid))
 
 
 def _now() -> str:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from lfcal.acquire.frame_plan import FramePlan, frame_grid, read_frame_plan
 from lfcal.acquire.options import Options
 from lfcal.acquire.recording.records import Kind, file_name
 from lfcal.acquire.schedule import Schedule
@@ -25,6 +26,8 @@ __all__ = ["Devices", "Run", "SessionFile", "frame_dtype"]
 
 FORMAT = "lfcal-session"
 VERSION = 1
+TARGET_VERSION = 2
+"""Version of a session of whole frames; all others are as in version 1."""
 NAME = "session.json"
 
 
@@ -79,6 +82,8 @@ class SessionFile:
         Every stretch of recording.
     kept_aside
         Positions (z, y, x) that a fit is not to use: they tell how good it is.
+    target
+        The plan of a target whose whole frames are recorded, `plan` the scan that it stands for; None: single points.
     """
 
     identity: str
@@ -89,9 +94,23 @@ class SessionFile:
     redo: tuple[tuple[tuple[int, ...], ...], ...] = ((),)
     runs: tuple[Run, ...] = ()
     kept_aside: tuple[tuple[int, ...], ...] = ()
+    target: FramePlan | None = None
+
+    @property
+    def grid(self) -> tuple[int, int, int]:
+        """``(nz, ny, nx)`` that positions are counted on; of whole frames see `frame_grid`."""
+        return self.plan.shape[:3] if self.target is None else frame_grid(self.target)
+
+    @property
+    def positions(self) -> int:
+        """Positions in all."""
+        return self.plan.n_positions if self.target is None else len(self.target.frames)
 
     def schedule(self, run: int) -> Schedule:
         """Return the steps of recording ``run``."""
+        if self.target is not None:
+            own = [Position(*p) for p in self.redo[run]]
+            return Schedule.of_frames(self.target, self.options, own or None)
         whole = Schedule.of(self.plan, self.options)
         if not self.redo[run]:  # an empty list stands for all positions
             return whole
@@ -109,7 +128,7 @@ class SessionFile:
 
     def was_complete(self, run: int) -> bool:
         """Return whether recording ``run`` is known to have been completed at some time."""
-        count = len(set(self.redo[run])) or int(np.prod(self.plan.shape[:3]))
+        count = len(set(self.redo[run])) or self.positions
         # another recording may have had as many positions
         own = [past for past in self.runs if past.recording in (run, -1)]
         return any(past.how == "complete" and past.acknowledged == count for past in own)
@@ -132,6 +151,8 @@ class SessionFile:
                 del run["recording"]
         if self.kept_aside:  # sessions without them stay as older versions read them
             data["kept_aside"] = self.kept_aside
+        if self.target is not None:  # so an older version does not take whole frames for those of single points
+            data |= {"version": TARGET_VERSION, "target": self.target.to_dict()}
         if not folder.is_dir():
             raise StorageError(f"{folder}: the session folder is gone; restore it, or start a new session")
         with replace_whole(folder / NAME) as part:
@@ -144,15 +165,22 @@ class SessionFile:
         if not path.exists():
             raise StorageError.expected(str(folder), "a session folder", f"no {NAME} in it", "check the path")
         data: Any = parse_json(read_text(path), str(path), remedy="restore it")
-        if not isinstance(data, Mapping) or data.get("format") != FORMAT or data.get("version") != VERSION:
-            raise FileFormatError.expected(
-                str(path), f'"format": "{FORMAT}", version {VERSION}', "something else", "check the file"
-            )
-        body = {"kept_aside": (), **{key: value for key, value in data.items() if key not in ("format", "version")}}
+        version = data.get("version") if isinstance(data, Mapping) else None
+        if version not in (VERSION, TARGET_VERSION) or data.get("format") != FORMAT:
+            wanted = f'"format": "{FORMAT}", version {VERSION} or {TARGET_VERSION}'
+            raise FileFormatError.expected(str(path), wanted, "something else", "check the file")
+        if (version == TARGET_VERSION) != ("target" in data):
+            raise FileFormatError.expected(str(path), "a target in version 2", f"version {version}", "restore it")
+        body = {"kept_aside": (), "target": None, **data}
+        del body["format"], body["version"]
         body["runs"] = _runs(body.get("runs"), body.get("recordings"))
         try:
             body["plan"] = ScanPlan.from_dict(body["plan"])
             body["options"] = Options.from_dict(body["options"])
+            if body["target"] is not None:
+                body["target"] = read_frame_plan(body["target"])
+                if body["target"].scan != body["plan"]:
+                    raise FileFormatError.expected(f"{path}: plan", "that of the target", "another", "restore the file")
             session = build(cls, body, "session")
         except KeyError as error:
             raise FileFormatError.expected(str(path), f"entry {error}", "none", "restore the file") from None
@@ -168,9 +196,9 @@ class SessionFile:
             kept_aside=tuple(tuple(int(v) for v in p) for p in session.kept_aside),
         )
 
-    def check_same(self, plan: ScanPlan, options: Options, devices: Devices) -> None:
+    def check_same(self, plan: ScanPlan | FramePlan, options: Options, devices: Devices) -> None:
         """Raise `InputError` unless a resumed run records the same thing with the same devices."""
-        found = _difference(self.plan.to_dict(), json.loads(plan.to_json()), "plan")
+        found = _difference((self.target or self.plan).to_dict(), plan.to_dict(), "plan")
         if found is None:
             names = self.options.differences(options)
             if names:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from lfcal.acquire.recording.source import RecordingSource
+from lfcal.acquire.recording.opening import open_session
 from lfcal.acquire.redo import RedoList
 
 __all__ = ["read_suspects"]
@@ -20,6 +20,6 @@ def read_suspects(folder: Path) -> RedoList:
     InputError
         If nothing was recorded.
     """
-    with RecordingSource(folder) as source:
+    with open_session(folder) as source:
         found = source.suspects()
     return RedoList.of([position for position, _ in found], [what.words for _, what in found])

@@ -16,6 +16,7 @@
 - ``stage``: how a stage's axes move the image
 - ``lens_centre``: the micro-image centre next to a pixel
 - ``plan``: which positions are recorded, and in which order
+- ``regions``: several regions of the field in one plan
 - ``forecast``: what that costs in time, disk and memory
 """
 
@@ -34,6 +35,7 @@ from lfcal.camera.marks import MARKS, Marks
 from lfcal.camera.plan import ScanPlan
 from lfcal.camera.presets import PRESETS, preset
 from lfcal.camera.quantities import QUANTITIES, Quantity, has_value, quantities_of, value_at
+from lfcal.camera.regions import RegionPlan
 from lfcal.camera.sensor import Sensor
 from lfcal.camera.stage import StageAxes
 
@@ -55,6 +57,7 @@ __all__ = [
     "Marks",
     "Microscope",
     "Quantity",
+    "RegionPlan",
     "ScanPlan",
     "Sensor",
     "StageAxes",

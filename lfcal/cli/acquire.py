@@ -20,14 +20,16 @@ from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
 
 if TYPE_CHECKING:
     from lfcal.acquire.control import Control
-    from lfcal.acquire.live_quality import Alarm, LiveQuality
+    from lfcal.acquire.live_coverage import LiveCoverage
+    from lfcal.acquire.live_quality import LiveQuality
     from lfcal.acquire.options import Options
     from lfcal.acquire.redo import RedoList
     from lfcal.acquire.runner import Outcome
-    from lfcal.camera import ScanPlan
+    from lfcal.camera import RegionPlan, ScanPlan
     from lfcal.campaign import Adapted, Goal
     from lfcal.devices.protocols import Rig
     from lfcal.progress import Work
+    from lfcal.targets import TargetPlan
 
 R = TypeVar("R")
 ALARM_EVERY_S = 5.0
@@ -39,7 +41,7 @@ def register(app: typer.Typer) -> None:
 
 
 def command(
-    plan: Path = typer.Argument(help="Scan plan (.json), made with lfcal plan."),
+    plan: Path = typer.Argument(help="Plan of a scan or of a target (.json), made with lfcal plan."),
     *,
     out: Path = typer.Option(..., "--out", "-o", help="Session folder."),
     backend: str = typer.Option("sim", "--backend", "-b", help="Devices; lfcal doctor lists them."),
@@ -102,8 +104,12 @@ def command(
 
     Example: `lfcal acquire plan.json --backend sim --out session/ --assemble H.h5`
     """
+    from lfcal.acquire.frame_plan import scan_of
     from lfcal.acquire.redo import RedoList
     from lfcal.acquire.runner import Outcome
+    from lfcal.camera import RegionPlan
+    from lfcal.cli.acquire_regions import check_region_options, finish_regions
+    from lfcal.cli.acquire_target import check_target_options, simulated_options
     from lfcal.cli.cameras import tell_assumed
     from lfcal.cli.console import report
     from lfcal.cli.outputs import check_output
@@ -117,7 +123,23 @@ def command(
     goal = parse_goal(until_error, most, unknowns)
     if goal is not None and (positions is not None or redo is not None):
         raise InputError("--until-error: chooses positions itself; leave --positions and --redo out")
-    scan = read_plan(plan, origin)
+    recorded = read_plan(plan, origin)
+    scan = scan_of(recorded)
+    single = {
+        "--positions": positions is not None,
+        "--until-error": goal is not None,
+        "--assemble": assemble is not None,
+        "--order": order == "coarse",
+        "--controls": bool(controls),
+        "--margin": margin is not None,
+    }
+    sim: dict[str, str] = pairs(option)
+    if isinstance(recorded, RegionPlan):
+        one = {"--redo": redo is not None, "--positions": positions is not None, "--until-error": goal is not None}
+        check_region_options(one)
+    else:
+        check_target_options(recorded, single)
+        sim = simulated_options(recorded, plan, backend, sim)
     tell_assumed(scan.camera, plan.name, quiet=json)
     given = {
         "order": order,
@@ -137,23 +159,26 @@ def command(
     # A session that goes on keeps the options it began with; those given now replace single ones.
     options = options_of(out if resume or redo is not None else None, given, check_origin)
     again, only = (None if path is None else RedoList.read(path) for path in (redo, positions))
-    task = _Task(out, scan, options, resume, again, only, goal, json)
-    with open_rig(scan, backend, pairs(option), stage=stage) as rig:
+    task = _Task(out, recorded, options, resume, again, only, goal, json)
+    with open_rig(scan, backend, sim, stage=stage) as rig:
         # A light that can be switched needs nobody to cover the lens, whatever was asked for.
         if cover and rig.light is None:
             rig = replace(rig, light=_Cover())
         if dry_run:
             _show_forecast(task, rig)
             return
-        found, alarms, ended_by = _run(task, rig, check_stage)
+        found, seen, ended_by = _run(task, rig, check_stage)
     adapted = None if isinstance(found, Outcome) else found
     outcome = found if isinstance(found, Outcome) else found.outcome
-    result: dict[str, Any] = {"session": out, "outcome": outcome, "alarms": alarms, **list_suspects(out, outcome)}
+    result: dict[str, Any] = {"session": out, "outcome": outcome, **seen}
+    if not isinstance(recorded, RegionPlan):
+        result |= list_suspects(out, outcome)
     result["assumed"] = scan.camera.marks.paths("assumed")
     result |= {} if adapted is None else adapted_facts(adapted)
     if outcome.how == "complete":
         try:
-            result |= finish(out, assemble, pack, json)
+            ending = finish_regions if isinstance(recorded, RegionPlan) else finish
+            result |= ending(out, assemble, pack, json)
         except LfcalError:
             # the frames are safe whatever became of H
             show_outcome(result, outcome, out, json)
@@ -172,7 +197,7 @@ class _Task:
     """A session to record: where, by which plan, how, and what of it."""
 
     out: Path
-    plan: ScanPlan
+    plan: ScanPlan | TargetPlan | RegionPlan
     options: Options
     resume: bool
     redo: RedoList | None
@@ -181,8 +206,8 @@ class _Task:
     quiet: bool
 
 
-def _run(task: _Task, rig: Rig, check_stage: bool) -> tuple[Outcome | Adapted, tuple[Alarm, ...], int]:
-    """Check light and stage, then record until the end or a signal; return what came of it, and the signal."""
+def _run(task: _Task, rig: Rig, check_stage: bool) -> tuple[Outcome | Adapted, dict[str, Any], int]:
+    """Check light and stage, then record until the end or a signal; return what came of it and was seen, the signal."""
     from lfcal.acquire.control import Control
     from lfcal.acquire.lighting import check_light
 
@@ -195,20 +220,30 @@ def _run(task: _Task, rig: Rig, check_stage: bool) -> tuple[Outcome | Adapted, t
             _check_stage(task, rig, control)
     control = Control()
     with _stoppable(control) as asked:
-        outcome, alarms = _record(task, rig, control)
-    return outcome, alarms, next(iter(asked), signal.SIGINT)
+        outcome, seen = _record(task, rig, control)
+    return outcome, seen, next(iter(asked), signal.SIGINT)
 
 
-def _record(task: _Task, rig: Rig, control: Control) -> tuple[Outcome | Adapted, tuple[Alarm, ...]]:
+def _record(task: _Task, rig: Rig, control: Control) -> tuple[Outcome | Adapted, dict[str, Any]]:
     from lfcal.acquire.blocks import window_shape
-    from lfcal.acquire.live_quality import LiveQuality
+    from lfcal.acquire.live_quality import LiveQuality, QualityState
     from lfcal.acquire.redo import RedoList
     from lfcal.acquire.session import iter_record
+    from lfcal.camera import RegionPlan, ScanPlan
+    from lfcal.cli.acquire_regions import record_regions
+    from lfcal.cli.acquire_target import coverage_facts, recorded_before
     from lfcal.cli.console import run_work
 
-    quality = LiveQuality(task.plan, window_shape(task.plan, task.options))
+    if isinstance(task.plan, RegionPlan):
+        how = {"resume": task.resume, "quiet": task.quiet}
+        return record_regions(task.plan, task.out, rig, task.options, control, **how)
+    quality: LiveQuality | LiveCoverage
+    if isinstance(task.plan, ScanPlan):
+        quality = LiveQuality(task.plan, window_shape(task.plan, task.options))
+    else:
+        quality = recorded_before(task.plan, task.out if task.resume or task.redo is not None else None)
     if task.goal is not None:
-        return _adapted(task, rig, control, quality), quality.state().alarms
+        return _adapted(task, rig, control, quality), {"alarms": quality.state().alarms}
     work = iter_record(
         task.out,
         task.plan,
@@ -221,17 +256,21 @@ def _record(task: _Task, rig: Rig, control: Control) -> tuple[Outcome | Adapted,
         control=control,
         observers=(quality,),
     )
-    return run_work(_watched(work, quality), quiet=task.quiet), quality.state().alarms
+    outcome = run_work(_watched(work, quality), quiet=task.quiet)
+    state = quality.state()
+    more = {} if isinstance(state, QualityState) else {"shown": coverage_facts(state)}
+    return outcome, {"alarms": state.alarms, **more}
 
 
-def _adapted(task: _Task, rig: Rig, control: Control, quality: LiveQuality) -> Adapted:
+def _adapted(task: _Task, rig: Rig, control: Control, quality: LiveQuality | LiveCoverage) -> Adapted:
+    from lfcal.acquire.frame_plan import scan_of
     from lfcal.campaign import iter_adaptive
     from lfcal.cli.console import run_work
 
     assert task.goal is not None
     work = iter_adaptive(
         task.out,
-        task.plan,
+        scan_of(task.plan),
         rig,
         task.goal,
         task.options,
@@ -243,7 +282,7 @@ def _adapted(task: _Task, rig: Rig, control: Control, quality: LiveQuality) -> A
     return run_work(_watched(work, quality), quiet=task.quiet)
 
 
-def _watched(work: Work[R], quality: LiveQuality) -> Work[R]:
+def _watched(work: Work[R], quality: LiveQuality | LiveCoverage) -> Work[R]:
     """Yield the progress of ``work``, and report every alarm once while there is time to act on it."""
     from lfcal.cli.console import report
 
@@ -307,17 +346,26 @@ class _Cover:
 
 
 def _check_stage(task: _Task, rig: Rig, control: Control) -> None:
+    from lfcal.acquire.frame_plan import scan_of
     from lfcal.acquire.session import check_devices
     from lfcal.acquire.setup import check_stage, iter_stage_fit
-    from lfcal.cli.console import run_work
+    from lfcal.camera import RegionPlan, ScanPlan
+    from lfcal.cli.console import report, run_work
 
-    check_devices(task.plan, rig)
-    work = iter_stage_fit(rig, task.plan, options=task.options, control=control)
-    check_stage(run_work(work, quiet=task.quiet), task.plan)
+    check_devices(scan_of(task.plan), rig)
+    if not isinstance(task.plan, ScanPlan | RegionPlan):
+        report("note: sign and scale of the stage are measured with a single point; they are not checked with a target")
+        return
+    scan = scan_of(task.plan)
+    work = iter_stage_fit(rig, scan, options=task.options, control=control)
+    check_stage(run_work(work, quiet=task.quiet), scan)
 
 
 def _show_forecast(task: _Task, rig: Rig) -> None:
     from lfcal.acquire.forecast import forecast
+    from lfcal.acquire.frame_plan import scan_of
+    from lfcal.camera import RegionPlan
+    from lfcal.cli.acquire_regions import forecast_regions
     from lfcal.cli.console import print_json, print_table, report
     from lfcal.frames.source import Position
     from lfcal.plain import plain
@@ -325,12 +373,16 @@ def _show_forecast(task: _Task, rig: Rig) -> None:
 
     only: tuple[Position, ...] = () if task.only is None else task.only.positions
     if task.goal is not None:
-        most = task.goal.most or task.plan.n_positions
-        only = tuple(Position(*place) for place in task.plan.order_indices()[:most].tolist())
+        scan = scan_of(task.plan)
+        most = task.goal.most or scan.n_positions
+        only = tuple(Position(*place) for place in scan.order_indices()[:most].tolist())
         report("note: at most so much: the session ends when the wanted error of H is reached")
-    found = forecast(task.plan, rig, task.options, task.out, only=only)
+    if isinstance(task.plan, RegionPlan):
+        found = forecast_regions(task.plan, rig, task.options, task.out)
+    else:
+        found = forecast(task.plan, rig, task.options, task.out, only=only)
     if task.quiet:
-        print_json(plain(found) | {"assumed": task.plan.camera.marks.paths("assumed")})
+        print_json(plain(found) | {"assumed": scan_of(task.plan).camera.marks.paths("assumed")})
         return
     rows = [
         ["positions", f"{found.positions}"],

@@ -63,6 +63,7 @@ def _show_suspects(suspects: RedoList, path: Path) -> None:
 
 def show_outcome(result: dict[str, Any], outcome: Outcome, out: Path, json: bool) -> None:
     """Print how a session ended, and what to do next."""
+    from lfcal.cli.acquire_target import show_coverage
     from lfcal.cli.console import print_json
     from lfcal.units import format_seconds
 
@@ -70,7 +71,10 @@ def show_outcome(result: dict[str, Any], outcome: Outcome, out: Path, json: bool
         print_json(result)
     else:
         time_taken = format_seconds(outcome.seconds)
-        typer.echo(f"{out}: {outcome.how}, {outcome.acknowledged} of {outcome.total} positions in {time_taken}")
+        what = "frames" if "shown" in result else "positions"
+        typer.echo(f"{out}: {outcome.how}, {outcome.acknowledged} of {outcome.total} {what} in {time_taken}")
+        if "shown" in result:
+            show_coverage(result["shown"])
         if outcome.damaged:
             typer.echo(f"  {outcome.damaged} damaged frames were found; those recorded now replace them")
         for alarm in result["alarms"]:

@@ -8,31 +8,44 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from lfcal.acquire.options import Options
-    from lfcal.camera import ScanPlan
+    from lfcal.camera import RegionPlan, ScanPlan
+    from lfcal.targets import TargetPlan
 
 __all__ = ["numbers", "options_of", "pairs", "read_plan"]
 
 
-def read_plan(path: Path, origin: str) -> ScanPlan:
-    """Return the plan in a file, its stage placed at ``origin`` where one is given."""
-    from lfcal.camera import ScanPlan
+def read_plan(path: Path, origin: str) -> ScanPlan | TargetPlan | RegionPlan:
+    """Return the plan of a scan, a target or regions in a file, its stage at ``origin`` if that is given."""
+    from lfcal.acquire.frame_plan import scan_of
+    from lfcal.camera import RegionPlan, ScanPlan
+    from lfcal.cli.acquire_target import target_plan_in
     from lfcal.errors import InputError
     from lfcal.files import read_text
+    from lfcal.plain import parse_json
 
-    plan = ScanPlan.from_json(read_text(path))
+    text = read_text(path)
+    data = parse_json(text, "scan plan")
+    found: ScanPlan | TargetPlan | RegionPlan | None = target_plan_in(data)
+    if found is None:
+        found = RegionPlan.from_dict(data) if RegionPlan.is_one(data) else ScanPlan.from_dict(data)
     if not origin:
-        return plan
+        return found
     place = numbers(origin, "--origin") or ()
     if len(place) != 3:
         raise InputError.expected("--origin", "X,Y,Z in µm", origin, "give three numbers")
-    return replace(plan, stage=replace(plan.stage, origin_um=(place[0], place[1], place[2])))
+    scan = scan_of(found)
+    scan = replace(scan, stage=replace(scan.stage, origin_um=(place[0], place[1], place[2])))
+    return scan if isinstance(found, ScanPlan) else replace(found, scan=scan)
 
 
 def options_of(session: Path | None, given: dict[str, Any], check_origin: bool) -> Options:
     """Return the session's options where it exists, else the defaults, changed by what was given."""
     from lfcal.acquire.options import Options
     from lfcal.acquire.session_file import SessionFile
+    from lfcal.campaign.regions import first_begun, is_regions
 
+    if session is not None and is_regions(session):
+        session = first_begun(session)
     base = SessionFile.read(session).options if session is not None else Options()
     options = replace(base, **{k: v for k, v in given.items() if v is not None})
     return options if check_origin else replace(options, origin_tolerance_px=None)

@@ -23,6 +23,7 @@ from lfcal.cli.options import (
     StoreToleranceOption,
     WorkersOption,
 )
+from lfcal.cli.regions import make_regions
 from lfcal.cli.runs import may_replace, run_choice, run_kept
 from lfcal.cli.scan_frames import ScanFrames
 
@@ -125,6 +126,7 @@ def command(
 
     Example: `lfcal assemble session/frames --dark session/dark --white session/white -o H.h5`
     """
+    from lfcal.campaign.regions import is_regions
     from lfcal.cli.cameras import tell_assumed
     from lfcal.cli.console import print_json
     from lfcal.cli.orientation import check_choice
@@ -162,6 +164,24 @@ def command(
         workers=workers,
         store_tolerance=store_tolerance,
     )
+    if is_regions(frames):
+        one = {
+            "--plan": plan is not None,
+            "--manifest": manifest is not None,
+            "--channel": channel == "each",
+            "--fill": fill is not None,
+            "--executor": bool(executor or scheduler or resume),
+            "--store-tolerance": store_tolerance is not None,
+        }
+        how = _How(settings, orientation, half_cell, None, skip_damaged, True)
+        several = _assemble_regions(words, out, replace(recipe, channel=channel), how, shift, one)
+        if json:
+            print_json(several)
+        else:
+            for name, facts in several["regions"].items():
+                typer.echo(f"{name}: H {facts['shape']} from {facts['frames']} frames, {len(facts['missing'])} missing")
+            typer.echo(f"{out}: H of {len(several['regions'])} regions")
+        return
     with ExitStack() as stack:
         source, scan = open_colour(words.open, channel)
         stack.enter_context(source)
@@ -240,6 +260,26 @@ def _assemble(
         report = run_kept(work, part.out, quiet=json)
     with report.matrix:
         return show_report(report, part.out, time.perf_counter() - start, json)
+
+
+def _assemble_regions(
+    words: ScanFrames, out: Path, recipe: CorrectionRecipe, how: _How, shift: str, given: dict[str, bool]
+) -> dict[str, Any]:
+    """Make H of every region of a session into one file; options ``given`` are of one region alone."""
+    from lfcal.campaign.regions import read_regions
+    from lfcal.frames.aligned import chosen_shift
+
+    settings = how.settings
+
+    def region(_: ScanPlan, name: str, part: Path) -> dict[str, Any]:
+        own = replace(words, frames=words.frames / name)
+        source, scan = open_colour(own.open, recipe.channel)
+        with source:
+            corrected = replace(recipe, shift=chosen_shift(shift, source)[0])
+            return _assemble(Part(source, scan, recipe.channel, part), scan, corrected, how, own, None)
+
+    saving = {"dtype": settings.dtype, "compression": settings.compression, "workers": settings.workers}
+    return make_regions(read_regions(words.frames), out, region, given, **saving)
 
 
 def parse_cutout(text: str) -> tuple[int, int] | str | None:

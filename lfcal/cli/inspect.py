@@ -26,6 +26,9 @@ if TYPE_CHECKING:
     from lfcal.psf.compare import Comparison
     from lfcal.psf.quality import QualityReport
 
+REGIONS_PICTURE = "regions.png"
+"""The map of several regions of the field, in the report's folder."""
+
 RATE = 200e6
 """Bytes of H that are read and measured in a second of processor time, about."""
 
@@ -69,12 +72,14 @@ def command(
     from lfcal.cli.console import print_json, run_work
     from lfcal.cli.inspect_controls import control_frames
     from lfcal.cli.inspect_units import iter_inspect_units
+    from lfcal.cli.regions import show_loss, told_loss
     from lfcal.cli.runs import may_replace, run_choice, run_kept
     from lfcal.errors import InputError
     from lfcal.inspect import iter_inspection
     from lfcal.psf.compare import iter_compare
     from lfcal.psf.opening import open_psf
     from lfcal.psf.quality import iter_inspect
+    from lfcal.psf.region_loss import draw_region_loss
     from lfcal.work import parts_folder
     from lfcal.work.runs import discard, note_joining
 
@@ -110,6 +115,11 @@ def command(
         if run is not None and report is not None:
             note_joining(parts_folder(report))
         page = _write(H, quality, other, report, workers, found, quiet=json)
+        loss = told_loss(source, workers=workers, quiet=json)
+        if loss is not None and report is not None:
+            draw_region_loss(loss, report / REGIONS_PICTURE)
+        if loss is not None and not json:
+            show_loss(loss)
         if run is not None and report is not None:
             discard(parts_folder(report))
     if json:
@@ -117,6 +127,8 @@ def command(
         if found is not None:
             extra["model"] = found.to_dict()
             extra["verdict"] = found.verdict
+        if loss is not None:
+            extra["regions"] = loss.to_dict()
         extra["assumed"] = [] if H.camera is None else H.camera.marks.paths("assumed")
         print_json(quality.to_dict() | extra | ({} if page is None else {"report": page}))
     elif page is not None:
@@ -149,7 +161,7 @@ def _check_before(report: Path | None, *inputs: Path | None, force: bool) -> Non
     for why in METRICS.failures().values():
         typer.echo(f"left out: {why}", err=True)
     if report is not None:
-        check_outputs(report_files(report), *inputs, force=force)
+        check_outputs([*report_files(report), report / REGIONS_PICTURE], *inputs, force=force)
 
 
 def _write(

@@ -27,6 +27,7 @@ from lfcal.cli.options import (
 )
 from lfcal.cli.outputs import check_output
 from lfcal.cli.plan_for_fit import Wanted, check_wanted, half_positions, ready_plan, show_chosen, write_positions
+from lfcal.cli.plan_regions import RegionsOption, plan_regions
 from lfcal.cli.plan_target import (
     CrosstalkOption,
     MostFramesOption,
@@ -238,6 +239,7 @@ def command(
     candidates: int = typer.Option(300, "--candidates", min=0, help="With --for-fit: positions looked at; 0: all."),
     draw: Path | None = typer.Option(None, "--draw", help="With --for-fit: draw the expected error (.png)."),
     source: SourceOption = "",
+    regions: RegionsOption = "",
     tolerance: PhaseOption = None,
     crosstalk: CrosstalkOption = None,
     pose: PoseOption = "",
@@ -255,6 +257,9 @@ def command(
     wanted = Wanted(for_fit, half_cell, chosen, earlier, unknowns, full, beside, candidates, draw, speed, workers)
     check_wanted(wanted, out, camera, positions, force=force)
     aimed = TargetWanted(source, tolerance, crosstalk, pose, pose_within, most_frames, speed)
+    if regions and (source or for_fit or half_cell or positions is not None):
+        other = "--source" if source else "--for-fit" if for_fit else "--half-cell" if half_cell else "--positions"
+        raise InputError(f"{other}: is of one region or of the whole frame; leave it out beside --regions")
     aimed.check(for_fit=bool(for_fit), half_cell=half_cell, listed=positions is not None)
     if out is not None:
         check_output(out, camera, positions, frames, aimed.path, force=force)
@@ -300,6 +305,9 @@ def command(
             frames_averaged=average,
             **settings,
         )
+    if regions:
+        plan_regions(plan, regions, speed, out, json=json)
+        return
     if source:
         plan_source(plan, aimed, out, json=json)
         return

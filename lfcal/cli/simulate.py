@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +26,7 @@ from lfcal.cli.options import (
 )
 from lfcal.cli.outputs import check_output
 from lfcal.cli.planned import planned_scan
+from lfcal.cli.regions import make_regions, ready_regions
 from lfcal.cli.runs import may_replace, run_choice, run_kept
 from lfcal.errors import InputError
 
@@ -90,7 +91,13 @@ def command(
     check_number("brightest pixel (share of the full well)", peak, above=0, at_most=1000)
     if out is not None and not plan_only:
         check_output(out, camera, force=may_replace(out, resume=resume, force=force))
-    planned = planned_scan(camera, depths, virtual_depths, cutout, quiet=json)
+    several = ready_regions(camera)
+    if several is not None:
+        if depths or virtual_depths or cutout:
+            raise InputError("planes and cutout: expected those of the plan, got others; leave the options out")
+        planned = several.scan
+    else:
+        planned = planned_scan(camera, depths, virtual_depths, cutout, quiet=json)
     settings, given = parse_effects(effects)
     making = frames is not None
 
@@ -118,7 +125,23 @@ def command(
         if row.setting == "on" and not row.on:  # what was asked for by name is not left out without a word
             report(f"note: {row.name}: {row.reason}")
     task = _Task(planned, found, level, tolerance, json, store_tolerance)
-    if out is not None:
+    if several is not None:
+        one = {
+            "--frames": frames is not None,
+            "--progressive": progressive,
+            "--executor": bool(in_units),
+            "--store-tolerance": store_tolerance is not None,
+        }
+        assert out is not None or frames is not None
+
+        def region(plan: ScanPlan, name: str, part: Path) -> dict[str, Any]:
+            report(f"region {name}")
+            own = plan_effects(plan.camera, plan, tolerance, settings, effects=given)
+            return _write_h(replace(task, planned=plan, found=own), _Runner(part, "", "", workers, False, False), None)
+
+        told = make_regions(several, out or Path(), region, one, workers=workers)
+        made = {"path": out, "what": f"H of {len(several)} regions", **told}
+    elif out is not None:
         runner = _Runner(out, executor, scheduler, workers, resume, force)
         made = _write_h(task, runner, choose if progressive else None)
     else:

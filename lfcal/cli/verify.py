@@ -10,6 +10,7 @@ import typer
 
 from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
 from lfcal.cli.outputs import check_output
+from lfcal.errors import InputError
 
 if TYPE_CHECKING:
     from lfcal.acquire.recording.verify import SessionReport
@@ -40,8 +41,17 @@ def command(
 
     Example: `lfcal verify session/ --redo redo.json`
     """
+    from lfcal.campaign.regions import is_regions, region_sessions
+
     if redo is not None:
         check_output(redo, path, force=force)
+    if is_regions(path):
+        if redo is not None:
+            raise InputError("--redo: is of one region; verify its folder below this one")
+        checks = [_session(folder, None, workers, json) for _, folder in region_sessions(path)]
+        if not all(checks):
+            raise typer.Exit(1)
+        return
     whole = _session(path, redo, workers, json) if path.is_dir() else _matrix(path, redo, workers, json)
     if not whole:
         raise typer.Exit(1)

@@ -96,7 +96,7 @@ def iter_undamaged(source: FrameSource, *, workers: int | None = None) -> Work[S
             for index, why in zip(indices, pool.map(reason, indices), strict=True):
                 if why:
                     info = source.info(index)
-                    left_out[index] = LeftOut(info.label, info.position, why)
+                    left_out[index] = LeftOut(info.label, info.points[0] if len(info.points) == 1 else None, why)
     yield clock.at(len(source))
     chosen = np.setdiff1d(np.arange(len(source)), list(left_out))
     if not chosen.size:

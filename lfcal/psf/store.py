@@ -292,8 +292,17 @@ def save(
     return drain(iter_save(matrix, path, workers=workers, **how))
 
 
-def save_regions(matrices: Mapping[str, PSFMatrix], path: str | os.PathLike[str]) -> Path:
+def save_regions(
+    matrices: Mapping[str, PSFMatrix],
+    path: str | os.PathLike[str],
+    *,
+    dtype: str | None = None,
+    compression: str = "gzip",
+    workers: int | None = None,
+) -> Path:
     """Write the matrices of several regions of the field, by name, to one H file; the first is what it opens with.
+
+    ``dtype``, ``compression`` and ``workers`` are those of `PSFWriter`, by default each matrix's own type.
 
     Raises
     ------
@@ -307,7 +316,6 @@ def save_regions(matrices: Mapping[str, PSFMatrix], path: str | os.PathLike[str]
     with _new_file(target) as file:
         for number, (name, matrix) in enumerate(matrices.items()):
             group = file if number == 0 else file.require_group(REGIONS).create_group(name)
-            stored = np.dtype(matrix.dtype if matrix.dtype.name in STORED_TYPES else np.float32)
             header = MatrixHeader(
                 matrix.shape,
                 matrix.depths,
@@ -316,9 +324,9 @@ def save_regions(matrices: Mapping[str, PSFMatrix], path: str | os.PathLike[str]
                 matrix.provenance,
                 matrix.is_transposed,
                 name,
-                stored,
-                "gzip",
-                None,
+                np.dtype(dtype or stored_type(matrix)),
+                compression,
+                workers,
             )
             part = MatrixGroup(group, header)
             for z in range(len(matrix)):

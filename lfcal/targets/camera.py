@@ -147,13 +147,16 @@ class TargetCamera(Frames):
     def points(self, index: int) -> HoleImages:
         """Return where the paraxial chief rays of all holes truly meet the plane of the sensor in frame ``index``."""
         z, k = self._at(index)
-        images = hole_images(self.target, self.plan.scan.camera, self.plan.scan.depths_um[z])
-        return replace(images, pixels=images.moved(np.array(self.plan.offsets_px[z][k])))
+        return self._moved(z, self.plan.offsets_px[z][k])
 
     def light(self, index: int) -> NDArray[np.float32]:
         """Return the photoelectrons of frame ``index`` before the sensor disturbs them, ``(rows, columns)``."""
-        z, _ = self._at(index)
-        points = self.points(index)
+        z, k = self._at(index)
+        return self.light_at(z, self.plan.offsets_px[z][k])
+
+    def light_at(self, z: int, offset_px: tuple[float, float]) -> NDArray[np.float32]:
+        """Return the photoelectrons of a frame of plane ``z`` at any offset of images (rows, columns) (pixels)."""
+        points = self._moved(z, offset_px)
         errors = self._depth_errors(z, points.away_um)
         out = np.zeros(self.shape, np.float32)
         reach = [
@@ -169,6 +172,10 @@ class TargetCamera(Frames):
             for top, left, values in self._region(row, column).windows(z, float(errors[k]), (row, column)):
                 place(out, factor * values, top, left)
         return out
+
+    def _moved(self, z: int, offset_px: tuple[float, float]) -> HoleImages:
+        images = hole_images(self.target, self.plan.scan.camera, self.plan.scan.depths_um[z])
+        return replace(images, pixels=images.moved(np.array(offset_px)))
 
     def _region(self, row: float, column: float) -> Responses:
         """Return the responses of the region about a pixel."""

@@ -55,7 +55,7 @@ ALLOWED: dict[str, set[str]] = {
     "fit": COMMON | {"work", "camera", "psf", "simulate"},
     "targets": COMMON | {"camera", "frames", "simulate"},
     "devices": COMMON | {"camera", "frames"},
-    "acquire": COMMON | {"devices", "camera", "frames", "psf"},
+    "acquire": COMMON | {"devices", "camera", "frames", "psf", "targets"},
     "campaign": COMMON | {"acquire", "devices", "fit", "camera", "frames", "psf"},
     "reconstruct": COMMON | {"psf"},
     "inspect": COMMON | {"camera", "psf", "simulate", "fit", "reconstruct"},
@@ -102,7 +102,7 @@ def beyond(path: Path) -> set[str]:
     parts -= {"__version__"}
     allowed = ALLOWED[part] | {part}
     if part == "devices" and "simulated" in path.parts:
-        allowed |= {"simulate"}  # the simulated camera alone shows what the simulator makes
+        allowed |= {"simulate", "targets"}  # the simulated camera alone shows what the simulator makes
     return window | (parts - allowed)
 
 

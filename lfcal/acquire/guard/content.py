@@ -58,6 +58,8 @@ class ContentGuard:
         Whether coarse grids come first, so that neighbours lie farther away.
     recorded
         See `Repeats`.
+    whole
+        Frames are whole ones of many points: each has its own places of light, and about as much of it as the others.
     """
 
     def __init__(
@@ -67,10 +69,11 @@ class ContentGuard:
         *,
         coarse: bool = False,
         recorded: Mapping[int, Position] | None = None,
+        whole: bool = False,
     ) -> None:
         self.sensor = sensor
         self._coarse = coarse
-        self._neighbours = Neighbours(shape, sensor)
+        self._neighbours = Neighbours(shape, sensor, whole=whole)
         self._repeats = Repeats(sensor.ceiling, recorded)
         self._reference: Measured | None = None
         self._any = False

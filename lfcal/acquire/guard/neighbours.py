@@ -28,6 +28,8 @@ LEAST = (0.003, 0.2, 0.5, 0.5)
 """Smaller differences are no fault of the rig, in the same units."""
 ELSEWHERE = (0.01, 0.5, 1.5, 1.5)
 """The same for a frame without neighbours, held against the latest one of another plane."""
+MANY = (0.01, 0.5, math.inf, math.inf)
+"""The same for whole frames of many points, held against the latest one: at another offset light is elsewhere."""
 AGAIN = (0.003, 0.15, 0.5, 0.5)
 """The same for two frames of one place."""
 REFERENCES = (0.01, 0.25, 1.0, 1.0)
@@ -98,10 +100,12 @@ class Neighbours:
         ``(nz, ny, nx)`` positions of the plan.
     sensor
         The camera's.
+    whole
+        Frames are whole ones of many points: only the latest one is near.
     """
 
-    def __init__(self, shape: tuple[int, int, int], sensor: Sensor) -> None:
-        self._sensor = sensor
+    def __init__(self, shape: tuple[int, int, int], sensor: Sensor, *, whole: bool = False) -> None:
+        self._sensor, self._whole = sensor, whole
         self._table = np.full((*shape, 5), np.nan)
         self._mostly = np.tile(np.array(FIRST), (len(GAINS), 1))
         self._expected = np.empty(5)
@@ -133,6 +137,8 @@ class Neighbours:
 
     def _expect(self, position: Position, pitch: int) -> int:
         """Fill in what is expected at ``position``, unless it was asked for last; return how, see `expect`."""
+        if self._whole:
+            return -1
         if self._asked is None or self._asked[:2] != (position, pitch):
             way = int(expect(self._table[position.z], position.y, position.x, pitch, self._expected))
             self._asked = position, pitch, way
@@ -144,7 +150,7 @@ class Neighbours:
         exposure, before = self._latest
         expected = before.values[:5].copy()
         expected[ENERGY] *= exposure_s / exposure
-        return _compare(now, expected, ELSEWHERE, 2.0, self._sensor)
+        return _compare(now, expected, MANY if self._whole else ELSEWHERE, 2.0, self._sensor)
 
 
 def same_place(now: Measured, before: Measured, sensor: Sensor, *, references: bool = False) -> Doubt:

@@ -62,7 +62,7 @@ class RecordedFile:
         taken = self._taken()
         complete = self._file is None or not self._file.layout.in_place or session.was_complete(run)
         self.there = taken | complete
-        planes = self.slots.flat // (session.plan.shape[1] * session.plan.shape[2])
+        planes = self.slots.flat // (session.grid[1] * session.grid[2])
         self.records: NDArray[Any] = self.slots.records(np.array(session.plan.exposures)[planes])
         if self._file is not None:
             self.records[taken] = self._file.records[taken]

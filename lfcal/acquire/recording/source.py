@@ -16,7 +16,7 @@ from lfcal.acquire.recording.darks import read_darks
 from lfcal.acquire.recording.reader import RecordingFile
 from lfcal.acquire.recording.recorded import RecordedFile
 from lfcal.acquire.recording.records import Kind, Suspicion, file_name, suspicions
-from lfcal.acquire.session_file import NAME, SessionFile, frame_dtype
+from lfcal.acquire.session_file import SessionFile, frame_dtype
 from lfcal.axes import position_at
 from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
@@ -24,9 +24,8 @@ from lfcal.frames.damage import named
 from lfcal.frames.described import stated_noise
 from lfcal.frames.regions import Region, check_region
 from lfcal.frames.source import FrameInfo, Frames, Noise, Position, Samples, check_index
-from lfcal.frames.sources.base import FrameOptions, SourceKind
 
-__all__ = ["SOURCE", "CheckFrame", "RecordingSource", "read_checks"]
+__all__ = ["CheckFrame", "RecordingSource", "read_checks"]
 
 
 class RecordingSource(Frames):
@@ -51,12 +50,22 @@ class RecordingSource(Frames):
     StorageError, FileFormatError
         If there is no session, or a file of it is damaged.
     InputError
-        If nothing was recorded.
+        If nothing was recorded, or whole frames of a target were (`TargetRecording` opens those).
     """
+
+    of_whole_frames = False
 
     def __init__(self, folder: Path, *, planes: Sequence[int] | None = None, skip_damaged: bool = False) -> None:
         self.session = session = SessionFile.read(folder)
-        self._shape3 = session.plan.shape[:3]
+        if (session.target is not None) != self.of_whole_frames:
+            kinds = ("cutouts of a single point", "whole frames of a target")
+            raise InputError.expected(
+                str(folder),
+                f"a session of {kinds[self.of_whole_frames]}",
+                kinds[not self.of_whole_frames],
+                "open it with lfcal.frames.open_frames",
+            )
+        self._shape3 = session.grid
         self.plan = session.plan if planes is None else _part_of(session.plan, planes)
         self._planes = {z: k for k, z in enumerate(range(self._shape3[0]) if planes is None else planes)}
         self._folder = folder
@@ -134,7 +143,7 @@ class RecordingSource(Frames):
 
     def _kept_aside(self) -> list[list[int]]:
         """Return the positions that a fit is not to use, of a session of chosen positions."""
-        whole = self._shape3 == self.plan.shape[:3]
+        whole = self.session.plan.shape == self.plan.shape
         return [list(p) for p in self.session.kept_aside] if whole and self.session.redo[0] else []
 
     def _noise_of_means(self) -> Noise | None:
@@ -153,9 +162,8 @@ class RecordingSource(Frames):
         """Return what the record of frame ``index`` says."""
         k = check_index(index, len(self))
         record = self.record(k)
-        place = position_at(int(self._flat[k]), self._shape3[1:])
         return FrameInfo(
-            (place._replace(z=self._planes[place.z]),),
+            (self._place(k),),
             (int(record["row"]), int(record["column"])),
             float(record["exposure_s"]),
             saturated=int(record["saturated"]),
@@ -172,13 +180,19 @@ class RecordingSource(Frames):
         for k, file in enumerate(self._files):
             here = self._where == k
             bits[here] = suspicions(file.records)[self._slots[here]]
-        return [(self.info(k).position, Suspicion(int(bits[k]))) for k in np.flatnonzero(bits).tolist()]
+        return [(self._place(k), Suspicion(int(bits[k]))) for k in np.flatnonzero(bits).tolist()]
+
+    def _place(self, index: int) -> Position:
+        """Return the position that the session counts frame ``index`` by, of the planes that are taken."""
+        place = position_at(int(self._flat[index]), self._shape3[1:])
+        return place._replace(z=self._planes[place.z])
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
         """Return frame ``index``, or a part of it; raises `FileFormatError` if it is damaged."""
-        info = self.info(index)
-        with named(info.label, info.position):
-            frame = self._files[int(self._where[index])].read(int(self._slots[index]))
+        k = check_index(index, len(self))
+        file, slot = self._files[int(self._where[k])], int(self._slots[k])
+        with named(file.label(slot), self._place(k)):
+            frame = file.read(slot)
         if region is None:
             return frame
         return np.ascontiguousarray(frame[check_region(region, self.shape)])
@@ -203,14 +217,6 @@ def _part_of(plan: ScanPlan, planes: Sequence[int]) -> ScanPlan:
         depths_um=tuple(plan.depths_um[z] for z in planes),
         exposure_s=tuple(plan.exposures[z] for z in planes),
     )
-
-
-def _open_session(path: Path, options: FrameOptions) -> RecordingSource:
-    options.refuse("recorded session", "skip_damaged")
-    return RecordingSource(path, skip_damaged=options.skip_damaged)
-
-
-SOURCE = SourceKind("recorded session", lambda path: (path / NAME).is_file(), _open_session)
 
 
 class CheckFrame(NamedTuple):
@@ -245,7 +251,7 @@ def read_checks(folder: Path) -> list[CheckFrame]:
                 found.append(
                     CheckFrame(
                         Kind(int(record["kind"])),
-                        position_at(int(record["index"]), session.plan.period),
+                        position_at(int(record["index"]), session.grid[1:]),
                         (int(record["period_y"]), int(record["period_x"])),
                         float(record["elapsed_s"]),
                         float(record["energy"]),

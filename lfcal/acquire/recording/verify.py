@@ -208,7 +208,7 @@ class _Checked:
 
 def _report(folder: Path, session: SessionFile, checked: list[_Checked]) -> SessionReport:
     """Put the files together: the newest recording of a position counts."""
-    shape = session.plan.shape[:3]
+    shape = session.grid
     # the latest recording that has the position whole, and the latest that is still to take it
     newest, open_run = np.full(int(np.prod(shape)), -1), np.full(int(np.prod(shape)), -1)
     taken, wanted = np.zeros(len(newest), np.bool_), np.zeros(len(newest), np.bool_)

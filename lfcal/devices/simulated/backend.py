@@ -97,6 +97,8 @@ class SimBackend:
         "axes": "how the stage really moves the image, e.g. -x,+y,+z (right,down,away)",
         "faults": "kind@call[*times] separated by ';', e.g. 'times out@5*2;stale@9'",
         "seed": "of the camera's noise",
+        "target": "JSON file of a target, or of a target's plan, that stands before the camera instead of a point",
+        "brightness": "relative spread of the brightness of the target's holes, e.g. 0.1",
     }
 
     def probe(self) -> str:
@@ -114,10 +116,24 @@ class SimBackend:
             model=_stage_model(plan, options),
             faults=parse_faults(options.get("faults", "")),
             axes=_axes(plan, options.get("axes")),
-            optics=_optics(plan, level, options.get("effects", "")),
+            optics=_target(plan, level, options) or _optics(plan, level, options.get("effects", "")),
             seed=int(number_option(options, "seed", 0, low=0)),
             time=SystemTime() if clock == "real" else VirtualTime(),
         )
+
+
+def _target(plan: ScanPlan, level: str, options: Mapping[str, str]) -> Renderer | None:
+    """Return the optics of the target that ``options`` name; None where they name none."""
+    if "target" not in options:
+        if "brightness" in options:
+            raise InputError.expected("option brightness", "that of a target's holes", "no target", "give target=FILE")
+        return None
+    # here, so that a single point does not load the simulator
+    from lfcal.devices.simulated.targets import simulated_target
+
+    spread = number_option(options, "brightness", 0.0, low=0.0, high=1.0)
+    seed = int(number_option(options, "seed", 0, low=0))
+    return simulated_target(plan, options["target"], level, options.get("effects", ""), spread=spread, seed=seed)
 
 
 def _optics(plan: ScanPlan, level: str, effects: str) -> Renderer | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,10 @@ from lfcal.devices.simulated.camera import Patch
 from lfcal.errors import InputError
 from lfcal.frames.source import FrameSource
 
-__all__ = ["FramesRenderer", "PatternRenderer", "simulated_optics"]
+if TYPE_CHECKING:
+    from lfcal.simulate.effects.base import Effect
+
+__all__ = ["FramesRenderer", "PatternRenderer", "chosen_effects", "simulated_optics"]
 
 
 TOLERANCE = 0.05
@@ -157,15 +160,20 @@ def simulated_optics(plan: ScanPlan, level: str, effects: str = "") -> FramesRen
     suit the plan's camera, or the file holds no effects.
     """
     # here, so that the quick pattern does not load the simulator
-    from lfcal.simulate import SimulatedCamera, plan_effects
-    from lfcal.simulate.effects.described import parse_entries
+    from lfcal.simulate import SimulatedCamera
 
     if not effects:
         return FramesRenderer(plan, SimulatedCamera(plan, (), level=level))
-    if effects == "auto":
-        chosen = plan_effects(plan.camera, plan, TOLERANCE)
-    else:
-        settings, given = parse_entries(effects)
-        chosen = plan_effects(plan.camera, plan, TOLERANCE, settings, effects=given)
     fine = FINE if level == "grid" else TOLERANCE
-    return FramesRenderer(plan, SimulatedCamera(plan, chosen, level=level, tolerance=fine))
+    return FramesRenderer(plan, SimulatedCamera(plan, chosen_effects(plan, effects), level=level, tolerance=fine))
+
+
+def chosen_effects(plan: ScanPlan, effects: str) -> tuple[Effect, ...]:
+    """Return the effects of a JSON file with what is necessary beside them, or of ``"auto"`` what is necessary."""
+    from lfcal.simulate import plan_effects
+    from lfcal.simulate.effects.described import parse_entries
+
+    if effects == "auto":
+        return plan_effects(plan.camera, plan, TOLERANCE).effects
+    settings, given = parse_entries(effects)
+    return plan_effects(plan.camera, plan, TOLERANCE, settings, effects=given).effects

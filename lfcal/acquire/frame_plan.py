@@ -1,0 +1,61 @@
+"""Plans of whole frames, each of many points at once: what acquisition needs to know of a target's plan."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import RegionPlan, ScanPlan
+
+__all__ = ["FramePlan", "frame_grid", "frame_positions", "read_frame_plan", "scan_of"]
+
+
+class FramePlan(Protocol):
+    """What a session of whole frames records; `lfcal.targets.TargetPlan` is one.
+
+    A session counts its frames by position, whatever they show: frame ``k`` of plane ``z`` is position ``(z, 0, k)``.
+    """
+
+    @property
+    def scan(self) -> ScanPlan:
+        """The scan whose positions the frames show: camera, planes, exposures, stage."""
+        ...
+
+    @property
+    def frames(self) -> tuple[tuple[int, int], ...]:
+        """All frames as (plane, number in it), in the order they are recorded."""
+        ...
+
+    def stage_um(self) -> NDArray[np.float64]:
+        """Return the stage's coordinates ``(frames, 3)`` (µm)."""
+        ...
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the plan as plain JSON types."""
+        ...
+
+
+def scan_of(plan: ScanPlan | FramePlan | RegionPlan) -> ScanPlan:
+    """Return the scan that a plan is, or stands for; of several regions that of the first."""
+    return plan if isinstance(plan, ScanPlan) else plan.scan
+
+
+def frame_grid(plan: FramePlan) -> tuple[int, int, int]:
+    """Return the grid ``(planes, 1, most frames of a plane)`` that a session counts its frames on."""
+    counts = np.bincount([z for z, _ in plan.frames], minlength=len(plan.scan.depths_um))
+    return len(counts), 1, max(1, int(counts.max(initial=0)))
+
+
+def frame_positions(plan: FramePlan) -> NDArray[np.int64]:
+    """Return the positions ``(frames, 3)`` of a session's frames on that grid, in order."""
+    return np.array([(z, 0, k) for z, k in plan.frames], np.int64).reshape(-1, 3)
+
+
+def read_frame_plan(data: Mapping[str, Any]) -> FramePlan:
+    """Return the plan that a session's file holds; raises `FileFormatError` if it is none."""
+    from lfcal.targets import TargetPlan  # here: a session of single points needs no simulator
+
+    return TargetPlan.from_dict(data)

@@ -1,0 +1,141 @@
+"""What the frames of a target recorded so far show, phase by phase, and what is wrong with them."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.acquire.live_quality import LIMITS, Alarm
+from lfcal.acquire.recording.records import Kind, Note
+from lfcal.acquire.schedule import Step
+
+if TYPE_CHECKING:
+    from lfcal.targets import TargetPlan
+
+__all__ = ["CoverageState", "LiveCoverage"]
+
+SAMPLE = 1 << 16
+"""Enough pixels for the level without light: it is the median of a frame that is mostly dark."""
+FEW = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CoverageState:
+    """A copy of what is known at one moment.
+
+    Attributes
+    ----------
+    done, total
+        Frames seen, and frames of the plan.
+    shown
+        ``(nz, ny, nx)`` how many of them show each position within the plan's tolerance, where the target lies as
+        planned.
+    light
+        ``(frames,)`` light of each above its median (counts), NaN where it is not recorded, in the plan's order.
+    saturated
+        ``(frames,)`` saturated pixels.
+    lamp
+        ``(n, 2)`` seconds of recording and light of the reference frames (counts).
+    alarms
+        What is out of bounds, in the words of `lfcal.acquire.live_quality`.
+    """
+
+    done: int
+    total: int
+    shown: NDArray[np.intp]
+    light: NDArray[np.float64]
+    saturated: NDArray[np.int64]
+    lamp: NDArray[np.float64]
+    alarms: tuple[Alarm, ...]
+
+    @property
+    def coverage(self) -> float:
+        """Share of the positions that is shown so far."""
+        return float((self.shown > 0).mean())
+
+
+class LiveCoverage:
+    """An observer of a `Runner` that records a target; ask for `state` from any thread.
+
+    Parameters
+    ----------
+    plan
+        The session's.
+    """
+
+    def __init__(self, plan: TargetPlan) -> None:
+        from lfcal.targets.phases import Phases  # here: acquisition loads no simulator
+
+        scan = plan.scan
+        self._plan, self._phases = plan, Phases.of(scan)
+        self._images = [plan.images(z) for z in range(len(scan.depths_um))]
+        self._number = {frame: k for k, frame in enumerate(plan.frames)}
+        self._frames: set[tuple[int, int]] = set()
+        self._shown = np.zeros((len(scan.depths_um), self._phases.count), np.intp)
+        self._light = np.full(len(self._number), np.nan)
+        self._saturated = np.zeros(len(self._number), np.int64)
+        self._lamp: list[tuple[float, float]] = []
+        self._lock = threading.Lock()
+
+    def __call__(self, step: Step, note: Note, frame: NDArray[Any]) -> None:
+        """Take an acknowledged frame into account."""
+        if step.kind is Kind.DARK:
+            return
+        stride = max(1, int(np.sqrt(frame.size / SAMPLE)))
+        light = note.energy - float(np.median(frame[::stride, ::stride])) * frame.size
+        if step.kind is Kind.REFERENCE:
+            with self._lock:
+                self._lamp.append((note.elapsed_s, light))
+            return
+        self.know(step.z, step.flat - step.z * self._most)
+        number = self._number[step.z, step.flat - step.z * self._most]
+        with self._lock:
+            self._light[number], self._saturated[number] = light, note.saturated
+
+    @property
+    def _most(self) -> int:
+        return max(map(len, self._plan.offsets_px))
+
+    def know(self, z: int, k: int) -> None:
+        """Take frame ``k`` of plane ``z`` for recorded, as one of an earlier run; a second time changes nothing."""
+        from lfcal.targets.search import covered_by
+
+        if (z, k) in self._frames:
+            return
+        offset = np.array(self._plan.offsets_px[z][k])
+        found = covered_by(self._phases, self._images[z], offset, self._plan.tolerance_px)
+        with self._lock:
+            self._frames.add((z, k))
+            self._shown[z, found] += 1
+
+    def state(self) -> CoverageState:
+        """Return a copy of what is known now."""
+        with self._lock:
+            lamp = np.array(self._lamp).reshape(-1, 2)
+            shown = self._shown.reshape(-1, *self._plan.scan.period).copy()
+            light, saturated = self._light.copy(), self._saturated.copy()
+            done = len(self._frames)
+        return CoverageState(
+            done, len(self._number), shown, light, saturated, lamp, tuple(_alarms(light, saturated, lamp))
+        )
+
+
+def _alarms(light: NDArray[np.float64], saturated: NDArray[np.int64], lamp: NDArray[np.float64]) -> list[Alarm]:
+    found: list[Alarm] = []
+
+    def look(what: str, value: float, advice: str) -> None:
+        if value > LIMITS[what]:
+            found.append(Alarm(what, value, LIMITS[what], advice))
+
+    look("saturated", float((saturated > 0).sum()), "saturated pixels: expose shorter, or bracket")
+    seen = light[np.isfinite(light)]
+    if len(seen) >= FEW:
+        dim = float((seen < 0.5 * np.median(seen)).mean())
+        look("dim", dim, "some frames are much darker than the others: check lamp, shutter and where the target ends")
+    if len(lamp) > 1 and lamp[0, 1] > 0:
+        look("lamp", float(np.abs(lamp[:, 1] / lamp[0, 1] - 1).max()), "the lamp drifts: let it warm up")
+    return found

@@ -1,0 +1,26 @@
+"""A session of any kind opened as frames."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from lfcal.acquire.recording.source import RecordingSource
+from lfcal.acquire.recording.whole_frames import TargetRecording
+from lfcal.acquire.session_file import NAME, SessionFile
+from lfcal.frames.sources.base import FrameOptions, SourceKind
+
+__all__ = ["SOURCE", "open_session"]
+
+
+def open_session(folder: Path, *, skip_damaged: bool = False) -> RecordingSource:
+    """Return the frames of a session: cutouts of a single point, or whole frames of a target."""
+    kind = RecordingSource if SessionFile.read(folder).target is None else TargetRecording
+    return kind(folder, skip_damaged=skip_damaged)
+
+
+def _open(path: Path, options: FrameOptions) -> RecordingSource:
+    options.refuse("recorded session", "skip_damaged")
+    return open_session(path, skip_damaged=options.skip_damaged)
+
+
+SOURCE = SourceKind("recorded session", lambda path: (path / NAME).is_file(), _open)

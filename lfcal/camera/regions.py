@@ -1,0 +1,201 @@
+"""Several representative regions of the field in one plan: each is scanned as the one of a `ScanPlan` is."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera.lens_centre import nearest_lens
+from lfcal.camera.plan import ScanPlan
+from lfcal.checks import check_tuple, check_type
+from lfcal.errors import FileFormatError, InputError
+from lfcal.plain import parse_json
+
+__all__ = ["RegionPlan", "parse_regions"]
+
+FORMAT = "lfcal-region-plan"
+VERSION = 1
+MOST = 100
+"""More regions than this are a scan of the whole field."""
+
+ALIKE_PX = 0.05
+"""Phases of regions are to be the same to this, if the array allows it a few periods around."""
+
+AROUND = 6
+"""Periods around its place in which an anchor is looked for."""
+
+
+@dataclass(frozen=True, slots=True)
+class RegionPlan:
+    """Regions of the field, each with its own cell, recorded one after the other.
+
+    Attributes
+    ----------
+    scan
+        The scan of the first region: camera, planes, cutout, exposures. The others differ in their anchor alone.
+    names
+        What the regions are called, in H and as folders of a session: letters, digits, ``-`` and ``_``.
+    anchors
+        Sensor position ``(row, column)`` of each region's position (0, 0), the first that of `scan`.
+    """
+
+    scan: ScanPlan
+    names: tuple[str, ...]
+    anchors: tuple[tuple[float, float], ...]
+
+    def __post_init__(self) -> None:
+        """Check every value, and that every region's cutouts are on the sensor."""
+        check_type("scan", self.scan, ScanPlan)
+        names, anchors = tuple(self.names), tuple(check_tuple("anchor (row, column)", a, 2) for a in self.anchors)
+        object.__setattr__(self, "names", names)
+        object.__setattr__(self, "anchors", anchors)
+        bad = [name for name in names if not (isinstance(name, str) and re.fullmatch(r"[A-Za-z0-9_-]{1,40}", name))]
+        if bad or len({name.lower() for name in names}) < len(names) or not 1 <= len(names) <= MOST:
+            wanted = f"1 to {MOST} different names of letters and digits"
+            raise InputError.expected("regions of the field", wanted, bad[:1] or len(names), "rename them")
+        if len(anchors) != len(names) or anchors[0] != self.scan.anchor:
+            wanted = f"one for each of {len(names)} regions, the first that of the scan"
+            raise InputError.expected("anchors of the regions", wanted, len(anchors), "correct them")
+        for k in range(len(names)):
+            self.plan(k)
+
+    def __len__(self) -> int:
+        """Return the number of regions."""
+        return len(self.names)
+
+    def plan(self, k: int) -> ScanPlan:
+        """Return the scan of region ``k``; raises `InputError` where a cutout would leave the sensor."""
+        return replace(self.scan, anchor=self.anchors[k])
+
+    def residual_px(self, k: int) -> tuple[float, float]:
+        """Return by how much positions of region ``k`` lie beside the phases of the first one's (rows, columns)."""
+        first, own = self.plan(0).lattice_anchor, self.plan(k).lattice_anchor
+        return own[0] - first[0], own[1] - first[1]
+
+    @classmethod
+    def spread(cls, scan: ScanPlan, shape: tuple[int, int]) -> RegionPlan:
+        """Return the regions that divide the field into ``shape`` rows and columns, the middle one first.
+
+        The outermost lie as far out as their cutouts allow. Anchors are whole pixels, chosen a few periods around
+        their place so that a position shows the same phase in every region; what that leaves is `residual_px`.
+
+        Raises
+        ------
+        InputError
+            If the sensor has no room for so many.
+        """
+        rows, columns = check_tuple("regions (rows, columns)", shape, 2, integer=True, at_least=1)
+        if not 1 < rows * columns <= MOST:
+            raise InputError.expected(
+                "regions (rows, columns)", f"2 to {MOST} in all", f"{rows}x{columns}", "correct it"
+            )
+        low, high = _room(scan)
+        middle = (low + high) / 2
+        # a quarter of the way to the next region at most, where a cell has room in it
+        apart = (high - low) / np.maximum(np.array([rows, columns]) - 1, 1)
+        period = np.array(scan.cell_camera.period_px)
+        reach = np.clip(apart / 4, period, AROUND * period)
+        found: dict[str, tuple[float, float]] = {}
+        for r, down in enumerate(_places(low[0], high[0], rows)):
+            for c, along in enumerate(_places(low[1], high[1], columns)):
+                name = "centre" if (2 * r + 1, 2 * c + 1) == (rows, columns) else f"r{r + 1}c{c + 1}"
+                found[name] = _alike(scan, np.array([down, along]), low, high, reach)
+        order = sorted(found, key=lambda name: float(np.hypot(*(np.array(found[name]) - middle))))
+        names = [order[0], *(name for name in found if name != order[0])]
+        anchors = [found[name] for name in names]
+        if len(set(anchors)) < len(anchors):
+            wanted = f"a sensor with room for {rows} x {columns} of {scan.cutout[0]} x {scan.cutout[1]} px"
+            raise InputError.expected("regions", wanted, scan.camera.sensor.shape, "take fewer, or a smaller cutout")
+        return cls(replace(scan, anchor=anchors[0]), tuple(names), tuple(anchors))
+
+    # -- JSON ------------------------------------------------------------------------------------------
+    def to_dict(self) -> dict[str, Any]:
+        """Return the plan as plain JSON types."""
+        regions = [{"name": n, "anchor": list(a)} for n, a in zip(self.names, self.anchors, strict=True)]
+        return {"format": FORMAT, "version": VERSION, "regions": regions, "scan": self.scan.to_dict()}
+
+    def to_json(self) -> str:
+        """Return the plan as JSON text."""
+        return json.dumps(self.to_dict(), indent=2, allow_nan=False)
+
+    @classmethod
+    def is_one(cls, data: Any) -> bool:
+        """Return whether JSON ``data`` says that it is such a plan."""
+        return isinstance(data, Mapping) and data.get("format") == FORMAT
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> RegionPlan:
+        """Return the plan described by ``data``; unknown or missing entries raise `InputError`."""
+        what = "plan of regions"
+        if not cls.is_one(data) or data.get("version") != VERSION:
+            wanted = f'"format": "{FORMAT}", version {VERSION}'
+            raise FileFormatError.expected(what, wanted, "something else", "check the file, or update lfcal")
+        regions = data.get("regions")
+        if set(data) != {"format", "version", "regions", "scan"} or not isinstance(regions, list):
+            raise FileFormatError.expected(what, "format, version, regions, scan", sorted(data), "correct it")
+        for one in regions:
+            if not isinstance(one, Mapping) or set(one) != {"name", "anchor"}:
+                raise FileFormatError.expected(f"{what}: region", "name and anchor", repr(one)[:60], "correct it")
+        names, anchors = tuple(one["name"] for one in regions), tuple(one["anchor"] for one in regions)
+        return cls(ScanPlan.from_dict(data["scan"]), names, anchors)
+
+    @classmethod
+    def from_json(cls, text: str) -> RegionPlan:
+        """Return the plan described by JSON ``text``."""
+        return cls.from_dict(parse_json(text, "plan of regions"))
+
+
+def parse_regions(text: str) -> tuple[int, int]:
+    """Return rows and columns of regions written as ``3x3``."""
+    match = re.fullmatch(r"\s*(\d{1,3})\s*[x×]\s*(\d{1,3})\s*", text)
+    if match is None:
+        raise InputError.expected("regions", "ROWSxCOLUMNS", repr(text), "for example 3x3")
+    return int(match[1]), int(match[2])
+
+
+def _room(scan: ScanPlan) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the least and the largest anchor (row, column) whose cutouts lie on the sensor."""
+    factors = np.array(scan.resample_factors)
+    half = np.ceil((np.array(scan.cutout) - 1) / 2 / factors)
+    reach = np.ceil((np.array(scan.period) - 1) / factors)
+    low, high = half, np.array(scan.camera.sensor.shape) - 1 - half - reach
+    if (high < low).any():
+        raise InputError.expected("regions", "a sensor larger than one cell", scan.camera.sensor.shape, "scan one cell")
+    return low, high
+
+
+def _places(low: float, high: float, count: int) -> NDArray[np.float64]:
+    return np.array([(low + high) / 2]) if count == 1 else np.linspace(low, high, count)
+
+
+def _alike(
+    scan: ScanPlan,
+    place: NDArray[np.float64],
+    low: NDArray[np.float64],
+    high: NDArray[np.float64],
+    reach: NDArray[np.float64],
+) -> tuple[float, float]:
+    """Return the whole-pixel anchor next to ``place`` of the scan's phase, to `ALIKE_PX` if there is one."""
+    camera = scan.camera
+    offset = np.array(scan.anchor) - nearest_lens(camera, scan.anchor)
+    pixel = camera.sensor.pixel_um
+    about = camera.sensor_um((float(place[0]), float(place[1])))
+    tall, wide = (reach * pixel).tolist()
+    centres, types = camera.lattice.lenslets_within(wide, tall, (float(about[0]), float(about[1])))
+    exact = place + (centres[types == 0] - about)[:, ::-1] / pixel + offset
+    whole = np.rint(exact)
+    there = ((whole >= low) & (whole <= high)).all(axis=1)
+    if not there.any():
+        raise InputError.expected("region", "an anchor of the scan's phase on the sensor", "none", "take fewer regions")
+    exact, whole = exact[there], whole[there]
+    # a residual counts once it is noticed; of those that are not, the nearest
+    residual = np.maximum(np.abs(exact - whole).max(axis=1), ALIKE_PX)
+    away = np.hypot(*(whole - place).T)
+    row, column = whole[np.lexsort((away, np.round(residual, 3)))[0]].tolist()
+    return row, column

@@ -1,0 +1,150 @@
+"""Several regions of the field in one session: a folder of sessions, one for each region, begun and resumed as one.
+
+Each region is read out on its own part of the sensor, with its own darks, and is as safe as any session is; together
+they are one plan, one command and one H file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from lfcal.acquire.control import Control
+from lfcal.acquire.options import Options
+from lfcal.acquire.preview import Preview
+from lfcal.acquire.runner import Observer, Outcome
+from lfcal.acquire.session import check_new, iter_record
+from lfcal.acquire.session_file import NAME
+from lfcal.camera import RegionPlan
+from lfcal.devices.protocols import Rig
+from lfcal.errors import InputError
+from lfcal.files import read_text, replace_whole, storage_errors
+from lfcal.progress import Work
+from lfcal.psf import PSFMatrix, open_psf, save_regions
+from lfcal.system import sync_folder
+
+__all__ = [
+    "REGIONS_FILE",
+    "first_begun",
+    "is_regions",
+    "iter_record_regions",
+    "parts_beside",
+    "read_regions",
+    "region_sessions",
+    "save_parts",
+]
+
+REGIONS_FILE = "regions.json"
+"""The plan of a session of several regions, in its folder."""
+
+
+def is_regions(folder: Path) -> bool:
+    """Return whether ``folder`` is that of a session of several regions."""
+    return (folder / REGIONS_FILE).is_file()
+
+
+def read_regions(folder: Path) -> RegionPlan:
+    """Return the plan of the session in ``folder``."""
+    return RegionPlan.from_json(read_text(folder / REGIONS_FILE))
+
+
+def first_begun(folder: Path) -> Path | None:
+    """Return the folder of the first region that was begun, whose options are those of the session; None: none was."""
+    return next((folder / n for n in read_regions(folder).names if (folder / n / NAME).exists()), None)
+
+
+def iter_record_regions(
+    folder: Path,
+    plan: RegionPlan,
+    rig: Rig,
+    options: Options | None = None,
+    *,
+    resume: bool = False,
+    control: Control | None = None,
+    preview: Preview | None = None,
+    observers: Callable[[int], tuple[Observer, ...]] = lambda _: (),
+) -> Work[Outcome]:
+    """Record every region of ``plan`` into a session of its own below ``folder``; return how all ended.
+
+    Parameters
+    ----------
+    folder
+        A new or empty folder; with ``resume`` that of an earlier session.
+    plan, rig, options, control, preview
+        As of `lfcal.acquire.iter_record`, which raises the same.
+    resume
+        Go on with the first region that is not complete, after a check of all of them.
+    observers
+        Returns who sees the frames of a region, by its number.
+    """
+    control = control or Control()
+    _begin(folder, plan, resume=resume)
+    count, done, seconds, damaged = plan.scan.n_positions, 0, 0.0, 0
+    for k, name in enumerate(plan.names):
+        own, there = folder / name, (folder / name / NAME).exists()
+        how = options if options is not None or there else Options()
+        work = iter_record(
+            own, plan.plan(k), rig, how, resume=there, control=control, preview=preview, observers=observers(k)
+        )
+        outcome = yield from _shown(work, name, k * count, len(plan) * count)
+        done, seconds, damaged = done + outcome.acknowledged, seconds + outcome.seconds, damaged + outcome.damaged
+        if outcome.how != "complete":
+            return Outcome(outcome.how, done, len(plan) * count, seconds, damaged)
+    return Outcome("complete", done, len(plan) * count, seconds, damaged)
+
+
+def _begin(folder: Path, plan: RegionPlan, *, resume: bool) -> None:
+    """Make the session's folder with its plan, or hold the plan against the one that is there."""
+    if resume:
+        if not is_regions(folder):
+            raise InputError.expected(str(folder), f"a session of regions ({REGIONS_FILE})", "none", "check the path")
+        if read_regions(folder) != plan:
+            raise InputError.expected(str(folder), "the plan that was recorded", "another", "record with the same plan")
+        return
+    check_new(folder)
+    if is_regions(folder):
+        raise InputError.expected(str(folder), "a new folder", "a session", "choose another, or resume this one")
+    with storage_errors(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        with replace_whole(folder / REGIONS_FILE) as part:
+            part.write_text(plan.to_json(), encoding="utf-8")
+        sync_folder(folder)
+
+
+def _shown(work: Work[Outcome], name: str, before: int, total: int) -> Work[Outcome]:
+    """Yield the progress of one region as that of all of them."""
+    while True:
+        try:
+            record = next(work)
+        except StopIteration as stop:
+            outcome: Outcome = stop.value
+            return outcome
+        if record.stage == "record":
+            record = replace(record, done=before + record.done, total=total, stage=f"record {name}")
+        yield record
+
+
+def region_sessions(folder: Path) -> Iterator[tuple[str, Path]]:
+    """Iterate over the regions of a session as name and folder; raises `InputError` where one was not begun."""
+    for name in read_regions(folder).names:
+        if not (folder / name / NAME).exists():
+            raise InputError.expected(f"{folder}: region {name}", "a recording", "none", "resume the session")
+        yield name, folder / name
+
+
+@contextmanager
+def parts_beside(out: Path, names: Sequence[str]) -> Iterator[dict[str, Path]]:
+    """Give a file for H of each region, in a folder beside ``out`` that is removed in the end."""
+    with storage_errors(out), TemporaryDirectory(prefix=f".{out.name}.regions-", dir=out.parent) as place:
+        yield {name: Path(place) / f"{name}.h5" for name in names}
+
+
+def save_parts(parts: dict[str, Path], out: Path, **settings: Any) -> Path:
+    """Write H of several regions, each in a file of its own, to one file by name."""
+    with ExitStack() as stack:
+        matrices: dict[str, PSFMatrix] = {name: stack.enter_context(open_psf(path)) for name, path in parts.items()}
+        return save_regions(matrices, out, **settings)

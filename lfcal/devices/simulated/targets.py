@@ -1,0 +1,122 @@
+"""A target of many points before the simulated camera: a quick pattern at every hole, or what the simulator makes."""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import ScanPlan
+from lfcal.devices.protocols import Point, Roi
+from lfcal.devices.simulated.camera import Patch, Renderer
+from lfcal.devices.simulated.optics import TOLERANCE, PatternRenderer, chosen_effects
+from lfcal.errors import InputError
+from lfcal.files import read_text
+from lfcal.plain import parse_json
+from lfcal.targets import Target, TargetCamera, TargetPlan, uneven
+
+__all__ = ["TargetPattern", "TargetRenderer", "simulated_target"]
+
+
+class TargetPattern:
+    """The quick pattern of `PatternRenderer` at the image of every hole.
+
+    Parameters
+    ----------
+    plan
+        Camera and exposures.
+    target
+        What stands there; the stage moves its middle.
+    brightness
+        Light of each hole ``(n,)``, in the order of `Target.holes`.
+    """
+
+    def __init__(self, plan: ScanPlan, target: Target, brightness: NDArray[np.float64]) -> None:
+        self._point = PatternRenderer(plan)
+        self._places = target.pose.points(target.flat_um(target.holes)).tolist()
+        self._light = brightness.astype(np.float32).tolist()
+
+    def render(self, source_um: Point, exposure_s: float, roi: Roi) -> Patch:
+        """Return the light of all holes on ``roi``, with the target's middle at ``source_um``."""
+        x, y, z = source_um
+        out = np.zeros(roi.shape, np.float32)
+        for (right, down, away), light in zip(self._places, self._light, strict=True):
+            top, left, counts = self._point.render((x + right, y + down, z + away), exposure_s, roi)
+            row, column = top - roi.row, left - roi.column
+            first, beside = max(row, 0), max(column, 0)
+            bottom, end = min(row + counts.shape[0], roi.rows), min(column + counts.shape[1], roi.columns)
+            if first < bottom and beside < end:
+                part = counts[first - row : bottom - row, beside - column : end - column]
+                out[first:bottom, beside:end] += np.float32(light) * part
+        return Patch(roi.row, roi.column, out)
+
+
+class TargetRenderer:
+    """What the simulator makes of a target: every hole at its own depth and place of the field.
+
+    Parameters
+    ----------
+    frames
+        The simulated camera.
+    """
+
+    def __init__(self, frames: TargetCamera) -> None:
+        self._frames = frames
+        # a live view, and repeated exposures, show one place again and again
+        self._light = functools.lru_cache(maxsize=2)(frames.light_at)
+
+    def render(self, source_um: Point, exposure_s: float, roi: Roi) -> Patch:
+        """Return the whole frame with the target's middle at ``source_um``, in the nearest plane; ``roi`` is ignored.
+
+        Raises
+        ------
+        InputError
+            If the stage stands in no plane of the plan.
+        """
+        scan = self._frames.plan.scan
+        z = int(np.argmin(np.abs(np.array(scan.depths_um) - source_um[2])))
+        step = scan.camera.step_um(scan.depths_um[z])
+        if abs(source_um[2] - scan.depths_um[z]) > step:
+            depth = f"{source_um[2]:.0f} µm"
+            raise InputError.expected("depth of the simulated target", "a plane of the plan", depth, "move it there")
+        offset = round(source_um[1] / step, 6), round(source_um[0] / step, 6)
+        factor = exposure_s / scan.exposures[z] / scan.camera.sensor.electrons_per_count
+        return Patch(0, 0, self._light(z, offset) * np.float32(factor))
+
+
+def simulated_target(
+    plan: ScanPlan, path: str, level: str, effects: str = "", *, spread: float = 0.0, seed: int = 0
+) -> Renderer:
+    """Return the optics of ``plan`` with a target before them.
+
+    Parameters
+    ----------
+    plan
+        The scan that the target stands for.
+    path
+        JSON file of a target, or of the plan of one.
+    level, effects
+        ``"pattern"``, or as of `simulated_optics`.
+    spread, seed
+        Relative spread of the brightness of the holes, and of its draw.
+    """
+    target = _target_in(Path(path))
+    brightness = uneven(target, spread, seed)
+    if level == "pattern":
+        if effects:
+            raise InputError.expected("option effects", "a level of the simulator", "pattern", "give optics=auto")
+        return TargetPattern(plan, target, brightness)
+    planes = len(plan.depths_um)
+    stands = TargetPlan(plan, target, ((),) * planes, 0.1, (0.0,) * planes, "geometric")
+    chosen = chosen_effects(plan, effects) if effects else ()
+    return TargetRenderer(TargetCamera(stands, chosen, brightness=brightness, level=level, tolerance=TOLERANCE))
+
+
+def _target_in(path: Path) -> Target:
+    text = read_text(path)
+    data = parse_json(text, str(path))
+    if isinstance(data, dict) and data.get("format") == "lfcal-target-plan":
+        return TargetPlan.from_dict(data).target
+    return Target.from_dict(data)

@@ -1,0 +1,226 @@
+"""Sessions of a target: whole frames of many points, as safe as those of single points."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lfcal.acquire.frame_plan import frame_grid
+from lfcal.acquire.options import Options
+from lfcal.acquire.recording.source import RecordingSource, read_checks
+from lfcal.acquire.recording.verify import verify
+from lfcal.acquire.recording.whole_frames import TargetRecording
+from lfcal.acquire.session import record
+from lfcal.acquire.session_file import SessionFile
+from lfcal.acquire.suspects import read_suspects
+from lfcal.axes import Position
+from lfcal.camera import ScanPlan
+from lfcal.devices.protocols import Rig
+from lfcal.devices.simulated.backend import simulated_rig
+from lfcal.devices.simulated.faults import Fault
+from lfcal.devices.simulated.targets import TargetPattern
+from lfcal.errors import FileFormatError, InputError
+from lfcal.frames import open_frames
+from lfcal.frames.corrections.recipe import CorrectionRecipe, corrected_view
+from lfcal.targets import Pose, Target, TargetPlan, Wishes, plan_target
+from tests.acquire.rigs import CAREFUL, rig_for, small_plan
+from tests.acquire.rotting import rot_frame
+from tests.targets.common import small
+
+FULL = replace(CAREFUL, darks=2, reference_every=3)
+
+
+@pytest.fixture(scope="module")
+def plan() -> TargetPlan:
+    """Return six frames a plane of 3 x 3 holes, in two planes; the first plane lacks one: planes differ."""
+    scan = ScanPlan.for_camera(small(200), virtual_depths=(4.0, 5.0), cutout=31, exposure_s=(0.02, 0.03))
+    step = scan.camera.step_um(scan.depths_um[0])
+    target = Target("square", (3, 3), (45 * step, 45 * step), pose=Pose(rotation_rad=math.radians(1.0)))
+    made = plan_target(scan, target, Wishes(most_frames=6, level="geometric"))
+    return replace(made, offsets_px=(made.offsets_px[0][:5], made.offsets_px[1]))
+
+
+def rig_of(plan: TargetPlan, *faults: Fault, target: Target | None = None) -> Rig:
+    there = target or plan.target
+    optics = TargetPattern(plan.scan, there, np.ones(len(there.holes)))
+    return simulated_rig(plan.scan, optics=optics, faults=faults)
+
+
+@pytest.fixture(scope="module")
+def session(plan: TargetPlan, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("target") / "session"
+    assert record(folder, plan, rig_of(plan), FULL).acknowledged == 11
+    return folder
+
+
+def test_the_frames_of_a_session_are_those_of_its_plan(plan: TargetPlan, session: Path) -> None:
+    source = open_frames(session)
+    assert isinstance(source, TargetRecording)
+    assert source.target == plan and source.frames == plan.frames and len(source) == 11
+    assert source.shape == plan.scan.camera.sensor.shape
+    assert frame_grid(plan) == (2, 1, 6)
+    for index, (z, k) in enumerate(plan.frames):
+        info = source.info(index)
+        assert info.origin == (0, 0) and info.exposure_s == pytest.approx(plan.scan.exposures[z])
+        points = plan.points(z, k)
+        assert len(info.points) == len(points) and {p.z for p in info.points} == {z}
+        # light is where the holes are planned to be imaged, by a count that knows no session
+        frame = source.read(index).astype(float)
+        for row, column in np.rint(points.pixels).astype(int).tolist():
+            assert frame[row - 3 : row + 4, column - 3 : column + 4].max() > 4 * np.median(frame)
+
+
+def test_points_are_the_positions_next_to_the_holes(plan: TargetPlan, session: Path) -> None:
+    source, scan = open_frames(session), plan.scan
+    period = np.array(scan.camera.period_px)
+    for index in (0, 7):
+        z, k = plan.frames[index]
+        for place, position in zip(plan.points(z, k).pixels, source.info(index).points, strict=True):
+            off = place - scan.image_px(position)
+            off -= period * np.round(off / period)
+            # half a pixel, and what the period is not whole by
+            assert np.abs(off).max() <= 0.5 + np.abs(period - scan.period).max()
+
+
+def test_darks_and_references_belong_to_it(plan: TargetPlan, session: Path) -> None:
+    source = open_frames(session)
+    assert set(source.metadata["darks"]) == {0.02, 0.03}
+    view = corrected_view(source, CorrectionRecipe())
+    assert view.shape == source.shape and abs(float(np.median(view.read(0)))) < 1.5
+    checks = read_checks(session)
+    assert len(checks) == 5 and {c.position for c in checks} == {Position(1, 0, 0)}
+    assert not read_suspects(session).positions
+    report = verify(session)
+    assert report.ok and not report.never_taken
+
+
+@pytest.mark.parametrize("at", [3, 9])
+def test_an_interrupted_session_goes_on(plan: TargetPlan, session: Path, tmp_path: Path, at: int) -> None:
+    folder = tmp_path / "session"
+    with pytest.raises(Exception, match=r"vanish|no answer"):
+        record(folder, plan, rig_of(plan, Fault("vanishes", at)), CAREFUL)
+    before = SessionFile.read(folder).runs[-1].acknowledged
+    assert 0 < before < 11
+    part = open_frames(folder)
+    assert isinstance(part, TargetRecording) and part.frames == plan.frames[:before]
+    assert len(verify(folder).never_taken) == 11 - before
+    assert record(folder, plan, rig_of(plan), CAREFUL, resume=True).how == "complete"
+    assert_same(session, folder)
+
+
+def assert_same(one: Path, other: Path) -> None:
+    a, b = open_frames(one), open_frames(other)
+    assert len(a) == len(b) and all(np.array_equal(a.read(k), b.read(k)) for k in range(len(a)))
+
+
+def test_a_rotten_frame_is_named_and_taken_again(plan: TargetPlan, session: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "session"
+    record(folder, plan, rig_of(plan), CAREFUL)
+    rot_frame(folder / "recording.h5", 7)
+    report = verify(folder)
+    assert report.to_redo == (Position(1, 0, 2),)
+    with pytest.raises(FileFormatError, match=r"\(1, 0, 2\)"):
+        open_frames(folder).read(7)
+    assert record(folder, plan, rig_of(plan), CAREFUL, resume=True).damaged == 1
+    assert_same(session, folder)
+
+
+def test_frames_are_recorded_again_by_their_position(plan: TargetPlan, session: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "session"
+    record(folder, plan, rig_of(plan), CAREFUL)
+    record(folder, plan, rig_of(plan), CAREFUL, redo=[Position(1, 0, 5)])
+    assert SessionFile.read(folder).recordings == ("recording.h5", "recording-002.h5")
+    assert_same(session, folder)
+    with pytest.raises(InputError, match="frame to redo"):
+        record(folder, plan, rig_of(plan), CAREFUL, redo=[Position(0, 0, 5)])  # the first plane has five
+
+
+def test_a_moved_stage_is_found_on_resuming(plan: TargetPlan, tmp_path: Path) -> None:
+    folder = tmp_path / "session"
+    with pytest.raises(Exception, match=r"vanish|no answer"):
+        record(folder, plan, rig_of(plan, Fault("vanishes", 5)), CAREFUL)
+    step = plan.scan.camera.step_um(plan.scan.depths_um[0])
+    lost = replace(plan.target, pose=replace(plan.target.pose, right_um=3 * step))
+    with pytest.raises(InputError, match="image of the last recorded position"):
+        record(folder, plan, rig_of(plan, target=lost), CAREFUL, resume=True)
+
+
+def test_another_plan_does_not_go_on(plan: TargetPlan, session: Path) -> None:
+    other = replace(plan, tolerance_px=0.2)
+    with pytest.raises(InputError, match=r"plan\.tolerance_px"):
+        record(session, other, rig_of(plan), FULL, resume=True)
+    with pytest.raises(InputError, match="resumed session"):
+        record(session, plan.scan, rig_of(plan), FULL, resume=True)
+
+
+@pytest.mark.parametrize(("fault", "doubt"), [("blank", "light"), ("frozen", "again")])
+def test_spoilt_frames_never_count(plan: TargetPlan, tmp_path: Path, fault: str, doubt: str) -> None:
+    with pytest.raises(Exception, match=doubt):
+        record(tmp_path / "s", plan, rig_of(plan, Fault(fault, 4, 20)), CAREFUL)
+    assert SessionFile.read(tmp_path / "s").runs[-1].acknowledged == 4
+
+
+def test_a_torn_frame_is_taken_again(plan: TargetPlan, session: Path, tmp_path: Path) -> None:
+    record(tmp_path / "s", plan, rig_of(plan, Fault("torn", 4)), CAREFUL)
+    with TargetRecording(tmp_path / "s") as source, TargetRecording(session) as good:
+        assert [int(source.record(k)["attempts"]) > 1 for k in range(len(source))] == [k == 4 for k in range(11)]
+        for k in range(11):
+            light = good.read(k).astype(float)
+            assert np.corrcoef(light.ravel(), source.read(k).ravel())[0, 1] > 0.9
+
+
+def test_offsets_are_no_displacement(plan: TargetPlan, tmp_path: Path) -> None:
+    """A frame whose holes all moved is what was asked for: nothing is taken twice."""
+    rig = rig_of(plan)
+    record(tmp_path / "s", plan, rig, CAREFUL)
+    with TargetRecording(tmp_path / "s") as source:
+        assert [int(source.record(k)["attempts"]) for k in range(len(source))] == [1] * 11
+
+
+def test_options_of_single_points_are_refused(plan: TargetPlan, tmp_path: Path) -> None:
+    for options in (replace(CAREFUL, order="coarse"), replace(CAREFUL, controls=2)):
+        with pytest.raises(InputError, match="frames of many points"):
+            record(tmp_path / "s", plan, rig_of(plan), options)
+    with pytest.raises(InputError, match="beside a target"):
+        record(tmp_path / "s", plan, rig_of(plan), CAREFUL, only=[Position(0, 0, 0)])
+    with pytest.raises(InputError, match="a frame or more"):
+        record(tmp_path / "s", replace(plan, offsets_px=((), ())), rig_of(plan), CAREFUL)
+    assert not (tmp_path / "s").exists()
+
+
+def test_the_kinds_of_sessions_are_not_mistaken(session: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"open it with lfcal\.frames\.open_frames"):
+        RecordingSource(session)
+    scan = small_plan()
+    record(tmp_path / "s", scan, rig_for(scan), CAREFUL)
+    with pytest.raises(InputError, match="whole frames of a target"):
+        TargetRecording(tmp_path / "s")
+    data = json.loads((tmp_path / "s/session.json").read_text())
+    assert data["version"] == 1 and "target" not in data  # as older versions read it
+
+
+def test_a_session_file_whose_plans_disagree_is_refused(session: Path, tmp_path: Path) -> None:
+    data = json.loads((session / "session.json").read_text())
+    assert data["version"] == 2
+    for change, text in (({"version": 1}, "a target in version 2"), ({"target": {}}, "plan of a target")):
+        (tmp_path / "session.json").write_text(json.dumps({**data, **change}))
+        with pytest.raises(FileFormatError, match=text):
+            SessionFile.read(tmp_path)
+    data["plan"]["settle_s"] = 0.5
+    (tmp_path / "session.json").write_text(json.dumps(data))
+    with pytest.raises(FileFormatError, match="that of the target"):
+        SessionFile.read(tmp_path)
+
+
+def test_brackets_and_averages_make_floats(plan: TargetPlan, tmp_path: Path) -> None:
+    twice = replace(plan, scan=dataclasses.replace(plan.scan, frames_averaged=2))
+    record(tmp_path / "s", twice, rig_of(twice), CAREFUL)
+    with TargetRecording(tmp_path / "s") as source:
+        assert source.dtype == np.float32 and source.metadata["noise"]
+    assert Options().plain

@@ -1,0 +1,138 @@
+"""Several regions of the field in one session, and H of all of them in one file."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lfcal.acquire.session_file import SessionFile
+from lfcal.camera import RegionPlan
+from lfcal.campaign.regions import is_regions, iter_record_regions, read_regions
+from lfcal.cli import main
+from lfcal.devices.simulated.faults import Fault
+from lfcal.errors import InputError
+from lfcal.frames import open_frames
+from lfcal.progress import drain
+from lfcal.psf import open_psf, regions_of
+from lfcal.psf.region_loss import region_loss
+from tests.acquire.rigs import CAREFUL, assert_same_frames, frames_of, rig_for, small_plan
+
+SCAN = small_plan((3, 3), 2)
+PLAN = RegionPlan(
+    replace(SCAN, anchor=(48.0, 48.0)), ("centre", "left", "low"), ((48.0, 48.0), (48.0, 20.0), (70.0, 48.0))
+)
+
+
+def run(*arguments: object, monkeypatch: pytest.MonkeyPatch) -> int:
+    monkeypatch.setattr(sys, "argv", ["lfcal", *map(str, arguments)])
+    try:
+        main()
+    except SystemExit as stop:
+        return int(stop.code or 0)
+    return 0
+
+
+def record(folder: Path, *faults: Fault, plan: RegionPlan = PLAN, resume: bool = False) -> int:
+    work = iter_record_regions(folder, plan, rig_for(plan.scan, *faults), CAREFUL, resume=resume)
+    outcome = drain(work)
+    assert outcome.how == "complete" and outcome.total == 54
+    return outcome.acknowledged
+
+
+def test_every_region_is_recorded_at_its_place(tmp_path: Path) -> None:
+    assert record(tmp_path / "s") == 54
+    assert is_regions(tmp_path / "s") and read_regions(tmp_path / "s") == PLAN
+    for k, name in enumerate(PLAN.names):
+        session = SessionFile.read(tmp_path / "s" / name)
+        assert session.plan == PLAN.plan(k)
+        source = open_frames(tmp_path / "s" / name)
+        row, column = PLAN.anchors[k]
+        assert source.info(0).origin == (row - 10, column - 10)
+
+
+@pytest.mark.parametrize("at", [5, 25, 50])
+def test_an_interrupted_session_goes_on_where_it_was(tmp_path: Path, at: int) -> None:
+    record(tmp_path / "whole")
+    with pytest.raises(Exception, match=r"vanish|no answer"):
+        record(tmp_path / "s", Fault("vanishes", at))
+    assert record(tmp_path / "s", resume=True) == 54
+    for name in PLAN.names:
+        assert_same_frames(frames_of(tmp_path / "whole" / name), frames_of(tmp_path / "s" / name))
+
+
+def test_only_the_same_plan_goes_on_and_nothing_is_written_over(tmp_path: Path) -> None:
+    record(tmp_path / "s")
+    with pytest.raises(InputError, match="a new folder"):
+        record(tmp_path / "s")
+    other = RegionPlan(PLAN.scan, PLAN.names, (*PLAN.anchors[:2], (69.0, 48.0)))
+    with pytest.raises(InputError, match="the plan that was recorded"):
+        record(tmp_path / "s", plan=other, resume=True)
+    with pytest.raises(InputError, match="a session of regions"):
+        record(tmp_path / "none", resume=True)
+
+
+def test_from_the_plan_to_h_of_all_regions(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "plan.json").write_text(PLAN.to_json())
+    out, H = tmp_path / "s", tmp_path / "H.h5"
+    words = ("acquire", tmp_path / "plan.json", "-o", out, "--darks", 2, "--reference-every", 0)
+    assert run(*words, "--dry-run", "--json", monkeypatch=monkeypatch) == 0
+    assert json.loads(capsys.readouterr().out)["positions"] == 54
+    assert run(*words, "--assemble", H, "--json", monkeypatch=monkeypatch) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["outcome"]["acknowledged"] == 54 and told["bytes_gained"] > 0
+    assert regions_of(H) == PLAN.names
+    again = tmp_path / "again.h5"
+    assert run("assemble", out, "-o", again, monkeypatch=monkeypatch) == 0
+    assert run("verify", out, monkeypatch=monkeypatch) == 0
+    assert "centre: 19 of 19 frames are whole" in capsys.readouterr().out
+    for k, name in enumerate(PLAN.names):
+        with open_psf(H, region=name, check=True) as one, open_psf(again, region=name) as other:
+            assert one.shape == SCAN.shape and one.anchor == PLAN.anchors[k] and one.recorded.all()
+            np.testing.assert_array_equal(one.plane(0), other.plane(0))
+    # no files are left beside it
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["H.h5", "again.h5", "plan.json", "s"]
+
+
+def test_the_loss_between_regions_is_that_of_their_patterns(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "plan.json").write_text(PLAN.to_json())
+    words = ("--darks", 0, "--reference-every", 0, "--assemble", tmp_path / "H.h5")
+    assert run("acquire", tmp_path / "plan.json", "-o", tmp_path / "s", *words, monkeypatch=monkeypatch) == 0
+    found = region_loss(tmp_path / "H.h5")
+    assert found.error.shape == (3, 2, 3, 3) and found.losses[0] == 0
+    with open_psf(tmp_path / "H.h5") as first, open_psf(tmp_path / "H.h5", region="low") as low:
+        errors = []
+        for place in np.ndindex(2, 3, 3):
+            a, b = low[place].astype(float), first[place].astype(float)
+            errors.append(np.linalg.norm(a * b.sum() / a.sum() - b) / np.linalg.norm(b))
+        assert found.losses[2] == pytest.approx(np.sqrt(np.mean(np.square(errors))), rel=1e-4)
+    assert found.worst == pytest.approx(max(found.losses))
+    capsys.readouterr()
+    folder = tmp_path / "report"
+    assert run("inspect", tmp_path / "H.h5", "--seconds", 0, "--report", folder, monkeypatch=monkeypatch) == 0
+    assert "patterns against those of centre" in capsys.readouterr().out
+    assert (folder / "regions.png").stat().st_size > 1000
+    assert run("inspect", tmp_path / "H.h5", "--seconds", 0, "--json", monkeypatch=monkeypatch) == 0
+    assert json.loads(capsys.readouterr().out)["regions"]["worst"] == pytest.approx(found.worst)
+
+
+@pytest.mark.parametrize("words", [("--redo", "x.json"), ("--positions", "x.json"), ("--until-error", "1%")])
+def test_options_of_one_region_are_refused(
+    tmp_path: Path, words: tuple[str, str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "plan.json").write_text(PLAN.to_json())
+    assert run("acquire", tmp_path / "plan.json", "-o", tmp_path / "s", *words, monkeypatch=monkeypatch) == 2
+    assert "is of one region" in capsys.readouterr().err and not (tmp_path / "s").exists()
+    for other in ("--source", "--for-fit", "--half-cell"):
+        more = {"--source": ["array"], "--for-fit": ["5"], "--half-cell": []}[other]
+        begin = ("plan", "bench", "--virtual-depths", "4", "--regions", "3x3")
+        assert run(*begin, other, *more, monkeypatch=monkeypatch) == 2
+        assert "leave it out beside --regions" in capsys.readouterr().err
