@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.errors import InputError
+from lfcal.errors import InputError, choose
 
 __all__ = ["MAX_SAMPLE", "as_sensor_frame", "check_choice", "check_number", "check_tuple", "check_type"]
 
@@ -61,7 +61,7 @@ def _finite(value: Any) -> bool:
 def check_choice(what: str, value: object, choices: tuple[str, ...]) -> None:
     """Raise `InputError` unless ``value`` is one of ``choices``."""
     if value not in choices:
-        raise InputError.expected(what, " or ".join(choices), repr(value), "choose one of these")
+        raise InputError.expected(what, " or ".join(choices), repr(value), choose(value, choices))
 
 
 def check_tuple(what: str, values: object, count: int | None = None, **bounds: Any) -> tuple[Any, ...]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from difflib import get_close_matches
 from typing import Self
 
 __all__ = [
@@ -12,6 +14,7 @@ __all__ = [
     "LfcalError",
     "StorageError",
     "UnsafeFileError",
+    "choose",
     "one_line",
 ]
 
@@ -31,6 +34,13 @@ def one_line(text: str, longest: int = LONGEST) -> str:
         return line
     tail = longest // 3  # the remedy stands at the end
     return f"{line[: longest - tail - 1]}…{line[-tail:]}"
+
+
+def choose(name: object, choices: Iterable[str]) -> str:
+    """Return the remedy for a name that is none of ``choices``: the one that was meant, where one is like it."""
+    by_lower = {choice.lower(): choice for choice in choices}
+    close = get_close_matches(str(name)[:LONGEST].lower(), by_lower, 1)
+    return f"did you mean {by_lower[close[0]]}?" if close else "choose one of these"
 
 
 class LfcalError(Exception):

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from importlib import metadata
 from typing import Any, Generic, Protocol, TypeVar
 
-from lfcal.errors import InputError
+from lfcal.errors import InputError, choose
 
 __all__ = ["Named", "Registry"]
 
@@ -110,7 +110,7 @@ class Registry(Generic[T]):
         """Return the part called ``name``; raises `InputError` with the names there are."""
         found = self._found()
         if name not in found:
-            raise InputError.expected(self.what, " or ".join(found), repr(name), "choose one of these")
+            raise InputError.expected(self.what, " or ".join(found), repr(name), choose(name, found))
         return found[name]
 
     def failures(self) -> dict[str, str]:

@@ -10,6 +10,8 @@ from collections.abc import Iterator
 
 import pytest
 
+from tests.shuffling import header, shuffle
+
 # Workers and the programs that tests start find compiled modules on disk: without them each compiles numba and scipy
 # anew, which takes it longer than all else it does.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
@@ -22,6 +24,11 @@ if "PYTEST_XDIST_WORKER" in os.environ:
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--long", action="store_true", help="run the tests that take minutes, and every variant of others")
+    parser.addoption("--shuffle", type=int, metavar="SEED", help="run modules, and the tests in each, in another order")
+
+
+def pytest_report_header(config: pytest.Config) -> list[str]:
+    return header(config.getoption("--shuffle"))
 
 
 def pytest_cmdline_main(config: pytest.Config) -> None:
@@ -62,6 +69,9 @@ def begin_with_different_kernels(items: list[pytest.Item]) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    seed = config.getoption("--shuffle")
+    if seed is not None:
+        shuffle(items, seed)
     begin_with_different_kernels(items)
     if config.getoption("--long"):
         return

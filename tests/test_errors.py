@@ -7,7 +7,7 @@ import pickle
 import pytest
 
 from lfcal.acquire.errors import AcquisitionStopped
-from lfcal.errors import LONGEST, FileFormatError, LfcalError, StorageError, one_line
+from lfcal.errors import LONGEST, FileFormatError, LfcalError, StorageError, choose, one_line
 
 
 @pytest.mark.parametrize(
@@ -44,3 +44,20 @@ def test_errors_of_the_system_and_with_entries_of_their_own() -> None:
     stopped = AcquisitionStopped("a\nb", 3)
     assert str(stopped) == "a b" and stopped.acknowledged == 3
     assert str(pickle.loads(pickle.dumps(StorageError("a\nb")))) == "a b"
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("benhc", "did you mean bench?"),
+        ("BENCH", "did you mean bench?"),
+        ("r28", "did you mean R29?"),
+        ("x" * 10**6, "choose one of these"),
+        ("", "choose one of these"),
+        ("microscope", "choose one of these"),
+        (7, "choose one of these"),
+    ],
+    ids=lambda value: str(value)[:12],
+)
+def test_a_misspelt_name_brings_the_one_that_is_like_it(name: object, said: str) -> None:
+    assert choose(name, ("bench", "R29", "lfm_20x05")) == said

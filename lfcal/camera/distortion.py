@@ -64,8 +64,8 @@ class LatticeDistortion:
 
     With u = (x - centre) / scale of a point of the ideal lattice, it is seen displaced by
 
-    - ``"polynomial"``: sum over orders 2 … n of terms[0][k] u_x^i u_y^j along x, and of terms[1][k] along y, in the
-      order of `polynomial_powers`;
+    - ``"polynomial"``: sum over orders 2 … n of ``terms[0][k]`` u_x^i u_y^j along x, and of ``terms[1][k]`` along y, in
+      the order of `polynomial_powers`;
     - ``"radial"``: (k1 |u|² + k2 |u|⁴ + …) u with terms[0] = (k1, k2, …), after Brown (1966).
 
     Constant and linear displacements belong to the lattice. All lengths are in the unit of the lattice: µm from the

@@ -9,7 +9,7 @@ from lfcal.camera.description import Camera
 from lfcal.camera.lattice import LensletLattice, LensType
 from lfcal.camera.main_lens import MainLens, Microscope
 from lfcal.camera.sensor import Sensor
-from lfcal.errors import InputError
+from lfcal.errors import InputError, choose
 
 __all__ = ["PRESETS", "preset"]
 
@@ -89,5 +89,5 @@ PRESETS: dict[str, Callable[[], Camera]] = {
 def preset(name: str) -> Camera:
     """Return a camera that comes with lfcal: ``r29``, ``lfm_20x05``, ``lfm_60x12`` or ``bench``."""
     if name not in PRESETS:
-        raise InputError.expected("preset", " or ".join(PRESETS), repr(name), "choose one of these")
+        raise InputError.expected("preset", " or ".join(PRESETS), repr(name), choose(name, PRESETS))
     return PRESETS[name]()

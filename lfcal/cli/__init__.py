@@ -9,7 +9,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
-from typing import Any, cast
+from typing import cast
 
 __all__ = ["main"]
 
@@ -50,7 +50,9 @@ def _run() -> None:
             code = command_line()(standalone_mode=False, prog_name="lfcal")
         sys.exit(code if isinstance(code, int) else 0)
     except usage_error as error:
-        _stop(2, _usage(error))
+        from lfcal.cli.usage import usage_line
+
+        _stop(2, usage_line(error, sys.argv[1:]))
     except typer.Abort:
         raise _Ended(signal.SIGINT) from None
     except Cancelled:
@@ -63,13 +65,6 @@ def _run() -> None:
         # The reader of the pipe has gone (head, less): without this Python's own flush at exit fails once more.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
-
-
-def _usage(error: Any) -> str:
-    """Return what is wrong with a command line, and where the right one is described; nothing after its help."""
-    said = str(error.format_message()).rstrip(".")
-    context = getattr(error, "ctx", None)
-    return f"{said}; see {context.command_path} --help" if said and context is not None else said
 
 
 def _stop(code: int, message: str) -> None:

@@ -2,54 +2,27 @@
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
+from collections.abc import Iterator
 from functools import cache
-from types import ModuleType
 from typing import Any
 
 import typer
 
 from lfcal import __version__
+from lfcal.cli.lazy import LazyCommands, LazyGroup, listed_commands
 
-__all__ = ["build_app", "command_line", "command_modules"]
+__all__ = ["build_app", "command_line"]
 
-ORDER = (
-    "demo",
-    "camera",
-    "plan",
-    "white",
-    "views",
-    "simulate",
-    "accuracy",
-    "acquire",
-    "verify",
-    "assemble",
-    "inspect",
-    "compare",
-    "fit",
-    "trend",
-    "transpose",
-    "reduce",
-    "export",
-    "reconstruct",
-    "multiplex",
-    "bench",
-    "doctor",
-)
-"""The order of the data; commands not named here come after."""
+HEADINGS = {
+    "To begin with": ("demo", "doctor"),
+    "Camera and plan": ("camera", "plan", "white", "views", "simulate", "accuracy"),
+    "Recording": ("acquire", "verify"),
+    "H, and how good it is": ("assemble", "inspect", "compare", "fit", "trend", "transpose", "reduce", "export"),
+    "What H is for": ("reconstruct", "multiplex"),
+}
+"""The commands in the order of the data; those not named here come after."""
 
-
-def command_modules(package: str, order: tuple[str, ...] = ()) -> list[ModuleType]:
-    """Import the public modules of ``package`` that register commands, in ``order`` and then by name."""
-    path = importlib.import_module(package).__path__
-    names = sorted(m.name for m in pkgutil.iter_modules(path) if not m.name.startswith("_"))
-    # camera_new is a part of camera, which registers it
-    names = [name for name in names if name.partition("_")[0] == name or name.partition("_")[0] not in names]
-    # A stable sort: what is not named in the order stays sorted by name behind it.
-    names.sort(key=lambda name: order.index(name) if name in order else len(order))
-    loaded = [importlib.import_module(f"{package}.{name}") for name in names]
-    return [module for module in loaded if hasattr(module, "register")]
+OTHERS = "Besides"
 
 
 def _version(value: bool) -> None:
@@ -58,13 +31,26 @@ def _version(value: bool) -> None:
         raise typer.Exit
 
 
+class _Commands(LazyGroup):
+    """All commands."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        self.commands = LazyCommands(listed_commands("lfcal.cli", sum(HEADINGS.values(), ())))
+
+    def headings(self, names: tuple[str, ...]) -> Iterator[tuple[str, tuple[str, ...]]]:
+        """Yield the headings of the list of commands."""
+        yield from HEADINGS.items()
+        yield OTHERS, tuple(name for name in names if name not in sum(HEADINGS.values(), ()))
+
+
 def build_app() -> typer.Typer:
-    """Return the application with every command registered."""
+    """Return the application; a command is loaded when it is called."""
     app = typer.Typer(
         name="lfcal",
+        cls=_Commands,
         help="PSF calibration and acquisition for plenoptic (light-field) cameras.",
         no_args_is_help=True,
-        add_completion=False,
         rich_markup_mode="markdown",
         # Errors end in one line, printed by main; the traceback of a defect is left to Python.
         pretty_exceptions_enable=False,
@@ -77,12 +63,10 @@ def build_app() -> typer.Typer:
     ) -> None:
         """PSF calibration and acquisition for plenoptic (light-field) cameras."""
 
-    for module in command_modules("lfcal.cli", ORDER):
-        module.register(app)
     return app
 
 
 @cache
 def command_line() -> Any:
-    """Return the parser of the whole command line, made once: reading the signature of every command takes a while."""
+    """Return the parser of the whole command line, made once."""
     return typer.main.get_command(build_app())

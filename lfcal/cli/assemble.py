@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from lfcal.cli.channels import Part, open_colour, parts_of
+from lfcal.cli.completing import complete_orientation
 from lfcal.cli.listed import ColumnsOption, report_notes, tell_size
 from lfcal.cli.options import (
     CompressionOption,
@@ -92,6 +93,7 @@ def command(
     orientation: str = typer.Option(
         "check",
         "--orientation",
+        autocompletion=complete_orientation,
         help="What makes the frames upright: as-is, rot90, rot180, rot270 (anticlockwise), mirror-x (left to right), "
         "mirror-y, transpose, anti-transpose; auto: find it; check: as-is, but stop where it is certainly wrong.",
     ),

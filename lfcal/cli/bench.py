@@ -1,15 +1,18 @@
-"""``lfcal bench``: side-by-side timings."""
+"""``lfcal bench``: time lfcal side by side with other ways to do the same."""
 
 from __future__ import annotations
 
+import importlib
+import pkgutil
+
 import typer
 
-from lfcal.cli.app import command_modules
+import lfcal.bench
 
 
 def register(app: typer.Typer) -> None:
-    """Add ``bench`` with one sub-command per module of `lfcal.bench`."""
+    """Add ``bench`` with the sub-commands of the modules of `lfcal.bench`."""
     bench = typer.Typer(help="Time lfcal side by side with other ways to do the same.", no_args_is_help=True)
-    for module in command_modules("lfcal.bench"):
-        module.register(bench)
+    for name in sorted(m.name for m in pkgutil.iter_modules(lfcal.bench.__path__) if not m.name.startswith("_")):
+        importlib.import_module(f"lfcal.bench.{name}").register(bench)
     app.add_typer(bench, name="bench")

@@ -17,7 +17,7 @@ from lfcal.camera import (
     value_at,
 )
 from lfcal.cli.console import report
-from lfcal.errors import StorageError
+from lfcal.errors import StorageError, choose
 
 __all__ = ["assumed_in_words", "load_camera", "load_file", "tell", "tell_assumed"]
 
@@ -37,7 +37,8 @@ def load_file(name: str, wanted: Wanted | None = None) -> tuple[Camera, tuple[st
     if not path.exists():
         known = ", ".join(PRESETS)
         formats = ", ".join(form.name for form in CAMERA_FORMATS)
-        raise StorageError.expected("camera", f"{known}, or a file ({formats})", name, "check the name")
+        meant = choose(name, PRESETS).replace("choose one of these", "check the name")
+        raise StorageError.expected("camera", f"{known}, or a file ({formats})", name, meant)
     found = import_camera(path, wanted)
     return found.camera, found.notes
 

@@ -15,7 +15,7 @@ from lfcal.units import format_seconds
 if TYPE_CHECKING:
     from lfcal.psf import PSFMatrix
 
-__all__ = ["print_json", "print_table", "report", "report_dark", "run_work"]
+__all__ = ["done_text", "print_json", "print_table", "report", "report_dark", "run_work"]
 
 R = TypeVar("R")
 
@@ -31,13 +31,15 @@ def run_work(work: Work[R], *, quiet: bool = False) -> R:
     if quiet or not sys.stderr.isatty():
         return drain(work)
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
     from rich.progress import Progress as Bar
 
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
-        MofNCompleteColumn(),
+        TextColumn("{task.fields[said]}"),
+        TimeElapsedColumn(),
+        TextColumn("left"),
         TimeRemainingColumn(),
         TextColumn("{task.fields[note]}"),
     )
@@ -47,10 +49,23 @@ def run_work(work: Work[R], *, quiet: bool = False) -> R:
         def show(record: Progress) -> None:
             # One bar per stage of the work, added when the stage begins: how many there are is not known before.
             if record.stage not in tasks:
-                tasks[record.stage] = bar.add_task(record.stage, total=record.total or None, note="")
-            bar.update(tasks[record.stage], completed=record.done, total=record.total or None, note=record.note)
+                tasks[record.stage] = bar.add_task(record.stage, total=record.total or None, note="", said="")
+            task = tasks[record.stage]
+            bar.update(task, completed=record.done, total=record.total or None, note=record.note)
+            speed = bar.tasks[bar.task_ids.index(task)].speed
+            bar.update(task, said=done_text(record, speed))
 
         return drain(work, show)
+
+
+def done_text(record: Progress, speed: float | None) -> str:
+    """Return how many are done, of how many, and how many in a second, a minute or an hour."""
+    counted = record.count or f"{record.done // record.per}"
+    if not speed:
+        return counted
+    rate = speed / record.per
+    unit, seconds = next(((u, s) for u, s in (("s", 1.0), ("min", 60.0)) if rate * s >= 1), ("h", 3600.0))
+    return f"{counted}, {rate * seconds:.3g}/{unit}"
 
 
 def report_dark(matrix: PSFMatrix) -> tuple[int, ...]:

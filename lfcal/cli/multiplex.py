@@ -1,4 +1,4 @@
-"""``lfcal multiplex``: modulators compared, frames demultiplexed, the paper's figures drawn."""
+"""``lfcal multiplex``: plenoptic multiplexing: compare modulators, demultiplex frames."""
 
 from __future__ import annotations
 

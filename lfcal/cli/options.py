@@ -7,6 +7,7 @@ from typing import Annotated, TypeAlias
 
 import typer
 
+from lfcal.cli.completing import complete_camera, complete_compression, complete_executor
 from lfcal.threads import bounded_threads
 
 __all__ = [
@@ -56,6 +57,7 @@ ExecutorOption: TypeAlias = Annotated[
     str,
     typer.Option(
         "--executor",
+        autocompletion=complete_executor,
         help="Who does it: threads (of this process), processes, or dask; long work is done in units by any of them.",
     ),
 ]
@@ -74,7 +76,9 @@ ResumeOption: TypeAlias = Annotated[
 ForceOption: TypeAlias = Annotated[bool, typer.Option("--force", help="Replace what exists.")]
 """Without it a command that would replace a file ends before its work begins; see `lfcal.cli.outputs`."""
 
-CompressionOption: TypeAlias = Annotated[str, typer.Option("--compression", help="gzip, zstd or none.")]
+CompressionOption: TypeAlias = Annotated[
+    str, typer.Option("--compression", autocompletion=complete_compression, help="gzip, zstd or none.")
+]
 """How the chunks of an H file are compressed."""
 
 StoreToleranceOption: TypeAlias = Annotated[
@@ -91,7 +95,11 @@ MatrixArgument: TypeAlias = Annotated[
 """H in any form that `lfcal.psf.open_psf` reads."""
 
 CameraArgument: TypeAlias = Annotated[
-    str, typer.Argument(help="Preset, or camera file: camera.json, Raytrix XML, oLaF yaml, napari-LF metadata …")
+    str,
+    typer.Argument(
+        autocompletion=complete_camera,
+        help="Preset, or camera file: camera.json, Raytrix XML, oLaF yaml, napari-LF metadata …",
+    ),
 ]
 """A described camera."""
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from lfcal.cli.completing import complete_solver
 from lfcal.cli.options import (
     ExecutorOption,
     ForceOption,
@@ -57,7 +58,9 @@ def command(
     suffix: str = typer.Option(
         ".tif", "--format", help="With --batch and a folder: .tif, .ome.tif, .ome.zarr, .h5 or .npy."
     ),
-    solver: str = typer.Option("sieve", "--solver", help="Solver; --solver list shows all."),
+    solver: str = typer.Option(
+        "sieve", "--solver", autocompletion=complete_solver, help="Solver; --solver list shows all."
+    ),
     iterations: str = typer.Option(
         "15",
         "--iterations",

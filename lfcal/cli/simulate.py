@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from lfcal.checks import check_number
+from lfcal.cli.completing import complete_camera
 from lfcal.cli.console import print_json, print_table, report, run_work
 from lfcal.cli.options import (
     CutoutOption,
@@ -46,7 +47,9 @@ def register(app: typer.Typer) -> None:
 
 
 def command(
-    camera: str = typer.Argument(..., help="Preset, camera JSON, Raytrix XML, or the JSON of a scan plan."),
+    camera: str = typer.Argument(
+        ..., autocompletion=complete_camera, help="Preset, camera JSON, Raytrix XML, or the JSON of a scan plan."
+    ),
     depths: DepthsOption = "",
     virtual_depths: VirtualDepthsOption = "",
     cutout: CutoutOption = "",

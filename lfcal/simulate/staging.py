@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.camera import Camera, ScanPlan
-from lfcal.errors import InputError
+from lfcal.errors import InputError, choose
 from lfcal.simulate.camera_scene import scene_of
 from lfcal.simulate.effects.base import Effect, LightEffect, LightSample, PsfEffect, SceneEffect
 from lfcal.simulate.effects.light import Bandwidth
@@ -130,7 +130,7 @@ def resolve_level(scene: Scene, level: str = "auto") -> tuple[Scene, str]:
     from lfcal.simulate.engines.field import choose_mode  # compiled code: not loaded before it is needed
 
     if level not in ALL_LEVELS:
-        raise InputError.expected("level", " or ".join(ALL_LEVELS), repr(level), "choose one of these")
+        raise InputError.expected("level", " or ".join(ALL_LEVELS), repr(level), choose(level, ALL_LEVELS))
     if level == "microscope":
         level = "debye"
     if level == "auto":

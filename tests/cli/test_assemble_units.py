@@ -78,6 +78,7 @@ def test_the_same_file_by_whoever(lfcal: Lfcal, scan: Path, dtype: str, executor
     ],
     ids=["simulated", "turned", "listed"],
 )
+@pytest.mark.few(2)
 def test_frames_that_are_opened_otherwise(
     lfcal: Lfcal, session: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...]
 ) -> None:

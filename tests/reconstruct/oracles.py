@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import convolve2d
 
 
 def dense(H, image_shape, anchor=(0, 0)):
@@ -23,6 +22,8 @@ def dense(H, image_shape, anchor=(0, 0)):
 
 def convolved(H, volume, anchor=(0, 0)):
     """Return the image by one 'same' convolution per source position."""
+    from scipy.signal import convolve2d  # takes longer to load than everything else that is collected
+
     _, ny, nx = H.shape[:3]
     image = np.zeros(volume.shape[1:])
     for z, plane in enumerate(volume):

@@ -107,6 +107,7 @@ def test_a_gradient_made_plane_by_plane_is_the_gradient(monkeypatch, kind, z_wei
 
 
 @pytest.mark.parametrize("name", ["rl", "phase-space", "rl-biggs"])
+@pytest.mark.few(1)
 def test_a_run_that_stops_by_itself_keeps_more(name):
     P = Projector(H, SHAPE, method="direct", workers=1)
     assert foretold_over_taken(P, SolverChoice(name, 5, auto=True)) == pytest.approx(1, abs=0.2)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from lfcal.camera import Camera, Microscope, ScanPlan
 from lfcal.checks import check_number
-from lfcal.errors import InputError
+from lfcal.errors import InputError, choose
 from lfcal.simulate.accuracy.cost import engine_times
 from lfcal.simulate.accuracy.estimates import estimates_of
 from lfcal.simulate.effects import ActsOn, Effect, Estimate, FrameEffect, LensletDiffraction, Outlook, catalogue
@@ -120,7 +120,8 @@ class EffectSelection:
         for row in self.rows:
             if row.name == name:
                 return row
-        raise InputError.expected("effect", " or ".join(r.name for r in self.rows), name, "choose one of these")
+        names = [row.name for row in self.rows]
+        raise InputError.expected("effect", " or ".join(names), name, choose(name, names))
 
     def __iter__(self) -> Iterator[Effect]:
         """Iterate over the effects that are on at any plane."""
@@ -209,7 +210,7 @@ def _settings(overrides: Mapping[str, str], candidates: Sequence[Effect]) -> dic
     names = [effect.name for effect in candidates]
     for name, setting in overrides.items():
         if name not in names:
-            raise InputError.expected("effect", " or ".join(names), repr(name), "choose one of these")
+            raise InputError.expected("effect", " or ".join(names), repr(name), choose(name, names))
         if setting not in SETTINGS:
             raise InputError.expected(f"setting of {name}", "auto, on or off", repr(setting), "choose one of these")
     return {name: overrides.get(name, "auto") for name in names}

@@ -1,0 +1,107 @@
+"""What mkdocs calls while it builds the site."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from mkdocs.exceptions import PluginError
+from mkdocs.structure.files import File, Files
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+from docs_build.links import broken_links  # noqa: E402
+from docs_build.reference import packages, page_of  # noqa: E402
+from docs_build.running import TutorialError, run_page, runs  # noqa: E402
+from docs_build.screens import take_screens  # noqa: E402
+
+BESIDE = {
+    "CHANGELOG.md": "changelog.md",
+    "LICENSE": "licence.md",
+    "sample_data/README.md": "sample_data.md",
+    "lfcal/psf/schema/lfcal-psf-2.schema.json": "lfcal-psf-2.schema.json",
+}
+"""Files of the repository that pages link to, and where they lie in the site."""
+
+_RAN: dict[str, str] = {}
+"""Pages as they are shown after they were run, by their place."""
+
+
+def on_config(config: Any) -> Any:
+    """Put the pages that are made here at the end of the list of pages."""
+    listed = [{one.name: one.page} for one in packages(ROOT)]
+    config.nav = [*config.nav, {"Reference": [{"All packages": "reference/index.md"}, *listed]}]
+    return config
+
+
+def on_files(files: Files, config: Any) -> Files:
+    """Run the tutorials, make what is made of other files, and add it to the site."""
+    for place, content in {**_beside(), **_reference()}.items():
+        files.append(File.generated(config, place, content=content))
+    with tempfile.TemporaryDirectory() as scratch:
+        for key, picture in take_screens(Path(scratch)).items():
+            files.append(File.generated(config, f"images/workstation/{key}.png", content=picture))
+    for file in [file for file in files.documentation_pages() if file.generated_by is None]:
+        _run(file, files, config)
+    return files
+
+
+def _beside() -> dict[str, str]:
+    texts = {place: (ROOT / name).read_text(encoding="utf-8") for name, place in BESIDE.items()}
+    return {place: f"# Licence\n\n{text}" if place == "licence.md" else text for place, text in texts.items()}
+
+
+def _reference() -> dict[str, str]:
+    found = packages(ROOT)
+    rows = "\n".join(f"| [`{one.name}`]({one.name}.md) | {one.summary} |" for one in found)
+    index = f"# Reference\n\nEvery public name, by package.\n\n| package | what it is |\n| --- | --- |\n{rows}\n"
+    return {"reference/index.md": index, **{one.page: page_of(one) for one in found}}
+
+
+def _run(file: File, files: Files, config: Any) -> None:
+    markdown = file.content_string
+    if not runs(markdown):
+        return
+    beside = Path(file.src_uri).parent
+    there = {str(one.src_uri) for one in files}
+    with tempfile.TemporaryDirectory(prefix="lfcal-tutorial-") as scratch:
+        shutil.copytree(ROOT / "sample_data" / "session", Path(scratch, "session"))
+        try:
+            ran = run_page(markdown, Path(scratch), lambda name: (beside / name).as_posix() in there)
+        except TutorialError as error:
+            raise PluginError(f"{file.src_uri}: {error}") from error
+    _RAN[file.src_uri] = ran.markdown
+    for name, picture in ran.pictures.items():
+        files.append(File.generated(config, (beside / name).as_posix(), content=picture))
+
+
+def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
+    """Return a page as it is shown: after it was run, with links to files of the repository that lead into the site."""
+    text = _RAN.get(page.file.src_uri, markdown)
+    up = "../" * page.file.src_uri.count("/")
+    for name, place in BESIDE.items():
+        text = re.sub(
+            rf"\]\((?:\.\./)*{re.escape(name)}(#[^)]*)?\)", lambda m, p=place: f"]({up}{p}{m[1] or ''})", text
+        )
+    text = re.sub(r"<!-- keys: (\w+) -->", lambda m: _keys(m[1]), text)
+    return re.sub(r"\]\(docs/", f"]({up}", text)
+
+
+def _keys(key: str) -> str:
+    """Return the table of a page's own keys in the window."""
+    from gui.models.page import PAGES
+
+    pairs = PAGES.get(key).keys
+    rows = "\n".join(f"| {keys} | {what} |" for keys, what in pairs)
+    return f"| keys | on this page |\n| --- | --- |\n{rows}" if pairs else ""
+
+
+def on_post_build(config: Any) -> None:
+    """Look whether every link leads somewhere."""
+    if broken := broken_links(Path(config.site_dir)):
+        raise PluginError("links that lead nowhere:\n" + "\n".join(broken))

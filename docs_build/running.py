@@ -1,0 +1,136 @@
+"""Tutorials are run while the site is built: what they print and draw is put in where they say so.
+
+A fenced block that begins with ```` ```python run ```` or ```` ```sh run ```` is run, in the order of the page, in a
+folder of its own; names of Python live on from block to block. What it prints stands below it. A picture that the page
+shows and that is not among the files of the site must have been written by then.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+__all__ = ["LONGEST", "Ran", "TutorialError", "run_page", "runs"]
+
+FENCE = re.compile(r"^```(?P<kind>python|sh) run(?P<options>[^\n]*)\n(?P<code>.*?)^```\n", re.DOTALL | re.MULTILINE)
+PICTURE = re.compile(r"!\[[^\]]*\]\((?P<name>[^):#]+\.(?:png|svg))\)")
+
+LONGEST = 40
+"""Lines of output that are shown; of longer ones the middle is left out."""
+
+
+class TutorialError(Exception):
+    """A tutorial does not do what it says."""
+
+
+@dataclass(frozen=True)
+class Ran:
+    """A page as it is shown, and the pictures that it drew, by the names that it gives them."""
+
+    markdown: str
+    pictures: dict[str, bytes]
+
+
+def runs(markdown: str) -> bool:
+    """Return whether a page has anything to run."""
+    return FENCE.search(markdown) is not None
+
+
+def run_page(markdown: str, folder: Path, shown: Callable[[str], bool] = lambda name: False) -> Ran:
+    """Run a page in ``folder``.
+
+    Parameters
+    ----------
+    markdown
+        The page.
+    folder
+        An empty folder, or one with what the page begins with.
+    shown
+        Whether a picture is a file of the site already.
+
+    Raises
+    ------
+    TutorialError
+        With the block and what it said, where a block fails (or does not, and the page says that it does:
+        ``sh run fails=2``), or where a picture is shown that nobody has drawn.
+    """
+    names: dict[str, Any] = {"__name__": "__main__"}
+
+    def replaced(match: re.Match[str]) -> str:
+        kind, code = match["kind"], match["code"]
+        with _inside(folder):
+            said = _python(code, names) if kind == "python" else _shell(code, _expected_code(match["options"]))
+        output = f"\n```text\n{_shortened(said)}\n```\n" if said.strip() else ""
+        return f"```{kind}\n{code}```\n{output}"
+
+    text = FENCE.sub(replaced, markdown)
+    pictures = {}
+    for name in dict.fromkeys(match["name"] for match in PICTURE.finditer(markdown)):
+        if shown(name):
+            continue
+        path = folder / name
+        if not path.is_file():
+            raise TutorialError(f"{name}: shown, but no block of the page has drawn it")
+        pictures[name] = path.read_bytes()
+    return Ran(text, pictures)
+
+
+@contextlib.contextmanager
+def _inside(folder: Path) -> Iterator[None]:
+    before = Path.cwd()
+    os.chdir(folder)
+    try:
+        yield
+    finally:
+        os.chdir(before)
+
+
+def _python(code: str, names: dict[str, Any]) -> str:
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stdout(said):
+            exec(compile(code, "<tutorial>", "exec"), names)
+    except Exception as error:
+        raise TutorialError(f"{type(error).__name__}: {error}, in the block\n{code}") from error
+    return said.getvalue()
+
+
+def _expected_code(options: str) -> int:
+    found = re.search(r"\bfails=(\d+)", options)
+    return int(found[1]) if found else 0
+
+
+def _shell(code: str, expected: int) -> str:
+    """Run the lines of a block one by one; the last one may be meant to fail."""
+    said = []
+    lines = [words for line in code.replace("\\\n", " ").splitlines() if (words := shlex.split(line, comments=True))]
+    for k, words in enumerate(lines):
+        wanted = expected if k == len(lines) - 1 else 0
+        command = [sys.executable, "-m", *words] if words[0] == "lfcal" else words
+        done = subprocess.run(
+            command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, encoding="utf-8", env=_environment()
+        )
+        if done.returncode != wanted:
+            raise TutorialError(f"{shlex.join(words)}: exit code {done.returncode}, not {wanted}: {done.stdout}")
+        said.append(done.stdout)
+    return "".join(said)
+
+
+def _environment() -> dict[str, str]:
+    return {**os.environ, "NO_COLOR": "1", "COLUMNS": "110", "MPLBACKEND": "Agg", "PYTHONIOENCODING": "utf-8"}
+
+
+def _shortened(said: str) -> str:
+    lines = [line.rstrip() for line in said.strip("\n").splitlines()]
+    if len(lines) > LONGEST:
+        lines = [*lines[: LONGEST // 2], "…", *lines[-LONGEST // 2 :]]
+    return "\n".join(lines)

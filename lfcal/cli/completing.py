@@ -1,0 +1,54 @@
+"""What a shell offers for the values of options and arguments; it offers files by itself where no name fits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+__all__ = ["complete_camera", "complete_compression", "complete_executor", "complete_orientation", "complete_solver"]
+
+
+def _among(names: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
+    """Return a completion among names that are looked up when they are asked for."""
+
+    def complete(incomplete: str) -> list[str]:
+        return [name for name in names() if name.startswith(incomplete)]
+
+    return complete
+
+
+def _presets() -> Iterable[str]:
+    from lfcal.camera.presets import PRESETS
+
+    return PRESETS
+
+
+def _compressions() -> Iterable[str]:
+    from lfcal.psf.layout import COMPRESSIONS
+
+    return COMPRESSIONS
+
+
+def _executors() -> Iterable[str]:
+    from lfcal.work.executors import EXECUTORS
+
+    return EXECUTORS.names()
+
+
+def _orientations() -> Iterable[str]:
+    from lfcal.frames import ORIENTATIONS
+    from lfcal.psf.upright import AUTO, CHECK
+
+    return (CHECK, AUTO, *(one.option for one in ORIENTATIONS.values()))
+
+
+def _solvers() -> Iterable[str]:
+    from lfcal.reconstruct.solvers.choice import SOLVERS
+
+    return ("list", *SOLVERS.names())
+
+
+complete_camera = _among(_presets)
+complete_compression = _among(_compressions)
+complete_executor = _among(_executors)
+complete_orientation = _among(_orientations)
+complete_solver = _among(_solvers)

@@ -1,0 +1,49 @@
+"""What is wrong with a command line, in one line: what may have been meant, and where the right one is described."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from difflib import get_close_matches
+from typing import Any
+
+__all__ = ["usage_line"]
+
+
+def usage_line(error: Any, words: Sequence[str]) -> str:
+    """Return the line for a usage error of the command parser; empty where its help has been printed.
+
+    Parameters
+    ----------
+    error
+        The parser's exception.
+    words
+        The command line as it was typed.
+    """
+    context = getattr(error, "ctx", None)
+    unknown = getattr(error, "option_name", None)
+    missing = unknown is not None and hasattr(error, "possibilities")
+    said = str(error.message if missing else error.format_message()).rstrip(".")
+    if not said or context is None:
+        return said
+    if missing and (meant := nearest_option(str(unknown), words, context.command.params)):
+        said += f". Did you mean {meant}?"
+    return (
+        f"{said} See {context.command_path} --help"
+        if said.endswith("?")
+        else f"{said}; see {context.command_path} --help"
+    )
+
+
+def nearest_option(unknown: str, words: Sequence[str], parameters: Sequence[Any]) -> str:
+    """Return the option that may have been meant, or an empty text.
+
+    A long name behind one dash is read as letters, of which the first is unknown: `-force` is `--force`.
+    """
+    names = [name for one in parameters for name in (*one.opts, *one.secondary_opts) if name.startswith("--")]
+    if not unknown.startswith("--"):
+        typed = [word.partition("=")[0] for word in words if word.startswith("-") and not word.startswith("--")]
+        long = [f"-{word}" for word in typed if unknown[-1] in word and len(word) > 2]
+        close = [match for word in long for match in get_close_matches(word, names, 1, 0.8)]
+    else:
+        close = get_close_matches(unknown.partition("=")[0], names, 1)
+    return close[0] if close else ""

@@ -1,0 +1,48 @@
+"""Every page of documentation is in the list of the site, and every page of the window in its manual."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+import lfcal
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+MADE = {"changelog.md", "licence.md", "sample_data.md"}
+"""Pages that are made of other files while the site is built."""
+
+
+def listed(nav: list[Any]) -> list[str]:
+    found: list[str] = []
+    for entry in nav:
+        (value,) = entry.values()
+        found += [value] if isinstance(value, str) else listed(value)
+    return found
+
+
+def test_every_page_is_listed_once() -> None:
+    nav = listed(yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))["nav"])
+    there = {path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md")}
+    assert sorted(nav) == sorted(there | MADE)
+
+
+def test_every_page_of_the_window_is_shown_with_its_picture_and_keys() -> None:
+    text = (DOCS / "workstation.md").read_text(encoding="utf-8")
+    pages = [p.name for p in (ROOT / "gui" / "pages").iterdir() if (p / "page.py").is_file()]
+    assert (
+        set(re.findall(r"images/workstation/(\w+)\.png", text)) == set(pages) == set(re.findall(r"keys: (\w+)", text))
+    )
+
+
+def test_the_version_is_the_same_everywhere() -> None:
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))["version"]
+    changed = re.findall(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert (
+        lfcal.__version__ == cited and changed[0] == "Unreleased" and all(re.match(r"\d+\.\d+", v) for v in changed[1:])
+    )
+    assert re.fullmatch(r"\d+\.\d+\.\d+", lfcal.__version__)
+    assert 'dynamic = ["version"]' in (ROOT / "pyproject.toml").read_text(encoding="utf-8")

@@ -1,0 +1,41 @@
+"""The reference has every public name of the library, on the page of its package."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+import types
+from pathlib import Path
+
+import lfcal.camera
+import lfcal.psf
+from docs_build.reference import packages, page_of
+
+ROOT = Path(__file__).parents[2]
+FOUND = {one.name: one for one in packages(ROOT)}
+
+
+def test_every_public_module_is_on_the_page_of_its_package() -> None:
+    listed = {module.name for one in FOUND.values() for module in one.modules}
+    for package in (lfcal.camera, lfcal.psf):
+        for module in pkgutil.iter_modules(package.__path__, f"{package.__name__}."):
+            if not module.name.rpartition(".")[2].startswith("_") and not module.ispkg:
+                public = getattr(importlib.import_module(module.name), "__all__", ())
+                assert not public or module.name in listed, module.name
+
+
+def test_what_a_package_exports_is_documented_where_it_is_defined() -> None:
+    for package in (lfcal.camera, lfcal.psf):
+        for name in package.__all__:
+            value = getattr(package, name)
+            if isinstance(value, type | types.FunctionType):
+                home = FOUND[value.__module__.rpartition(".")[0]]
+                module = next(m for m in home.modules if m.name == value.__module__)
+                assert name in module.public, (value.__module__, name)
+
+
+def test_a_page_names_modules_and_what_they_make_public() -> None:
+    page = page_of(FOUND["lfcal.psf"])
+    assert page.startswith("# lfcal.psf\n") and "::: lfcal.psf.transpose\n" in page
+    assert '"transpose"' in page and "`open_psf`" in page and "._" not in page
+    assert FOUND["lfcal.psf"].page == "reference/lfcal.psf.md" and FOUND["lfcal.psf"].summary == "The PSF matrix H."
