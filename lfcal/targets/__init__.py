@@ -9,11 +9,14 @@ the lenslet array. What is done with a target, and where:
 3. Plan: ``pitches`` (which target), ``covering`` with ``lines`` and ``search`` (which offsets), ``tails`` (how close
    holes may be), ``planning`` (all of it), ``plan`` (`TargetPlan`, a file of its own beside the scan it stands for).
 4. Simulate its frames: ``camera`` (`TargetCamera`).
+5. Find its holes in a frame: ``spots`` (points of light), ``lattice_labels`` (places of one lattice), ``match`` (which
+   hole each is), ``pose_fit`` (pose, pitch, distortion), ``mistakes`` (what is not as described), ``finding``.
 
 A scan plan keeps its meaning: a `TargetPlan` holds one, whose positions it shows by other means. See docs/targets.md.
 """
 
 from lfcal.targets.camera import TargetCamera, uneven
+from lfcal.targets.finding import FoundPoints, find_points
 from lfcal.targets.parsing import parse_target, target_words
 from lfcal.targets.plan import TargetForecast, TargetPlan
 from lfcal.targets.planning import Wishes, iter_plan_target, plan_target, propose_target
@@ -21,12 +24,14 @@ from lfcal.targets.pose import Pose
 from lfcal.targets.target import Target
 
 __all__ = [
+    "FoundPoints",
     "Pose",
     "Target",
     "TargetCamera",
     "TargetForecast",
     "TargetPlan",
     "Wishes",
+    "find_points",
     "iter_plan_target",
     "parse_target",
     "plan_target",

@@ -183,15 +183,24 @@ class TargetCamera(Frames):
         scan = self.plan.scan
         with self._lock:
             if key not in self._regions:
-                middle = [(k + 0.5) * self._side for k in key]
-                moved = [
-                    at + round(there - at - (n - 1) / 2)
-                    for at, there, n in zip(scan.anchor, middle, scan.period, strict=True)
-                ]
-                own = replace(scan, anchor=(moved[0], moved[1]))
+                own = replace(scan, anchor=self._anchor(key))
                 level, sampling = self.single.level, self.single.sampling
                 self._regions[key] = Responses(own, self.single.budget, level, sampling, like=self._middle)
             return self._regions[key]
+
+    def _anchor(self, key: tuple[int, int]) -> tuple[float, float]:
+        """Return where the scan's first position is imaged when its cell is in the middle of a region.
+
+        A region at the rim has the optics of the nearest place at which a scan's cutouts are on the sensor.
+        """
+        scan, moved = self.plan.scan, []
+        for k, at, n, side, own in zip(key, scan.anchor, scan.period, scan.cutout, self.shape, strict=True):
+            least, most = (side - 1) // 2, own - 1 - (side - 1) // 2 - (n - 1)
+            wanted = at + round((k + 0.5) * self._side - at - (n - 1) / 2)
+            # the cutout lies about the nearest pixel, halves go down
+            rest = at - math.floor(at + 0.5)
+            moved.append(min(max(wanted, least + rest), most + rest))
+        return moved[0], moved[1]
 
     def _depth_errors(self, z: int, away_um: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return how much farther away than the plane each hole is, in steps that change no shadow (µm)."""

@@ -56,7 +56,7 @@ ALLOWED: dict[str, set[str]] = {
     "targets": COMMON | {"camera", "frames", "simulate"},
     "devices": COMMON | {"camera", "frames"},
     "acquire": COMMON | {"devices", "camera", "frames", "psf", "targets"},
-    "campaign": COMMON | {"acquire", "devices", "fit", "camera", "frames", "psf"},
+    "campaign": COMMON | {"acquire", "devices", "fit", "camera", "frames", "psf", "simulate", "targets"},
     "reconstruct": COMMON | {"psf"},
     "inspect": COMMON | {"camera", "psf", "simulate", "fit", "reconstruct"},
     "multiplex": COMMON | {"camera", "lattice", "frames"},

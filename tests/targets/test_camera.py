@@ -151,3 +151,13 @@ def test_what_cannot_be(scan: ScanPlan) -> None:
 def test_all_that_is_needed_by_itself(scan: ScanPlan) -> None:
     frames = TargetCamera(plan_of(scan, array(scan)), tolerance=0.3)
     assert frames.single.effects and frames.read(0).max() > frames.metadata["black_level"]
+
+
+def test_holes_at_the_sensors_rim_are_simulated(scan: ScanPlan) -> None:
+    # the optics of a region at the rim are those of the nearest place at which a scan fits on the sensor
+    half = scan.camera.sensor.shape[1] / 2 * scan.camera.step_um(scan.depths_um[0])
+    for right, down in ((-half, -half), (half, half), (0.97 * half, 0.0)):
+        plan = plan_of(scan, Target("point", pose=Pose(right_um=right, down_um=down)))
+        frames = camera_of(plan)
+        wanted = frames.single.light_of((right, down, scan.depths_um[0]))
+        assert frames.light(0).sum() > 0 and difference(frames.light(0), wanted) < 0.05

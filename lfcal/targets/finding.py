@@ -1,0 +1,271 @@
+"""The holes of a target in a frame: found, labelled, and where each is; what is wrong with the target is named."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import Camera
+from lfcal.camera.shadow import half_extent_px
+from lfcal.errors import InputError
+from lfcal.targets.images import HoleImages, hole_images
+from lfcal.targets.lattice_labels import lattice_labels, refined_basis
+from lfcal.targets.match import Match, holes_of, matches, turned_absent
+from lfcal.targets.mistakes import Mistake, mistakes_of
+from lfcal.targets.pose_fit import PoseFit, fit_pose
+from lfcal.targets.spots import Spots, find_spots
+from lfcal.targets.target import Target
+
+__all__ = ["FoundPoints", "find_points"]
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+RIVAL = 2
+"""Spots by which another labelling may be worse and still be meant: two that are missing or too many explain it."""
+
+ENOUGH = 0.5
+"""Share of the spots that must be on holes."""
+
+ON_PLACE = 0.2
+"""Share of the pitch beside its place from which on a spot is no hole's."""
+
+
+@dataclass(frozen=True, eq=False)
+class FoundPoints:
+    """The holes of a target that a frame shows.
+
+    Attributes
+    ----------
+    holes
+        Labels ``(n, 2)`` as (row, column) of the target, row by row.
+    pixels
+        Sensor position ``(n, 2)`` of each image by the pose of all: (row, column).
+    sigma_px
+        Standard deviation ``(n, 2)`` of that.
+    seen
+        Middle of each one's light ``(n, 2)``; ``deviation`` is how far that is beside its position.
+    light
+        Sum of each pattern above the dark level ``(n,)``.
+    confidence
+        How sure the label is, 0 to 1 ``(n,)``: near its place, and as bright as others.
+    away_um, shift
+        Depth of each hole, and pixels an image moves by, as of `HoleImages`.
+    fit
+        The pose, and what was found beside it.
+    mistakes
+        What is not as described.
+    dark
+        The dark level of the frame.
+    """
+
+    holes: Index
+    pixels: Array
+    sigma_px: Array
+    seen: Array
+    light: Array
+    confidence: Array
+    away_um: Array
+    shift: Array
+    fit: PoseFit
+    mistakes: tuple[Mistake, ...]
+    dark: float
+
+    def __len__(self) -> int:
+        """Return the number of holes."""
+        return len(self.holes)
+
+    @property
+    def deviation(self) -> Array:
+        """How far the middle of each one's light is beside its position ``(n, 2)`` (pixels)."""
+        away: Array = self.seen - self.pixels
+        return away
+
+
+def find_points(
+    values: NDArray[np.floating],
+    target: Target,
+    camera: Camera,
+    z_um: float,
+    *,
+    offset_px: tuple[float, float] = (0.0, 0.0),
+    valid: NDArray[np.bool_] | None = None,
+) -> FoundPoints:
+    """Return the holes of ``target`` in a frame, each with its label and its place.
+
+    Parameters
+    ----------
+    values
+        The frame ``(rows, columns)``, raw or with its dark level subtracted.
+    target
+        What is shown, with its pose as far as that is known.
+    camera, z_um
+        The camera, and the depth of the target's pose.
+    offset_px
+        How far the target was moved for this frame: images in the depth plane, (rows, columns).
+    valid
+        Which pixels carry a measurement.
+
+    Raises
+    ------
+    InputError
+        If there are no points, they are no lattice such as the target's, the target is mirrored or turned, or more than
+        one labelling explains them: the line says which.
+    """
+    if values.shape != camera.sensor.shape:
+        raise InputError.expected("frame", f"{camera.sensor.shape} pixels", values.shape, "give whole sensor frames")
+    step = camera.step_um(z_um)
+    moved = replace(
+        target.pose,
+        right_um=target.pose.right_um + offset_px[1] * step,
+        down_um=target.pose.down_um + offset_px[0] * step,
+    )
+    planned = replace(target, pose=moved)
+    radius = half_extent_px(camera, z_um)
+    basis = _basis(planned, step)
+    apart = target.nearest_um / step if target.kind != "point" else 4 * radius
+    spots = find_spots(np.asarray(values, np.float64), radius, apart, valid)
+    if target.kind == "point":
+        spots = spots.only(np.array([int(spots.light.argmax())]))
+        holes = np.zeros((1, 2), np.intp)
+    else:
+        spots, holes = _labelled(spots, planned, camera, z_um, (basis, radius))
+    fit = fit_pose(planned, camera, z_um, holes, spots.pixels)
+    return _collected(spots, holes, fit, planned, (camera, z_um, radius))
+
+
+def _basis(target: Target, step_um: float) -> Array:
+    """Return the two vectors ``(2, 2)`` (rows, columns) of the lattice of images, next row and next hole (pixels)."""
+    down, right = target.pitch_um
+    lean = right / 2 if target.kind == "hexagonal" else 0.0
+    flat = np.array([[lean, down], [right, 0.0]])
+    turned: Array = (flat @ target.pose.turn()[:2, :2].T)[:, ::-1] / step_um
+    return turned
+
+
+def _labelled(
+    spots: Spots, target: Target, camera: Camera, z_um: float, seen: tuple[Array, float]
+) -> tuple[Spots, Index]:
+    """Return the spots that are holes, and which."""
+    basis, radius = seen
+    lattice = refined_basis(spots.pixels, basis)
+    places, has = lattice_labels(spots.pixels, lattice)
+    used, places = spots.only(has), places[has]
+    if len(used) < max(2, ENOUGH * len(spots)):
+        wanted = f"{len(spots)} points of one lattice"
+        raise InputError.expected("points in the frame", wanted, f"{len(used)}", "check pitch and depth of the target")
+    found = _chosen(used, places, target, camera, (z_um, lattice, radius))
+    holes = holes_of(places + np.array(found.shift), target)
+    there = {tuple(h) for h in target.holes.tolist()}
+    keep = np.array([tuple(h) in there for h in holes.tolist()])
+    return used.only(keep), holes[keep]
+
+
+def _chosen(spots: Spots, places: Index, target: Target, camera: Camera, seen: tuple[float, Array, float]) -> Match:
+    """Return the one way in which the lattice lies on the target.
+
+    Raises
+    ------
+    InputError
+        If there is none, more than one, or the target was put in otherwise than it is described.
+    """
+    z_um, lattice, radius = seen
+    on_frame, around = _shown(spots, places, lattice, camera.sensor.shape, radius)
+    least = max(1, int(ENOUGH * len(places)))
+    every = sorted(matches(places, target, on_frame, around, least), key=lambda m: -m.score)
+    if not every:
+        got = f"{len(places)} points that no {target.shape[0]} x {target.shape[1]} holes explain"
+        raise InputError.expected("points in the frame", "the holes of the target", got, "check the target's rows")
+    rivals = [one for one in every if one.score >= every[0].score - RIVAL]
+    right = [one for one in rivals if one.turn == "as described"]
+    if not right:
+        own = turned_absent(target, every[0].turn)
+        assert own is not None
+        raise InputError.expected(
+            "target",
+            "marks where they are described",
+            f"the target {every[0].turn} ({every[0].hits} points on its holes, {every[0].misses} missing)",
+            "put it in the other way round, or describe it so",
+        )
+    if len(right) == 1:
+        return right[0]
+    near = [one for one in right if _within(one, spots, places, target, (camera, z_um, lattice))]
+    if len(near) == 1:
+        return near[0]
+    shifts = " or ".join(f"{a.shift[0] - right[0].shift[0]}:{a.shift[1] - right[0].shift[1]}" for a in right[:4])
+    raise InputError.expected(
+        "labels of the points",
+        "one way to lay the target's holes on them",
+        f"{len(right)} that differ by rows:columns {shifts} and explain them equally well",
+        "state where the target is within half a pitch, or mark it with absent holes",
+    )
+
+
+def _shown(
+    spots: Spots, places: Index, lattice: Array, sensor: tuple[int, int], radius: float
+) -> tuple[NDArray[np.bool_], tuple[int, int]]:
+    """Return which places of the lattice the frame shows whole, and how many there are before its (0, 0)."""
+    design = np.c_[places, np.ones(len(places))].astype(float)
+    if np.linalg.matrix_rank(design) == 3:
+        fit = np.linalg.lstsq(design, spots.pixels, rcond=None)[0]
+    else:
+        fit = np.vstack([lattice, (spots.pixels - places @ lattice).mean(0)])
+    corners = np.array([(r, c) for r in (0, sensor[0]) for c in (0, sensor[1])]) - fit[2]
+    far = np.rint(corners @ np.linalg.inv(fit[:2])).astype(np.intp)
+    low = np.minimum(far.min(0), places.min(0)) - 1
+    high = np.maximum(far.max(0), places.max(0)) + 1
+    grid = np.stack(np.meshgrid(*(np.arange(a, b + 1) for a, b in zip(low, high, strict=True)), indexing="ij"), -1)
+    pixels = grid @ fit[:2] + fit[2]
+    # at the very rim a pattern may count as whole or not
+    margin = radius + 1.5
+    whole = ((pixels >= margin) & (pixels <= np.array(sensor) - 1 - margin)).all(-1)
+    return whole, (int(-low[0]), int(-low[1]))
+
+
+def _within(one: Match, spots: Spots, places: Index, target: Target, seen: tuple[Camera, float, Array]) -> bool:
+    """Return whether a labelling puts the target where it is stated to be."""
+    camera, z_um, lattice = seen
+    step = camera.step_um(z_um)
+    images = hole_images(replace(target, absent=()), camera, z_um)
+    holes = holes_of(places + np.array(one.shift), target)
+    inside = ((holes >= 0) & (holes < np.array(target.shape))).all(1)
+    which = holes[inside] @ np.array([target.shape[1], 1])
+    away = np.median(spots.pixels[inside] - images.pixels[which], axis=0)
+    allowed = np.array([target.within.down_um, target.within.right_um]) / step
+    beyond = np.maximum(np.abs(away) - allowed, 0.0)
+    return bool((np.abs(beyond @ np.linalg.inv(lattice)) < 0.5).all())
+
+
+def _collected(
+    spots: Spots, holes: Index, fit: PoseFit, target: Target, seen: tuple[Camera, float, float]
+) -> FoundPoints:
+    """Return the points by their holes' order, and what is not as described."""
+    camera, z_um, radius = seen
+    images = fit.images(target, camera, z_um)
+    order = {tuple(h): k for k, h in enumerate(images.holes.tolist())}
+    which = np.array([order[tuple(h)] for h in holes.tolist()], np.intp)
+    rank = np.argsort(which, kind="stable")
+    which, spots = which[rank], spots.only(rank)
+    own = HoleImages(images.holes[which], images.pixels[which], images.away_um[which], images.shift[which])
+    step = camera.step_um(z_um)
+    pitch = target.nearest_um / step if target.kind != "point" else 4 * radius
+    off = np.linalg.norm(spots.pixels - own.pixels, axis=1)
+    usual = float(np.median(spots.light))
+    confidence = np.clip(1 - off / (ON_PLACE * pitch), 0.0, 1.0) * np.clip(spots.light / (0.5 * usual), 0.0, 1.0)
+    found = mistakes_of(target, fit, images, which, spots, (camera, step, radius))
+    sigma = fit.pixel_sigma(target, camera, z_um)[which]
+    return FoundPoints(
+        own.holes,
+        own.pixels,
+        sigma,
+        spots.pixels,
+        spots.light,
+        confidence,
+        own.away_um,
+        own.shift,
+        fit,
+        found,
+        spots.dark,
+    )

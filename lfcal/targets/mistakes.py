@@ -1,0 +1,169 @@
+"""What of a target is not as it is described, by name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import Camera
+from lfcal.targets.images import HoleImages
+from lfcal.targets.pose_fit import PoseFit
+from lfcal.targets.spots import Spots
+from lfcal.targets.target import Target
+
+__all__ = ["KINDS", "Mistake", "mistakes_of"]
+
+Index = NDArray[np.intp]
+
+KINDS = ("missing row", "missing column", "missing holes", "bright", "dim", "displaced", "pitch")
+
+BRIGHT, DIM = 1.8, 0.5
+"""Light over that of the median hole beyond which a hole is called bright, below which dim."""
+
+SURE = 5.0
+"""Standard deviations from which on a deviation is named."""
+
+BESIDE_PX = 0.5
+"""A hole is not called displaced for less: the middle of its light is no chief ray."""
+
+PITCH = 0.01
+"""A pitch is not called wrong for less: no magnification is known better."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mistake:
+    """Something that is not as described.
+
+    Attributes
+    ----------
+    kind
+        One of `KINDS`.
+    says
+        What it is, in a line.
+    holes
+        The holes (row, column) it is about.
+    """
+
+    kind: str
+    says: str
+    holes: tuple[tuple[int, int], ...] = ()
+
+    def __str__(self) -> str:
+        """Return the line."""
+        return self.says
+
+
+def mistakes_of(
+    target: Target, fit: PoseFit, images: HoleImages, found: Index, spots: Spots, seen: tuple[Camera, float, float]
+) -> tuple[Mistake, ...]:
+    """Return what is not as described.
+
+    Parameters
+    ----------
+    target
+        As described, where it was planned.
+    fit, images
+        How it lies, and where all of its holes are imaged.
+    found
+        Which holes ``(n,)`` of ``images`` the spots are.
+    spots
+        The points.
+    seen
+        The camera, the step of a pixel in object space (µm), and the half width of a pattern (pixels).
+    """
+    camera, step_um, radius = seen
+    margin = radius + 1.5
+    inside = (images.pixels >= margin) & (images.pixels <= np.array(camera.sensor.shape) - 1 - margin)
+    there: NDArray[np.bool_] = np.array(inside.all(1))
+    there[found] = True
+    shown = np.zeros(len(images), np.bool_)
+    shown[found] = True
+    return (
+        *_missing(images.holes, there, shown),
+        *_uneven(images.holes[found], spots.light),
+        *_displaced(images.holes[found], spots.pixels - images.pixels[found], fit),
+        *_pitch(target, fit, camera, step_um),
+    )
+
+
+def _missing(holes: Index, there: NDArray[np.bool_], shown: NDArray[np.bool_]) -> list[Mistake]:
+    """Return rows, columns and single holes that should be seen and are not."""
+    gone = there & ~shown
+    out = []
+    for axis, name in enumerate(("row", "column")):
+        for k in np.unique(holes[gone, axis]).tolist():
+            own = there & (holes[:, axis] == k)
+            if own.sum() > 1 and not (own & shown).any():
+                lost = _tuples(holes[own])
+                out.append(Mistake(f"missing {name}", f"{name} {k} is missing: {len(lost)} holes show no light", lost))
+                gone &= ~own
+    if gone.any():
+        lost = _tuples(holes[gone])
+        out.append(Mistake("missing holes", f"no light of {_words(lost)}", lost))
+    return out
+
+
+def _uneven(holes: Index, light: NDArray[np.float64]) -> list[Mistake]:
+    """Return holes that are much brighter or dimmer than the others; bright neighbours are told together."""
+    share = light / np.median(light)
+    out = []
+    bright = np.flatnonzero(share > BRIGHT)
+    left = set(bright.tolist())
+    while left:
+        group = [left.pop()]
+        for k in group:
+            near = [j for j in left if np.abs(holes[j] - holes[k]).max() <= 1]
+            left -= set(near)
+            group += near
+        own = _tuples(holes[sorted(group)])
+        most = float(share[group].max())
+        what = "neighbours" if len(own) > 1 else "a hole"
+        says = f"{_words(own)}, {what}, up to {most:.1f} times as bright as others: their tails are too"
+        out.append(Mistake("bright", says, own))
+    dim = np.flatnonzero(share < DIM)
+    if len(dim):
+        own = _tuples(holes[dim])
+        least = float(share[dim].min())
+        out.append(Mistake("dim", f"{_words(own)} at {least:.0%} of the light of others: dirt, or half closed", own))
+    return out
+
+
+def _displaced(holes: Index, away: NDArray[np.float64], fit: PoseFit) -> list[Mistake]:
+    off = np.linalg.norm(away, axis=1)
+    far = np.flatnonzero(off > max(BESIDE_PX, SURE * fit.rms_px))
+    if not len(far):
+        return []
+    own = _tuples(holes[far])
+    return [
+        Mistake("displaced", f"{_words(own)} up to {off[far].max():.1f} px beside the lattice: doubled or dirty", own)
+    ]
+
+
+def _pitch(target: Target, fit: PoseFit, camera: Camera, step_um: float) -> list[Mistake]:
+    """Return a pitch that is not the described one, where the distance as it is stated does not explain it."""
+    del camera, step_um
+    if target.kind == "point":
+        return []
+    wrong = []
+    names = ("rows", "holes in a row")
+    several = [n > 1 for n in target.shape]
+    for name, scale, sigma, seen in zip(names, fit.scale, fit.scale_sigma, several, strict=True):
+        if seen and abs(scale - 1) > max(PITCH, SURE * sigma):
+            wrong.append((name, scale))
+    if not wrong:
+        return []
+    words = " and ".join(f"{name} {abs(s - 1):.1%} {'farther apart' if s > 1 else 'closer'}" for name, s in wrong)
+    remedy = ", or the target is nearer or farther away" if len(wrong) == sum(several) else ""
+    return [Mistake("pitch", f"{words} than described: the pitch is another{remedy}")]
+
+
+def _tuples(holes: Index) -> tuple[tuple[int, int], ...]:
+    return tuple((int(r), int(c)) for r, c in holes.tolist())
+
+
+def _words(holes: tuple[tuple[int, int], ...], most: int = 4) -> str:
+    shown = ", ".join(f"({r}, {c})" for r, c in holes[:most])
+    more = f" and {len(holes) - most} more" if len(holes) > most else ""
+    return f"hole{'s' if len(holes) > 1 else ''} (row, column) {shown}{more}"

@@ -1,0 +1,145 @@
+"""Points of light in a frame: where the micro-images of one point have their middle, and how bright they are."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import InputError
+
+__all__ = ["Spots", "dark_level", "find_spots"]
+
+Array = NDArray[np.float64]
+
+ABOVE = 6.0
+"""Standard deviations of smoothed dark pixels above which there is a point."""
+
+DIM = 0.05
+"""Share of the light of a usual point below which there is none: tails of its neighbours have less."""
+
+ROUNDS = 4
+"""Of a centroid, each about the one before."""
+
+
+@dataclass(frozen=True, eq=False)
+class Spots:
+    """Points of light whose patterns are on the frame whole.
+
+    Attributes
+    ----------
+    pixels
+        Middle of the light ``(n, 2)`` as (row, column).
+    light
+        Sum of each pattern above the dark level ``(n,)``.
+    dark
+        The dark level.
+    """
+
+    pixels: Array
+    light: Array
+    dark: float
+
+    def __len__(self) -> int:
+        """Return the number of points."""
+        return len(self.pixels)
+
+    def only(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> Spots:
+        """Return some of them."""
+        return Spots(self.pixels[which], self.light[which], self.dark)
+
+
+def dark_level(values: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the most frequent value, that of pixels without light, and the standard deviation about it.
+
+    Half samples (Robertson and Cryer 1974): the densest half of the values, of that the densest half, and so on. With
+    patterns over most of a frame its median would be light.
+    """
+    flat = np.sort(values[np.isfinite(values)].ravel())
+    flat = flat[:: max(1, len(flat) // 50_000)]
+    part = flat
+    while len(part) > 64:
+        half = len(part) // 2
+        width = part[half:] - part[: len(part) - half]
+        first = int(width.argmin())
+        part = part[first : first + half]
+    mode = float(part.mean()) if len(part) else 0.0
+    # light lies above, noise on both sides; whole samples have their mode at one of them, their mean between
+    noise = 0.0
+    for _ in range(3):
+        below = mode - flat[flat < mode]
+        noise = float(np.sqrt(np.square(below).mean())) if len(below) else 0.0
+        near = flat[np.abs(flat - mode) <= 2 * noise]
+        mode = float(near.mean()) if len(near) else mode
+    return mode, noise
+
+
+def find_spots(
+    values: NDArray[np.float64], radius_px: float, apart_px: float, valid: NDArray[np.bool_] | None = None
+) -> Spots:
+    """Return the points of light of a frame.
+
+    The frame is smoothed until the micro-images of a point are one hill; its top is where the centroid starts.
+
+    Parameters
+    ----------
+    values
+        The frame ``(rows, columns)``.
+    radius_px
+        Half width of a point's pattern.
+    apart_px
+        How far neighbouring points are apart at least.
+    valid
+        Which pixels carry a measurement; saturated ones may be counted as such: they are bright.
+
+    Raises
+    ------
+    InputError
+        If there is no point.
+    """
+    from scipy.ndimage import gaussian_filter, maximum_filter
+
+    good = np.isfinite(values) if valid is None else valid & np.isfinite(values)
+    mode, noise = dark_level(values[good])
+    above = np.where(good, values - mode, 0.0)
+    width = radius_px / 2
+    smooth = gaussian_filter(above, width, mode="constant")
+    tops = (smooth == maximum_filter(smooth, size=max(3, 2 * int(0.45 * apart_px) + 1))) & (smooth > 0)
+    # a Gaussian of this width averages 4 pi width² pixels
+    tops &= smooth > ABOVE * noise / math.sqrt(4 * math.pi * width**2)
+    heights = smooth[tops]
+    # usual is what more than noise is usually: one hole may be many times as bright, many may be dirty
+    usual = float(np.median(heights[heights > DIM * heights.max()])) if len(heights) else 0.0
+    places = np.argwhere(tops & (smooth > DIM * usual)).astype(float)
+    found = [_centred(above, place, min(radius_px + 2.0, apart_px / 2)) for place in places]
+    pixels = np.array([at for at, _ in found]).reshape(-1, 2)
+    light = np.array([sum_ for _, sum_ in found])
+    whole = ((pixels >= radius_px) & (pixels <= np.array(values.shape) - 1 - radius_px)).all(axis=1)
+    if not whole.any():
+        remedy = "check the lamp, and that the frame shows the target"
+        raise InputError.expected("points of light in the frame", "some whole patterns", "none", remedy)
+    order = np.flatnonzero(whole)
+    return Spots(pixels[order], light[order], mode)
+
+
+def _centred(above: Array, start: Array, reach: float) -> tuple[Array, float]:
+    """Return the centroid of the light within ``reach`` of it, and that light."""
+    at, total = start, 0.0
+    side = math.ceil(reach) + 1
+    for _ in range(ROUNDS):
+        rows, columns = (
+            np.arange(max(0, round(float(c)) - side), min(n, round(float(c)) + side + 1))
+            for c, n in zip(at, above.shape, strict=True)
+        )
+        if not (len(rows) and len(columns)):
+            break
+        away = np.hypot(rows[:, None] - at[0], columns[None, :] - at[1])
+        # a soft rim: pixels that enter and leave would move the centroid in steps
+        part = above[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1] * np.clip(reach + 0.5 - away, 0.0, 1.0)
+        total = float(part.sum())
+        if total <= 0:
+            break
+        at = np.array([part.sum(1) @ rows, part.sum(0) @ columns]) / total
+    return at, total

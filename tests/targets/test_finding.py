@@ -1,0 +1,208 @@
+"""Holes found in a frame: labels and places against those it was drawn with, faults by name."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lfcal.errors import InputError
+from lfcal.targets import FoundPoints, Pose, Target, find_points
+from tests.targets.common import bench, scan_of
+from tests.targets.drawn import drawn, places
+
+CAMERA = bench(480)
+Z = scan_of(CAMERA).depths_um[0]
+PX = CAMERA.step_um(Z)
+MARKS = ((0, 0), (0, 1), (1, 0))
+MOUNT = Pose.parse("rotation=3,tilt_right=4,tilt_down=4")
+
+
+def array(rows: int = 7, columns: int = 7, pitch: float = 57.0, **more: object) -> Target:
+    return Target("square", (rows, columns), (pitch * PX, pitch * PX), **more)
+
+
+def found(frame: np.ndarray, target: Target, **more: object) -> FoundPoints:
+    return find_points(frame, target, CAMERA, Z, **more)
+
+
+def kinds(points: FoundPoints) -> set[str]:
+    return {one.kind for one in points.mistakes}
+
+
+def errors(points: FoundPoints, target: Target) -> np.ndarray:
+    """Return how far found places are from the true ones of the same labels."""
+    true = places(target, CAMERA, Z)
+    return np.array(
+        [
+            np.hypot(*np.subtract(at, true[tuple(h)]))
+            for h, at in zip(points.holes.tolist(), points.pixels.tolist(), strict=True)
+        ]
+    )
+
+
+def test_a_target_as_described_is_found_whole() -> None:
+    target = array(absent=MARKS)
+    points = found(drawn(target, CAMERA, Z, spread=0.1), target)
+    assert points.holes.tolist() == target.holes.tolist()
+    assert errors(points, target).max() < 0.1 and not points.mistakes
+    assert points.fit.rms_px < 0.25 and points.confidence.min() > 0.8
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_pose_that_is_not_known_is_measured(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    pose = Pose(*(rng.uniform(-1, 1, 3) * [0.04, 0.05, 0.05]).tolist(), *(rng.uniform(-1, 1, 2) * 15 * PX).tolist())
+    true = array(absent=MARKS, pose=pose)
+    points = found(drawn(true, CAMERA, Z, spread=0.1, seed=seed), array(absent=MARKS, within=MOUNT))
+    assert errors(points, true).max() < 0.15
+    got, sigma = points.fit.pose, points.fit.sigma
+    for name in ("rotation_rad", "tilt_right_rad", "tilt_down_rad", "right_um", "down_um"):
+        off = getattr(got, name) - getattr(pose, name)
+        assert abs(off) < 5 * getattr(sigma, name), name
+    assert abs(got.rotation_rad - pose.rotation_rad) < 2e-3
+
+
+def test_a_hexagonal_target_and_one_of_two_pitches() -> None:
+    hexagonal = Target("hexagonal", (7, 6), (52.0 * PX, 60.0 * PX), absent=((0, 0),), pose=Pose(rotation_rad=0.02))
+    other = Target("square", (6, 5), (55.0 * PX, 70.0 * PX), pose=Pose(rotation_rad=-0.03))
+    for target in (hexagonal, other):
+        points = found(drawn(target, CAMERA, Z), replace(target, pose=Pose()))
+        assert points.holes.tolist() == target.holes.tolist() and errors(points, target).max() < 0.1
+
+
+def test_where_the_target_was_moved_its_holes_are_the_same() -> None:
+    target = array(absent=MARKS)
+    moved = replace(target, pose=Pose(right_um=20 * PX, down_um=-26 * PX))
+    points = found(drawn(moved, CAMERA, Z), target, offset_px=(-26.0, 20.0))
+    assert points.holes.tolist() == target.holes.tolist() and errors(points, moved).max() < 0.1
+
+
+def test_distortion_of_the_lens_is_no_pitch() -> None:
+    target = array()
+    points = found(drawn(target, CAMERA, Z, bend=-0.01), target)
+    assert points.fit.bend == pytest.approx(-0.01, abs=1e-3)
+    assert "pitch" not in kinds(points) and points.deviation.std() < 0.15
+
+
+def test_a_missing_row_is_named() -> None:
+    target = array(absent=MARKS)
+    for row in (3, 6):
+        gone = tuple((row, c) for c in range(7))
+        points = found(drawn(target, CAMERA, Z, without=gone), target)
+        assert [m.kind for m in points.mistakes] == ["missing row"] and points.mistakes[0].holes == gone
+        assert f"row {row} is missing" in str(points.mistakes[0])
+        assert errors(points, target).max() < 0.1
+    column = tuple((r, 4) for r in range(7))
+    assert kinds(found(drawn(target, CAMERA, Z, without=column), target)) == {"missing column"}
+    points = found(drawn(target, CAMERA, Z, without=((3, 3), (5, 1))), target)
+    assert [(m.kind, m.holes) for m in points.mistakes] == [("missing holes", ((3, 3), (5, 1)))]
+
+
+def test_two_bright_neighbours_are_named_together() -> None:
+    target = array()
+    points = found(drawn(target, CAMERA, Z, light={(2, 3): 2.9, (2, 4): 2.5}, spread=0.1), target)
+    assert [(m.kind, m.holes) for m in points.mistakes] == [("bright", ((2, 3), (2, 4)))]
+    assert "neighbours" in str(points.mistakes[0])
+    # their own light does not move the places of others
+    assert errors(points, target).max() < 0.1
+
+
+def test_dirt_ghosts_and_doubled_holes_cost_no_label() -> None:
+    target = array(absent=MARKS)
+    true = places(target, CAMERA, Z)
+    ghost = tuple(np.add(true[3, 1], (0.5 * 57, 0.45 * 57)).tolist())
+    frame = drawn(target, CAMERA, Z, light={(5, 5): 0.3}, ghosts=(ghost,), aside={(2, 5): (3.0, -2.0)}, spread=0.1)
+    points = found(frame, target)
+    named = {one.kind: one.holes for one in points.mistakes}
+    assert named["dim"] == ((5, 5),) and (2, 5) in named["displaced"]
+    assert set(map(tuple, points.holes.tolist())) <= set(true)
+    assert len(points) >= len(true) - 4
+    labelled = {tuple(h) for h in points.holes.tolist()} - {(3, 1), (3, 2), (4, 1), (4, 2), (5, 5), (2, 5)}
+    true_of = dict(zip(map(tuple, points.holes.tolist()), errors(points, target), strict=True))
+    assert max(true_of[h] for h in labelled) < 0.15
+
+
+@pytest.mark.parametrize(
+    "turn", ["mirrored left to right", "mirrored top to bottom", "turned by 180°", "turned by 90°"]
+)
+def test_a_target_put_in_another_way_is_refused_by_name(turn: str) -> None:
+    target = array(absent=((0, 0), (0, 1), (2, 6)))
+    there = np.ones((7, 7), bool)
+    there[tuple(np.transpose(target.absent))] = False
+    seen = {
+        "mirrored left to right": there[:, ::-1],
+        "mirrored top to bottom": there[::-1],
+        "turned by 180°": there[::-1, ::-1],
+        "turned by 90°": np.rot90(there),
+    }[turn]
+    really = replace(target, absent=tuple(map(tuple, np.argwhere(~seen).tolist())))
+    with pytest.raises(InputError, match=turn):
+        found(drawn(really, CAMERA, Z), target)
+
+
+@pytest.mark.parametrize("share", [0.97, 1.03])
+def test_a_pitch_wrong_by_three_percent_is_named(share: float) -> None:
+    target = array(absent=MARKS)
+    really = array(pitch=57.0 * share, absent=MARKS)
+    points = found(drawn(really, CAMERA, Z), target)
+    assert kinds(points) == {"pitch"} and "3.0%" in str(points.mistakes[0])
+    assert errors(points, really).max() < 0.1
+    one_axis = Target("square", (7, 7), (57.0 * PX, 57.0 * share * PX), absent=MARKS)
+    said = str(found(drawn(one_axis, CAMERA, Z), target).mistakes[0])
+    assert "holes in a row 3.0%" in said and "nearer" not in said
+
+
+def test_a_distance_that_may_be_off_explains_a_pitch() -> None:
+    target = array(absent=MARKS, within=Pose(away_um=30e3))
+    really = array(pitch=57.0 * 1.03, absent=MARKS)
+    points = found(drawn(really, CAMERA, Z), target)
+    assert points.fit.pose.away_um < -2e3 and errors(points, really).max() < 0.1
+
+
+def test_a_labelling_that_is_not_certain_is_refused() -> None:
+    # more holes than the frame shows, no marks, and nobody knows where it is
+    vast = array(20, 20, within=Pose(right_um=200 * PX, down_um=200 * PX))
+    with pytest.raises(InputError, match="one way to lay"):
+        found(drawn(array(20, 20), CAMERA, Z), vast)
+    # known to half a pitch it is certain
+    points = found(drawn(array(20, 20, pose=Pose(right_um=9 * PX)), CAMERA, Z), replace(vast, within=Pose()))
+    assert len(points) > 40 and errors(points, array(20, 20, pose=Pose(right_um=9 * PX))).max() < 0.1
+    # a missing first row is a missing last one, unless it is known where the target is
+    target = array(within=Pose(down_um=80 * PX))
+    with pytest.raises(InputError, match="one way to lay"):
+        found(drawn(target, CAMERA, Z, without=tuple((0, c) for c in range(7))), target)
+    # three marks of which two could be missing holes are not enough, six are
+    few = array(absent=MARKS, within=Pose(down_um=80 * PX))
+    with pytest.raises(InputError, match="one way to lay"):
+        found(drawn(few, CAMERA, Z, without=tuple((6, c) for c in range(7))), few)
+    with_marks = replace(few, absent=(*MARKS, (0, 2), (2, 2), (3, 5)))
+    points = found(drawn(with_marks, CAMERA, Z, without=tuple((6, c) for c in range(7))), with_marks)
+    assert kinds(points) == {"missing row"}
+
+
+def test_a_target_farther_off_than_stated_is_still_labelled_where_one_labelling_explains_it() -> None:
+    target = array(absent=MARKS)
+    really = replace(target, pose=Pose(right_um=-50 * PX))
+    points = found(drawn(really, CAMERA, Z), target)
+    assert errors(points, really).max() < 0.1
+
+
+def test_frames_without_points_and_other_lattices_are_refused() -> None:
+    dark = np.full(CAMERA.sensor.shape, 64.0) + np.random.default_rng(0).normal(0, 2, CAMERA.sensor.shape)
+    with pytest.raises(InputError, match="none"):
+        found(dark, array())
+    with pytest.raises(InputError, match="pitch"):
+        found(drawn(array(5, 5, 80.0), CAMERA, Z), array(9, 9, 48.0))
+    with pytest.raises(InputError, match="480"):
+        found(dark[:100], array())
+
+
+def test_a_single_point_and_a_row_are_found() -> None:
+    point = Target("point", pose=Pose(right_um=30 * PX, down_um=-50.4 * PX))
+    points = found(drawn(point, CAMERA, Z), point)
+    assert points.holes.tolist() == [[0, 0]] and errors(points, point).max() < 0.35
+    row = array(1, 6, pose=Pose(rotation_rad=0.03))
+    points = found(drawn(row, CAMERA, Z), replace(row, pose=Pose()))
+    assert points.holes.tolist() == row.holes.tolist() and errors(points, row).max() < 0.15
