@@ -18,6 +18,7 @@ from gui.widgets.image_view import ImageView
 from gui.widgets.naming import name_controls
 from gui.widgets.period_map import PeriodMap
 from gui.widgets.plots import LINES, LinePlot, style_axes
+from gui.widgets.words import ElidedLabel
 from lfcal.acquire.preview import LiveFrame
 
 __all__ = ["RecordPictures"]
@@ -73,7 +74,7 @@ class RecordPictures(QWidget):
             column.addWidget(view, 1)
             grid.addWidget(panel, 0, k)
         for k, (key, plot) in enumerate(self.curves.items()):
-            panel, column = card(f"{CURVES[key]} in scan order")
+            panel, column = card(ElidedLabel(f"{CURVES[key]} in scan order"))
             plot.setMinimumSize(120, LOW)
             plot.graphics.setMinimumHeight(LOW)
             for side in ("left", "bottom"):  # in a low window names beside the axes would be cut

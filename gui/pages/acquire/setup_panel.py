@@ -23,6 +23,7 @@ from gui.widgets.frame_view import FrameView
 from gui.widgets.image_view import ImageView
 from gui.widgets.plots import LinePlot
 from gui.widgets.splitting import split
+from gui.widgets.words import ElidedLabel
 from lfcal.camera import Camera
 
 __all__ = ["FINDINGS", "SetupPanel"]
@@ -110,7 +111,7 @@ class SetupPanel(QWidget):
         near.clicked.connect(self._zoom)
         column.addLayout(line(self.live, self.exposure, self.lattice, self.cutout, self.axes, self.log))
         column.addWidget(self.view, 1)
-        self.readout = QLabel("Connect devices, then switch the live view on.")
+        self.readout = ElidedLabel("Connect devices, then switch the live view on.")
         self.readout.setProperty("role", "hint")
         column.addLayout(line(self.readout, whole, near, stretch=0))
         self._window: tuple[int, int, int, int] | None = None
