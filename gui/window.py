@@ -12,18 +12,17 @@ from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent
 from PySide6.QtWidgets import (
     QApplication,
     QDialog,
-    QDockWidget,
     QHBoxLayout,
     QListWidget,
     QListWidgetItem,
     QMainWindow,
-    QPlainTextEdit,
     QStackedWidget,
     QWidget,
 )
 
 from gui.base_page import BasePage, page_class
 from gui.context import Context
+from gui.docks import LogView, add_dock
 from gui.icons import icon_of
 from gui.job_panel import JobPanel
 from gui.jobs import JOBS_S, Job, Jobs, JobState
@@ -134,21 +133,9 @@ class MainWindow(QMainWindow):
         self.rail.currentRowChanged.connect(self._show_row)
 
     def _build_docks(self) -> None:
-        self.job_dock = QDockWidget("Jobs", self)
-        self.job_dock.setObjectName("jobs")
-        self.job_dock.setWidget(JobPanel(self.jobs))
-        self.log_dock = QDockWidget("Log", self)
-        self.log_dock.setObjectName("log")
-        self.log_view = QPlainTextEdit()
-        self.log_view.setReadOnly(True)
-        self.log_view.setAccessibleName("log")
-        self.log_view.setToolTip(
-            "All that was done and refused since the start; the file of it is in the log folder (Help)"
-        )
-        self.log_view.setMaximumBlockCount(2000)
-        self.log_dock.setWidget(self.log_view)
-        for dock in (self.job_dock, self.log_dock):
-            self.addDockWidget(Qt.DockWidgetArea.BottomDockWidgetArea, dock)
+        self.log_view = LogView()
+        self.job_dock = add_dock(self, "Jobs", JobPanel(self.jobs))
+        self.log_dock = add_dock(self, "Log", self.log_view)
         self.tabifyDockWidget(self.job_dock, self.log_dock)
         self.job_dock.raise_()
         self.resizeDocks([self.job_dock], [110], Qt.Orientation.Vertical)
@@ -292,12 +279,11 @@ class MainWindow(QMainWindow):
 
     def _style(self) -> None:
         """Style what stands around the pages, which style themselves as soon as they are seen."""
-        for part in (self.menuBar(), self.statusBar(), self.rail, self.job_dock, self.log_dock, self._manual):
+        dialogs = (dialog for dialog in self.findChildren(QDialog) if dialog.styleSheet())  # others take their page's
+        docks = self.job_dock, self.log_dock
+        for part in (self.menuBar(), self.statusBar(), self.rail, *docks, self._manual, *dialogs):
             if part is not None:
                 part.setStyleSheet(style_sheet())
-        for dialog in self.findChildren(QDialog):
-            if dialog.styleSheet():  # others take that of their page
-                dialog.setStyleSheet(style_sheet())
 
     def copy_page(self) -> None:
         """Put a picture of the page on the clipboard."""

@@ -20,6 +20,7 @@ SMALL, LARGE = (1280, 800), (1920, 1080)
 
 @pytest.fixture
 def stage(qapp: QApplication, window: MainWindow, tmp_path: Path) -> Stage:
+    window.resize(*SMALL)
     return Stage(qapp, window, tmp_path / "made")
 
 
