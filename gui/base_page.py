@@ -219,7 +219,7 @@ class BasePage(QWidget):
         """Say on the button at once that what is at work was asked to stop."""
         active = [job for job in self.context.jobs.jobs() if job.active and job.page == self.spec.key]
         stopping = bool(active) and all(job.stopping for job in active)
-        button.setEnabled(bool(active) and not stopping)
+        button.setEnabled(bool(active))
         button.setText("Stopping …" if stopping else "Stop")
 
     def stop(self) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable
 from datetime import datetime
 from pathlib import Path
@@ -26,6 +25,7 @@ from gui.docks import LogView, add_dock
 from gui.icons import icon_of
 from gui.job_panel import JobPanel
 from gui.jobs import JOBS_S, Job, Jobs, JobState
+from gui.leaving import Leaving
 from gui.manual import Manual
 from gui.menus import WindowMenus, page_key
 from gui.models.page import PAGES, PageSpec, PageState, available_pages, page_states
@@ -37,14 +37,12 @@ from gui.theme import DARK, LIGHT, THEMES, apply_theme, current_theme, style_she
 from gui.tools import Tools
 from gui.widgets.enlarging import toggle_in
 from gui.widgets.naming import name_controls
-from gui.window_size import size_within
+from gui.window_size import fit_screen
 from gui.workers import LOG
 from lfcal.errors import LfcalError
 
 __all__ = ["MainWindow"]
 
-LEAVE_MS = 20
-"""Between two looks whether a window that is to be closed can be (ms)."""
 DOCK_MS = 6000
 """How long jobs that have ended well are still shown (ms)."""
 
@@ -88,7 +86,7 @@ class MainWindow(QMainWindow):
         self.menus = WindowMenus(self)
         self._style()
         self._connect()
-        self._fit_screen()
+        fit_screen(self)
         self._restore()
         self.rail.setCurrentRow(0)
         self._refresh()
@@ -347,21 +345,16 @@ class MainWindow(QMainWindow):
         """Close when the jobs, which were asked to stop, have cleaned up behind themselves, and nothing is computed."""
         if self._leaving:
             return
-        self._leaving, began = True, time.monotonic()
+        self._leaving = True
         for widget in (self.menuBar(), self.centralWidget()):
             widget.setEnabled(False)
         self.log("stopping what is at work; the window closes when that is done")
-        look = QTimer(self)
-        look.setInterval(LEAVE_MS)
-        look.timeout.connect(lambda: self._look_whether_to_leave(look, time.monotonic() - began))
-        look.start()
+        Leaving(self.jobs, self._leave_now, self)
 
-    def _look_whether_to_leave(self, look: QTimer, seconds: float) -> None:
-        """Close as soon as nothing is at work that is worth waiting for, ``seconds`` after it was asked to stop."""
-        if not self.jobs.waits_for(seconds):
-            look.stop()
-            self._overdue = self.jobs.waits_for(0)
-            self.close()
+    def _leave_now(self, overdue: bool) -> None:
+        """Close, ``overdue``: whatever is still at work."""
+        self._overdue = overdue
+        self.close()
 
     def shut_down(self, *, asked: bool = False) -> None:
         """Stop timers, jobs and threads; keep the window's state, and what is not saved unless the user was ``asked``.
@@ -384,12 +377,7 @@ class MainWindow(QMainWindow):
             self.addDockWidget(Qt.DockWidgetArea.BottomDockWidgetArea, dock)
             dock.hide()
         self.tabifyDockWidget(self.job_dock, self.log_dock)
-        self._fit_screen()
-
-    def _fit_screen(self) -> None:
-        """Take the usual size, less where the screen has no room for it under a title bar."""
-        room = self.screen().availableGeometry()
-        self.resize(*size_within((room.width(), room.height()), self.minimumSizeHint().width()))
+        fit_screen(self)
 
     def _restore(self) -> None:
         for key, restore in (("geometry", self.restoreGeometry), ("windowState", self.restoreState)):

@@ -1,8 +1,10 @@
-"""How large a new window is. No Qt."""
+"""How large a new window is."""
 
 from __future__ import annotations
 
-__all__ = ["SIZE", "size_within"]
+from PySide6.QtWidgets import QWidget
+
+__all__ = ["SIZE", "fit_screen", "size_within"]
 
 SIZE = (1280, 800)
 TITLE = 40
@@ -13,3 +15,9 @@ def size_within(room: tuple[int, int], least: int) -> tuple[int, int]:
     """Return the size of a new window on a screen with ``room`` for it; one narrower than ``least`` holds none."""
     width, height = room
     return SIZE if width < least else (min(SIZE[0], width), min(SIZE[1], height - TITLE))
+
+
+def fit_screen(window: QWidget) -> None:
+    """Give a window the usual size, less where its screen has no room for it under a title bar."""
+    room = window.screen().availableGeometry()
+    window.resize(*size_within((room.width(), room.height()), window.minimumSizeHint().width()))

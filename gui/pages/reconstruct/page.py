@@ -141,13 +141,14 @@ class Page(BasePage):
         self.context.project.merge(f"change of {key.replace('_', ' ')}", settings=settings)
 
     def _show_controls(self) -> None:
-        running, ready = bool(self._job), self.image is not None
+        # also of the project before: its run ends after the iteration under way
+        running, ready = self.spec.key in self.context.jobs.running_pages(), self.image is not None
         state, buttons = self.context.state, self.panel.buttons
         done = self.solving is not None and self.solving.state is not None
         same = self.solving is not None and self.solving.fits(state.psf, self.settings)
         same = same and self._opened == state.light_field
         buttons["start"].setEnabled(ready and not running)
-        buttons["stop"].setEnabled(running and not (self.solving is not None and self.solving.stopping))
+        buttons["stop"].setEnabled(running)
         buttons["more"].setEnabled(done and same and not running)
         buttons["save"].setEnabled(done)
         for widget in (self.panel.form, self.panel.open, self.panel.make):
@@ -307,7 +308,6 @@ class Page(BasePage):
         if self.solving is not None and self._job:
             self.solving.stop()
             self.panel.show_status(STOPPING, None)
-            self._show_controls()
         if self._job in self.context.jobs.waiting():
             self.context.jobs.cancel(self._job)
 
@@ -362,6 +362,8 @@ class Page(BasePage):
 
     def _job_finished(self, job: Job) -> None:
         if job.number != self._job:
+            if job.page == self.spec.key:
+                self._show_controls()
             return
         self._job = 0
         solving = self.solving
