@@ -35,6 +35,9 @@ QUANTITIES = (("energy", "energy (counts)"), ("residual", "position residual (px
 """What the map and the curves show."""
 
 
+ELSEWHERE = "the folder holds a session of {}; lfcal acquire --resume goes on with it"
+
+
 class Recorder:
     """One run of a session: its requests, its frames, its quality.
 
@@ -174,10 +177,14 @@ def folder_state(folder: str) -> FolderState:
     from lfcal.acquire.session_file import SessionFile
     from lfcal.errors import LfcalError
 
+    if folder and (Path(folder) / "regions.json").exists():
+        return FolderState(problem=ELSEWHERE.format("several regions of the field"))
     if not folder or not (Path(folder) / "session.json").exists():
         return FolderState()
     try:
         session = SessionFile.read(Path(folder))
+        if session.target is not None:
+            return FolderState(problem=ELSEWHERE.format("a target of many points"))
         shape = session.plan.shape[:3]
         there = np.zeros(math.prod(shape), np.bool_)
         for name in session.recordings:
