@@ -31,10 +31,16 @@ def parse(arguments: list[str]) -> argparse.Namespace:
 def main(arguments: list[str] | None = None) -> int:
     """Run the window until it is closed; return the exit code."""
     options = parse(sys.argv[1:] if arguments is None else arguments)
+    from lfcal.cli.window_libraries import ON_X11, missing_libraries, shows_on_x11, why_no_window, without
+
     try:
         from PySide6.QtWidgets import QApplication
-    except ImportError:
-        print("lfcal-gui: PySide6 is not installed; run: pip install 'lfcal[gui]'", file=sys.stderr)
+    except ImportError as error:
+        print(f"lfcal-gui: {why_no_window(error)}", file=sys.stderr)
+        return 2
+    # Qt itself aborts without a word that helps
+    if shows_on_x11() and (missing := missing_libraries(ON_X11)):
+        print(f"lfcal-gui: {without(missing)}", file=sys.stderr)
         return 2
     app = QApplication.instance() or QApplication(sys.argv[:1])
     assert isinstance(app, QApplication)

@@ -42,15 +42,24 @@ def register(app: typer.Typer) -> None:
     app.command("doctor")(command)
 
 
-def command(json: JsonOption = False) -> None:
+def command(
+    *,
+    gui: bool = typer.Option(
+        False, "--gui", help="Only what the window needs; exit code 1 where something is missing."
+    ),
+    json: JsonOption = False,
+) -> None:
     """List versions, processors, memory, disk, caches, devices and broken plug-ins, with the reason for each fault.
 
-    Example: `lfcal doctor`
+    Example: `lfcal doctor`, or where the window does not open: `lfcal doctor --gui`
     """
     from rich.markup import escape
 
     from lfcal.cli.console import print_json, print_table
 
+    if gui:
+        _tell_window(json)
+        return
     found = examine()
     if json:
         print_json(found)
@@ -62,6 +71,29 @@ def command(json: JsonOption = False) -> None:
     print_table(["devices", "what", "found"], devices)
     if found["plugins"]:
         print_table(["plug-in left out", "why"], [[p["name"], escape(p["reason"])] for p in found["plugins"]])
+
+
+def _tell_window(json: bool) -> None:
+    """Print whether each library that the window needs is there."""
+    from lfcal.cli.console import print_json, print_table, report
+    from lfcal.cli.window_libraries import NEEDED, ON_X11, missing_libraries, without
+
+    packages = {name: _version(name) for name in OPTIONAL}
+    libraries = {**NEEDED, **ON_X11}
+    missing = missing_libraries(libraries)
+    if json:
+        print_json({"libraries": packages, "missing": missing})
+    else:
+        print_table(["library", "version"], [[name, version or "absent"] for name, version in packages.items()])
+        rows = [[name, libraries[name], "missing" if name in missing else "there"] for name in libraries]
+        print_table(["system library", "package of Debian, Ubuntu", ""], rows)
+    absent = [name for name, version in packages.items() if version is None]
+    if absent:
+        report(f"{', '.join(absent)}: not installed; run: {_remedy(absent[0])}")
+    if missing:
+        report(without(missing))
+    if absent or missing:
+        raise typer.Exit(1)
 
 
 def examine() -> dict[str, Any]:
