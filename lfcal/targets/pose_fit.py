@@ -104,7 +104,7 @@ def fit_pose(
     scale = np.minimum(prior, np.array([1e-3, 1e-3, 1e-3, step, step, 1e3, 1e-3, 1e-3, 1e-3]))
     for _ in range(3):
         found = least_squares(residuals, begin, x_scale=scale, loss="huber", f_scale=FAR)
-        begin = found.x
+        begin = np.asarray(found.x, np.float64)
         off = _images(begin, known, camera, z_um).pixels[which] - pixels
         usual = 1.4826 * float(np.median(np.abs(off)))
         freedom = max(0.2, 1 - 5 / (2 * len(pixels)))
