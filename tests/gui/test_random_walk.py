@@ -61,13 +61,14 @@ def walk(window: MainWindow, qtbot: QtBot, files: list[Path], out: Path, seed: i
         for _ in range(steps):
             try:
                 made.step()
-            finally:
-                told = [
-                    f"{kind.__name__}: {error}\n{''.join(traceback.format_tb(trace))}" for kind, error, trace in raised
-                ]
-                if told or sys.exc_info()[0] is not None:
-                    print("\n".join(made.trail[-40:]))
-            assert not told, "\n".join(told)
+                wrong = ""
+            except AssertionError as error:
+                wrong = f"{error}\n{traceback.format_exc()}"
+            told = [f"{kind.__name__}: {error}\n{''.join(traceback.format_tb(trace))}" for kind, error, trace in raised]
+            if told or wrong:
+                print("\n".join(made.trail[-40:]))
+            assert not told, "\n".join(told)  # first: what is wrong may come of it
+            assert not wrong, wrong
         for job in window.jobs.jobs():
             window.jobs.cancel(job.number)
         qtbot.waitUntil(lambda: not window.jobs.busy, timeout=GUARD_MS)
