@@ -140,7 +140,7 @@ def plan_source(scan: ScanPlan, wanted: TargetWanted, out: Path | None, *, json:
     if out is not None:
         with replace_whole(out) as part:
             part.write_text(plan.to_json(), encoding="utf-8")
-    facts = _facts(plan, wanted.speed, unsure)
+    facts = _facts(plan, wanted.speed, unsure) | {"expected_error": _expected(plan)}
     if json:
         print_json(facts)
         return
@@ -180,6 +180,24 @@ def _facts(plan: TargetPlan, speed: float, unsure: list[Any] | None) -> dict[str
     }
 
 
+def _expected(plan: TargetPlan) -> list[dict[str, Any]]:
+    """Return, for each plane, what noise leaves of a pattern by a single point, and of those shown frame by frame."""
+    from lfcal.targets import error_forecast
+
+    found = [error_forecast(plan, z) for z in range(len(plan.scan.depths_um))]
+    return [{"single_point": one.single, "shown": one.shown, "error": one.error} for one in found]
+
+
+def _show_expected(found: dict[str, Any], depth_um: float) -> None:
+    """Print phases shown and expected error of a plane after some of its frames."""
+    count = len(found["shown"])
+    chosen = sorted({max(1, round(count * share)) for share in (0.25, 0.5, 0.75, 1.0)})
+    rows = [[str(n), format_share(found["shown"][n - 1]), format_share(found["error"][n - 1])] for n in chosen if count]
+    rows.append(["a single point", "100 %", format_share(found["single_point"])])
+    title = f"expected error of a pattern by noise, plane {format_length(depth_um)}"
+    print_table(["frames", "phases shown", "error of a pattern"], rows, title=title)
+
+
 def _show(plan: TargetPlan, facts: dict[str, Any]) -> None:
     head = ["plane", "frames", "at least", "points a frame", "phases shown", "crosstalk"]
     rows = []
@@ -196,6 +214,8 @@ def _show(plan: TargetPlan, facts: dict[str, Any]) -> None:
         ["a single point", str(single["frames"]), format_seconds(3600 * single["hours"])],
     ]
     print_table(["source", "frames", "time in all"], rows)
+    middle = len(facts["expected_error"]) // 2
+    _show_expected(facts["expected_error"][middle], plan.scan.depths_um[middle])
     for found in facts["planes"]:
         drawn = found["coverage_within_pose"]
         if drawn is not None:

@@ -7,7 +7,8 @@ the lenslet array. What is done with a target, and where:
 2. Know where its holes are imaged: ``images`` (chief rays, each hole at its own depth), ``phases`` (counted in
    lenslets, so that an array that is turned, distorted, or of no whole period is none the worse).
 3. Plan: ``pitches`` (which target), ``covering`` with ``lines`` and ``search`` (which offsets), ``tails`` (how close
-   holes may be), ``planning`` (all of it), ``plan`` (`TargetPlan`, a file of its own beside the scan it stands for).
+   holes may be), ``planning`` (all of it), ``expected`` (what noise leaves),
+   ``plan`` (`TargetPlan`, a file of its own beside the scan it stands for).
 4. Simulate its frames: ``camera`` (`TargetCamera`).
 5. Find its holes in a frame: ``spots`` (points of light), ``lattice_labels`` (places of one lattice), ``match`` (which
    hole each is), ``pose_fit`` (pose, pitch, distortion), ``mistakes`` (what is not as described), ``finding``.
@@ -16,6 +17,7 @@ A scan plan keeps its meaning: a `TargetPlan` holds one, whose positions it show
 """
 
 from lfcal.targets.camera import TargetCamera, uneven
+from lfcal.targets.expected import ErrorForecast, error_forecast
 from lfcal.targets.finding import FoundPoints, find_points
 from lfcal.targets.parsing import parse_target, target_words
 from lfcal.targets.plan import TargetForecast, TargetPlan
@@ -24,6 +26,7 @@ from lfcal.targets.pose import Pose
 from lfcal.targets.target import Target
 
 __all__ = [
+    "ErrorForecast",
     "FoundPoints",
     "Pose",
     "Target",
@@ -31,6 +34,7 @@ __all__ = [
     "TargetForecast",
     "TargetPlan",
     "Wishes",
+    "error_forecast",
     "find_points",
     "iter_plan_target",
     "parse_target",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from lfcal.camera import ScanPlan
+from lfcal.errors import FileFormatError
 from lfcal.targets import Pose, Target, TargetPlan
 from tests.cli.conftest import Run
 from tests.targets.common import small
@@ -104,6 +106,8 @@ def test_options_of_a_target_need_one(lfcal: Lfcal, place: Path, option: str) ->
 
 def test_a_plan_of_a_target_is_no_scan_plan(lfcal: Lfcal, place: Path) -> None:
     assert lfcal(*PLAN, "array:6x6@1.0213mm", "--most-frames", "2", "-o", "plan.json").code == 0
-    run = lfcal("acquire", "plan.json", "-o", "session", "--dry-run")
-    assert run.code == 2 and run.err.count("\n") == 1 and "scan plan: expected" in run.err
+    run = lfcal("acquire", "plan.json", "-o", "session", "--dry-run", "--json")
+    assert run.code == 0 and json.loads(run.out)["positions"] == 2  # frames, not the positions of its scan
+    with pytest.raises(FileFormatError, match="scan plan: expected"):
+        ScanPlan.from_json((place / "plan.json").read_text())
     assert not (place / "session").exists()

@@ -1,0 +1,87 @@
+"""What noise leaves of a pattern that a target shows, against the number of frames."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import ScanPlan
+from lfcal.simulate.accuracy.planner import plan_effects
+from lfcal.simulate.sensor.camera_source import SimulatedCamera
+from lfcal.targets.images import whole_at
+from lfcal.targets.nearest import nearest_positions
+from lfcal.targets.phases import Phases
+from lfcal.targets.plan import TargetPlan
+
+__all__ = ["ErrorForecast", "error_forecast", "noise_share"]
+
+TOLERANCE = 0.1
+"""Of the simulated pattern: its noise needs no better."""
+
+LOOKED_AT = 5
+"""Positions whose patterns are simulated: the light of a pattern hardly depends on its phase."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ErrorForecast:
+    """Expected relative error (L1) of recorded patterns of one plane by the sensor's noise alone.
+
+    Attributes
+    ----------
+    single
+        Of a pattern that the scan of a single point records.
+    shown
+        ``(frames,)`` share of the positions that is shown after each frame.
+    error
+        ``(frames,)`` root mean square over those that are shown by then: repeats of a position are averaged.
+    """
+
+    single: float
+    shown: NDArray[np.float64]
+    error: NDArray[np.float64]
+
+
+def noise_share(scan: ScanPlan, z: int, *, level: str = "auto") -> float:
+    """Return the expected ``sum |noise| / sum light`` of one recorded pattern of plane ``z``.
+
+    Photon noise and read noise of the pixels of a cutout, Gaussian: the mean of ``|x|`` is ``sqrt(2 / pi)`` times its
+    standard deviation. Exposures are those of a simulated session, whose brightest pixel reaches 0.8 of the range.
+    """
+    effects = plan_effects(scan.camera, scan, TOLERANCE).effects
+    camera = SimulatedCamera(scan, effects, level=level, tolerance=TOLERANCE)
+    ny, nx = scan.period
+    order = scan.order_indices()
+    numbers = {tuple(position): k for k, position in enumerate(order.tolist())}
+    half = (np.array(scan.cutout) - 1) // 2
+    shares = []
+    for k in range(LOOKED_AT):
+        place = (z, k * ny // LOOKED_AT, (2 * k) % LOOKED_AT * nx // LOOKED_AT)
+        row, column = np.floor(scan.image_px(place) + 0.5).astype(int).tolist()
+        light = camera.light(numbers[place])[
+            row - half[0] : row + half[0] + 1, column - half[1] : column + half[1] + 1
+        ].astype(np.float64)
+        spread = np.sqrt(np.maximum(light, 0) + scan.camera.sensor.read_noise_e**2)
+        shares.append(math.sqrt(2 / math.pi) * float(spread.sum()) / float(light.sum()))
+    return float(np.mean(shares)) / math.sqrt(scan.frames_averaged)
+
+
+def error_forecast(plan: TargetPlan, z: int, single: float | None = None) -> ErrorForecast:
+    """Return what is to be expected of plane ``z`` frame by frame; ``single`` as of `noise_share`, computed if None."""
+    share = noise_share(plan.scan, z) if single is None else single
+    phases, images = Phases.of(plan.scan), plan.images(z)
+    counts = np.zeros(phases.count, np.intp)
+    shown, error = [], []
+    for offset in np.array(plan.offsets_px[z]).reshape(-1, 2):
+        # every hole on a phase is a measurement of its own
+        pixels = images.moved(offset)
+        pixels = pixels[whole_at(pixels, plan.scan.camera.sensor.shape, plan.scan.cutout)]
+        found = nearest_positions(phases, pixels)
+        met = (np.abs(found.residual_px) <= plan.tolerance_px + 1e-9).all(axis=1)
+        np.add.at(counts, np.ravel_multi_index(tuple(found.positions[met].T), plan.scan.period), 1)
+        there = counts > 0
+        shown.append(float(there.mean()))
+        error.append(share * math.sqrt(float((1.0 / counts[there]).mean())) if there.any() else math.nan)
+    return ErrorForecast(share, np.array(shown), np.array(error))
