@@ -126,13 +126,17 @@ def command(
 ) -> None:
     """Correct and crop point-source frames with the shifting cutout, and assemble them into H.
 
+    Of frames of a target (--plan a target's plan) its points are found, and those that show positions assembled.
+
     Example: `lfcal assemble session/frames --dark session/dark --white session/white -o H.h5`
     """
     from lfcal.campaign.regions import is_regions
+    from lfcal.cli.assemble_target import assemble_target
     from lfcal.cli.cameras import tell_assumed
     from lfcal.cli.console import print_json
     from lfcal.cli.orientation import check_choice
     from lfcal.cli.outputs import check_output
+    from lfcal.cli.target_frames import refuse_options, wanted_target
     from lfcal.frames import CorrectionRecipe
     from lfcal.frames.aligned import chosen_shift
     from lfcal.psf.assemble_plan import AssemblySettings
@@ -183,6 +187,27 @@ def command(
             for name, facts in several["regions"].items():
                 typer.echo(f"{name}: H {facts['shape']} from {facts['frames']} frames, {len(facts['missing'])} missing")
             typer.echo(f"{out}: H of {len(several['regions'])} regions")
+        return
+    target = wanted_target(frames, plan)
+    if target is not None:
+        refuse_options(
+            {
+                "--channel": channel,
+                "--half-cell": half_cell,
+                "--fill": fill,
+                "--pattern": pattern,
+                "--order": order,
+                "--manifest": manifest,
+                "--shift": shift != "0",
+                "--orientation": orientation not in ("check", "as-is"),
+                "--executor": executor or scheduler or resume,
+            }
+        )
+        made = assemble_target(
+            frames, target, recipe, settings, out, skip_damaged=skip_damaged, json=json, show=show_report
+        )
+        if json:
+            print_json(made)
         return
     with ExitStack() as stack:
         source, scan = open_colour(words.open, channel)

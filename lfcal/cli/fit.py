@@ -103,16 +103,19 @@ def command(
 
     Writes camera.json, effects.json, H.h5, fit.json and report/ into a folder. Several sources are regions of the field
     of one camera: how its wavefront changes over the field is found too, and each has a folder of its own. With --check
-    it says whether an old H still holds; exit code 1: it does not, or the frames do not tell.
+    it says whether an old H still holds; exit code 1: it does not, or the frames do not tell. Of frames of a target
+    (--plan a target's plan) every point is fitted where it is on the sensor; --positions is how many of them.
 
     Example: `lfcal fit H.h5 -o fit/`; `lfcal fit centre.h5 edge.h5 corner.h5`; `lfcal fit --check old.h5 frame.tif`
     """
+    from lfcal.campaign.point_files import point_outputs
     from lfcal.cli.cameras import load_camera
     from lfcal.cli.console import print_json, run_work
     from lfcal.cli.fit_check import Asked, check_h
     from lfcal.cli.fit_field import Regions, fit_regions, names_of
     from lfcal.cli.fit_object import Place, object_dict, object_error, object_words, read_object
     from lfcal.cli.fit_source import SOME, Reading, is_matrix, open_upright, parse_noise, read_patterns
+    from lfcal.cli.fit_target import fit_target
     from lfcal.cli.fit_validate import (
         VALIDATION,
         iter_write_validation,
@@ -121,7 +124,9 @@ def command(
         withheld_points,
     )
     from lfcal.cli.orientation import check_choice
+    from lfcal.cli.outputs import check_outputs
     from lfcal.cli.runs import may_replace, run_choice, run_kept
+    from lfcal.cli.target_frames import refuse_options, wanted_target
     from lfcal.fit import iter_fit_camera
     from lfcal.fit.files import fit_dict
     from lfcal.fit.setup import called_for, with_given
@@ -171,6 +176,33 @@ def command(
     by_whom = (executor, scheduler, workers)
     groups = unknowns if unknowns == "auto" else _groups(unknowns)
     chosen = parse_effects(effects)
+    target = wanted_target(source, plan) if len(sources) == 1 else None
+    if target is not None:
+        refuse_options(
+            {
+                "--validate": validate or validate_on,
+                "--object": known_object or scene,
+                "--hybrid": hybrid,
+                "--noise": noise,
+                "--orientation": orientation != "check",
+                "--executor": executor or scheduler or resume,
+            }
+        )
+        check_outputs(point_outputs(out), source, plan, dark, white, camera, force=force)
+        fit_target(
+            source,
+            target,
+            CorrectionRecipe(dark=dark, black_level=black_level, white=white or ""),
+            groups,
+            chosen if effects else None,
+            out,
+            camera=load_camera(camera) if camera else None,
+            most=positions,
+            with_h=not no_h,
+            workers=workers,
+            json=json,
+        )
+        return
     if len(sources) > 1:
         wanted = Regions(hybrid, validate, validate_on, known_object, scene)
         made = wanted.outputs(out, sources)

@@ -59,6 +59,8 @@ class FoundPoints:
         What is not as described.
     dark
         The dark level of the frame.
+    moved_px
+        Where the middle of the target was planned, images in the depth plane, (rows, columns) from the axis (pixels).
     """
 
     holes: Index
@@ -72,6 +74,7 @@ class FoundPoints:
     fit: PoseFit
     mistakes: tuple[Mistake, ...]
     dark: float
+    moved_px: tuple[float, float] = (0.0, 0.0)
 
     def __len__(self) -> int:
         """Return the number of holes."""
@@ -268,4 +271,5 @@ def _collected(
         fit,
         found,
         spots.dark,
+        (target.pose.down_um / step, target.pose.right_um / step),
     )

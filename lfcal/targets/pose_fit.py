@@ -111,7 +111,7 @@ def fit_pose(
         noise = max(LEAST_PX, usual / math.sqrt(freedom))
     # what neighbours share is no noise: the light of a phase has its middle beside the chief ray
     slopes = np.asarray(found.jac, np.float64)
-    spread: Array = np.linalg.inv(slopes.T @ slopes) * _alike(np.asarray(holes, np.intp), off)
+    spread: Array = np.asarray(np.linalg.inv(slopes.T @ slopes), np.float64) * _alike(np.asarray(holes, np.intp), off)
     sigma = np.sqrt(np.diag(spread))
     numbers = {name: float(v) for name, v in zip(NAMES, sigma[:6], strict=True)}
     rms = float(np.sqrt(np.square(np.clip(off, -FAR * noise, FAR * noise)).mean()))

@@ -113,6 +113,9 @@ def find_spots(
     # usual is what more than noise is usually: one hole may be many times as bright, many may be dirty
     usual = float(np.median(heights[heights > DIM * heights.max()])) if len(heights) else 0.0
     places = np.argwhere(tops & (smooth > DIM * usual)).astype(float)
+    # where all is flat every pixel is a top: patterns have room of their own
+    if len(places) > above.size / max(1.0, (0.4 * apart_px) ** 2) + 1:
+        places = places[:0]
     found = [_centred(above, place, min(radius_px + 2.0, apart_px / 2)) for place in places]
     pixels = np.array([at for at, _ in found]).reshape(-1, 2)
     light = np.array([sum_ for _, sum_ in found])

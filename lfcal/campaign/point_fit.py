@@ -1,0 +1,131 @@
+"""One camera from the points of a target, each at its real place on the sensor and in its own part of the field."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.campaign.point_parts import measured_points
+from lfcal.campaign.points import Points
+from lfcal.fit.field import FieldFit
+from lfcal.fit.fit import check_stage, groups_of, iter_retrieved, iter_summarised, problem_of
+from lfcal.fit.measured import Measured
+from lfcal.fit.model import Fineness
+from lfcal.fit.normal import Local
+from lfcal.fit.nuisance import own_steps
+from lfcal.fit.problem import Problem
+from lfcal.fit.questions import check_described, check_light
+from lfcal.fit.setup import Setup, called_for
+from lfcal.fit.solver import descend
+from lfcal.frames.source import FrameSource
+from lfcal.progress import Work, drain
+from lfcal.simulate.effects.base import Effect
+
+__all__ = ["MOST", "fit_points", "iter_fit_points"]
+
+MOST = 72
+"""Points that are fitted: eight of each of nine parts of the field; what is left of the error is the computation's."""
+
+PLACES = ("region_places", "region_depths")
+"""Groups that regions of a scan have: a target's points have one lattice, and each its own displacement."""
+
+BESIDE_PX, BRIGHTNESS = 0.5, 0.05
+"""How far a chief ray lies beside what light alone tells, and how well that tells a hole's brightness, beforehand."""
+
+ROUNDS = 4
+"""Of the fit that places the points."""
+
+
+def iter_fit_points(
+    source: FrameSource,
+    points: Points,
+    unknowns: str | Sequence[str] = "auto",
+    *,
+    effects: Sequence[Effect] | None = None,
+    parts: tuple[int, int] = (3, 3),
+    most: int | None = MOST,
+    stage: str | float = "auto",
+    workers: int | None = None,
+) -> Work[FieldFit]:
+    """Fit as `fit_points`; yields progress in derivatives, and closing it stops the fit."""
+    check_stage(stage)
+    measured = measured_points(source, points, parts, most=most)
+    core, candidates = groups_of(unknowns)
+    core = tuple(name for name in dict.fromkeys((*core, "pitch")) if name not in PLACES)
+    candidates = tuple(name for name in candidates if name not in (*core, *PLACES))
+    check_light(measured)
+    check_described(measured)
+    scan = points.plan.scan
+    began = tuple(called_for(scan) if effects is None else effects)
+    setup = Setup(scan.camera, began, (0.0,) * scan.shape[0])
+    problem = problem_of(measured, setup, (*core, *candidates), workers)
+    problem, start = yield from _placed(problem, core, workers)
+    finished = yield from iter_retrieved(problem, core, candidates, stage=stage, start=start)
+    problem = finished[0]
+    fits = yield from iter_summarised(*finished, candidates)
+    names = [measured.regions[k].name for _, _, k in problem.measured.parts()]
+    return FieldFit(dict(zip(names, fits, strict=True)))
+
+
+def fit_points(
+    source: FrameSource,
+    points: Points,
+    unknowns: str | Sequence[str] = "auto",
+    *,
+    effects: Sequence[Effect] | None = None,
+    parts: tuple[int, int] = (3, 3),
+    most: int | None = MOST,
+    stage: str | float = "auto",
+    workers: int | None = None,
+) -> FieldFit:
+    """Return the one camera that explains the points of a target's frames, each where it really is.
+
+    Nothing is taken modulo the array's period: patterns are computed at their own pixels, with what is left of their
+    positions, under the array as it lies there. The field falls into parts, each with the optics of its middle.
+
+    Parameters
+    ----------
+    source, points
+        The frames, with their dark level subtracted, and what was found in them.
+    unknowns, effects, stage, workers
+        As of `lfcal.fit.fit_camera`; the array's pitch is always found.
+    parts
+        Parts of the sensor (rows, columns).
+    most
+        No more points than this, spread evenly over the parts; None: all.
+
+    Raises
+    ------
+    InputError
+        If the points are not of such a camera, or too few.
+    """
+    work = iter_fit_points(
+        source, points, unknowns, effects=effects, parts=parts, most=most, stage=stage, workers=workers
+    )
+    return drain(work)
+
+
+def _placed(problem: Problem, core: Sequence[str], workers: int | None) -> Work[tuple[Problem, NDArray[np.float64]]]:
+    """Return the problem with points where a first fit has them, and the vector it ended at.
+
+    A cat's eye moves the middle of the light beside the chief ray by most of a pixel. A fit that holds the places takes
+    that for focal lengths; so each point has a displacement of its own from the start.
+    """
+    count = len(problem.measured)
+    local = Local(np.zeros((count, 2)), BESIDE_PX, BRIGHTNESS)
+    point = problem.point(np.zeros(len(problem.vector)), local, Fineness.coarse)
+    which = problem.vector.of_groups(core).tolist()
+    point, columns = yield from descend(problem, point, which, "places of the points", most=ROUNDS, enough=5e-3)
+    point = own_steps(problem, point, columns, np.ones(count, np.bool_))
+    old: Measured = problem.measured
+    lamps = point.levels.lamps[:, None, None].astype(np.float32)
+    measured = replace(
+        old,
+        places_px=old.places_px + point.local.offsets_px,
+        patterns=old.patterns / (1 + lamps),
+        noise=old.noise / np.c_[(1 + lamps[:, 0, 0]) ** 2, 1 + lamps[:, 0, 0]],
+    )
+    return Problem(measured, problem.vector, workers), point.u

@@ -1,0 +1,146 @@
+"""Every labelled point as a frame of its own, at the position of the scan that it shows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from lfcal.campaign.points import Points
+from lfcal.errors import InputError
+from lfcal.frames.regions import Region
+from lfcal.frames.source import FrameInfo, FrameSource, Position, Samples
+from lfcal.frames.view import SourceView
+from lfcal.targets.phases import Phases
+
+__all__ = ["PointFrames", "shown_positions"]
+
+
+def shown_positions(points: Points, tolerance_px: float | None = None) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    """Return the positions ``(n, 3)`` that points show, -1 where none, and how far off they are ``(n, 2)`` (pixels).
+
+    A point shows a position if its phase is, and if its chief ray lies as near to a pixel's centre as the position's
+    does: whole periods of the array are no whole pixels, and the same light half a pixel beside is another pattern.
+    What an undersampled pattern lacks no resampling brings back; such points serve a fit.
+
+    Parameters
+    ----------
+    points
+        What was found.
+    tolerance_px
+        How far off either may be, in rows and in columns; None: the plan's.
+    """
+    scan = points.plan.scan
+    limit = points.plan.tolerance_px if tolerance_px is None else tolerance_px
+    phases = Phases.of(scan)
+    tree = cKDTree(phases.wanted(), boxsize=phases.period)
+    own = phases.at(points.pixels)
+    nearest = np.asarray(tree.query(own, p=np.inf)[1], np.intp)
+    off = own - phases.wanted()[nearest]
+    off -= phases.period * np.round(off / phases.period)
+    aside = points.pixels - np.array(scan.anchor)
+    aside -= np.round(aside)
+    worst = np.where(np.abs(aside) > np.abs(off), aside, off)
+    index = np.c_[points.z, nearest // scan.period[1], nearest % scan.period[1]].astype(np.intp)
+    index[(np.abs(worst) > limit + 1e-9).any(1)] = -1
+    return index, worst
+
+
+class PointFrames(SourceView):
+    """A source of frames of one point each, made of whole frames of many.
+
+    A point's frame is the whole frame moved by whole pixels so that the point lies where the scan has its position;
+    brightness is that of the median hole, and pixels that neighbours reach are marked as not valid.
+
+    Parameters
+    ----------
+    source
+        The whole frames that ``points`` were found in.
+    points
+        What was found.
+    tolerance_px
+        As of `shown_positions`.
+
+    Raises
+    ------
+    InputError
+        If no point shows a position.
+    """
+
+    def __init__(self, source: FrameSource, points: Points, tolerance_px: float | None = None) -> None:
+        super().__init__(source)
+        index, off = shown_positions(points, tolerance_px)
+        keep: NDArray[np.bool_] = np.array((index >= 0).all(1))
+        if not keep.any():
+            limit = points.plan.tolerance_px if tolerance_px is None else tolerance_px
+            raise InputError.expected(
+                "points of the frames",
+                f"some within {limit:g} px of a position of the scan",
+                f"none of {len(points)}",
+                "plan with the pose that was measured, or fit: it takes points where they are",
+            )
+        self.left = int((~keep).sum())
+        self.points, self._index, self._off = points.only(keep), index[keep], off[keep]
+        scan = points.plan.scan
+        places = np.floor(np.array(scan.anchor) + 0.5) + self._index[:, 1:]
+        self._origins = (places - self.points.middles).astype(np.intp)
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """float32: values are those of holes equally bright."""
+        return np.dtype(np.float32)
+
+    @property
+    def metadata(self) -> Mapping[str, Any]:
+        """What is known of the frames; saturation is told by each point's own mask."""
+        facts = dict(self.source.metadata)
+        for name in ("saturation", "target", "target_frames", "bit_depth"):
+            facts.pop(name, None)
+        return facts | {"points_left_out": self.left}
+
+    def __len__(self) -> int:
+        """Return the number of points."""
+        return len(self.points)
+
+    def info(self, index: int) -> FrameInfo:
+        """Return which position a point shows, and how far off it is."""
+        points = self.points
+        info = self.source.info(int(points.frame[index]))
+        row, column = points.holes[index].tolist()
+        return FrameInfo(
+            (Position(*self._index[index].tolist()),),
+            (int(self._origins[index, 0]), int(self._origins[index, 1])),
+            info.exposure_s,
+            (float(self._off[index, 0]), float(self._off[index, 1])),
+            label=f"{info.label}, hole ({row}, {column})",
+        )
+
+    def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
+        """Return a point's frame, as bright as the median hole's."""
+        values = self.source.read(int(self.points.frame[index]), region)
+        scaled: NDArray[Any] = np.asarray(values, np.float32) / np.float32(self.points.brightness[index])
+        return scaled
+
+    def samples(self, index: int, region: Region | None = None) -> Samples:
+        """Return the same with its noise; where neighbours reach, or pixels are saturated, no sample is valid."""
+        share = float(self.points.brightness[index])
+        found = self.source.samples(int(self.points.frame[index]), region)
+        values = np.asarray(found.values, np.float32) / np.float32(share)
+        alone = self._alone(index, values.shape, region)
+        valid = alone if found.valid is None else alone & found.valid
+        noise = None if found.noise is None else found.noise.scaled(1 / share)
+        return Samples(values, None if valid.all() else valid, noise, found.saturated)
+
+    def _alone(self, index: int, shape: tuple[int, ...], region: Region | None) -> NDArray[np.bool_]:
+        """Return which pixels are this point's alone: those of its cutout that no neighbour reaches."""
+        out = np.zeros(shape, np.bool_)
+        first = (0, 0) if region is None else (region[0].start, region[1].start)
+        own = tuple(slice(p.start - f, p.stop - f) for p, f in zip(self.points.region(index), first, strict=True))
+        inside = tuple(slice(max(0, p.start), min(n, p.stop)) for p, n in zip(own, shape, strict=True))
+        part = tuple(slice(i.start - p.start, i.stop - p.start) for i, p in zip(inside, own, strict=True))
+        if all(p.stop > p.start for p in inside):
+            out[inside] = self.points.alone(index)[part]
+        return out

@@ -1,0 +1,180 @@
+"""Points of a target gathered: each at its place, as bright as others, repeats averaged, neighbours left out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lfcal.campaign.point_facts import target_facts
+from lfcal.campaign.point_frames import PointFrames, shown_positions
+from lfcal.campaign.point_parts import measured_modulo, measured_points, tiles_of
+from lfcal.campaign.points import Points, points_of
+from lfcal.errors import InputError
+from lfcal.frames.source import FrameSource
+from lfcal.progress import drain
+from lfcal.psf.picked import iter_pick
+from lfcal.targets.phases import Phases
+from tests.campaign.points import SCAN, array_of, frames_of_drawn, moved, plan_of, view_of
+from tests.targets.drawn import places
+
+OFFSETS = [(0.0, 0.0), (3.0, -2.0), (0.0, 0.0)]
+
+
+@pytest.fixture(scope="module")
+def view() -> FrameSource:
+    plan = plan_of(OFFSETS)
+    return view_of(plan, frames_of_drawn(plan, spread=0.0, light={(2, 2): 1.4}))
+
+
+@pytest.fixture(scope="module")
+def points(view: FrameSource) -> Points:
+    return points_of(view, plan_of(OFFSETS))
+
+
+def test_points_have_the_places_they_were_drawn_at(points: Points) -> None:
+    for k, offset in enumerate(OFFSETS):
+        true = places(moved(array_of(), offset), SCAN.camera, SCAN.depths_um[0])
+        own = points.frame == k
+        away = [
+            np.subtract(at, true[tuple(h)])
+            for h, at in zip(points.holes[own].tolist(), points.pixels[own], strict=True)
+        ]
+        assert own.sum() >= 18 and np.abs(away).max() < 0.1
+    assert np.abs(points.residuals).max() <= 0.5
+    bright = points.brightness[(points.holes == 2).all(1)]
+    assert bright == pytest.approx(1.4, rel=0.03)
+
+
+def test_patterns_of_parts_lie_at_their_pixels(view: FrameSource, points: Points) -> None:
+    measured = measured_points(view, points, (2, 2))
+    # the first and third frame show the same: repeats are one pattern
+    assert len(measured) <= len(points) - 0.8 * (points.frame == 2).sum()
+    for plan, own, _ in measured.parts():
+        for k in own.tolist():
+            place = np.array(plan.anchor) + measured.index[k, 1:] + measured.places_px[k]
+            nearest = np.linalg.norm(points.pixels - place, axis=1)
+            assert nearest.min() < 0.05
+            j = int(nearest.argmin())
+            raw = view.samples(int(points.frame[j]), points.region(j)).values / points.brightness[j]
+            assert np.corrcoef(measured.patterns[k].ravel(), raw.ravel())[0, 1] > 0.98
+    assert set(measured.region.tolist()) == {0, 1, 2, 3}
+    assert 0 < measured.left_out.sum() < len(measured) / 3
+
+
+def test_the_variance_of_repeats_is_that_of_their_mean(view: FrameSource, points: Points) -> None:
+    once = measured_points(view, points.only(points.frame < 2), (1, 1))
+    twice = measured_points(view, points, (1, 1))
+    constant = np.sort(twice.noise[:, 0]), np.sort(once.noise[:, 0])
+    assert np.median(constant[1]) == pytest.approx(np.median(once.noise[:, 0]))
+    assert (twice.noise[:, 0] < 0.6 * np.median(once.noise[:, 0])).sum() >= 18
+
+
+def test_a_brighter_hole_has_less_noise_once_it_is_as_bright_as_others(view: FrameSource, points: Points) -> None:
+    own = points.only(points.frame == 0)
+    measured = measured_points(view, own, (1, 1))
+    totals = measured.patterns.sum((1, 2))
+    assert totals.std() / totals.mean() < 0.05
+    usual = np.median(measured.noise[:, 1])
+    assert measured.noise[:, 1].min() == pytest.approx(usual / 1.4, rel=0.05)
+
+
+def test_pixels_that_neighbours_reach_are_not_used(view: FrameSource, points: Points) -> None:
+    wide = replace(points, plan=replace(points.plan, scan=replace(SCAN, cutout=(81, 81))))
+    k = int(np.flatnonzero((wide.holes == 2).all(1))[0])
+    alone = wide.alone(k)
+    assert alone[40, 40] and not alone[40, 0] and not alone[0, 40] and alone.mean() < 0.92
+    assert points.alone(k).all()
+
+
+def test_points_are_spread_over_the_parts(view: FrameSource, points: Points) -> None:
+    measured = measured_points(view, points, (2, 2), most=12)
+    assert np.bincount(measured.region).tolist() == [3, 3, 3, 3]
+    again = measured_points(view, points, (2, 2), most=12)
+    assert np.array_equal(measured.index, again.index)
+    with pytest.raises(InputError, match="points that are fitted"):
+        measured_points(view, points, most=1)
+
+
+def test_parts_hold_every_whole_cutout_once() -> None:
+    counts = np.zeros((100, 90), int)
+    for rows, columns in tiles_of((100, 90), (21, 31), (3, 2)):
+        counts[rows, columns] += 1
+    assert (counts[10:90, 15:75] == 1).all() and counts.sum() == 80 * 60
+
+
+def test_modulo_the_period_positions_are_those_of_one_scan(view: FrameSource, points: Points) -> None:
+    measured = measured_modulo(view, points)
+    assert measured.plan == SCAN and not measured.places_px.any()
+    assert (measured.index[:, 1:] < np.array(SCAN.period)).all()
+
+
+def test_single_frames_of_points_are_positions_of_the_scan(view: FrameSource, points: Points) -> None:
+    index, off = shown_positions(points, 0.5)
+    phases = Phases.of(SCAN)
+    wanted, own = phases.wanted(), phases.at(points.pixels)
+    for k in range(len(points)):
+        away = own[k] - wanted
+        away -= phases.period * np.round(away / phases.period)
+        nearest = int(np.abs(away).max(1).argmin())
+        if index[k, 0] >= 0:
+            assert np.ravel_multi_index(tuple(index[k, 1:]), SCAN.period) == nearest
+    assert np.abs(off[(index >= 0).all(1)]).max() <= 0.5
+    single = PointFrames(view, points, 0.5)
+    assert len(single) + single.left == len(points) and len(single) > 5
+    for k in (0, len(single) - 1):
+        info = single.info(k)
+        # the position's cutout is the point's
+        row, column = (np.floor(np.array(SCAN.anchor) + 0.5).astype(int) + info.position[1:]).tolist()
+        own_row, own_column = single.points.middles[k].tolist()
+        assert (row - info.origin[0], column - info.origin[1]) == (own_row, own_column)
+        assert max(map(abs, info.drift)) <= 0.5
+    strict = shown_positions(points, 0.1)[0]
+    assert ((strict >= 0).all(1)).sum() < len(single)
+
+
+def test_points_are_assembled_as_positions(view: FrameSource, points: Points) -> None:
+    single = PointFrames(view, points, 0.5)
+    index = np.unique([single.info(k).position for k in range(len(single))], axis=0)
+    H = drain(iter_pick(single, SCAN, index))
+    assert int((H.recorded > 0).sum()) == len(index) and int(H.recorded.sum()) == len(single)
+    twice = np.argwhere(H.recorded == 2)
+    assert len(twice) > 5
+    z, y, x = twice[0].tolist()
+    own = [k for k in range(len(single)) if tuple(single.info(k).position) == (z, y, x)]
+    cuts = [single.samples(k, single.points.region(k)).values for k in own]
+    assert np.asarray(H[z, y, x]) == pytest.approx(np.mean(cuts, axis=0), abs=0.1 * float(np.max(cuts)))
+    with pytest.raises(InputError, match="none of"):
+        PointFrames(view, points, 1e-6)
+
+
+def test_what_is_wrong_with_a_target_is_told_by_its_frames() -> None:
+    plan = plan_of(OFFSETS[:2])
+    gone = tuple((2, c) for c in range(5))
+    points = points_of(view_of(plan, frames_of_drawn(plan, without=gone, light={(4, 3): 3.0, (4, 4): 2.5})), plan)
+    said = {one.kind: count for one, count in points.mistakes}
+    assert said["missing row"] == 2 and said["bright"] >= 1
+    facts = target_facts(points)
+    assert facts["missing"] == 5 and facts["points"] == len(points)
+    assert facts["crosstalk"] == pytest.approx(0.004 * 3.0, rel=0.1)
+    assert facts["stage_px"] < 0.1 and facts["pose_rms_px"] < 0.3 and facts["doubtful"] < 0.2
+
+
+def test_a_stage_that_moves_otherwise_is_told() -> None:
+    plan = plan_of([(0.0, 0.0), (6.0, 6.0)])
+    really = plan_of([(0.0, 0.0), (4.0, 6.0)])
+    points = points_of(view_of(plan, frames_of_drawn(really)), plan)
+    assert target_facts(points)["stage_px"] == pytest.approx(1.0, abs=0.1)
+
+
+def test_frames_that_are_not_the_plans_are_refused() -> None:
+    plan = plan_of(OFFSETS[:2])
+    frames = frames_of_drawn(plan)
+    with pytest.raises(InputError, match="as many as the plan"):
+        view_of(plan_of(OFFSETS), frames)
+    with pytest.raises(InputError, match="whole sensor"):
+        view_of(plan, frames[:, :300])
+    frames[1] = 64 + (np.arange(360) % 3).astype(np.uint16)
+    with pytest.raises(InputError, match=r"1.*points of light|points of light"):
+        points_of(view_of(plan, frames), plan)
