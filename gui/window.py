@@ -173,6 +173,7 @@ class MainWindow(QMainWindow):
         self.stack.setCurrentWidget(page)
         page.setFocus()  # so that arrow keys step through positions, not through the rail
         page.entered()
+        self.stack.updateGeometry()  # the least width before the page had its fonts would stay that of the window
 
     def go(self, key: str, payload: object = None) -> None:
         """Show a page, and hand it what another page sent."""
