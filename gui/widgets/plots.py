@@ -18,6 +18,7 @@ from gui.saving import ask_target, write_file
 from gui.theme import current_theme
 from gui.widgets.blank import Blank
 from gui.widgets.picture_menu import offer_menu, save_picture
+from gui.widgets.pixel_axis import PixelAxis
 
 __all__ = ["LINES", "DecadeAxis", "LinePlot", "line_px", "shown_tone", "style_axes", "theme_plot"]
 
@@ -74,6 +75,9 @@ def theme_plot(graphics: pg.GraphicsLayoutWidget, *plots: pg.PlotItem) -> None:
                 label.setText(label.text, color=theme.text)
 
 
+MANY = 10**9
+"""More things than are ever counted."""
+
 FEW, MOST = 2.5, 8
 """Decades up to which numbers between them are shown, and decades shown at most."""
 
@@ -96,17 +100,26 @@ class DecadeAxis(pg.AxisItem):
         return [f"{10**value:g}" for value in values]
 
 
-class LinePlot(QWidget):
-    """Curves over a common x; clicking and saving are built in."""
+def _counted() -> dict[str, pg.AxisItem]:
+    """Return the lower axis of a plot over whole numbers: half an iteration has no tick."""
+    axis = PixelAxis("bottom")
+    axis.cover(0, MANY)
+    return {"bottom": axis}
 
-    def __init__(self, xlabel: str, ylabel: str, *, legend: bool = False, parent: QWidget | None = None) -> None:
+
+class LinePlot(QWidget):
+    """Curves over a common x; clicking and saving are built in. With ``counted`` x is a number of things, from 0."""
+
+    def __init__(
+        self, xlabel: str, ylabel: str, *, legend: bool = False, counted: bool = False, parent: QWidget | None = None
+    ) -> None:
         super().__init__(parent)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         self.graphics = pg.GraphicsLayoutWidget()
         self.graphics.setMinimumSize(120, 110)
         layout.addWidget(self.graphics)
-        self.plot: pg.PlotItem = self.graphics.addPlot(enableMenu=False)
+        self.plot: pg.PlotItem = self.graphics.addPlot(enableMenu=False, axisItems=_counted() if counted else None)
         self.plot.hideButtons()
         self.plot.showGrid(x=True, y=True, alpha=0.15)
         if legend:

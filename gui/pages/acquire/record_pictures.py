@@ -52,7 +52,9 @@ class RecordPictures(QWidget):
         self.depth_sum.setToolTip("Sum of the plane's cutouts so far: it becomes the shape of the aperture")
         self.third = QStackedWidget()
         self.third.addWidget(self.depth_sum)
-        self.curves = {key: LinePlot("position in scan order", words.lower()) for key, words in CURVES.items()}
+        self.curves = {
+            key: LinePlot("position in scan order", words.lower(), counted=True) for key, words in CURVES.items()
+        }
         tips = (
             "Light of each position above the background: constant except for the pattern of the optics",
             "Lateral difference of measured and target position, in image pixels: below 0.1 px is good",

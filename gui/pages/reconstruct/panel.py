@@ -85,12 +85,12 @@ class ReconstructPanel(QWidget):
         self.light_field.setToolTip("The light field; the frame shows the region that is used")
         self.frame = pg.PlotCurveItem(pen=pg.mkPen("#ff5a5f", width=line_px(1.5)))
         self.light_field.add_overlay(self.frame)
-        self.residual = LinePlot("iteration", "residual (%)")
+        self.residual = LinePlot("iteration", "residual (%)", counted=True)
         self.residual.setToolTip("Weighted rms of image minus model, over that of the image")
-        self.likelihood = LinePlot("iteration", "log-lik. / px")
+        self.likelihood = LinePlot("iteration", "log-lik. / px", counted=True)
         self.likelihood.setToolTip(
-            "Log-likelihood of the image less its largest possible value, per pixel: 0 is a "
-            "perfect fit; it falls only by rounding"
+            "Log-likelihood of the image less its largest possible value, per pixel: 0 is a perfect fit. "
+            "Accelerated solvers may fall back for an iteration, and do not stay there"
         )
         for view in (self.light_field, self.residual, self.likelihood):
             # what they would like to have takes no height from each other

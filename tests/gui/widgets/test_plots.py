@@ -119,3 +119,14 @@ def test_another_name_of_an_axis_stands_in_its_middle(qtbot: QtBot) -> None:
         size = axis.size()
         along, length = (centre.x(), size.width()) if side == "bottom" else (centre.y(), size.height())
         assert along == pytest.approx(length / 2, abs=3)
+
+
+def test_what_is_counted_has_no_ticks_between(qtbot: QtBot) -> None:
+    """Iterations had ticks at 1.5 and 2.5."""
+    plot = LinePlot("iteration", "residual (%)", counted=True)
+    qtbot.addWidget(plot)
+    axis = plot.plot.getAxis("bottom")
+    for last in (3, 5, 40):
+        ticks = [v for _, values in axis.tickValues(0.8, last + 0.2, 400.0) for v in values]
+        assert ticks and all(float(v).is_integer() and v >= 0 for v in ticks)
+    assert axis.labelText == "iteration"
