@@ -156,6 +156,11 @@ class Form(QWidget):
         editor.setEnabled(enabled)
         self._labels[key].setEnabled(enabled)
 
+    def own_line(self, key: str, width: int) -> None:
+        """Give a field that needs ``width`` pixels a line of its own, below its label, where the form is narrower."""
+        self._layout.setRowWrapPolicy(QFormLayout.RowWrapPolicy.WrapLongRows)
+        self._editors[key].setMinimumWidth(width)
+
     def set_shown(self, key: str, shown: bool) -> None:
         """Show or hide one field with its label."""
         self._layout.setRowVisible(self._editors[key], shown)

@@ -21,7 +21,7 @@ from gui.models.project import ProjectState
 from gui.pages.acquire.record_panel import RecordPanel
 from gui.theme import NIGHT
 from gui.window import MainWindow
-from lfcal.camera import preset
+from lfcal.camera import ScanPlan, preset
 from lfcal.cli.sample import sample_recording
 from tests.cli.conftest import small_plan
 from tests.gui.waiting import GUARD_MS, idle
@@ -142,6 +142,32 @@ def test_the_settings_of_a_recording_are_whole(window: MainWindow) -> None:
         window.set_theme(theme)
         settle()
         assert page.findChild(RecordPanel).isVisible() and moving(page) == []
+
+
+def test_the_plan_and_its_target_are_whole(window: MainWindow, qtbot: QtBot) -> None:
+    """Two depths needed 158 px, and their field had 108."""
+    plan = ScanPlan.for_camera(preset("bench"), depths_um=(-20034.587, -26017.775))
+    window.files.start_with(ProjectState(camera=plan.camera, plan=plan))
+    window.resize(1280, 800)
+    window.go("plan")
+    page: Any = window.page("plan")
+    idle(window.jobs, qtbot)
+    window.job_dock.hide()
+    settle()
+    for key in ("virtual_depths", "depths_um"):
+        field = page.panel.form.editor(key)
+        assert field.fontMetrics().horizontalAdvance(field.text()) + 20 < field.width()
+    page.panel.tabs.setCurrentIndex(1)
+    type_in = page.panel.target.form.editor("source")
+    type_in.setText("array")
+    type_in.textEdited.emit("array")
+    page.plan_target()
+    idle(window.jobs, qtbot)
+    window.job_dock.hide()
+    settle()
+    assert page.panel.target.found is not None and moving(page) == []
+    for shown in (page.panel.target.graphics, page.panel.target.map, page.panel.target.save_button):
+        assert whole(shown, page)
 
 
 def test_nothing_scrolls_beside_the_live_view(window: MainWindow, qtbot: QtBot) -> None:

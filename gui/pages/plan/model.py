@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,7 +14,16 @@ from lfcal.camera import Camera, Forecast, MainLens, ScanPlan, StageAxes
 from lfcal.errors import LfcalError
 from lfcal.units import format_bytes, format_length, format_seconds
 
-__all__ = ["FIELDS", "RegionDrawing", "apply_change", "default_plan", "forecast_rows", "region_drawing", "values_of"]
+__all__ = [
+    "FIELDS",
+    "RegionDrawing",
+    "apply_change",
+    "default_plan",
+    "forecast_rows",
+    "path_lines",
+    "region_drawing",
+    "values_of",
+]
 
 AXES = tuple((sign + axis, sign.replace("-", "−") + axis) for axis in "xyz" for sign in "+-")
 PATH_POINTS = 6000
@@ -162,6 +172,15 @@ def region_drawing(plan: ScanPlan) -> RegionDrawing:
     path = plan.image_px(order)[::step]
     radius = camera.lattice.clear_diameter_um / pixel / 2
     return RegionDrawing(points, types, radius, plan.anchor, plan.period, path)
+
+
+def path_lines(plan: ScanPlan, between: str) -> Iterator[str]:
+    """Yield the scan path of a plane as a table: positions in their order, and where their images are (px)."""
+    yield between.join(("y", "x", "row_px", "column_px")) + "\n"
+    ny, nx = plan.period
+    order = plan.order_indices()[: ny * nx]
+    for (_, y, x), (row, column) in zip(order.tolist(), plan.image_px(order).tolist(), strict=True):
+        yield between.join((f"{y}", f"{x}", f"{row:.9g}", f"{column:.9g}")) + "\n"
 
 
 def forecast_rows(plan: ScanPlan, stage_um_per_s: float = 1000.0) -> list[tuple[str, str]]:

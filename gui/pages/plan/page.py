@@ -10,11 +10,14 @@ from PySide6.QtWidgets import QFileDialog
 
 from gui.base_page import BasePage
 from gui.context import Context
+from gui.jobs import Job
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
 from gui.pages.plan import takes
 from gui.pages.plan.model import apply_change, default_plan
+from gui.pages.plan.model_target import PlannedTarget, TargetSettings, iter_target
 from gui.pages.plan.panel import PlanPanel
+from gui.pages.plan.step import scan_step, target_step
 from gui.saving import ask_target, write_file
 from lfcal.camera import ScanPlan
 from lfcal.errors import LfcalError
@@ -37,14 +40,27 @@ class Page(BasePage):
         self.tool_button("Default", DEFAULT, self.make_default)
         self.panel = PlanPanel(self._check)
         self.panel.edited.connect(self._edited)
+        self._job = 0
+        self._asked: tuple[ScanPlan, TargetSettings] | None = None
+        target = self.panel.target
+        target.form.check = self._check_target
+        target.form.edited.connect(self._target_edited)
+        target.plan_asked.connect(self.plan_target)
+        target.stop_asked.connect(lambda: context.jobs.cancel(self._job))
+        target.save_asked.connect(self.save_target)
+        context.jobs.finished.connect(self._job_finished)
         self.set_panel(self.panel)
         self.theme_changed.connect(self.panel.apply_theme)
         self._show(context.state)
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
         """Show the plan if it changed."""
-        if old.plan != new.plan or old.camera != new.camera:
+        if old.plan != new.plan or old.camera != new.camera or TargetSettings.of(old) != TargetSettings.of(new):
             self._show(new)
+
+    def let_go(self) -> None:
+        """Plan no target for the project before."""
+        self._forget_target()
 
     def _show(self, state: ProjectState) -> None:
         if state.plan is None:
@@ -55,6 +71,9 @@ class Page(BasePage):
             return
         self.show_body()
         self.panel.show_plan(state.plan)
+        if self._asked != (state.plan, TargetSettings.of(state)):
+            self._forget_target()
+        self._show_target()
 
     def _check(self, key: str, value: Any) -> str:
         state = self.context.state
@@ -69,6 +88,70 @@ class Page(BasePage):
         if changed is not None:
             self.context.project.merge(f"change of {key.replace('_', ' ')}", plan=changed)
 
+    # -- target ----------------------------------------------------------------------------------------
+    def _check_target(self, key: str, value: Any) -> str:
+        state = self.context.state
+        try:
+            settings = TargetSettings.of(state).changed(key, value).into(state)
+        except LfcalError as error:
+            return str(error)
+        return self.context.project.held(replace(state, settings=settings))
+
+    def _target_edited(self, key: str, value: Any) -> None:
+        state = self.context.state
+        settings = TargetSettings.of(state).changed(key, value).into(state)
+        self.context.project.merge(f"change of {key.replace('_', ' ')}", settings=settings)
+
+    def _show_target(self) -> None:
+        self.panel.target.show_settings(TargetSettings.of(self.context.state), busy=bool(self._job))
+
+    def _forget_target(self) -> None:
+        """Show no plan of a target that was made for other values, and look for none."""
+        job, self._job, self._asked = self._job, 0, None
+        self.context.jobs.cancel(job)
+        self.panel.target.show_planned(None)
+
+    def plan_target(self) -> None:
+        """Look for the frames as a job."""
+        state = self.context.state
+        plan, settings = state.plan, TargetSettings.of(state)
+        if plan is None or not settings.many:
+            self.refuse("there is no target to plan; make a plan, and type a source such as array")
+            return
+        self._forget_target()
+        self._asked = asked = (plan, settings)
+
+        def done(found: PlannedTarget) -> None:
+            if self._asked is asked:
+                self.panel.target.show_planned(found)
+
+        self._job = self.context.jobs.start(
+            f"Plan {settings.source}", "plan", lambda: iter_target(plan, settings), done, leave=True, at_once=True
+        )
+        self._show_target()
+
+    def _job_finished(self, job: Job) -> None:
+        if job.number != self._job:
+            return
+        self._job = 0
+        self._show_target()
+        if job.error:
+            self.panel.target.show_refusal(job.error)
+
+    def save_target(self, path: str = "") -> None:
+        """Write the plan of the target as JSON."""
+        found, state = self.panel.target.found, self.context.state
+        if found is None:
+            self.refuse("there is no target plan to save; press Plan target first")
+            return
+        path = path or ask_target(self, "Save target plan", "target_plan.json", "Plans (*.json)")
+        text = found.plan.to_json()
+        if path and write_file(self, path, lambda part: part.write_text(text, encoding="utf-8")):
+            title = f"Save target plan {Path(path).name}"
+            self.context.history.add(self.context.taken("plan", title, path, lambda: target_step(state, path)))
+            self.context.message.emit(f"target plan saved as {path}: record it with lfcal acquire {Path(path).name}")
+
+    # -- files -----------------------------------------------------------------------------------------
     def make_default(self) -> None:
         """Make the plan that the camera's geometry suggests."""
         try:
@@ -90,13 +173,15 @@ class Page(BasePage):
 
     def save_file(self, path: str = "") -> None:
         """Write the plan as JSON."""
-        plan = self.context.state.plan
+        state, plan = self.context.state, self.context.state.plan
         if plan is None:
             self.refuse("there is no plan to save; make or open one first")
             return
         path, text = path or ask_target(self, "Save plan", "plan.json", "Plans (*.json)"), plan.to_json()
         if path and write_file(self, path, lambda part: part.write_text(text, encoding="utf-8")):
-            self.context.history.add(self.context.taken("plan", f"Save plan {Path(path).name}", path))
+            self.context.history.add(
+                self.context.taken("plan", f"Save plan {Path(path).name}", path, lambda: scan_step(state, path))
+            )
             self.context.message.emit(f"plan saved as {path}")
 
     def accept_drop(self, paths: list[str]) -> bool:

@@ -1,4 +1,4 @@
-"""Plan: a form on the left, the region with the scan path in the middle, the forecast on the right."""
+"""Plan: the scan (a form, the region with the path, the forecast), and the target that stands for it."""
 
 from __future__ import annotations
 
@@ -7,17 +7,24 @@ from typing import Any
 
 import pyqtgraph as pg
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QScrollArea, QWidget
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QScrollArea, QTabWidget, QVBoxLayout, QWidget
 
-from gui.pages.plan.model import FIELDS, RegionDrawing, forecast_rows, region_drawing, values_of
+from gui.pages.plan.model import FIELDS, RegionDrawing, forecast_rows, path_lines, region_drawing, values_of
+from gui.pages.plan.target_panel import TargetPanel
 from gui.theme import TYPE_COLOURS
 from gui.widgets.cards import card
 from gui.widgets.form import Form
-from gui.widgets.picture_menu import offer_menu
+from gui.widgets.picture_menu import offer_menu, table_entries
 from gui.widgets.plots import style_axes, theme_plot
 from lfcal.camera import ScanPlan
 
 __all__ = ["PlanPanel"]
+
+LIST_PX = 290
+"""Fields of several numbers."""
+
+SCAN = "One point, moved from position to position: planes, cutout, order and cost"
+TARGET = "Many points in every frame, for the same positions in far fewer frames"
 
 
 class PlanPanel(QWidget):
@@ -41,12 +48,25 @@ class PlanPanel(QWidget):
         self.form = Form(FIELDS)
         self.form.check = check
         self.form.edited.connect(self.edited.emit)
+        for key in ("virtual_depths", "depths_um"):
+            self.form.own_line(key, LIST_PX)
+        self._plan: ScanPlan | None = None
+        self.target = TargetPanel()
         self.forecast = QLabel()
         self.forecast.setTextFormat(Qt.TextFormat.RichText)
         self.forecast.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self._build_region()
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 0, 0, 0)
+        self.tabs = QTabWidget()
+        for tab, title, tip in ((self._scan_tab(), "Scan", SCAN), (self.target, "Target of many points", TARGET)):
+            self.tabs.setTabToolTip(self.tabs.addTab(tab, title), tip)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.addWidget(self.tabs)
+
+    def _scan_tab(self) -> QWidget:
+        tab = QWidget()
+        row = QHBoxLayout(tab)
+        row.setContentsMargins(0, 8, 0, 0)
         row.setSpacing(10)
         area = QScrollArea()
         area.setWidgetResizable(True)
@@ -58,6 +78,7 @@ class PlanPanel(QWidget):
         side = _titled("Forecast", self.forecast)
         side.setFixedWidth(310)
         row.addWidget(side)
+        return tab
 
     def _build_region(self) -> None:
         self.graphics = pg.GraphicsLayoutWidget()
@@ -72,11 +93,16 @@ class PlanPanel(QWidget):
         self.cell = pg.PlotCurveItem(pen=pg.mkPen("#c62828", width=1.5, style=Qt.PenStyle.DashLine))
         for item in (self.lenslets, self.path, self.cell, self.start):
             self.plot.addItem(item)
-        offer_menu(self.graphics, lambda: "region")
+        offer_menu(self.graphics, lambda: "region", self._entries)
         theme_plot(self.graphics, self.plot)
+
+    def _entries(self) -> list[tuple[str, Any]]:
+        plan = self._plan
+        return [] if plan is None else table_entries(self, "scan path", lambda between: path_lines(plan, between))
 
     def show_plan(self, plan: ScanPlan) -> None:
         """Show a plan: its values, its region, what it costs."""
+        self._plan = plan
         self.form.set_values(values_of(plan))
         cells = "".join(
             f"<tr><td style='padding-right:12px'>{name.replace('  ', '&nbsp;&nbsp;')}</td><td><b>{value}</b></td></tr>"
@@ -105,6 +131,7 @@ class PlanPanel(QWidget):
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
         theme_plot(self.graphics, self.plot)
+        self.target.apply_theme()
 
 
 def _titled(title: str, content: QWidget, *, stretch: bool = False) -> QFrame:

@@ -1,0 +1,214 @@
+"""A target of many points beside the scan of one: what is asked for, and its plan as rows and drawings. No Qt."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gui.models.form import Field
+from gui.models.settings import PageSettings
+from lfcal.camera import ScanPlan
+from lfcal.checks import check_number
+from lfcal.progress import Clock, Work
+from lfcal.units import format_length, format_seconds, format_share
+
+if TYPE_CHECKING:
+    from lfcal.targets import Target, TargetPlan, Wishes
+
+__all__ = [
+    "TABLE",
+    "TARGET_FIELDS",
+    "PlaneDrawing",
+    "PlannedTarget",
+    "TargetSettings",
+    "iter_target",
+    "point_lines",
+    "table_rows",
+]
+
+POINT = "point"
+MOST_DRAWN = 6000
+"""Points that are drawn at most: whole frames, the first ones."""
+
+TARGET_FIELDS = (
+    Field(
+        "source",
+        "Source",
+        "",
+        "point: the scan of a single point. array: pinholes whose pitch is proposed. array:12x12@1.2mm: rows × columns "
+        "at a pitch; then hex, hole=20um or absent=0:0+0:1 may follow, after commas",
+        kind="text",
+    ),
+    Field("tolerance_px", "Tolerance of a phase", "px", "How far off a phase may be to count as covered, up to 0.5"),
+    Field(
+        "crosstalk", "Crosstalk allowed", "%", "Most light of neighbouring holes in a cutout, over its own", scale=0.01
+    ),
+    Field(
+        "most_frames",
+        "Frames a plane, at most",
+        "",
+        "For a session that must end: the coverage that these reach is shown",
+        kind="int",
+        optional=True,
+        empty="no limit",
+    ),
+)
+
+TABLE = ("plane", "frames", "at least", "points a frame", "phases covered", "crosstalk")
+
+
+@dataclass(frozen=True)
+class TargetSettings(PageSettings):
+    """The source in the words of ``lfcal plan --source``, and what its plan must keep (as `lfcal.targets.Wishes`)."""
+
+    page: ClassVar[str] = "plan"
+    source: str = POINT
+    tolerance_px: float = 0.1
+    crosstalk: float = 0.005
+    most_frames: int | None = None
+
+    @property
+    def many(self) -> bool:
+        """Whether a target is to be planned."""
+        return self.source != POINT
+
+    def usable(self) -> None:
+        """Raise `InputError` where the words are of no target, or a number is out of bounds."""
+        if self.most_frames is not None:
+            check_number("frames a plane, at most", self.most_frames, at_least=1, integer=True)
+        if self != type(self)():
+            self.wishes()
+        if self.many and self.proposed_hole() is None:
+            from lfcal.targets import parse_target
+
+            parse_target(self.source)
+
+    def changed(self, key: str, value: Any) -> Self:
+        """Return the settings with one changed; raise `InputError` where it cannot be."""
+        made = replace(self, **{key: value.strip() if key == "source" else value})
+        made.usable()
+        return made
+
+    def wishes(self) -> Wishes:
+        """Return what the plan must keep."""
+        from lfcal.targets import Wishes  # here and below: a page is shown before simulators are loaded
+
+        return Wishes(self.tolerance_px, self.crosstalk, self.most_frames)
+
+    def proposed_hole(self) -> float | None:
+        """Return the holes' diameter (µm) where the pitch is to be proposed, else None."""
+        from lfcal.targets.parsing import proposed_hole
+
+        return proposed_hole(self.source)
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneDrawing:
+    """What is drawn of a plane.
+
+    Attributes
+    ----------
+    points
+        ``(n, 3)`` as (frame, row, column): images whose cutouts are on the sensor (px).
+    few, many
+        The fewest and the most points of a frame.
+    shown
+        ``(ny, nx)`` how many frames show each position within the tolerance.
+    """
+
+    points: NDArray[np.float64]
+    few: int
+    many: int
+    shown: NDArray[np.intp]
+
+    @property
+    def coverage(self) -> float:
+        """Share of the positions that some frame shows."""
+        return float((self.shown > 0).mean())
+
+    def drawn(self) -> NDArray[np.float64]:
+        """Return the points of the first frames, as many as can be drawn, the first frame in any case."""
+        if len(self.points) <= MOST_DRAWN:
+            return self.points
+        last = max(1.0, self.points[MOST_DRAWN, 0])
+        return self.points[self.points[:, 0] < last]
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedTarget:
+    """A plan of a target and what is shown of it; ``planes`` has a drawing for each."""
+
+    plan: TargetPlan
+    planes: tuple[PlaneDrawing, ...]
+
+    def summary(self) -> list[tuple[str, str, str]]:
+        """Return rows (what, by this target, by a single point)."""
+        ours, single = self.plan.forecast(), self.plan.single()
+        return [
+            ("Frames", f"{ours.frames}", f"{single.frames}"),
+            ("Time in all", format_seconds(ours.hours * 3600), format_seconds(single.hours * 3600)),
+            ("  exposing", format_seconds(ours.exposure_hours * 3600), format_seconds(single.exposure_hours * 3600)),
+            ("  settling", format_seconds(ours.settle_hours * 3600), format_seconds(single.settle_hours * 3600)),
+            ("  moving", format_seconds(ours.move_hours * 3600), format_seconds(single.move_hours * 3600)),
+        ]
+
+
+def iter_target(scan: ScanPlan, settings: TargetSettings) -> Work[PlannedTarget]:
+    """Plan the target, as a job."""
+    from lfcal.targets import iter_plan_target
+
+    clock = Clock("choose the target", 1)
+    yield clock.at(0, settings.source)
+    plan = yield from iter_plan_target(scan, _target(scan, settings), settings.wishes())
+    planes = []
+    clock = Clock("look at what is covered", len(scan.depths_um))
+    for z in range(len(scan.depths_um)):
+        yield clock.at(z)
+        planes.append(_drawing(plan, z))
+    return PlannedTarget(plan, tuple(planes))
+
+
+def _target(scan: ScanPlan, settings: TargetSettings) -> Target:
+    from lfcal.targets import parse_target, propose_target
+
+    hole = settings.proposed_hole()
+    return parse_target(settings.source) if hole is None else propose_target(scan, settings.wishes(), hole_um=hole)
+
+
+def _drawing(plan: TargetPlan, z: int) -> PlaneDrawing:
+    from lfcal.targets.images import whole_at
+
+    images, frames = plan.images(z), []
+    for k, offset in enumerate(plan.offsets_px[z]):
+        pixels = images.moved(np.array(offset))
+        pixels = pixels[whole_at(pixels, plan.scan.camera.sensor.shape, plan.scan.cutout)]
+        frames.append(np.column_stack([np.full(len(pixels), k), pixels]))
+    counts = [len(frame) for frame in frames] or [0]
+    points = np.concatenate(frames) if frames else np.zeros((0, 3))
+    return PlaneDrawing(points, min(counts), max(counts), plan.shown(z))
+
+
+def table_rows(found: PlannedTarget) -> tuple[list[tuple[str, ...]], list[tuple[float, ...]]]:
+    """Return the planes as rows of text under `TABLE`, and the numbers they are sorted by."""
+    rows: list[tuple[str, ...]] = []
+    numbers: list[tuple[float, ...]] = []
+    for z, plane in enumerate(found.planes):
+        depth, frames = found.plan.scan.depths_um[z], len(found.plan.offsets_px[z])
+        least = -(-plane.shown.size // max(1, plane.many))
+        points = f"{plane.few}" if plane.few == plane.many else f"{plane.few} … {plane.many}"
+        crosstalk = found.plan.crosstalk[z]
+        shares = (format_share(plane.coverage), format_share(crosstalk))
+        rows.append((format_length(depth), f"{frames}", f"{least}", points, *shares))
+        numbers.append((depth, frames, least, plane.many, plane.coverage, crosstalk))
+    return rows, numbers
+
+
+def point_lines(plane: PlaneDrawing, between: str) -> Iterator[str]:
+    """Yield the images of a plane as a table, columns parted by what stands ``between``."""
+    yield between.join(("frame", "row_px", "column_px")) + "\n"
+    for frame, row, column in plane.points:
+        yield f"{int(frame) + 1}{between}{row:.6g}{between}{column:.6g}\n"

@@ -1,0 +1,70 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gui.models.project import ProjectState
+from gui.pages.plan import model
+from gui.pages.plan.model_target import MOST_DRAWN, PlaneDrawing, TargetSettings, iter_target, point_lines, table_rows
+from lfcal.camera import ScanPlan
+from lfcal.errors import InputError
+from lfcal.progress import drain
+from lfcal.targets import parse_target, plan_target
+from tests.targets.common import small
+
+SCAN = ScanPlan.for_camera(small(), virtual_depths=(4.0,), cutout=31)
+ARRAY = "array:6x6@1021.3um"
+
+
+def test_words_of_no_target_are_refused_in_one_line() -> None:
+    asked = TargetSettings()
+    assert not asked.many and asked.changed("source", " array ").many
+    for key, value in (("source", "array:6x6"), ("source", ""), ("tolerance_px", 0.0), ("crosstalk", 2.0)):
+        with pytest.raises(InputError) as refused:
+            asked.changed(key, value)
+        assert "\n" not in str(refused.value)
+    with pytest.raises(InputError, match="at most"):
+        asked.changed("most_frames", 0)
+
+
+def test_settings_go_into_a_project_and_back() -> None:
+    asked = TargetSettings(ARRAY, 0.2, 0.01, 7)
+    project = ProjectState(settings=asked.into(ProjectState()))
+    assert TargetSettings.of(ProjectState.from_json(project.to_json())) == asked
+    damaged = ProjectState(settings={"plan": {"source": "nonsense"}})
+    assert TargetSettings.of(damaged) == TargetSettings()
+
+
+def test_a_plan_is_the_library_s_and_its_drawing_tells_what_is_covered() -> None:
+    found = drain(iter_target(SCAN, TargetSettings(ARRAY, most_frames=12)))
+    (plane,) = found.planes
+    assert len(found.plan.offsets_px[0]) == 12 and found.plan.target == parse_target(ARRAY)
+    assert found.plan == plan_target(SCAN, parse_target(ARRAY), TargetSettings(ARRAY, most_frames=12).wishes())
+    assert (plane.few, plane.many) == found.plan.points_a_frame(0)
+    assert plane.coverage == found.plan.coverage(0) < 1
+    for frame in (0, 11):  # as the plan tells them for a frame by itself
+        rows = plane.points[plane.points[:, 0] == frame, 1:]
+        np.testing.assert_allclose(rows, found.plan.points(0, frame).pixels)
+    ((depth, frames, least, *_, covered, _),), _ = table_rows(found)
+    assert depth.endswith("m") and frames == "12" and least == str(found.plan.least_frames(0)) and "%" in covered
+    summary = {name: (ours, single) for name, ours, single in found.summary()}
+    assert summary["Frames"] == ("12", "252")
+    lines = list(point_lines(plane, ","))
+    assert lines[0] == "frame,row_px,column_px\n" and len(lines) == len(plane.points) + 1
+    assert lines[1].startswith("1,") and lines[-1].startswith("12,")
+
+
+def test_whole_frames_are_drawn_and_never_none() -> None:
+    frames = np.repeat(np.arange(4.0), MOST_DRAWN // 3)
+    plane = PlaneDrawing(np.column_stack([frames, frames, frames]), 1, 1, np.ones((2, 2), np.intp))
+    assert set(plane.drawn()[:, 0]) == {0.0, 1.0, 2.0}
+    one = PlaneDrawing(np.zeros((MOST_DRAWN + 1, 3)), 1, 1, np.ones((2, 2), np.intp))
+    assert len(one.drawn()) == MOST_DRAWN + 1
+
+
+def test_the_scan_path_as_a_table() -> None:
+    head, first, *rest = model.path_lines(SCAN, "\t")
+    assert head == "y\tx\trow_px\tcolumn_px\n" and len(rest) == 251
+    assert [float(part) for part in first.split("\t")] == pytest.approx([0, 0, *SCAN.anchor])
+    y, x, row, column = (float(part) for part in rest[-1].split("\t"))
+    assert (row, column) == pytest.approx((SCAN.anchor[0] + y, SCAN.anchor[1] + x), abs=0.5)

@@ -1,0 +1,154 @@
+"""The page's target of many points: planned beside the window, stopped, outdated, saved; its command and script."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pytestqt.qtbot import QtBot
+from typer.testing import CliRunner
+
+from gui.context import Context
+from gui.models.project import ProjectState
+from gui.pages.plan import page as plan_page
+from gui.pages.plan.model_target import TargetSettings
+from gui.pages.plan.step import step
+from lfcal.camera import ScanPlan
+from lfcal.cli.app import build_app
+from lfcal.progress import Clock, Work
+from lfcal.targets import TargetPlan
+from tests.gui.waiting import GUARD_MS, idle
+from tests.targets.common import small
+
+OpenPage = Callable[..., Any]
+SCAN = ScanPlan.for_camera(small(), virtual_depths=(4.0,), cutout=31)
+ARRAY = "array:6x6@1021.3um"
+
+
+@pytest.fixture
+def state() -> ProjectState:
+    return ProjectState(camera=SCAN.camera, plan=SCAN)
+
+
+def type_in(page: Any, key: str, text: str) -> None:
+    editor = page.panel.target.form.editor(key)
+    editor.setText(text)
+    editor.textEdited.emit(text)
+
+
+@pytest.fixture
+def planned(open_page: OpenPage, context: Context, qtbot: QtBot) -> Any:
+    page = open_page("plan")
+    page.panel.tabs.setCurrentIndex(1)
+    type_in(page, "source", ARRAY)
+    type_in(page, "most_frames", "12")
+    page.panel.target.plan_button.click()
+    idle(context.jobs, qtbot)
+    return page
+
+
+def test_a_point_is_no_target_and_the_page_says_what_to_type(open_page: OpenPage, context: Context) -> None:
+    page = open_page("plan")
+    target = page.panel.target
+    assert "type array" in target.message.text() and target.stack.currentIndex() == 0
+    assert not (target.plan_button.isEnabled() or target.stop_button.isEnabled() or target.save_button.isEnabled())
+    page.plan_target()
+    assert "no target to plan" in page.notice.label.text()
+    page.save_target()
+    assert "no target plan to save" in page.notice.label.text()
+    type_in(page, "source", "array:6x")
+    assert "ROWSxCOLUMNS" in target.form.error and not context.state.settings
+    type_in(page, "source", "array")
+    assert target.plan_button.isEnabled() and "Press Plan target" in target.message.text()
+
+
+def test_what_is_planned_is_shown(planned: Any) -> None:
+    target = planned.panel.target
+    plan = target.found.plan
+    assert target.stack.currentIndex() == 1 and target.save_button.isEnabled()
+    assert len(plan.offsets_px[0]) == 12 and target.table.rowCount() == 1
+    assert "<b>12</b></td><td>252" in target.costs.text() and "not covered" in target.note.text()
+    assert len(target.points.data) == sum(len(plan.points(0, k)) for k in range(12))
+    assert len(target.map.missing.data) == (plan.shown(0) == 0).sum() > 0
+    target.map.chosen.emit(2, 3)
+    assert f"y = 2, x = 3: shown by {plan.shown(0)[2, 3]} frame" in target.read.text()
+    assert [name for name, _ in target._entries()] == ["Copy values", "Save data …"]
+    assert [name for name, _ in planned.panel._entries()] == ["Copy values", "Save data …"]
+
+
+def test_a_plan_of_other_values_is_shown_no_longer(planned: Any, context: Context) -> None:
+    target = planned.panel.target
+    context.project.update("name", name="other")
+    assert target.found is not None
+    context.project.update("exposure", plan=replace(SCAN, exposure_s=0.5))
+    assert target.found is None and not target.save_button.isEnabled() and target.stack.currentIndex() == 0
+    planned.save_target()
+    assert "no target plan" in planned.notice.label.text()
+
+
+def test_holes_too_close_are_refused_in_words(open_page: OpenPage, context: Context, qtbot: QtBot) -> None:
+    page = open_page("plan")
+    type_in(page, "source", "array:6x6@200um")
+    page.plan_target()
+    idle(context.jobs, qtbot)
+    target = page.panel.target
+    assert "crosstalk of holes" in target.message.text() and target.found is None
+    assert target.plan_button.isEnabled() and not target.stop_button.isEnabled()
+
+
+def test_a_search_is_stopped(
+    open_page: OpenPage, context: Context, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def endless(*_: Any) -> Work[Any]:
+        clock = Clock("search", 0)
+        while True:
+            yield clock.at(0)
+
+    monkeypatch.setattr(plan_page, "iter_target", endless)
+    page = open_page("plan")
+    target = page.panel.target
+    type_in(page, "source", "array")
+    page.plan_target()
+    assert target.stop_button.isEnabled() and "Looking for" in target.message.text()
+    target.stop_button.click()
+    qtbot.waitUntil(lambda: not context.jobs.busy, timeout=GUARD_MS)
+    assert not target.stop_button.isEnabled() and "Nothing is planned" in target.message.text()
+    page.plan_target()
+    type_in(page, "tolerance_px", "0.2")  # what is looked for is wanted no longer
+    qtbot.waitUntil(lambda: not context.jobs.busy, timeout=GUARD_MS)
+    assert target.plan_button.isEnabled() and target.found is None
+
+
+def test_the_file_is_what_the_command_and_the_script_write(
+    planned: Any, context: Context, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    planned.save_target("mine.json")
+    saved = TargetPlan.from_json(Path("mine.json").read_text())
+    assert saved == planned.panel.target.found.plan
+    (taken,) = context.history.taken
+    assert taken.out == "mine.json" and taken.step is not None
+    for name, text in taken.step.files:
+        Path(name).write_text(text, encoding="utf-8")
+    Path("mine.json").unlink()
+    run = CliRunner().invoke(build_app(), list(taken.step.arguments))
+    assert run.exit_code == 0, run.output
+    assert TargetPlan.from_json(Path("mine.json").read_text()) == saved
+    Path("mine.json").unlink()
+    exec(compile(taken.step.script(), "script", "exec"), {})
+    assert TargetPlan.from_json(Path("mine.json").read_text()) == saved
+    # a session of it, as far as it is described before anything moves
+    run = CliRunner().invoke(build_app(), ["acquire", "mine.json", "-o", "session", "--dry-run"])
+    assert run.exit_code == 0, run.output
+    planned.save_file("plan.json")
+    assert "--source" not in " ".join(context.history.taken[-1].step.arguments)
+
+
+def test_a_proposed_pitch_is_asked_for_in_both(state: ProjectState) -> None:
+    asked = TargetSettings("array,hole=20um", 0.2)
+    made = step(replace(state, settings=asked.into(state)))
+    assert {"--source=array,hole=20um", "--tolerance=0.2", "--out=target_plan.json"} <= set(made.arguments)
+    assert "propose_target(scan, wishes, hole_um=20.0)" in made.python and "parse_target" not in made.python
