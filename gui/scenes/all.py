@@ -8,6 +8,7 @@ from gui.scenes.recording import recording
 from gui.scenes.sample import sample
 from gui.scenes.stage import Scene
 from gui.scenes.start import empty
+from gui.scenes.target import target
 from gui.scenes.trouble import trouble
 
 __all__ = ["SCENES"]
@@ -19,4 +20,5 @@ SCENES: dict[str, Scene] = {
     "trouble": trouble,
     "large": large,
     "recording": recording,
+    "target": target,
 }

@@ -20,8 +20,8 @@ from lfcal.camera import ScanPlan
 
 __all__ = ["PlanPanel"]
 
-LIST_PX = 290
-"""Fields of several numbers."""
+COLUMN_PX, LIST_PX = 360, 310
+"""Widths of the form, and of fields of several numbers: four depths of eight digits are seen whole."""
 
 SCAN = "One point, moved from position to position: planes, cutout, order and cost"
 TARGET = "Many points in every frame, for the same positions in far fewer frames"
@@ -72,7 +72,7 @@ class PlanPanel(QWidget):
         area.setWidgetResizable(True)
         area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         area.setWidget(_titled("Scan", self.form))
-        area.setFixedWidth(330)
+        area.setFixedWidth(COLUMN_PX)
         row.addWidget(area)
         row.addWidget(_titled("Representative region and scan path", self.graphics, stretch=True), 1)
         side = _titled("Forecast", self.forecast)

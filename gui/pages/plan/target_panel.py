@@ -111,6 +111,7 @@ class TargetPanel(QWidget):
         for item in (self.sensor, self.cutouts, self.points):
             self.plot.addItem(item)
         offer_menu(self.graphics, lambda: "target", self._entries)
+        theme_plot(self.graphics, self.plot)
 
     def _build_map(self) -> None:
         self.map = PeriodMap()
@@ -212,7 +213,7 @@ class TargetPanel(QWidget):
         brushes = [pg.mkBrush(*table[k]) for k in (FIRST + (LAST - FIRST) * share).astype(int)]
         self.points.setData(drawn[:, 2], drawn[:, 1], brush=brushes)
         self.sensor.setPen(pg.mkPen(theme.muted, style=Qt.PenStyle.DashLine))
-        self.cutouts.setPen(pg.mkPen(theme.text))
+        self.cutouts.setPen(pg.mkPen(theme.muted))
         part = "" if seen == frames else f"; {seen} of {frames} are drawn"
         self.legend.setText(
             f"Dashed: the sensor. Squares: cutouts of frame 1. Dark to bright: frame 1 to {frames}{part}."

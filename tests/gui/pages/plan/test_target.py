@@ -16,6 +16,7 @@ from gui.models.project import ProjectState
 from gui.pages.plan import page as plan_page
 from gui.pages.plan.model_target import TargetSettings
 from gui.pages.plan.step import step
+from gui.theme import current_theme
 from lfcal.camera import ScanPlan
 from lfcal.cli.app import build_app
 from lfcal.progress import Clock, Work
@@ -77,6 +78,13 @@ def test_what_is_planned_is_shown(planned: Any) -> None:
     assert f"y = 2, x = 3: shown by {plan.shown(0)[2, 3]} frame" in target.read.text()
     assert [name for name, _ in target._entries()] == ["Copy values", "Save data …"]
     assert [name for name, _ in planned.panel._entries()] == ["Copy values", "Save data …"]
+
+
+def test_plots_have_the_colours_of_the_theme_from_the_first(open_page: OpenPage) -> None:
+    panel = open_page("plan").panel
+    assert {view.backgroundBrush().color().name() for view in (panel.target.graphics, panel.graphics)} == {
+        current_theme().plot
+    }
 
 
 def test_a_plan_of_other_values_is_shown_no_longer(planned: Any, context: Context) -> None:
