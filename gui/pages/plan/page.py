@@ -148,7 +148,7 @@ class Page(BasePage):
         text = found.plan.to_json()
         if path and write_file(self, path, lambda part: part.write_text(text, encoding="utf-8")):
             title = f"Save target plan {Path(path).name}"
-            self.context.history.add(self.context.taken("plan", title, path, lambda: target_step(state, path)))
+            self.context.history.add(self.context.taken("plan", title, step=lambda: target_step(state, path)))
             self.context.message.emit(f"target plan saved as {path}: record it with lfcal acquire {Path(path).name}")
 
     # -- files -----------------------------------------------------------------------------------------

@@ -12,8 +12,11 @@ __all__ = ["scan_step", "step", "target_step"]
 
 
 def step(project: ProjectState, out: str = "") -> Step:
-    """Return how what the page shows is made: the plan of a target where one is asked for, else that of the scan."""
-    return target_step(project, out) if TargetSettings.of(project).many else scan_step(project, out)
+    """Return how what the page shows is made: the plan of a target where one is asked for, else that of the scan.
+
+    ``out`` is a file of the scan's plan, which that of a target must not replace.
+    """
+    return target_step(project) if TargetSettings.of(project).many else scan_step(project, out)
 
 
 def scan_step(project: ProjectState, out: str = "") -> Step:

@@ -138,7 +138,7 @@ def test_the_file_is_what_the_command_and_the_script_write(
     saved = TargetPlan.from_json(Path("mine.json").read_text())
     assert saved == planned.panel.target.found.plan
     (taken,) = context.history.taken
-    assert taken.out == "mine.json" and taken.step is not None
+    assert taken.step is not None
     for name, text in taken.step.files:
         Path(name).write_text(text, encoding="utf-8")
     Path("mine.json").unlink()
@@ -152,7 +152,17 @@ def test_the_file_is_what_the_command_and_the_script_write(
     run = CliRunner().invoke(build_app(), ["acquire", "mine.json", "-o", "session", "--dry-run"])
     assert run.exit_code == 0, run.output
     planned.save_file("plan.json")
-    assert "--source" not in " ".join(context.history.taken[-1].step.arguments)
+    scanned = context.history.taken[-1].step
+    assert scanned is not None and "--source" not in " ".join(scanned.arguments)
+
+
+def test_no_copied_step_replaces_the_other_plan(planned: Any, context: Context, tmp_path: Path) -> None:
+    planned.save_file(str(tmp_path / "plan.json"))
+    planned.save_target(str(tmp_path / "target.json"))
+    latest = context.history.latest("plan")
+    assert latest == str(tmp_path / "plan.json")
+    assert "--out=target_plan.json" in step(context.state, latest).arguments
+    assert f"--out={latest}" in step(replace(context.state, settings={}), latest).arguments
 
 
 def test_a_proposed_pitch_is_asked_for_in_both(state: ProjectState) -> None:
