@@ -31,17 +31,12 @@ def parse(arguments: list[str]) -> argparse.Namespace:
 def main(arguments: list[str] | None = None) -> int:
     """Run the window until it is closed; return the exit code."""
     options = parse(sys.argv[1:] if arguments is None else arguments)
-    from lfcal.cli.window_libraries import ON_X11, missing_libraries, shows_on_x11, why_no_window, without
+    lacking = _lacking()
+    if lacking:
+        print(f"lfcal-gui: {lacking}", file=sys.stderr)
+        return 2
+    from PySide6.QtWidgets import QApplication
 
-    try:
-        from PySide6.QtWidgets import QApplication
-    except ImportError as error:
-        print(f"lfcal-gui: {why_no_window(error)}", file=sys.stderr)
-        return 2
-    # Qt itself aborts without a word that helps
-    if shows_on_x11() and (missing := missing_libraries(ON_X11)):
-        print(f"lfcal-gui: {without(missing)}", file=sys.stderr)
-        return 2
     app = QApplication.instance() or QApplication(sys.argv[:1])
     assert isinstance(app, QApplication)
     from gui.crash import CrashGuard
@@ -72,6 +67,19 @@ def main(arguments: list[str] | None = None) -> int:
     guard.close()
     log.close()
     return code
+
+
+def _lacking() -> str:
+    """Return what no window opens without, and the remedy; empty where all is there."""
+    from lfcal.cli.window_libraries import ON_X11, missing_libraries, shows_on_x11, why_no_window, without
+
+    try:
+        import PySide6.QtWidgets  # noqa: F401
+    except ImportError as error:
+        return why_no_window(error)
+    # Qt itself aborts without a word that helps
+    missing = missing_libraries(ON_X11) if shows_on_x11() else ()
+    return without(missing) if missing else ""
 
 
 def make_window(app: object, options: argparse.Namespace, *, folder: Path | None = None) -> MainWindow:
