@@ -18,7 +18,7 @@ from lfcal.errors import InputError
 from lfcal.multiplex.naming import GRAMMAR, modulator_of
 
 if TYPE_CHECKING:
-    from lfcal.lattice import LatticeFit
+    from lfcal.lattice import FrameLattice
     from lfcal.multiplex import Modulator
     from lfcal.multiplex.search import Frontier, SearchProgress
     from lfcal.multiplex.summary import ModulatorNumbers
@@ -167,6 +167,7 @@ def show(
     *,
     out: Path = typer.Option(..., "--out", "-o", help="PNG with pattern, spectrum, Sigma and Pi."),
     force: ForceOption = False,
+    json: JsonOption = False,
 ) -> None:
     """Draw a modulator: its pattern, spectrum and both bases.
 
@@ -175,7 +176,19 @@ def show(
     from lfcal.multiplex.drawing import save_modulator
 
     check_output(out, force=force)
-    save_modulator(modulator_of(modulator), out)
+    made = modulator_of(modulator)
+    save_modulator(made, out)
+    if json:
+        print_json(
+            {
+                "file": str(out),
+                "modulator": made.name,
+                "side_px": made.side,
+                "samples": made.sample_names,
+                "rank": made.rank(),
+                "matrix": made.matrix,
+            }
+        )
 
 
 def demosaic(
@@ -193,6 +206,7 @@ def demosaic(
     page: int = typer.Option(0, min=0, help="Page of a file of many frames."),
     workers: WorkersOption = None,
     force: ForceOption = False,
+    json: JsonOption = False,
 ) -> None:
     """Demosaic a frame by the spatial or the Fourier route.
 
@@ -210,7 +224,12 @@ def demosaic(
     levels = image.metadata.get("black_level", 0) if dark is None else dark
     light = pictures.without_dark(image.read(page), levels)
     image.close()
-    pictures.write_tiff(out, demultiplex(light, cfa(mosaic), route=route, filter=filter))
+    array = cfa(mosaic)
+    planes = demultiplex(light, array, route=route, filter=filter)
+    pictures.write_tiff(out, planes)
+    if json:
+        told = {"file": str(out), "pattern": mosaic, "route": route, "black_level": levels}
+        print_json({**told, "samples": array.sample_names, "shape": planes.shape})
 
 
 def views(
@@ -218,6 +237,7 @@ def views(
     *,
     white: Path | None = typer.Option(None, help="White image of the same camera; the lattice is measured on it."),
     lattice: Path | None = typer.Option(None, help="lattice.json of `lfcal white`, instead of --white."),
+    camera: str | None = typer.Option(None, help="Preset or camera file, instead of --white: the lattice it states."),
     out: Path = typer.Option(..., "--out", "-o", help="float32 TIFF, one page per view by rows."),
     size: int = typer.Option(0, min=0, help="Views along a side; as many as fit the pitch by default."),
     dark: Path | None = typer.Option(None, help="Dark frame, subtracted."),
@@ -227,6 +247,7 @@ def views(
     axes: str = typer.Option("lattice", help="Rows run along the lattice's or the frame's."),
     workers: WorkersOption = None,
     force: ForceOption = False,
+    json: JsonOption = False,
 ) -> None:
     """Demultiplex the views of a light field on a measured lattice of any pitch.
 
@@ -235,12 +256,12 @@ def views(
     from lfcal.frames import read_image
     from lfcal.multiplex import channel_grid, demultiplex_lattice, lattice_channels
 
-    check_output(out, frame, white, lattice, dark, force=force)
+    check_output(out, frame, white, lattice, camera, dark, force=force)
     if modulator is not None and size:  # a mask has as many views as its super-pixel
         raise InputError.expected("views", "one of --size and --modulator", "both", "leave one out")
     if modulator is None and route != "spatial":
         raise InputError.expected("route", "spatial for lenslets", repr(route), "give the mask as --modulator")
-    fit = _lattice_of(white, lattice, dark)
+    fit = _lattice_of(white, lattice, camera, dark)
     light = pictures.less(read_image(frame), dark)
     if light.shape != fit.shape:
         raise InputError.expected(str(frame), f"the {fit.shape} px of the lattice", light.shape, "use its own camera's")
@@ -255,21 +276,29 @@ def views(
         found = found.reshape(-1, *found.shape[2:])
         grid = channel_grid(light.shape, fit, count, axes=axes)
     pictures.write_tiff(out, found)
+    if json:
+        told = {"file": str(out), "views": len(found), "rows_columns": grid.shape, "corner_px": grid.corner_px}
+        print_json({**told, "step_px": grid.step_px, "rotation_rad": grid.rotation_rad, "kept": grid.kept})
+        return
     typer.echo(f"{len(found)} views of {grid.described()}")
 
 
-def _lattice_of(white: Path | None, lattice: Path | None, dark: Path | None) -> LatticeFit:
-    """Return the lattice measured before, or the one in the white image."""
+def _lattice_of(white: Path | None, lattice: Path | None, camera: str | None, dark: Path | None) -> FrameLattice:
+    """Return the lattice measured before, the one in the white image, or the one that a camera states."""
+    from lfcal.cli.cameras import load_camera
     from lfcal.cli.lattice_file import load_lattice
     from lfcal.frames import read_image
-    from lfcal.lattice import fit_lattice
+    from lfcal.lattice import fit_lattice, lattice_of
 
-    if lattice is not None and white is None:
+    given = [name for name, value in (("--white", white), ("--lattice", lattice), ("--camera", camera)) if value]
+    if len(given) != 1:
+        got = " and ".join(given) or "none of them"
+        raise InputError.expected("lattice", "--white, --lattice or --camera", got, "give one of them")
+    if lattice is not None:
         return load_lattice(lattice)
-    if white is None or lattice is not None:
-        got = "neither" if white is None else "both"
-        raise InputError.expected("lattice", "--white or --lattice", got, "give one of them")
-    return fit_lattice(pictures.less(read_image(white), dark))
+    if camera is not None:
+        return lattice_of(load_camera(camera))
+    return fit_lattice(pictures.less(read_image(Path(str(white))), dark))
 
 
 def search(
@@ -358,10 +387,13 @@ def figures(
     seed: int = typer.Option(1, help="Seed of the noise in figure 7."),
     workers: WorkersOption = None,
     force: ForceOption = False,
+    json: JsonOption = False,
 ) -> None:
     """Draw figures 3, 5, 6 and 7 of the paper, and the modulators.
 
     Example: `lfcal multiplex figures pictures/ --camera r29`
     """
     check_outputs(pictures.figure_files(folder), raw, camera, force=force)
-    run_work(pictures.iter_paper_figures(folder, raw, _chi2(None, camera, 1.0)[1], seed))
+    files = run_work(pictures.iter_paper_figures(folder, raw, _chi2(None, camera, 1.0)[1], seed), quiet=json)
+    if json:
+        print_json({"files": [str(path) for path in files]})

@@ -128,6 +128,21 @@ def test_no_page_scrolls_in_a_small_window(window: MainWindow, camera: str) -> N
     assert {key: areas for key, areas in found.items() if areas} == {}
 
 
+def test_the_routes_of_multiplexing_leave_room_for_pictures(window: MainWindow, qtbot: QtBot) -> None:
+    window.files.start_with(ProjectState(camera=preset("bench")))
+    window.resize(1280, 800)
+    window.go("multiplex")
+    page: Any = window.page("multiplex")
+    page.panel.tabs.setCurrentIndex(1)
+    page.show_body()
+    window.job_dock.hide()
+    idle(window.jobs, qtbot)
+    settle()
+    assert moving(page) == [] and page.panel.pictures.isVisible() and window.width() == 1280
+    assert min(view.height() for view in page.panel.pictures.views) > 150
+    assert all(whole(editor, page) for form in page.panel.pictures.forms for editor in map(form.editor, form.fields))
+
+
 def test_the_settings_of_a_recording_are_whole(window: MainWindow) -> None:
     """They scrolled by up to 172 px."""
     window.files.start_with(ProjectState(camera=preset("bench")))

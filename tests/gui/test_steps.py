@@ -27,6 +27,7 @@ from gui.pages.acquire.step import step as recording_step
 from gui.pages.fit.model import FitSettings
 from gui.pages.frames.model import FrameSettings
 from gui.pages.multiplex.model import MultiplexSettings
+from gui.pages.multiplex.model_scene import iter_reconstruct
 from gui.pages.psf.export_model import ExportIntent
 from gui.pages.quality.model import QualitySettings
 from gui.pages.quality.step import compared
@@ -38,6 +39,7 @@ from lfcal.camera import ScanPlan, preset
 from lfcal.cli.app import build_app
 from lfcal.errors import InputError
 from lfcal.frames.corrections.recipe import CorrectionRecipe
+from lfcal.progress import drain
 from lfcal.psf import PSFMatrix, export, open_psf
 from tests.acquire.rigs import small_plan
 from tests.gui.waiting import idle
@@ -352,3 +354,34 @@ def test_recordings_that_go_on_and_comparisons_are_commands(project: ProjectStat
     assert parsed(compared("a.h5", "b.h5", "report", by_number=True).arguments)["by_number"]
     for step in (again, white, compared("a.h5", "b.h5", "r")):
         compile(step.script(), "step", "exec")
+
+
+@pytest.mark.parametrize("route", ["cells", "general", "transmissions", "lattice"])
+@pytest.mark.parametrize("weighted", [False, True])
+def test_a_frame_recovered_by_page_command_and_script_is_the_same(
+    project: ProjectState, route: str, weighted: bool
+) -> None:
+    rng, sensor = np.random.default_rng(2), project.camera.sensor
+    frame = rng.integers(100, sensor.max_value - 100, sensor.shape).astype(np.float32)
+    dead = rng.random(sensor.shape) < 0.01
+    tifffile.imwrite("frame.tif", frame)
+    tifffile.imwrite("dead.tif", dead.astype(np.uint8))
+    settings = MultiplexSettings(family="mask", mask="pinhole", size=3, scene="image", image="frame.tif")
+    settings = replace(settings, weighted=weighted, dead="dead.tif", filter="cubic")
+    if route == "lattice":
+        if weighted:
+            pytest.skip("no weights on a lattice")
+        settings = replace(settings, route=route)
+    elif route != "cells":
+        settings = replace(settings, route="general", spacing=4.0)
+    if route == "transmissions":
+        np.save("shares.npy", rng.random((2, *sensor.shape)))
+        settings = replace(settings, transmissions="shares.npy", spacing=None)
+    step = step_of(SPECS["multiplex"], replace(project, settings=settings.into(project)), "found.tif")
+    run(step)
+    by_command = tifffile.imread("found.tif")
+    Path("found.tif").unlink()
+    do(step)
+    np.testing.assert_allclose(tifffile.imread("found.tif"), by_command, rtol=1e-4, atol=1e-3)
+    by_page = drain(iter_reconstruct(settings, sensor, camera=project.camera)).spatial.samples
+    np.testing.assert_allclose(by_page, by_command, rtol=1e-3, atol=1e-2)

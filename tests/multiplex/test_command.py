@@ -119,7 +119,9 @@ def test_views_on_a_lattice_measured_before(lfcal, field: Path, tmp_path: Path) 
     np.testing.assert_allclose(one, other, atol=0.01)
     for given in ((), (*measured, *white)):
         refused = lfcal(*command, *given, "-o", tmp_path / "no.tif")
-        assert refused.code == 2 and "--white or --lattice" in refused.err and not (tmp_path / "no.tif").exists()
+        assert (
+            refused.code == 2 and "--white, --lattice or --camera" in refused.err and not (tmp_path / "no.tif").exists()
+        )
 
 
 def test_views_through_a_mask(lfcal, field: Path, tmp_path: Path) -> None:  # noqa: F811

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from gui.models.form import Field
 from gui.models.settings import PageSettings
+from lfcal.checks import check_number
 from lfcal.errors import InputError
 from lfcal.multiplex.colour_filters import CFA_PATTERNS, FILTERS, cfa, parse_pattern
 from lfcal.multiplex.filters import SPATIAL_FILTERS
@@ -20,6 +21,7 @@ from lfcal.multiplex.naming import GRAMMAR, modulator_of
 
 __all__ = [
     "FIELDS",
+    "ROUTE_FIELDS",
     "ModulatorPicture",
     "MultiplexSettings",
     "choices_to_compare",
@@ -108,6 +110,43 @@ FIELDS = (
         tip="Spatial route of opened and live frames: saturated pixels have no say, the others by the camera's noise",
     ),
     Field(
+        "route",
+        "Route",
+        kind="choice",
+        choices=(("cells", "super-pixels"), ("general", "general, by iterations"), ("lattice", "camera's lattice")),
+        tip="Super-pixels of whole pixels; any transmissions by regularised least squares, slower; "
+        "or a mask on the lattice that the project's camera states, of any pitch and angle",
+    ),
+    Field(
+        "dead",
+        "Dead pixels",
+        kind="text",
+        empty="none",
+        tip="Image of the size of the frame, not zero where a pixel is dead: it has no say in the spatial and general "
+        "route of opened and live frames",
+    ),
+    Field(
+        "transmissions",
+        "Transmissions",
+        kind="text",
+        empty="of the modulator",
+        tip=".npy (N, rows, columns): what each pixel of the frame takes of each sample, for masks that do not repeat",
+    ),
+    Field(
+        "spacing",
+        "Node spacing",
+        "px",
+        "Pixels from node to node of the general route, 0.5 or more; empty: as many nodes as pixels measure",
+        optional=True,
+        empty="auto",
+    ),
+    Field(
+        "smoothness",
+        "Smoothness",
+        "",
+        "Weight of differences between nodes: decides what pixels leave open; small beside the signal to noise",
+    ),
+    Field(
         "noise",
         "Camera noise",
         kind="bool",
@@ -115,6 +154,9 @@ FIELDS = (
         "scene; its brightest pixel fills the full well",
     ),
 )
+
+ROUTE_FIELDS = (("route", "dead"), ("transmissions", "spacing"), ("smoothness",))
+"""Keys of `FIELDS` that say how samples are found, as they lie beside each other."""
 
 _USES = {
     "cfa": lambda s: s.family in ("cfa", "both"),
@@ -128,7 +170,12 @@ _USES = {
     "search_size": lambda s: s.sought == "mask",
     "levels": lambda s: s.sought == "mask",
     "kinds": lambda s: s.sought != "mask",
-    "weighted": lambda s: s.scene in ("image", "live"),
+    "weighted": lambda s: s.scene in ("image", "live") and s.route != "lattice",
+    "filter": lambda s: s.route != "general",
+    "dead": lambda s: s.scene in ("image", "live") and s.route != "lattice",
+    "transmissions": lambda s: s.route == "general",
+    "spacing": lambda s: s.route == "general",
+    "smoothness": lambda s: s.route == "general",
     "noise": lambda s: s.scene in ("edges", "smooth"),
 }
 
@@ -153,6 +200,8 @@ class MultiplexSettings(PageSettings):
     figure, own_camera
         Which figure of the paper is shown (0: a map of gains), and whether with the project's camera in place of
         the paper's.
+    route, dead, transmissions, spacing, smoothness
+        How samples are found (`gui.pages.multiplex.model_routes`); files are paths, or empty.
     sought, search_size, levels, kinds, crosstalk, least_light
         Of the search (`gui.pages.multiplex.model_search`).
     """
@@ -178,6 +227,11 @@ class MultiplexSettings(PageSettings):
     right: str = "difference"
     figure: int = 7
     own_camera: bool = False
+    route: str = "cells"
+    dead: str = ""
+    transmissions: str = ""
+    spacing: float | None = None
+    smoothness: float = 1e-4
     sought: str = "filters"
     search_size: int = 5
     levels: int = 2
@@ -199,6 +253,9 @@ class MultiplexSettings(PageSettings):
         mask_pattern(self.mask, self.size)
         if not 0 < self.gain < 1e6:
             raise InputError.expected("amplifier gain", "above 0", self.gain, "correct it")
+        if self.spacing is not None:
+            check_number("node spacing (px)", self.spacing, at_least=0.5, at_most=1e3)
+        check_number("smoothness", self.smoothness, at_least=0, at_most=1e3)
         if self.figure not in (0, 3, 5, 6, 7):
             raise InputError.expected("figure", "3, 5, 6, 7, or 0 for the gain map", self.figure, "choose one of these")
         for what, (low, high) in RANGES.items():
@@ -216,6 +273,12 @@ class MultiplexSettings(PageSettings):
         if self.family == "written":
             return _small(modulator_of(self.written))
         return self._made(self.pattern if self.cfa == TYPED else self.cfa, self.mask)
+
+    def named(self) -> str:
+        """Return the chosen modulator as the command line writes it."""
+        filters = self.pattern if self.cfa == TYPED else self.cfa
+        shadow = f"{self.mask}:{self.size}"
+        return {"written": self.written, "cfa": filters, "mask": shadow, "both": f"{shadow}*{filters}"}[self.family]
 
     def reference(self) -> Modulator:
         """Return the reference; raises `InputError` if there is none."""

@@ -22,6 +22,7 @@ from gui.pages.multiplex.model_compare import Comparison, compare
 from gui.pages.multiplex.model_scene import Reconstructions, iter_reconstruct, opened
 from gui.pages.multiplex.model_search import iter_search
 from gui.pages.multiplex.panel import MultiplexPanel
+from lfcal.camera import Camera
 from lfcal.errors import LfcalError
 from lfcal.frames.formats.opening import image_suffixes
 from lfcal.multiplex.colour_filters import parse_pattern
@@ -35,6 +36,7 @@ __all__ = ["Page"]
 
 IMAGES = f"Images ({' '.join('*' + suffix for suffix in sorted(image_suffixes()))});;All files (*)"
 CHOSEN = ("family", "cfa", "pattern", "mask", "size", "written", "scene", "filter", "weighted", "noise", "image")
+CHOSEN += ("route", "dead", "transmissions", "spacing", "smoothness")
 MODULATORS = ("family", "cfa", "pattern", "mask", "size", "written")
 MODULATORS += ("reference_cfa", "reference_mask", "reference_written")
 """Settings that change the modulator or its reference."""
@@ -61,13 +63,14 @@ class Page(BasePage):
         self._live_busy = False
         self._search_job = 0
         self.set_panel(self.panel)
-        self.forms = (self.panel.form, self.panel.scene_form, self.panel.search.form)
+        self.forms = (self.panel.form, self.panel.scene_form, self.panel.search.form, *self.panel.pictures.forms)
         for form in self.forms:
             form.check = self._check
             form.edited.connect(self._edited)
         self.panel.compared.connect(self._compared)
         self.panel.pictures.right_chosen.connect(lambda name: self._edited("right", name))
         self.panel.pictures.sample_chosen.connect(lambda _: self._show_found())
+        self.panel.pictures.file_asked.connect(self.choose_file)
         self.panel.open_asked.connect(self.choose_image)
         self.panel.tabs.currentChanged.connect(lambda _: self._tab_changed())
         self.panel.figures.figure_chosen.connect(lambda number: self._edited("figure", number))
@@ -102,6 +105,8 @@ class Page(BasePage):
             form.set_values({key: getattr(settings, key) for key in form.fields})
             for key in form.fields:
                 form.set_enabled(key, view.used_by(settings, key))
+        for key, button in self.panel.pictures.buttons.items():
+            button.setEnabled(view.used_by(settings, key))
         self.panel.show_choices(view.choices_to_compare(settings.family), settings.compared)
         self.panel.pictures.show_right(settings.right)
         self.panel.figures.show_choice(settings.figure, settings.own_camera)
@@ -154,6 +159,13 @@ class Page(BasePage):
         if path:
             self.open_image(path)
 
+    def choose_file(self, key: str) -> None:
+        """Ask for a map of dead pixels or for transmissions."""
+        title, kinds = ("Dead pixels", IMAGES) if key == "dead" else ("Transmissions", "Arrays (*.npy)")
+        path = QFileDialog.getOpenFileName(self, title, "", kinds)[0]
+        if path:
+            self._edited(key, path)
+
     def open_image(self, path: str) -> None:
         """Take an image as recorded frame or as scene, once it is known to be good."""
 
@@ -174,10 +186,8 @@ class Page(BasePage):
     # -- reconstruction --------------------------------------------------------------------------------
     def _reconstruct(self) -> None:
         """Reconstruct if the tab is looked at and something changed: scenes at once, opened images as a job."""
-        settings, sensor = self.settings, self.context.state.camera.sensor
-        noisy = settings.noise or settings.weighted
-        keys = RECONSTRUCTED if noisy else CHOSEN
-        asked = (*(getattr(settings, key) for key in keys), sensor if noisy else None)
+        settings, camera = self.settings, self.context.state.camera
+        sensor, asked = camera.sensor, _asked(settings, camera)
         if not self._entered or self.panel.tabs.currentIndex() != 1:
             return
         if asked == self._asked:
@@ -202,14 +212,14 @@ class Page(BasePage):
             self._job = self.context.jobs.start(
                 f"Demultiplex {Path(settings.image).name}",
                 "multiplex",
-                lambda: iter_reconstruct(settings, sensor),
+                lambda: iter_reconstruct(settings, sensor, camera=camera),
                 lambda found: self._reconstructed(request, found),
                 at_once=True,
             )
         else:
             self.context.jobs.compute(
                 "multiplex scene",
-                lambda: drain(iter_reconstruct(settings, sensor)),
+                lambda: drain(iter_reconstruct(settings, sensor, camera=camera)),
                 lambda found: self._reconstructed(request, found),
                 lambda words: self._failed(words) if request == self._request else None,
             )
@@ -237,7 +247,7 @@ class Page(BasePage):
 
     def _show_live(self, first: bool = False) -> None:
         """Demultiplex the newest frame; frames that come meanwhile are left out, all but the last."""
-        settings, sensor, live = self.settings, self.context.state.camera.sensor, self._live
+        settings, camera, live = self.settings, self.context.state.camera, self._live
         if settings.scene != "live" or self._live_busy:
             return
         if live is None:
@@ -259,7 +269,7 @@ class Page(BasePage):
             self._failed(words)
 
         self.context.jobs.compute(
-            "multiplex live", lambda: drain(iter_reconstruct(settings, sensor, live)), done, failed
+            "multiplex live", lambda: drain(iter_reconstruct(settings, camera.sensor, live, camera)), done, failed
         )
 
     # -- figures of the paper ----------------------------------------------------------------------------
@@ -358,3 +368,11 @@ class Page(BasePage):
         self.panel.apply_theme()
         if self.comparison is not None:
             self.panel.show_comparison(self.comparison, self.context.state.camera.name)
+
+
+def _asked(settings: MultiplexSettings, camera: Camera) -> tuple[Any, ...]:
+    """Return all that a reconstruction depends on."""
+    noisy = settings.noise or settings.weighted
+    keys = RECONSTRUCTED if noisy else CHOSEN
+    lattice = camera if settings.route == "lattice" else None
+    return (*(getattr(settings, key) for key in keys), camera.sensor if noisy else None, lattice)

@@ -26,7 +26,7 @@ from PySide6.QtWidgets import (
 
 from gui.pages.multiplex.figures_view import FiguresView
 from gui.pages.multiplex.matrix_view import MatrixView
-from gui.pages.multiplex.model import FIELDS, ModulatorPicture
+from gui.pages.multiplex.model import FIELDS, ROUTE_FIELDS, ModulatorPicture
 from gui.pages.multiplex.model_compare import Comparison, number
 from gui.pages.multiplex.pictures import MultiplexPictures
 from gui.pages.multiplex.search_view import SearchView
@@ -64,7 +64,8 @@ class MultiplexPanel(QWidget):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         specs = {spec.key: spec for spec in FIELDS}
-        self.form = Form(tuple(f for key, f in specs.items() if key not in SCENE_FIELDS))
+        elsewhere = (*SCENE_FIELDS, *(key for keys in ROUTE_FIELDS for key in keys))
+        self.form = Form(tuple(f for key, f in specs.items() if key not in elsewhere))
         self.scene_form = Form(tuple(specs[key] for key in SCENE_FIELDS))
         for form in (self.form, self.scene_form):
             for key in form.fields:

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from html import escape
+
 import numpy as np
 from numpy.typing import NDArray
-from PySide6.QtCore import QSignalBlocker, Signal
-from PySide6.QtWidgets import QComboBox, QGridLayout, QLabel, QVBoxLayout, QWidget
+from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtWidgets import QComboBox, QGridLayout, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
+from gui.models.form import Field
 from gui.pages.multiplex.matrix_view import MatrixView
+from gui.pages.multiplex.model import FIELDS, ROUTE_FIELDS
 from gui.pages.multiplex.model_scene import Reconstructions, shown
 from gui.theme import current_theme
 from gui.widgets.cards import card, line
+from gui.widgets.form import Form
 
 __all__ = ["MultiplexPictures"]
 
@@ -27,10 +32,13 @@ class MultiplexPictures(QWidget):
         What the third picture shows: ``"difference"`` or ``"truth"``.
     sample_chosen(index)
         Which sample is shown; -1 all colours.
+    file_asked(key)
+        A file is to be chosen: ``"dead"`` or ``"transmissions"``.
     """
 
     right_chosen = Signal(str)
     sample_chosen = Signal(int)
+    file_asked = Signal(str)
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -52,10 +60,42 @@ class MultiplexPictures(QWidget):
         self.readout = QLabel("")
         self.readout.setProperty("role", "hint")
         outer.addLayout(line("Shown", self.sample, "Third", self.right, self.readout, stretch=4))
+        outer.addLayout(self._route())
         outer.addLayout(self._pictures(), 1)
         self.status = QLabel("")
         self.status.setWordWrap(True)
         outer.addWidget(self.status)
+
+    def _route(self) -> QHBoxLayout:
+        """Return how samples are found: two fields below each other, three side by side."""
+        specs = {spec.key: spec for spec in FIELDS}
+        row = QHBoxLayout()
+        row.setSpacing(12)
+        self.forms = tuple(Form(tuple(specs[key] for key in keys), dense=True) for keys in ROUTE_FIELDS)
+        for form in self.forms:
+            for key in form.fields:
+                form.editor(key).setMinimumWidth(56)
+        for form in self.forms[:-1]:
+            row.addWidget(form, 1, Qt.AlignmentFlag.AlignTop)
+        last = QVBoxLayout()
+        last.setSpacing(2)
+        last.addWidget(self.forms[-1])
+        last.addLayout(self._file_buttons(specs))
+        row.addLayout(last)
+        return row
+
+    def _file_buttons(self, specs: dict[str, Field]) -> QHBoxLayout:
+        row = QHBoxLayout()
+        row.setSpacing(6)
+        self.buttons: dict[str, QPushButton] = {}
+        for key, title in (("dead", "Dead …"), ("transmissions", "Mask …")):
+            button = QPushButton(title)
+            button.setToolTip(f"Choose the file. {specs[key].tip}")
+            button.setAccessibleName(f"choose file of {specs[key].label.lower()}")
+            button.clicked.connect(lambda _=False, key=key: self.file_asked.emit(key))
+            row.addWidget(button)
+            self.buttons[key] = button
+        return row
 
     def _pictures(self) -> QGridLayout:
         grid = QGridLayout()
@@ -109,10 +149,12 @@ class MultiplexPictures(QWidget):
         self.show_samples(found.names, found.names == ("R", "G", "B"))
         if right == "truth" and found.truth is None:
             right = "difference"
+        if found.fourier is None:
+            right = "truth"
         pictures = (*shown(found, self.sample_index, right), found.frame)
         signed = right == "difference"
-        low = min(float(np.min(p)) for p in pictures[:2])
-        high = max(float(np.max(p)) for p in pictures[:2])
+        low = min(float(np.min(p)) for p in pictures[:2] if p is not None)
+        high = max(float(np.max(p)) for p in pictures[:2] if p is not None)
         levels = (low, high if high > low else low + 1.0)
         third = self.views[2]
         if third.signed != signed:
@@ -120,18 +162,20 @@ class MultiplexPictures(QWidget):
             if not signed:
                 third.set_display(self.views[0].display)
         for k, (view, image) in enumerate(zip(self.views, pictures, strict=True)):
+            if image is None:
+                view.set_image(None)
+                continue
             step = found.step if k < 3 else 1.0  # all in pixels of the frame
+            middle = ((step - 1) / 2, (step - 1) / 2)
             plain = k == 3 or (k == 2 and signed)
             view.show_array(
                 image,
                 name=HEADS[k].lower(),
                 levels=None if plain else levels,
                 step=step,
-                origin=((step - 1) / 2, (step - 1) / 2),
+                origin=middle if found.origin is None or k == 3 else found.origin,
             )
-        rms = float(np.sqrt(np.mean((found.spatial.samples - found.fourier.samples) ** 2)))
-        third_title = f"Spatial − Fourier: {rms:.2e} rms, all samples" if signed else "Truth"
-        titles = (found.spatial.words, found.fourier.words, third_title, HEADS[3])
+        titles = (found.spatial.words, *_titles(found, signed), HEADS[3])
         for head, text in zip(self.heads, titles, strict=True):
             head.setText(text)
         self.show_status(found.words)
@@ -152,7 +196,7 @@ class MultiplexPictures(QWidget):
     def show_status(self, text: str, *, bad: bool = False) -> None:
         """Say what is shown, or why nothing is."""
         colour = current_theme().bad if bad else current_theme().muted
-        self.status.setText(f"<span style='color:{colour}'>{text}</span>")
+        self.status.setText(f"<span style='color:{colour}'>{escape(text, quote=False)}</span>")
 
     def _hovered(self, row: int, column: int, _: float) -> None:
         if row < 0:
@@ -170,3 +214,13 @@ class MultiplexPictures(QWidget):
         """Take the colours of the theme in use."""
         for view in self.views:
             view.apply_theme()
+
+
+def _titles(found: Reconstructions, signed: bool) -> tuple[str, str]:
+    """Return what the second and the third picture are."""
+    if found.fourier is None:
+        return "No second route", "Truth" if found.truth is not None else "Truth: not known of frames"
+    if not signed:
+        return found.fourier.words, "Truth"
+    rms = float(np.sqrt(np.mean((found.spatial.samples - found.fourier.samples) ** 2)))
+    return found.fourier.words, f"Spatial − Fourier: {rms:.2e} rms, all samples"

@@ -1,4 +1,4 @@
-"""The comparison of modulators as a command. No Qt."""
+"""The comparison of modulators, or the reconstruction of an opened frame, as a command. No Qt."""
 
 from __future__ import annotations
 
@@ -11,8 +11,16 @@ __all__ = ["step"]
 
 
 def step(project: ProjectState, out: str = "") -> Step:
-    """Return how the modulator is compared with its reference."""
+    """Return how the modulator is compared with its reference, or how an opened frame is recovered.
+
+    It is recovered where a route, a map of dead pixels, or weights are chosen for it.
+    """
     chosen = MultiplexSettings.of(project)
+    if chosen.scene == "image" and chosen.image:
+        if chosen.route == "lattice":
+            return _views(project, chosen, out or "views.tif")
+        if chosen.route == "general" or chosen.dead or chosen.weighted:
+            return _recovered(project, chosen, out or "samples.tif")
     if chosen.family == "both":
         raise InputError.expected("modulator", "filters or a mask", "a mask over filters", "the command knows either")
     if chosen.family == "written":
@@ -34,3 +42,69 @@ print(snr_gain({made}, {over}, camera_chi2(camera.sensor, gain={chosen.gain!r}))
 """
     files = ((CAMERA_FILE, project.camera.to_json()),)
     return Step(("multiplex", "compare", *dict.fromkeys((other, own)), *options_of(pairs)), python, files)
+
+
+def _views(project: ProjectState, chosen: MultiplexSettings, out: str) -> Step:
+    pairs = (("--camera", CAMERA_FILE), ("--modulator", chosen.named()), ("--filter", chosen.filter), ("--out", out))
+    python = f"""
+from lfcal.camera import Camera
+from lfcal.frames import read_image
+from lfcal.lattice import lattice_of
+from lfcal.multiplex import demultiplex_lattice, modulator_of
+from lfcal.tiff_file import write_tiff
+
+camera = Camera.from_json(Path({CAMERA_FILE!r}).read_text(encoding="utf-8"))
+frame, modulator = read_image({chosen.image!r}), modulator_of({chosen.named()!r})
+views = demultiplex_lattice(frame.astype("f4"), lattice_of(camera), modulator, filter={chosen.filter!r})
+write_tiff(Path({out!r}), views.astype("f4"), metadata=None)
+"""
+    files = ((CAMERA_FILE, project.camera.to_json()),)
+    return Step(("multiplex", "views", chosen.image, *options_of(pairs)), python, files)
+
+
+def _recovered(project: ProjectState, chosen: MultiplexSettings, out: str) -> Step:
+    general = chosen.route == "general"
+    own = chosen.transmissions if general else ""
+    spacing = repr(chosen.spacing) if chosen.spacing else "len(shares) ** 0.5" if own else "shares.count ** 0.5"
+    # the command solves by iterations where transmissions or a spacing are given
+    node = chosen.spacing or (None if own else chosen.modulator().count ** 0.5)
+    pairs = (
+        ("--transmissions" if own else "--modulator", own or chosen.named()),
+        ("--spacing", node if general else None),
+        ("--smoothness", chosen.smoothness if general else None),
+        ("--dead", chosen.dead),
+        ("--camera", CAMERA_FILE if chosen.weighted else None),
+        ("--gain", chosen.gain if chosen.weighted else None),
+        ("--out", out),
+    )
+    solve = (
+        f"demultiplex_generally(light, shares, {spacing}, weights=weights, smoothness={chosen.smoothness!r})"
+        if general
+        else "demultiplex_weighted(light, shares, weights)"
+    )
+    python = f"""
+import numpy as np
+
+from lfcal.camera import Camera
+from lfcal.frames import read_image
+from lfcal.multiplex import demultiplex_generally, demultiplex_weighted, modulator_of, pixel_weights
+from lfcal.npy import map_npy
+from lfcal.tiff_file import write_tiff
+
+frame = read_image({chosen.image!r}).astype(float)
+dead = {f"read_image({chosen.dead!r}) != 0" if chosen.dead else "np.zeros(frame.shape, bool)"}
+shares = {f"map_npy({own!r})" if own else f"modulator_of({chosen.named()!r})"}
+{_weighting(chosen)}
+found = {solve}
+write_tiff(Path({out!r}), found.samples.astype("f4"), metadata=None)
+"""
+    files = ((CAMERA_FILE, project.camera.to_json()),) if chosen.weighted else ()
+    return Step(("multiplex", "recover", chosen.image, *options_of(pairs)), python, files)
+
+
+def _weighting(chosen: MultiplexSettings) -> str:
+    if not chosen.weighted:
+        return "weights, light = np.where(dead, 0.0, 1.0), frame"
+    return f"""camera = Camera.from_json(Path({CAMERA_FILE!r}).read_text(encoding="utf-8"))
+weights = pixel_weights(frame, camera.sensor, dead=dead, gain={chosen.gain!r})
+light = frame - camera.sensor.black_level"""

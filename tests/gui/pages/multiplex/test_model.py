@@ -12,9 +12,20 @@ from gui.models.project import ProjectState
 from gui.pages.multiplex.model import MultiplexSettings, choices_to_compare, picture, used_by
 from gui.pages.multiplex.model_compare import compare, number
 from gui.pages.multiplex.model_scene import Reconstructions, iter_reconstruct, noisy, opened, rms_error, scene_of, shown
-from lfcal.camera import Sensor
+from lfcal.camera import Sensor, preset
 from lfcal.errors import FileFormatError, InputError
-from lfcal.multiplex import cfa, demultiplex, mask, multiplex, snr_gain
+from lfcal.lattice import lattice_of
+from lfcal.multiplex import (
+    cfa,
+    demultiplex,
+    demultiplex_generally,
+    demultiplex_lattice,
+    demultiplex_weighted,
+    mask,
+    multiplex,
+    pixel_weights,
+    snr_gain,
+)
 from lfcal.progress import drain
 
 SENSOR = Sensor(full_well_e=10_000, read_noise_e=10)
@@ -43,6 +54,9 @@ def test_settings_survive_a_saved_session_and_damaged_ones_take_defaults() -> No
         ("gain", 0, "gain"),
         ("scene", "moon", "scene"),
         ("right", "frame", "right"),
+        ("route", "scenic", "route"),
+        ("spacing", 0.1, "node spacing"),
+        ("smoothness", -1.0, "smoothness"),
     ],
 )
 def test_what_cannot_be_is_refused_in_words(key: str, value: object, word: str) -> None:
@@ -173,3 +187,108 @@ def test_stokes_parameters_are_shown_as_light() -> None:
     for key, value in (("figure", 4), ("search_size", 50), ("crosstalk", 0.9), ("sought", "gold")):
         with pytest.raises(InputError):
             replace(MultiplexSettings(), **{key: value})
+
+
+def saved(folder: Path, **arrays: object) -> dict[str, str]:
+    for name, array in arrays.items():
+        np.save(folder / f"{name}.npy", np.asarray(array))
+    return {name: str(folder / f"{name}.npy") for name in arrays}
+
+
+def test_the_general_route_takes_masks_that_do_not_repeat(tmp_path: Path) -> None:
+    rng = np.random.default_rng(4)
+    shares, frame = rng.random((2, 30, 40)), rng.random((30, 40)).astype(np.float32)
+    dead = np.zeros((30, 40), np.uint8)
+    dead[3:6, 7] = 1
+    files = saved(tmp_path, shares=shares, image=frame, dead=dead)
+    settings = MultiplexSettings(scene="image", route="general", image=files["image"], spacing=2.0, smoothness=1e-3)
+    settings = replace(settings, transmissions=files["shares"], dead=files["dead"])
+    found = reconstruct(settings)
+    wanted = demultiplex_generally(frame, shares, 2.0, weights=dead == 0, smoothness=1e-3)
+    np.testing.assert_allclose(found.spatial.samples, wanted.samples, atol=1e-9)
+    assert found.fourier is None and found.names == ("sample 0", "sample 1") and found.step == 2
+    assert f"{wanted.iterations} iterations" in found.words
+    left, second, third = shown(found, 1, "difference")
+    assert second is None and third is None
+    np.testing.assert_array_equal(left, found.spatial.samples[1])
+    assert np.abs(reconstruct(replace(settings, dead="")).spatial.samples - wanted.samples).max() > 1e-3
+    assert reconstruct(replace(settings, spacing=None)).spatial.samples.shape == (2, 21, 28), "as many as are measured"
+    for key, array in (("dead", dead[1:]), ("transmissions", shares[:, 1:]), ("transmissions", frame)):
+        with pytest.raises(InputError, match=key.split("_")[0]) as refused:
+            reconstruct(replace(settings, **{key: saved(tmp_path, other=array)["other"]}))
+        assert "\n" not in str(refused.value)
+
+
+def test_what_the_general_route_cannot_solve_is_refused(tmp_path: Path) -> None:
+    frame = np.ones((1100, 600), np.float32)
+    settings = MultiplexSettings(scene="image", route="general", **saved(tmp_path, image=frame))
+    with pytest.raises(InputError, match="up to 96 for this frame"):
+        reconstruct(replace(settings, family="mask", size=11))
+    every = saved(tmp_path, dead=np.ones((12, 12), np.uint8), image=frame[:12, :12])
+    for route in ("general", "cells"):
+        with pytest.raises(InputError, match="weight"):
+            reconstruct(replace(settings, route=route, **every))
+
+
+def test_the_general_route_of_scenes_knows_the_truth(tmp_path: Path) -> None:
+    found = reconstruct(MultiplexSettings(cfa="Bayer", route="general", spacing=1.0))
+    assert found.truth is not None and found.spatial.error is not None and found.spatial.error < 0.05
+    np.testing.assert_array_equal(shown(found, 1, "difference")[2], found.truth[1])
+    own = saved(tmp_path, shares=np.random.default_rng(5).random((1, 60, 80)) + 0.1)
+    found = reconstruct(MultiplexSettings(route="general", transmissions=own["shares"], spacing=1.0, smoothness=1e-9))
+    assert found.truth is not None
+    np.testing.assert_allclose(found.spatial.samples, found.truth, atol=1e-4)
+    assert found.spatial.error is not None and found.spatial.error < 1e-4
+
+
+def test_dead_and_clipped_pixels_by_super_pixels(tmp_path: Path) -> None:
+    frame, dead = np.full((24, 30), 300.0, np.float32), np.zeros((24, 30), np.uint8)
+    frame[5, 6], dead[5, 6] = 9e3, 1
+    files = saved(tmp_path, image=frame, dead=dead)
+    settings = MultiplexSettings(cfa="Bayer", scene="image", **files)
+    found = reconstruct(settings)
+    np.testing.assert_allclose(found.spatial.samples, demultiplex_weighted(frame, cfa("Bayer"), 1.0 - dead).samples)
+    np.testing.assert_allclose(found.spatial.samples, 300, rtol=1e-5)
+    assert found.fourier is not None and found.fourier.samples.max() > 400, "the Fourier route has no weights"
+    dark = replace(SENSOR, black_level=40.0)
+    weighted = drain(iter_reconstruct(replace(settings, weighted=True), dark))
+    weights = pixel_weights(frame, dark, dead=dead)
+    wanted = demultiplex_weighted(frame - 40, cfa("Bayer"), weights).samples
+    np.testing.assert_allclose(weighted.spatial.samples, wanted, rtol=1e-5)
+
+
+def test_masks_on_the_camera_s_own_lattice(tmp_path: Path) -> None:
+    camera = preset("bench")
+    frame = np.random.default_rng(6).random(camera.sensor.shape).astype(np.float32)
+    settings = MultiplexSettings(family="mask", size=5, route="lattice", filter="linear", scene="image")
+    settings = replace(settings, **saved(tmp_path, image=frame))
+    found = drain(iter_reconstruct(settings, camera.sensor, camera=camera))
+    for route, made in (("spatial", found.spatial), ("fourier", found.fourier)):
+        assert made is not None
+        wanted = demultiplex_lattice(frame, lattice_of(camera), mask("MURA", 5), route=route)
+        np.testing.assert_allclose(made.samples, wanted, rtol=1e-5, atol=1e-5)
+    assert found.origin is not None and "lattice of bench" in found.words
+    part = frame[7:207, 5:225]
+    live = drain(iter_reconstruct(replace(settings, scene="live"), camera.sensor, (part, (7, 5)), camera))
+    lattice = lattice_of(camera, (197, 220), (10, 5))
+    light = frame[10:207, 5:225] - np.float32(camera.sensor.black_level)
+    wanted = demultiplex_lattice(light, lattice, mask("MURA", 5))
+    np.testing.assert_allclose(live.spatial.samples, wanted, rtol=1e-4, atol=1e-4)
+    other = replace(settings, **saved(tmp_path, image=part))
+    with pytest.raises(InputError, match="project's camera"):
+        drain(iter_reconstruct(other, camera.sensor, camera=camera))
+
+
+def test_built_in_scenes_behind_masks_on_the_lattice() -> None:
+    camera = preset("bench")
+    settings = MultiplexSettings(family="mask", mask="lenslet", size=3, route="lattice")
+    found = drain(iter_reconstruct(settings, camera.sensor, camera=camera))
+    assert found.truth is not None and found.truth.shape == found.spatial.samples.shape
+    assert found.fourier is not None
+    for made, least in ((found.spatial, 0.85), (found.fourier, 0.95)):
+        assert np.corrcoef(made.samples.ravel(), found.truth.ravel())[0, 1] > least
+    with pytest.raises(InputError, match="super-pixel"):
+        drain(iter_reconstruct(replace(settings, family="cfa"), camera.sensor, camera=camera))
+    large, wide = replace(settings, mask="MURA", size=31), preset("r29")
+    with pytest.raises(InputError, match="mask for a built-in scene"):
+        drain(iter_reconstruct(large, wide.sensor, camera=wide))

@@ -13,7 +13,7 @@ from gui.context import Context
 from gui.pages.multiplex.model import MultiplexSettings
 from gui.pages.multiplex.page import Page
 from gui.theme import DARK, LIGHT, apply_theme
-from lfcal.multiplex import cfa, demultiplex, gain_map, mask, modulator_of, multiplex
+from lfcal.multiplex import cfa, demultiplex, demultiplex_generally, gain_map, mask, modulator_of, multiplex
 from lfcal.multiplex.noise import camera_chi2
 from lfcal.multiplex.paper import paper_figure
 from lfcal.multiplex.scenes import colour_edges
@@ -33,14 +33,17 @@ def settle(page: Page, qtbot: QtBot) -> None:
     idle(page.context.jobs, qtbot)
 
 
+def editor_of(page: Page, key: str) -> Any:
+    return next(form.editor(key) for form in page.forms if key in form.fields)
+
+
 def choose(page: Page, key: str, value: str) -> None:
-    form = page.panel.form if key in page.panel.form.fields else page.panel.scene_form
-    editor: Any = form.editor(key)
+    editor = editor_of(page, key)
     editor.setCurrentIndex(editor.findData(value))
 
 
 def type_in(page: Page, key: str, text: str) -> None:
-    editor: Any = page.panel.form.editor(key)
+    editor = editor_of(page, key)
     editor.setText(text)
     editor.textEdited.emit(text)
 
@@ -299,3 +302,59 @@ def test_clipped_pixels_of_a_live_frame_have_no_say(page: Page, context: Context
     settle(page, qtbot)
     np.testing.assert_allclose(page.found.spatial.samples, light, rtol=2e-3)
     assert "weighted" in page.panel.pictures.heads[0].text()
+
+
+def test_the_general_route_and_dead_pixels(
+    page: Page, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown = page.panel.pictures
+    assert not shown.buttons["dead"].isEnabled() and not editor_of(page, "spacing").isEnabled()
+    for button in shown.buttons.values():
+        assert button.toolTip() and button.text()
+    rng = np.random.default_rng(0)
+    shares, frame, dead = rng.random((2, 30, 40)), rng.random((30, 40)).astype(np.float32), np.zeros((30, 40), np.uint8)
+    dead[4, 5] = 1
+    for name, array in (("shares", shares), ("frame", frame), ("dead", dead)):
+        np.save(tmp_path / f"{name}.npy", array)
+    page.open_image(str(tmp_path / "frame.npy"))
+    settle(page, qtbot)
+    choose(page, "route", "general")
+    for key, name in (("dead", "dead"), ("transmissions", "shares")):
+        picked = (str(tmp_path / f"{name}.npy"), "")
+        monkeypatch.setattr("gui.pages.multiplex.page.QFileDialog.getOpenFileName", lambda *_, picked=picked: picked)
+        assert shown.buttons[key].isEnabled()
+        shown.buttons[key].click()
+    type_in(page, "spacing", "2")
+    settle(page, qtbot)
+    wanted = demultiplex_generally(frame, shares, 2.0, weights=dead == 0).samples
+    assert shown.names == ("sample 0", "sample 1") and editor_of(page, "dead").text().endswith("dead.npy")
+    np.testing.assert_allclose(shown.views[0].image, wanted[1], atol=1e-6)
+    assert shown.views[1].image is None and shown.heads[1].text() == "No second route"
+    assert "iterations" in shown.status.text() and not editor_of(page, "filter").isEnabled()
+    type_in(page, "dead", str(tmp_path / "none.npy"))
+    settle(page, qtbot)
+    assert "none.npy" in shown.status.text() and "<br" not in shown.status.text() and shown.views[0].image is None
+    type_in(page, "dead", "")
+    type_in(page, "spacing", "0.1")
+    settle(page, qtbot)
+    assert any("node spacing" in form.error for form in shown.forms) and page.settings.spacing == 2
+    assert shown.views[0].image is not None
+
+
+def test_a_mask_on_the_lattice_of_the_project_s_camera(page: Page, context: Context, qtbot: QtBot) -> None:
+    shown = page.panel.pictures
+    choose(page, "family", "mask")
+    type_in(page, "size", "5")
+    page.panel.tabs.setCurrentIndex(1)
+    choose(page, "route", "lattice")
+    settle(page, qtbot)
+    assert f"lattice of {context.state.camera.name}" in shown.status.text() and page.found is not None
+    assert page.found.fourier is not None and shown.views[1].image is not None
+    before, camera = page.found.step, context.state.camera
+    lattice = replace(camera.lattice, pitch_um=1.3 * camera.lattice.pitch_um, clear_um=None)
+    context.project.update("lattice", camera=replace(camera, lattice=lattice))
+    settle(page, qtbot)
+    assert page.found is not None and page.found.step == pytest.approx(1.3 * before)
+    choose(page, "family", "cfa")
+    settle(page, qtbot)
+    assert "one super-pixel of a light field" in shown.status.text() and shown.views[0].image is None

@@ -1,0 +1,175 @@
+"""The routes beside that of super-pixels: any transmissions by iterations, and the camera's lattice. No Qt."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gui.pages.multiplex.model import MultiplexSettings
+from lfcal.camera import Camera
+from lfcal.errors import InputError
+from lfcal.lattice import FrameLattice, ViewGrid, lattice_of
+from lfcal.multiplex.heterodyne import lattice_transmissions, sample_places
+from lfcal.multiplex.modulator import Modulator
+from lfcal.multiplex.scenes import colour_edges, filament_light_field, view_edges, zone_plate
+from lfcal.npy import map_npy
+
+__all__ = [
+    "Part",
+    "at_nodes",
+    "at_samples",
+    "dead_pixels",
+    "lattice_scene",
+    "part_lattice",
+    "scene_behind",
+    "shares_of",
+]
+
+SCENE_SIDE = 240
+SCENE_CELLS = 12
+FEWEST_CELLS = 6
+MOST_SHARES = 10_000_000
+"""Transmissions of a built-in scene on the lattice."""
+
+MOST_SOLVED = 64_000_000
+"""Transmissions that the general route takes here: half a gigabyte."""
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Part:
+    """Where a frame lies in the whole one: its first pixel (row, column), and the whole's shape."""
+
+    corner: tuple[int, int]
+    whole: tuple[int, int]
+
+    def cut(self, image: Array, shape: tuple[int, ...]) -> Array:
+        """Return the same part of a whole image or of a stack of them."""
+        (top, left), (rows, columns) = self.corner, shape
+        return image[..., top : top + rows, left : left + columns]
+
+
+def dead_pixels(path: str, part: Part, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Return where the map at ``path`` marks dead pixels of a frame that is a part of the whole."""
+    from lfcal.frames import read_image
+
+    marked = read_image(path)
+    if marked.shape != part.whole:
+        raise InputError.expected("dead pixels", f"{part.whole} px", marked.shape, "use the frame's own camera's")
+    return np.asarray(part.cut(marked, shape) != 0)
+
+
+def shares_of(settings: MultiplexSettings, modulator: Modulator, part: Part | None, shape: Any) -> Array | Modulator:
+    """Return what pixels take of each sample: of the file of transmissions, the same part, or the modulator's."""
+    if not settings.transmissions:
+        _check_count(modulator.count, shape)
+        return modulator
+    found = _transmissions(settings.transmissions)
+    if part is None:
+        part = Part(_middle(found.shape[1:], shape), (found.shape[1], found.shape[2]))
+    if found.shape[1:] != part.whole:
+        raise InputError.expected("transmissions", f"(N, {part.whole})", found.shape, "one per pixel of the frame")
+    _check_count(len(found), shape)
+    return np.asarray(part.cut(found, shape), float)
+
+
+def _check_count(samples: int, shape: tuple[int, ...]) -> None:
+    if samples * math.prod(shape) > MOST_SOLVED:
+        most = MOST_SOLVED // math.prod(shape)
+        raise InputError.expected(
+            "samples of the general route", f"up to {most} for this frame", samples, "copy the command and run it"
+        )
+
+
+def _transmissions(path: str) -> Array:
+    found = map_npy(path)
+    if found.ndim != 3 or not found.size:
+        raise InputError.expected("transmissions", "(N, rows, columns)", found.shape, "one plane per sample")
+    return found
+
+
+def _middle(whole: tuple[int, ...], shape: tuple[int, ...]) -> tuple[int, int]:
+    return (whole[0] - shape[0]) // 2, (whole[1] - shape[1]) // 2
+
+
+def scene_behind(settings: MultiplexSettings, modulator: Modulator) -> tuple[Array, Array]:
+    """Return a built-in scene ``(N, rows, columns)`` and its frame behind the middle of the file's transmissions."""
+    whole = _transmissions(settings.transmissions).shape
+    shape = (min(whole[1], SCENE_SIDE), min(whole[2], SCENE_SIDE))
+    shares = np.asarray(shares_of(settings, modulator, None, shape))
+    drawn = colour_edges(shape) if settings.scene == "edges" else zone_plate(shape, 0.2)
+    scene = np.stack([np.roll(drawn[k % 3], 7 * (k // 3), axis=1) for k in range(whole[0])])
+    return scene, np.asarray((shares * scene).sum(0))
+
+
+def at_nodes(scene: Array, nodes: tuple[int, ...]) -> Array:
+    """Return a scene at the nodes of the general route, which lie in the middle of their pixels."""
+    places = [(np.arange(n) + 0.5) * size / n - 0.5 for n, size in zip(nodes, scene.shape[1:], strict=True)]
+    return _sampled(scene, np.stack(np.meshgrid(*places, indexing="ij"), -1).reshape(-1, 2), nodes)
+
+
+def at_samples(scene: Array, grid: ViewGrid) -> Array:
+    """Return a scene at the samples of views."""
+    return _sampled(scene, sample_places(grid), grid.shape)
+
+
+def _sampled(scene: Array, places: Array, shape: tuple[int, ...]) -> Array:
+    from scipy.ndimage import map_coordinates
+
+    planes = [map_coordinates(plane, places.T, order=1, mode="nearest") for plane in scene]
+    return np.array(planes).reshape(-1, *shape)
+
+
+def part_lattice(camera: Camera, part: Part | None, shape: tuple[int, int]) -> FrameLattice:
+    """Return the lattice that the camera states on a frame; a built-in scene lies in the middle of the sensor."""
+    sensor = camera.sensor.shape
+    if part is not None and part.whole != sensor:
+        raise InputError.expected(
+            "frame", f"the {sensor} px of the project's camera", part.whole, "open a whole frame of this camera"
+        )
+    return lattice_of(camera, shape, _middle(sensor, shape) if part is None else part.corner)
+
+
+def lattice_scene(settings: MultiplexSettings, modulator: Modulator, camera: Camera) -> tuple[Array, Array]:
+    """Return a built-in light field at every pixel, and its frame behind the modulator on the camera's lattice."""
+    if modulator.side != modulator.cell or modulator.views[0] != modulator.views[1]:
+        raise InputError.expected(
+            "modulator on a lattice", "one super-pixel of a light field", modulator.name, "choose a mask or lenslets"
+        )
+    shape = _scene_shape(modulator, camera)
+    lattice = part_lattice(camera, None, shape)
+    shares = lattice_transmissions(shape, lattice, modulator)
+    cells = (math.ceil(shape[0] / modulator.views[0]), math.ceil(shape[1] / modulator.views[0]))
+    if settings.scene == "edges":
+        light = view_edges(modulator.views[0], cells)
+    else:
+        light = filament_light_field(modulator.views[0], cells, np.random.default_rng(7))
+    light = light[:, : shape[0], : shape[1]]
+    return light, np.asarray((shares * (_gathered(light, lattice) if modulator.lenslets else light)).sum(0))
+
+
+def _gathered(light: Array, lattice: FrameLattice) -> Array:
+    """Return what a lenslet gives each pixel behind it: the mean over its area, here that of a box."""
+    from scipy.ndimage import uniform_filter
+
+    return np.asarray(uniform_filter(light, (0, round(lattice.row_pitch_px), round(lattice.pitch_px)), mode="nearest"))
+
+
+def _scene_shape(modulator: Modulator, camera: Camera) -> tuple[int, int]:
+    """Return rows and columns of a dozen super-pixels, fewer where there are many views."""
+    lattice, sensor = lattice_of(camera), camera.sensor.shape
+    pitch = max(lattice.pitch_px, lattice.row_pitch_px)
+    most = min(SCENE_CELLS * pitch, math.sqrt(MOST_SHARES / modulator.count))
+    if most < FEWEST_CELLS * pitch:
+        raise InputError.expected(
+            "mask for a built-in scene on this lattice",
+            f"up to {int(MOST_SHARES / (FEWEST_CELLS * pitch) ** 2)} views",
+            modulator.count,
+            "choose a smaller one, or open a recorded frame",
+        )
+    return min(sensor[0], round(most)), min(sensor[1], round(most))
