@@ -239,13 +239,12 @@ def _percent(some: int, of: int) -> str:
 def alarms(patterns: int, *, quiet: bool = True) -> list[Alarm]:
     """Return what an inspection says of cameras without a fault."""
     from lfcal.bench._fault_clean import clean_cameras
-    from lfcal.inspect.telling import merit_of
 
     found = []
     for name, recording, values in clean_cameras(CLEAN):
         one = _inspected(recording, values, patterns)
         names = tuple(name for name, _ in _ranked(one))
-        found.append(Alarm(name, merit_of(one), one.verdict, names, one.compared))
+        found.append(Alarm(name, one.merit, one.verdict, names, one.compared))
         if not quiet:
             typer.echo(f"{name}: {found[-1].merit}, {one.compared} compared: {one.verdict} {'; '.join(names)}")
     return found

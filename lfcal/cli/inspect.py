@@ -111,7 +111,7 @@ def command(
             found = run_work(iter_inspection(H, quality, setup=setup, seconds=seconds), quiet=json)
             quality = found.quality  # with the costs that were measured
         if not json:
-            _show(H, quality, comparison, found)
+            _show(H, quality, comparison, found, report)
         if run is not None and report is not None:
             note_joining(parts_folder(report))
         page = _write(H, quality, other, report, workers, found, quiet=json)
@@ -126,7 +126,7 @@ def command(
         extra: dict[str, Any] = {} if comparison is None else {"comparison": comparison.to_dict()}
         if found is not None:
             extra["model"] = found.to_dict()
-            extra["verdict"] = found.verdict
+            extra["merit"], extra["verdict"] = found.merit, found.verdict
         if loss is not None:
             extra["regions"] = loss.to_dict()
         extra["assumed"] = [] if H.camera is None else H.camera.marks.paths("assumed")
@@ -185,7 +185,13 @@ def _write(
     return run_work(work, quiet=quiet)
 
 
-def _show(H: PSFMatrix, quality: QualityReport, comparison: Comparison | None, found: Inspection | None) -> None:
+def _show(
+    H: PSFMatrix,
+    quality: QualityReport,
+    comparison: Comparison | None,
+    found: Inspection | None,
+    report: Path | None,
+) -> None:
     """Print verdict, metrics, apertures and the comparison."""
     from lfcal.cli.console import print_table
     from lfcal.psf.report.page import limits, value_text
@@ -195,11 +201,9 @@ def _show(H: PSFMatrix, quality: QualityReport, comparison: Comparison | None, f
     turned = H.provenance.get("orientation", {}).get("applied", "as is")
     if turned != "as is":
         typer.echo(f"made from frames that were turned upright: {turned}")
-    colour = {"good": typer.colors.GREEN, "fair": typer.colors.YELLOW, "bad": typer.colors.RED}.get(quality.merit)
-    verdict = quality.verdict
-    if found is not None:
-        verdict, colour = found.verdict, typer.colors.RED if found.bad else colour if quality.merit != "bad" else None
-    typer.secho(verdict, fg=colour, bold=True)
+    colours = {"good": typer.colors.GREEN, "fair": typer.colors.YELLOW, "bad": typer.colors.RED}
+    said = quality if found is None else found
+    typer.secho(said.verdict, fg=colours.get(said.merit), bold=True)
     if found is not None:
         _show_faults(found)
     print_table(
@@ -226,7 +230,8 @@ def _show(H: PSFMatrix, quality: QualityReport, comparison: Comparison | None, f
     redo = quality.redo() if found is None else found.redo()
     if redo:
         places = "1 position" if len(redo) == 1 else f"{len(redo)} positions"
-        typer.echo(f"{places} to record again; --report writes the list to redo.json")
+        listed = "--report writes the list to redo.json" if report is None else f"listed in {report / 'redo.json'}"
+        typer.echo(f"{places} to record again; {listed}")
     if comparison is not None:
         words = f"correlation {comparison.correlation:.5f}, error {100 * comparison.rms_error:.2f} %, centroid shift "
         words += f"{comparison.rms_shift_px:.3f} px rms, {comparison.max_shift_px:.3f} px at most"

@@ -28,9 +28,10 @@ def named(label: str, position: Position) -> Iterator[None]:
     try:
         yield
     except (FileFormatError, StorageError) as error:
-        said = str(error).removeprefix(f"{label}: ")
+        said = str(error).removeprefix(f"{label}: ").removesuffix("leave it out").removesuffix(", or ")
         where = f"{label}, (z, y, x) = {tuple(position)}"
-        raise type(error)(f"{where}: {said}, or leave it out (--skip-damaged)") from error
+        joint = "" if said.endswith(" ") else ", or "
+        raise type(error)(f"{where}: {said}{joint}leave it out (--skip-damaged)") from error
 
 
 class SelectedSource(SourceView):

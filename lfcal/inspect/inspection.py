@@ -17,7 +17,7 @@ from lfcal.inspect.suspects import suspects
 from lfcal.progress import Work
 from lfcal.psf import PSFMatrix
 from lfcal.psf.quality import QualityReport
-from lfcal.psf.quality.metric import Metric
+from lfcal.psf.quality.metric import Merit, Metric
 from lfcal.units import format_share
 
 __all__ = ["BAD", "FAIR", "MEASURED", "Inspection", "is_bad", "is_fair", "iter_inspection", "worst_first"]
@@ -112,29 +112,47 @@ class Inspection:
         return bool(self.alarms) or any(is_bad(one) for one in self.findings)
 
     @property
+    def merit(self) -> Merit:
+        """The merit that the verdict stands for."""
+        if self.bad:
+            return "bad"
+        if self._doubtful:
+            return "fair"
+        return "good" if self.compared or self.findings else self.quality.merit
+
+    @property
     def verdict(self) -> str:
-        """One sentence for people."""
-        worst = [one for one in self.findings if is_bad(one)]
-        if worst or self.alarms:
-            names = [one.title for one in worst] + [m.spec.title.lower() for m in self.alarms]
-            more = f" and {len(names) - 3} more" if len(names) > 3 else ""
-            return f"This PSF should not be used as it is: {', '.join(names[:3])}{more}."
-        small = [one.title for one in self.findings if is_fair(one)]
-        small += [
-            m.spec.title.lower()
-            for m in self.quality.metrics
-            if m.merit == "fair" and self.settled(m) is None and not self.withdrawn(m)
-        ]
-        if small:
-            return f"This PSF can be used; worth a look: {', '.join(small[:4])}."
-        if not self.compared:
+        """One sentence for people, which names or counts every fault that was found."""
+        worst = [one.title for one in self.findings if is_bad(one)] + [m.spec.title.lower() for m in self.alarms]
+        if worst:
+            return f"This PSF should not be used as it is: {_listed(worst, 3)}."
+        if self._doubtful:
+            return f"This PSF can be used; worth a look: {_listed(self._doubtful, 4)}."
+        if not self.compared and not self.findings:
             return self.quality.verdict
-        beside = f"{self.compared} patterns compared with the camera show no fault"
-        known = sum(m.merit != "unknown" for m in self.quality.metrics)
-        rest = len(self.quality.metrics) - known
-        return f"This PSF is good by {known} metrics, and {beside}" + (
-            f"; {rest} metrics are unknown." if rest else "."
-        )
+        known = sum(m.merit == "good" for m in self.quality.metrics)
+        rest = sum(m.merit == "unknown" for m in self.quality.metrics)
+        unknown = f"; {_counted(rest, 'metric is', 'metrics are')} unknown." if rest else "."
+        return f"This PSF is good by {_counted(known, 'metric', 'metrics')}, and {self._shown}{unknown}"
+
+    @property
+    def _doubtful(self) -> list[str]:
+        """What is worth a look, by title."""
+        fair = (m for m in self.quality.metrics if m.merit == "fair")
+        left = [m.spec.title.lower() for m in fair if self.settled(m) is None and not self.withdrawn(m)]
+        return [one.title for one in self.findings if is_fair(one)] + left
+
+    @property
+    def _shown(self) -> str:
+        """What was found in patterns where none of it matters: nothing, or faults that are there."""
+        source = f"{self.compared} patterns compared with the camera show" if self.compared else "its patterns show"
+        if not self.findings:
+            return f"{source} no fault"
+        measured = all(one.cost is not None for one in self.findings)
+        which = "cost a reconstruction next to nothing" if measured else "are too small to matter"
+        which = which.replace("cost ", "costs ").replace("are ", "is ") if len(self.findings) == 1 else which
+        many = _counted(len(self.findings), "fault", "faults")
+        return f"{source} {many} that {which} ({_listed([one.title for one in self.findings], 4)})"
 
     def redo(self) -> list[tuple[tuple[int, int, int], str]]:
         """Return positions (z, y, x) to record again with the reasons, in scan order."""
@@ -174,6 +192,16 @@ class Inspection:
             ],
             "withdrawn": [m.key for m in self.quality.metrics if m.merit in ("bad", "fair") and self.withdrawn(m)],
         }
+
+
+def _listed(names: Sequence[str], most: int) -> str:
+    """Return the first of the names, and how many more there are."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
+
+
+def _counted(many: int, one: str, several: str) -> str:
+    return f"{many} {one if many == 1 else several}"
 
 
 def is_bad(finding: Finding) -> bool:

@@ -10,14 +10,13 @@ import numpy as np
 from lfcal.figures import LINES, draw_image, figure
 from lfcal.inspect.finding import Finding, Picture
 from lfcal.inspect.inspection import Inspection
-from lfcal.psf.quality.metric import Merit
 from lfcal.psf.report.beside import Beside, ToldFault
 from lfcal.units import format_seconds, format_share
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["compared_words", "cost_words", "drawn", "merit_of", "told"]
+__all__ = ["compared_words", "cost_words", "drawn", "told"]
 
 
 def told(inspection: Inspection) -> Beside:
@@ -38,7 +37,7 @@ def told(inspection: Inspection) -> Beside:
     settled = {m.key: one.title for m in quality.metrics if (one := inspection.settled(m)) is not None}
     return Beside(
         inspection.verdict,
-        merit_of(inspection),
+        inspection.merit,
         compared_words(inspection),
         faults,
         settled,
@@ -68,21 +67,15 @@ def scene_words(inspection: Inspection) -> str:
 def compared_words(inspection: Inspection) -> str:
     """Return how much was compared with the camera, or why nothing was."""
     if not inspection.compared:
-        return f"not compared with a camera: {inspection.why_not}; the metrics below are weaker than a comparison"
+        weaker = "the metrics below are weaker than a comparison"
+        if inspection.findings:
+            weaker = f"the patterns alone show these faults; {weaker}"
+        return f"not compared with a camera: {inspection.why_not}; {weaker}"
     beside = f"{inspection.compared} patterns compared with the camera in {format_seconds(inspection.seconds)}"
     if not inspection.findings:
         return f"{beside}: no fault found"
     scene = scene_words(inspection)
     return f"{beside}: these faults stand out" + (f"; {scene}" if scene else "")
-
-
-def merit_of(inspection: Inspection) -> Merit:
-    """Return the merit that the verdict stands for."""
-    if inspection.bad:
-        return "bad"
-    if inspection.verdict.startswith("This PSF can be used"):
-        return "fair"
-    return "good" if inspection.compared else inspection.quality.merit
 
 
 def drawn(picture: Picture) -> bytes:

@@ -37,9 +37,11 @@ def test_numbers_then_report(lfcal: Lfcal, H: Path, tmp_path: Path) -> None:
     assert run.code == 0, run.err
     verdict, table, page = (run.out.index(w) for w in ("This PSF should not", "Missing frames", "report: "))
     assert verdict < table < page
-    assert "-20 mm" in run.out and "1 position to record again" in run.out
+    listed = tmp_path / "out" / "redo.json"
+    assert "-20 mm" in run.out and f"1 position to record again; listed in {listed}" in " ".join(run.out.split("\n"))
+    assert "--report writes" not in run.out and "--report writes the list" in lfcal("inspect", H).out
     assert (tmp_path / "out" / "index.html").exists()
-    assert MISSING in RedoList.read(tmp_path / "out" / "redo.json").positions
+    assert MISSING in RedoList.read(listed).positions
 
 
 def test_reference(lfcal: Lfcal, H: Path) -> None:

@@ -10,6 +10,7 @@ import tifffile
 
 from lfcal.errors import FileFormatError
 from lfcal.frames import iter_undamaged, open_frames
+from lfcal.frames.damage import named
 from lfcal.frames.source import Position
 from lfcal.progress import drain
 
@@ -36,6 +37,21 @@ def test_a_damaged_frame_is_named_with_its_position_and_the_way_on(folder: Path)
         ) as caught:
             source.read(bad)
         assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("remedy", "said"),
+    [
+        ("copy it again", "copy it again, or leave it out (--skip-damaged)"),
+        ("copy it again, or leave it out", "copy it again, or leave it out (--skip-damaged)"),
+        ("leave it out", "leave it out (--skip-damaged)"),
+    ],
+)
+def test_the_way_on_is_said_once(remedy: str, said: str) -> None:
+    wrong = FileFormatError.expected("a.tif", "16 bits", "8", remedy)
+    with pytest.raises(FileFormatError) as caught, named("a.tif", Position(0, 1, 2)):
+        raise wrong
+    assert str(caught.value) == f"a.tif, (z, y, x) = (0, 1, 2): expected 16 bits, got 8; {said}"
 
 
 @pytest.mark.parametrize("names", [("y1_x2",), ("y0_x0",), ("y0_x0", "y0_x1", "y1_x0")])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lfcal.bench._fault_list import FAULTS
-from tests.inspect.common import FEWEST, PEAK, Values, clean, faults_of, matrix, plan, recording
+from tests.inspect.common import FEWEST, PEAK, Values, clean, faults_of, matrix, plan, recording, scaled, sensor
 from tests.inspect.test_inspection import inspected
 
 
@@ -19,6 +19,19 @@ def test_values_that_end_are_told_with_their_ceiling() -> None:
     found = faults_of(put_in("saturation", 0.5))
     assert next(iter(found)) == "saturated" and "not_linear" not in found
     assert float(found["saturated"].detail.split(" at ")[1].split()[0]) == pytest.approx(PEAK / 2, rel=1e-3)
+
+
+def test_values_that_end_are_told_where_a_white_image_divided_the_ceiling() -> None:
+    """Else the ceiling looks like light missing in a part of the pupil, and like bad pixels."""
+    fall = np.linspace(0.97, 1.02, sensor(1.0).shape[1], dtype=np.float32)
+    found = faults_of(scaled(put_in("saturation", 0.5), sensor(1.0) / fall))
+    assert next(iter(found)) == "saturated" and not {"pupil", "bad_pixels", "not_linear"} & set(found)
+    assert float(found["saturated"].detail.split(" at ")[1].split()[0]) == pytest.approx(PEAK / 2, rel=0.04)
+
+
+def test_light_that_falls_over_the_field_is_no_ceiling() -> None:
+    fall = np.linspace(0.97, 1.02, sensor(1.0).shape[1], dtype=np.float32)
+    assert "saturated" not in faults_of(scaled(clean(), sensor(1.0) / fall))
 
 
 @pytest.mark.parametrize("sign", [1, -1])

@@ -240,12 +240,8 @@ class Page(BasePage):
         self.show_body()
         self.context.attention.emit("quality", found.bad)
         self.showing.start(found)
-        merit = "bad" if found.bad else "good" if found.compared else found.quality.merit
-        if not found.bad and found.verdict.startswith("This PSF can be used"):
-            merit = "fair"
-        self.panel.inspect.show_all(
-            found.verdict, merit, self._summary(found, asked), fault_rows(found), metric_rows(found)
-        )
+        words = self._summary(found, asked)
+        self.panel.inspect.show_all(found.verdict, found.merit, words, fault_rows(found), metric_rows(found))
 
     def _summary(self, found: Inspection, asked: Question) -> str:
         words = summary_of(found, asked.source)

@@ -20,8 +20,9 @@ __all__ = ["FAULTS", "Background", "CutOff", "Saturated"]
 
 F4 = NDArray[np.float32]
 
-BAND = 0.01
-"""Part of the highest value that samples at a ceiling lie within."""
+BANDS = (0.01, 0.05)
+"""Parts of the highest value that samples at a ceiling lie within: as the sensor gave them, and divided by a white
+image."""
 
 CROWDED = 4.0
 """Times as many samples as in the band below that a ceiling has."""
@@ -29,8 +30,8 @@ CROWDED = 4.0
 FEW = 12
 """Samples that make a ceiling at least."""
 
-HIGHER = 1.02
-"""Light over the ceiling that samples at it should have had."""
+HIGHER = 2.0
+"""Times that part by which their light should have been over the ceiling."""
 
 ALWAYS, SEVERAL = 0.9, 4
 """Share of the patterns that see a pixel in which it is at the ceiling if it is hot, and how many tell that."""
@@ -66,22 +67,30 @@ class Saturated(Fault):
 
     def found(self, evidence: Evidence) -> Iterable[Finding]:
         """Yield the ceiling, where the camera has more light than that."""
+        for band in BANDS:
+            for one in self._within(evidence, band):
+                yield one
+                return
+
+    def _within(self, evidence: Evidence, band: float) -> Iterable[Finding]:
+        """Yield a ceiling whose samples lie within a part of the highest value."""
         data = np.where(evidence.valid, evidence.data, -np.inf)
         top = float(data.max())
-        level = np.float32((1 - BAND) * top)
+        level = np.float32((1 - band) * top)
         at = data >= level
-        below = int(((data >= (1 - 3 * BAND) * top) & ~at).sum()) / 2
+        below = int(((data >= (1 - 3 * band) * top) & ~at).sum()) / 2
         if at.sum() < FEW or at.sum() < CROWDED * (below + 1) or not _spread(evidence, at):
             return
         without = evidence.with_data(evidence.data, evidence.valid & ~at)
         light = without.light
-        if float(np.median(light[at])) < HIGHER * top:
+        if float(np.median(light[at])) < (1 + HIGHER * band) * top:
             return
+        ceiling = float(np.median(data[at]))
         lost = np.where(at, light - evidence.data, 0).sum((1, 2), dtype=np.float64)
         some = np.flatnonzero(at.any((1, 2)))
         yield Finding(
             self,
-            f"values end at {top:.4g} in {len(some)} of {len(evidence)} patterns compared, "
+            f"values end at {ceiling:.4g} in {len(some)} of {len(evidence)} patterns compared, "
             f"where the light makes up to {float(light[at].max()):.4g}",
             float(np.sqrt(at.sum())) * 3,
             float(np.clip(lost.sum() / max(float(light.sum()), 1e-300), 0, 1)),
@@ -89,7 +98,7 @@ class Saturated(Fault):
             picture=place_map(evidence, at.sum((1, 2)).astype(np.float64), "", "samples at the ceiling"),
             redo=True,
             masked=lambda values: values >= level,
-            put_in=lambda patch: np.minimum(patch.light, np.float32(top)),
+            put_in=lambda patch: np.minimum(patch.light, np.float32(ceiling)),
         )
 
 

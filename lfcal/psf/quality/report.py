@@ -89,7 +89,8 @@ class QualityReport:
             return f"This PSF should not be used as it is: {names}{more}."
         fair = [m.spec.title.lower() for m in self.metrics if m.merit == "fair"]
         if fair:
-            return f"This PSF can be used; worth a look: {', '.join(fair[:4])}."
+            more = f" and {len(fair) - 4} more" if len(fair) > 4 else ""
+            return f"This PSF can be used; worth a look: {', '.join(fair[:4])}{more}."
         known = sum(m.merit != "unknown" for m in self.metrics)
         if not known:
             return "Nothing could be measured: it is not known whether this PSF is good."

@@ -106,7 +106,7 @@ def iter_report(
     files = {p.name: p.png for p in drawn}
     result = quality.to_dict() | ({} if comparison is None else {"comparison": comparison.to_dict()})
     if beside is not None:
-        result |= {"model": dict(beside.record), "verdict": beside.verdict}
+        result |= {"model": dict(beside.record), "merit": beside.merit, "verdict": beside.verdict}
     result |= {"inspected": datetime.now(UTC).isoformat(timespec="seconds")}
     redo = redo_list(quality, beside)
     files |= {PAPER: paper, "quality.json": _json(result), "redo.json": _json(redo), PAGE: text.encode()}
