@@ -150,6 +150,7 @@ def test_a_page_that_becomes_empty_hides_it_and_it_is_there_again(psf: Any, wind
 
 @pytest.mark.parametrize("key", ["psf", "frames", "reconstruct"])
 def test_borders_are_the_users(window: MainWindow, key: str) -> None:
+    window.resize(1600, 1000)
     window.go(key)
     page: Any = window.page(key)
     page.show_body()
