@@ -24,9 +24,9 @@ KEYS = {"name", "side", "matrix", "views", "colours", "cell", "lenslets", "light
 def load_modulator(path: str | os.PathLike[str]) -> Modulator:
     """Return the modulator of a file.
 
-    ``.npy``: transmissions ``(rows, columns, N)`` of a super-pixel, or ``(K, N)`` of a square one. ``.json``: an object
-    with ``matrix`` (the same, as nested lists) and, where wanted, ``side``, ``name``, ``views``, ``colours``, ``cell``,
-    ``lenslets``, ``light`` as in `lfcal.multiplex.Modulator`.
+    ``.npy``: transmissions ``(rows, columns, N)`` of a super-pixel, or ``(K, N)`` of a square one. ``.json``: the same
+    as nested lists, or an object with them as ``matrix`` and, where wanted, ``side``, ``name``, ``views``, ``colours``,
+    ``cell``, ``lenslets``, ``light`` as in `lfcal.multiplex.Modulator`.
 
     Raises
     ------
@@ -56,8 +56,10 @@ def save_modulator(modulator: Modulator, path: str | os.PathLike[str]) -> None:
 
 def _from_json(file: Path) -> dict[str, Any]:
     found = json.loads(read_text(file, foreign=True))
+    if isinstance(found, list):
+        return {"matrix": found}
     if not isinstance(found, dict) or "matrix" not in found:
-        raise ValueError('an object without "matrix"')
+        raise ValueError('no list of them, and no object with "matrix"')
     if strange := sorted(set(found) - KEYS):
         raise ValueError(f"unknown {', '.join(strange)}; known are {', '.join(sorted(KEYS))}")
     return found

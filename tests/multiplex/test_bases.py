@@ -278,7 +278,8 @@ def test_matrices_of_users(tmp_path: Path) -> None:
     np.save(tmp_path / "flat.npy", cfa("CYMG").matrix)
     told = {"name": "mine", "side": [1, 4], "matrix": cfa("CYMG").matrix.tolist(), "colours": ["R", "G", "B"]}
     (tmp_path / "own.json").write_text(json.dumps(told), encoding="utf-8")
-    for name in ("own.npy", "flat.npy", "own.json"):
+    (tmp_path / "bare.json").write_text(json.dumps(told["matrix"]), encoding="utf-8")
+    for name in ("own.npy", "flat.npy", "own.json", "bare.json"):
         assert snr_gain(modulator_of(str(tmp_path / name)), cfa("Bayer"), 0.0) == pytest.approx(0.645, abs=1e-3)
     assert load_modulator(tmp_path / "own.json").name == "mine"
     assert modulator_of(f"lenslet:3*{tmp_path / 'own.npy'}").count == 27

@@ -7,11 +7,13 @@ import math
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QCheckBox, QGridLayout, QLabel, QStackedWidget, QVBoxLayout, QWidget
 
 from gui.pages.multiplex.matrix_view import MatrixView
 from gui.theme import current_theme
 from gui.widgets.cards import card, choice_box, line
+from gui.widgets.naming import name_controls
 from gui.widgets.plots import LINES, LinePlot, shown_tone
 from lfcal.multiplex.gains import GainMap
 from lfcal.multiplex.noise import GainCurves
@@ -64,10 +66,19 @@ class FiguresView(QWidget):
         self.status.setWordWrap(True)
         outer.addLayout(line("Figure", self.figure, self.own, self.status, stretch=3))
         self.stack = QStackedWidget()
-        self.stack.addWidget(self._pictures())
-        self.stack.addWidget(self._plots())
-        self.stack.addWidget(self._map())
         outer.addWidget(self.stack, 1)
+
+    def make(self) -> None:
+        """Make pictures and plots, once: they take as long as all the rest of the page, where few look at once."""
+        if self.stack.count() == 0:
+            for part in (self._pictures(), self._plots(), self._map()):
+                self.stack.addWidget(part)
+            name_controls(self)
+
+    def showEvent(self, event: QShowEvent) -> None:
+        """Have something to show."""
+        self.make()
+        super().showEvent(event)
 
     def _pictures(self) -> QWidget:
         widget = QWidget()
@@ -135,6 +146,7 @@ class FiguresView(QWidget):
 
     def show_map(self, found: GainMap) -> None:
         """Draw gains of samples over powers of ten of chi^2."""
+        self.make()
         self.shown = None
         self.stack.setCurrentIndex(2)
         self.show_status(f"{found.modulator} over {found.reference}")
@@ -160,6 +172,7 @@ class FiguresView(QWidget):
 
     def show_figure(self, found: PaperFigure) -> None:
         """Draw a figure."""
+        self.make()
         self.shown = found
         self.show_status(found.title)
         self.stack.setCurrentIndex(1 if found.curves else 0)
@@ -193,6 +206,8 @@ class FiguresView(QWidget):
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
+        if self.stack.count() == 0:
+            return
         for view in (*self.views, *self.curves, self.map):
             view.apply_theme()
         if self.shown is not None:
