@@ -106,7 +106,7 @@ def _psf_pictures(page: Any) -> None:
     assert panel.show_box.currentData() == intent.show
     assert (panel.h_button.isChecked(), panel.ht_button.isChecked()) == (not intent.transposed, intent.transposed)
     names, at = ("HT", "H") if intent.transposed else ("H", "HT"), f"position y {intent.y}, x {intent.x}"
-    what = {"measured": ""}.get(intent.show, f"{intent.show} ")
+    what = {"measured": ""}.get(intent.show, f"{intent.show.capitalize()}: ")
     assert panel.main_title.text() == f"{what}{names[0]}, {at}", f"{panel.main_title.text()} for {what}{names[0]}, {at}"
     assert panel.linked_title.text().startswith(f"{what}{names[1]}, ")
     unit = shown_unit(intent, matrix, page.reference)
