@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from gui.scenes.dialogs import dialogs
+from gui.scenes.faults import faults
 from gui.scenes.large import large
 from gui.scenes.recording import recording
 from gui.scenes.sample import sample
@@ -18,6 +19,7 @@ SCENES: dict[str, Scene] = {
     "sample": sample,
     "dialogs": dialogs,
     "trouble": trouble,
+    "faults": faults,
     "large": large,
     "recording": recording,
     "target": target,

@@ -197,6 +197,13 @@ def test_telecentric_systems_have_no_such_axis() -> None:
         find_optical_axis(places[:1], places[:1])
 
 
+def test_optical_axis_of_one_plane_is_refused_before_anything_moves() -> None:
+    plan = small_plan(planes=1)
+    rig = rig_for(plan)
+    with pytest.raises(InputError, match="two or more, for it is where a move in depth .* got 1; plan a second plane"):
+        drain(iter_optical_axis(rig, plan))
+
+
 def test_optical_axis_of_the_simulated_camera_is_the_sensors_centre() -> None:
     camera = preset("bench")
     plan = ScanPlan(camera, (33, 19), (25, 25), (camera.depth_of(6.0), camera.depth_of(2.5)), (150.0, 150.0))

@@ -17,11 +17,12 @@ from lfcal.camera import ScanPlan
 from lfcal.files import read_text
 from lfcal.frames.orientation import named_orientation
 from lfcal.frames.source import FrameSource, Position
+from lfcal.progress import drain
 from lfcal.psf.cutout import INTERPOLATIONS, Cutout, Window
 from lfcal.psf.upright import CHECK
 
 if TYPE_CHECKING:
-    from lfcal.frames import CorrectionRecipe
+    from lfcal.frames import CorrectionChain, CorrectionRecipe
 
 __all__ = [
     "CORRECTIONS",
@@ -37,12 +38,14 @@ __all__ = [
 ]
 
 CORRECTIONS = (
-    ("use_dark", "Dark frame", "Subtract the mean dark frame"),
+    ("use_dark", "Dark frame", "Subtract what the sensor shows without light: the mean dark frame, else a level"),
     ("use_white", "White frame", "Divide by the relative brightness of the white frame"),
     ("use_defects", "Defect pixels", "Find defective pixels over all frames and interpolate them"),
     ("use_background", "Background", "Subtract the median of each frame's border"),
 )
 """Setting, title and meaning of each correction."""
+
+MEAN_DARK = "the mean dark frame"
 
 WAYS = (("", "as the plan needs"), *((name, name) for name in INTERPOLATIONS))
 """How a cutout between pixels may be taken, with the words shown."""
@@ -63,6 +66,8 @@ class FrameSettings(PageSettings):
         Folders of dark and white frames, or empty.
     use_dark, use_white, use_defects, use_background
         Which corrections are made; see `CORRECTIONS`.
+    skip_damaged
+        Whether frames that cannot be read are left out, for which every frame is read once when they are opened.
     interpolation
         How cutouts between pixels are taken; empty: as the plan needs.
     orientation
@@ -84,6 +89,7 @@ class FrameSettings(PageSettings):
     use_white: bool = True
     use_defects: bool = False
     use_background: bool = False
+    skip_damaged: bool = False
     interpolation: str = ""
     orientation: str = CHECK
 
@@ -132,6 +138,8 @@ class Opened:
         How cutouts between pixels are taken; empty: as the plan needs.
     folder, chosen
         What was opened, and how.
+    dark
+        What is subtracted as no light; empty: nothing.
     """
 
     source: FrameSource
@@ -142,6 +150,22 @@ class Opened:
     interpolation: str = ""
     folder: str = ""
     chosen: FrameSettings = FrameSettings()
+    dark: str = ""
+
+    def recorded(self, position: Position) -> Position:
+        """Return ``position``, or the nearest with a frame where it has none: in its plane, else in any."""
+        wanted = self.place(position)
+        places = np.argwhere(self.frames >= 0)
+        if self.frames[wanted] >= 0 or not len(places):
+            return wanted
+        away = np.abs(places - np.array(wanted))
+        z, y, x = places[np.lexsort((away[:, 1] + away[:, 2], away[:, 0]))[0]].tolist()
+        return Position(z, y, x)
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Frames that cannot be read and were left out, a line each: which, and why."""
+        return tuple(one.reason for one in self.source.metadata.get("left_out", ()))
 
     def place(self, position: Position) -> Position:
         """Return the position nearest to ``position`` that the plan has."""
@@ -185,7 +209,7 @@ class Loaded:
 
 def open_imported(folder: str, settings: FrameSettings, plan: ScanPlan) -> Opened:
     """Open frames and corrections as the settings say; raises what opening raises."""
-    from lfcal.frames import CorrectionRecipe, corrected_view, open_frames
+    from lfcal.frames import CorrectionRecipe, corrected_view, iter_undamaged, open_frames
     from lfcal.frames.colour_scan import ThinnedSource, colour_scan
     from lfcal.frames.components import open_component
 
@@ -198,8 +222,11 @@ def open_imported(folder: str, settings: FrameSettings, plan: ScanPlan) -> Opene
         first=int(settings.first) if settings.first else None,
         plan=plan,
         orientation=settings.orientation,
+        skip_damaged=settings.skip_damaged,
     )
     source = open_component(opening, settings.channel)
+    if settings.skip_damaged:
+        source = drain(iter_undamaged(source))
     # of a colour picture it is one colour already
     channel = "" if source.metadata.get("colour") else settings.channel
     plan = source.metadata.get("plan", plan)
@@ -222,7 +249,21 @@ def open_imported(folder: str, settings: FrameSettings, plan: ScanPlan) -> Opene
     for index in range(len(raw)):
         table[raw.info(index).position] = index
     view = turned(corrected, own, settings.orientation)
-    return Opened(raw, view, delivered, table, own, settings.interpolation, folder, settings)
+    dark = _dark_words(corrected.chain)
+    return Opened(raw, view, delivered, table, own, settings.interpolation, folder, settings, dark)
+
+
+def _dark_words(chain: CorrectionChain) -> str:
+    """Return what the corrections subtract as no light; empty: nothing."""
+    from lfcal.frames import Dark
+    from lfcal.frames.corrections.steps import DarkSet
+
+    for step in chain.steps:
+        if isinstance(step, DarkSet):
+            return f"the mean dark frame of each of {len(step.darks)} exposures" if len(step.darks) > 1 else MEAN_DARK
+        if isinstance(step, Dark):
+            return MEAN_DARK if step.frame is not None else f"the level {step.level:g} that file or plan state"
+    return ""
 
 
 @dataclass(frozen=True, eq=False)

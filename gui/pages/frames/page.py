@@ -124,7 +124,8 @@ class Page(BasePage):
     def _correct(self, key: str, on: bool) -> None:
         changes: dict[str, Any] = {key: on}
         settings = replace(self.settings, **changes).into(self.context.state)
-        self.context.project.update(f"{key.removeprefix('use_')} correction", settings=settings)
+        named = "damaged frames" if key == "skip_damaged" else f"{key.removeprefix('use_')} correction"
+        self.context.project.update(named, settings=settings)
 
     def _set(self, key: str, value: str) -> None:
         changes: dict[str, Any] = {key: value}
@@ -228,6 +229,18 @@ class Page(BasePage):
         self.context.jobs.drop("frames open")
         self._failed("The frames were not opened: stopped")
 
+    def _tell_left_out(self, lines: tuple[str, ...]) -> None:
+        """Say which frames cannot be read and are not among these."""
+        for line in lines:
+            self.context.message.emit(f"left out: {line}")
+        if lines:
+            count = "1 damaged frame is" if len(lines) == 1 else f"{len(lines)} damaged frames are"
+            self.notice.tell(f"{count} left out; the log says which, and why")
+
+    def _offer_without(self, words: str) -> None:
+        """Offer to go on without frames that cannot be read."""
+        self.notice.offer(words, "Leave out damaged frames", lambda: self._correct("skip_damaged", True))
+
     def _failed(self, words: str) -> None:
         self._opening = False
         self.notice.clear()
@@ -242,7 +255,10 @@ class Page(BasePage):
         self.assemble_button.setEnabled(True)
         rows, columns = opened.view.shape
         self.hint.setText(f"{len(opened.source)} frames of {columns} × {rows} px")
-        self.position = opened.place(self.position)  # these frames may have fewer planes than those before
+        # these frames may have fewer planes than those before, and not all positions
+        self.position = opened.recorded(self.position)
+        self.panel.show_dark(opened.dark, wanted=opened.chosen.use_dark)
+        self._tell_left_out(opened.left_out)
         self.panel.set_planes(opened.frames.shape[0])
         self._show_map()
         self.go_to(self.position)
@@ -307,6 +323,8 @@ class Page(BasePage):
             if opened is self.opened and where == self.position:  # the picture of another must not stand for it
                 self.loaded = None
                 self.panel.show_missing(words)
+                if not opened.chosen.skip_damaged:
+                    self._offer_without(words)
 
         self.context.jobs.compute("frames load", lambda: load_frame(opened, where), loaded, failed)
 

@@ -45,6 +45,8 @@ SCALES = (("linear", "linear"), ("gamma", "gamma 0.5"), ("log", "log, 4 decades"
 HEIGHTS = ((130, 230), (150, 290))
 """Least and most height of map and cutout (px): what is low enough needs no scroll bar."""
 
+DARK_TIP, WHITE_TIP = CORRECTIONS[0][2], CORRECTIONS[1][2]
+
 LEFT = 320
 """Least width of the column of positions (px)."""
 
@@ -62,7 +64,7 @@ class FramesPanel(QWidget):
     play_toggled(on)
         Step through the positions, or stop.
     correction_toggled(setting, on)
-        One of `gui.pages.frames.model.CORRECTIONS`.
+        One of `gui.pages.frames.model.CORRECTIONS`, or ``skip_damaged``.
     setting_chosen(setting, value)
         How positions are found in file names or a manifest, and how cutouts between pixels are taken.
     before_toggled(on), lattice_toggled(on)
@@ -219,6 +221,13 @@ class FramesPanel(QWidget):
         self.interpolation.currentIndexChanged.connect(
             lambda _: self.setting_chosen.emit("interpolation", self.interpolation.currentData())
         )
+        self.skip_damaged = QCheckBox("leave out")
+        self.skip_damaged.setAccessibleName("leave out damaged frames")
+        self.skip_damaged.setToolTip(
+            "Frames that cannot be read do not stand in the way of H, which lacks their positions; "
+            "every frame is read once for it when they are opened"
+        )
+        self.skip_damaged.toggled.connect(lambda on: self.correction_toggled.emit("skip_damaged", on))
         self.orientation = choice_box(CHOICES, "What makes the frames upright: rows and columns as the plan has them")
         self.orientation.setAccessibleName("orientation")
         # the panel is narrower than the words
@@ -232,16 +241,18 @@ class FramesPanel(QWidget):
         form.addRow("Manifest", self.manifest)
         form.addRow("Interpolation", self.interpolation)
         form.addRow("Orientation", self.orientation)
+        form.addRow("Damaged frames", self.skip_damaged)
         return form
 
     # -- showing ---------------------------------------------------------------------------------------
     def show_settings(self, settings: FrameSettings) -> None:
         """Show the settings; a white image is needed to divide by one."""
-        for key, box in self.boxes.items():
+        for key, box in (*self.boxes.items(), ("skip_damaged", self.skip_damaged)):
             blocker = QSignalBlocker(box)
             box.setChecked(getattr(settings, key))
             blocker.unblock()
         self.boxes["use_white"].setEnabled(bool(settings.white))
+        self.boxes["use_white"].setToolTip(WHITE_TIP if settings.white else f"{WHITE_TIP}; no folder of them was found")
         blockers = [QSignalBlocker(w) for w in (self.pattern, self.manifest, self.interpolation, self.orientation)]
         self.pattern.setText(settings.pattern)
         self.manifest.setText(settings.manifest)
@@ -249,6 +260,16 @@ class FramesPanel(QWidget):
         self.orientation.setCurrentIndex(self.orientation.findData(settings.orientation))
         for one in blockers:
             one.unblock()
+
+    def show_dark(self, words: str, *, wanted: bool) -> None:
+        """Say what is subtracted as no light; where nothing was found, the choice is none."""
+        box, there = self.boxes["use_dark"], bool(words) or not wanted
+        blocker = QSignalBlocker(box)
+        box.setChecked(wanted and there)
+        blocker.unblock()
+        box.setEnabled(there)
+        found = f"Subtracted now: {words}" if words else "" if there else "No dark frame was found, nor a black level"
+        box.setToolTip(f"{DARK_TIP}. {found}".rstrip(". "))
 
     def set_planes(self, count: int) -> None:
         """Offer so many depth planes."""

@@ -31,6 +31,7 @@ def step(project: ProjectState, out: str = "") -> Step:
         ("--channel", chosen.channel),
         ("--interpolation", chosen.interpolation),
         ("--orientation", chosen.orientation),
+        ("--skip-damaged", chosen.skip_damaged),
         ("--out", out),
     )
     script = _script(frames, chosen, dark, white, background, out)
@@ -39,9 +40,12 @@ def step(project: ProjectState, out: str = "") -> Step:
 
 def _script(frames: str, chosen: FrameSettings, dark: str, white: str, background: str, out: str) -> str:
     first = int(chosen.first) if chosen.first else None
+    skip = without = ""
+    if chosen.skip_damaged:
+        skip, without = ", skip_damaged=True", "    frames = drain(iter_undamaged(frames))\n"
     return f"""
 from lfcal.camera import ScanPlan
-from lfcal.frames import CorrectionRecipe, corrected_view, open_frames
+from lfcal.frames import CorrectionRecipe, corrected_view, iter_undamaged, open_frames
 from lfcal.frames.oriented import oriented
 from lfcal.progress import drain
 from lfcal.psf import AssemblySettings, assemble_plan
@@ -54,9 +58,9 @@ recipe = CorrectionRecipe(
 )
 with open_frames(
     {frames!r}, manifest={chosen.manifest or None!r}, pattern={chosen.pattern or None!r},
-    columns={chosen.columns!r}, first={first!r}, plan=plan,
+    columns={chosen.columns!r}, first={first!r}, plan=plan{skip},
 ) as frames:
-    view = corrected_view(frames, recipe, plan)
+{without}    view = corrected_view(frames, recipe, plan)
     turn, lie = drain(iter_upright(view, plan, {chosen.orientation!r}))
     upright = oriented(view, turn, plan.camera.sensor.shape)
     settings = AssemblySettings(interpolation={chosen.interpolation!r})

@@ -97,9 +97,22 @@ def iter_optical_axis(
     options: Options | None = None,
     control: Control | None = None,
 ) -> Work[OpticalAxis]:
-    """Look at 45 places in each of ``planes`` (default: first and last) and find the axis; nothing is recorded."""
+    """Look at 45 places in each of ``planes`` (default: first and last) and find the axis; nothing is recorded.
+
+    Raises
+    ------
+    InputError
+        Before anything moves: if these are not two planes or more.
+    """
     options, control = options or Options(), control or Control()
-    chosen = list(planes) if planes is not None else sorted({0, len(plan.depths_um) - 1})
+    chosen = sorted(set(planes if planes is not None else (0, len(plan.depths_um) - 1)))
+    if len(chosen) < 2:
+        raise InputError.expected(
+            "planes for the optical axis",
+            "two or more, for it is where a move in depth does not shift the image",
+            f"{len(chosen)}",
+            "plan a second plane",
+        )
     objects = _places(plan, chosen)
     targets = plan.stage.to_stage(objects.reshape(-1, 3))
     looker = Looker(rig, plan, options, control, targets=targets)
