@@ -39,12 +39,10 @@ def faults(stage: Stage) -> Iterator[Shot]:
     stage.settle()
     stage.tidy()
     yield Shot("quality_faults")
-    for key in ("misplaced", "missing"):
-        keys = [m.key for m in page.inspection.report.metrics]
-        if key in keys:
-            page.panel.inspect.table.setCurrentCell(keys.index(key), 0)
-            stage.settle()
-            yield Shot(f"quality_{key}")
+    for row in range(1, min(3, page.panel.inspect.faults.rowCount())):
+        page.panel.inspect.faults.selectRow(row)
+        stage.settle()
+        yield Shot(f"quality_fault_{row}")
     yield from _log(stage)
     yield from _mishaps(stage)
 

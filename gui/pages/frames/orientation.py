@@ -17,8 +17,8 @@ __all__ = ["CHOICES", "Advice", "advice", "other_sensor", "refusal", "turned"]
 
 TURNS = [one for one in ORIENTATIONS.values() if one.name != AS_IS]
 CHOICES = (
-    (CHECK, "check: upright, or refused"),
-    (AS_IS, "as is: without a check"),
+    (CHECK, "upright, checked"),
+    (AS_IS, "as is, unchecked"),
     *((one.name, one.words) for one in TURNS),
 )
 """What may be said of the frames, with the words shown."""

@@ -221,7 +221,7 @@ class FramesPanel(QWidget):
         self.interpolation.currentIndexChanged.connect(
             lambda _: self.setting_chosen.emit("interpolation", self.interpolation.currentData())
         )
-        self.skip_damaged = QCheckBox("leave out")
+        self.skip_damaged = QCheckBox("left out of H")
         self.skip_damaged.setAccessibleName("leave out damaged frames")
         self.skip_damaged.setToolTip(
             "Frames that cannot be read do not stand in the way of H, which lacks their positions; "
@@ -241,7 +241,7 @@ class FramesPanel(QWidget):
         form.addRow("Manifest", self.manifest)
         form.addRow("Interpolation", self.interpolation)
         form.addRow("Orientation", self.orientation)
-        form.addRow("Damaged frames", self.skip_damaged)
+        form.addRow("Damaged", self.skip_damaged)
         return form
 
     # -- showing ---------------------------------------------------------------------------------------

@@ -14,6 +14,7 @@ from gui.models.display import Display, levels_of, to_uint8
 from gui.pages.simulate.model_influence import Influence
 from gui.theme import current_theme
 from gui.widgets.colour_bar import ColourBar, bar_table, theme_table
+from gui.widgets.linking import link_plots
 from gui.widgets.measured_part import MeasuredPart, entries_at
 from gui.widgets.picture_menu import offer_menu
 from gui.widgets.plots import style_axes, theme_plot
@@ -21,6 +22,9 @@ from gui.widgets.plots import style_axes, theme_plot
 __all__ = ["InfluenceView"]
 
 TITLES = ("without", "with", "difference")
+PICTURE, ROW_NUMBERS = 100.0, 61.0
+"""Widths of a picture and of the numbers of its rows, in units of the layout."""
+
 MAPS = ("viridis", "viridis", "RdBu_r")
 
 
@@ -40,6 +44,7 @@ class InfluenceView(QWidget):
         self.bars: list[ColourBar] = []
         for k, title in enumerate(TITLES):
             self._add_plot(k, title)
+        link_plots(self.plots)
         self.graphics.setAccessibleName("pattern with and without the effect")
         offer_menu(self.graphics, lambda: "effect", at=lambda point: entries_at(self.graphics, self.parts, point))
         self.parts = [
@@ -62,9 +67,11 @@ class InfluenceView(QWidget):
         plot.setTitle(title, size="9pt")
         item = pg.ImageItem(axisOrder="row-major")
         plot.addItem(item)
+        layout = self.graphics.ci.layout
+        # pictures as wide as each other, whatever stands below
+        layout.setColumnPreferredWidth(number, PICTURE + (0 if number else ROW_NUMBERS))
+        layout.setColumnStretchFactor(number, 1)
         if number:
-            plot.setXLink(self.plots[0])
-            plot.setYLink(self.plots[0])
             plot.getAxis("left").setStyle(showValues=False)
             plot.getAxis("left").setWidth(6)
         self.plots.append(plot)
@@ -78,7 +85,7 @@ class InfluenceView(QWidget):
 
     def show_influence(self, influence: Influence | None, words: str = "") -> None:
         """Show the pictures of one position; None clears them and says why."""
-        before = None if self.influence is None else self.influence.without.shape
+        before = None if self.influence is None else (self.influence.without.shape, self.influence.origin)
         self.influence = influence
         self.words.setText(words or (influence.words if influence is not None else ""))
         if influence is None:
@@ -96,8 +103,9 @@ class InfluenceView(QWidget):
         for bar, part, name in zip(self.bars, self.parts[1:], (influence.value, "difference"), strict=True):
             bar.set_levels(part.shown_levels())
             bar.set_label(name)
-        if before != influence.without.shape:
-            self.plots[0].autoRange(padding=0.01)
+        if before != (influence.without.shape, influence.origin):
+            for plot, item in zip(self.plots, self.items, strict=True):
+                plot.setRange(item.mapRectToParent(item.boundingRect()), padding=0.01)
 
     def _contrast_changed(self, part: MeasuredPart) -> None:
         """Draw anew; the first two pictures are compared, so they have one contrast."""

@@ -29,8 +29,8 @@ __all__ = [
 
 Array = NDArray[Any]
 
-LANES = 512
-"""Lattice positions summed at once: entries are read again for the next, and sums must stay in the nearest cache."""
+LANES = 1024
+"""Lattice positions summed at once, at most: entries are read again for the next, and nine runs share the cache."""
 
 
 class Tiling(NamedTuple):
@@ -186,8 +186,11 @@ def gather_sums(entries: Entries, values_in: Array, values_out: Array, base: int
     start, offset, value = entries.start, entries.offset, entries.value
     positions = values_out.shape[1]
     sums = np.zeros(LANES, values_out.dtype)
-    for q0 in range(0, positions, LANES):
-        lanes = min(LANES, positions - q0)
+    blocks = (positions + LANES - 1) // LANES
+    for block in range(blocks):
+        # of one size: what is read for each entry costs a short block as much as a long one
+        q0 = positions * block // blocks
+        lanes = positions * (block + 1) // blocks - q0
         first = base + q0
         for k in range(low, high):
             begin, end = start[k], start[k + 1]

@@ -13,9 +13,9 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QRectF, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QLineEdit
+from PySide6.QtWidgets import QApplication, QLineEdit
 from pytestqt.qtbot import QtBot
 
 from gui.context import Context
@@ -190,6 +190,27 @@ def test_the_influence_of_an_effect_on_h(page: Any, qtbot: QtBot) -> None:
     # 1 % to each of four neighbours, of two lines: the middle keeps 0.98 squared
     assert light.with_it.sum() == pytest.approx(light.without.sum(), rel=1e-3)
     assert light.with_it.max() < light.without.max()
+
+
+def test_the_pictures_of_an_influence_fill_their_views(page: Any, qtbot: QtBot) -> None:
+    """Linked views with locked aspects grew apart with every size: pictures were half as large as there was room."""
+    choose(page, "coma", qtbot)
+    view = page.panel.effect.influence
+    for size in ((1280, 800), (1900, 1000), (1300, 820)):
+        page.resize(*size)
+        for _ in range(5):
+            QApplication.processEvents()
+        widths = []
+        for plot, item in zip(view.plots, view.items, strict=True):
+            seen, picture = plot.vb.viewRect(), item.mapRectToParent(item.boundingRect())
+            assert seen.contains(picture)
+            assert min(seen.width() / picture.width(), seen.height() / picture.height()) < 1.05
+            widths.append(plot.vb.width())
+        assert max(widths) < 1.1 * min(widths), "the first has the numbers of the rows as well"
+    view.plots[1].vb.setRange(QRectF(10, 10, 8, 8), padding=0)
+    view.plots[1].vb.sigRangeChangedManually.emit([True, True])
+    for plot in view.plots:
+        assert plot.vb.viewRect().width() < 30 and plot.vb.viewRect().contains(QRectF(11, 11, 6, 6))
 
 
 def test_waiting_for_the_influence_can_be_stopped(page: Any, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> None:
