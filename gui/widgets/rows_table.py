@@ -89,6 +89,16 @@ class RowsTable(QTableWidget):
         item = self.item(row, 0)
         return -1 if item is None else int(item.data(ROW))
 
+    def chosen(self) -> int:
+        """Return which of the rows that were given is selected, the first of several; -1: none."""
+        return min((self.number_of(index.row()) for index in self.selectedIndexes()), default=-1)
+
+    def choose(self, number: int) -> None:
+        """Select one of the rows that were given; nothing happens where there is none of that number."""
+        for row in range(self.rowCount()):
+            if self.number_of(row) == number:
+                self.selectRow(row)
+
     def text(self) -> str:
         """Return the selected rows, or all, with the header: columns are parted by tabs."""
         chosen = sorted({index.row() for index in self.selectedIndexes()}) or range(self.rowCount())

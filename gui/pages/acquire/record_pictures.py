@@ -76,7 +76,7 @@ class RecordPictures(QWidget):
             column.addWidget(view, 1)
             grid.addWidget(panel, 0, k)
         for k, (key, plot) in enumerate(self.curves.items()):
-            panel, column = card(ElidedLabel(f"{CURVES[key]} in scan order"))
+            panel, column = card(ElidedLabel(f"{CURVES[key]} by frame"))
             plot.setMinimumSize(120, LOW)
             plot.graphics.setMinimumHeight(LOW)
             for side in ("left", "bottom"):  # in a low window names beside the axes would be cut

@@ -287,7 +287,12 @@ class Page(BasePage):
         self._show_buttons()
 
     def _apply_theme(self) -> None:
+        inspect, trend = self.panel.inspect, self.panel.trend.table
+        tables = (inspect.faults, inspect.table, trend)
+        chosen = [table.chosen() for table in tables]
         self.panel.apply_theme()
         self.trending.show()
         if not self._job:
             self._show()
+        for table, number in zip(tables, chosen, strict=True):
+            table.choose(number)  # drawn anew they begin with the first row

@@ -242,3 +242,18 @@ def test_a_fault_leads_to_its_section_of_the_atlas(page: Page, qtbot: QtBot) -> 
         assert link is not None
         inspect.words.anchorClicked.emit(QUrl(link[1]))
         assert asked[-1] == ("faults.md", finding.name)
+
+
+@pytest.mark.usefixtures("known")
+def test_another_theme_leaves_what_is_chosen(page: Page, qtbot: QtBot) -> None:
+    """The tables are drawn anew in the theme's colours, and began with their first row."""
+    found_by(page, qtbot)
+    inspect = page.panel.inspect
+    assert inspect.faults.rowCount() > 1 and inspect.faults.chosen() == 0
+    inspect.faults.choose(1)
+    words = inspect.words.toPlainText()
+    page.theme_changed.emit()
+    assert inspect.faults.chosen() == 1 and inspect.words.toPlainText() == words
+    inspect.table.choose(3)
+    page.theme_changed.emit()
+    assert inspect.table.chosen() == 3 and inspect.faults.chosen() == -1
