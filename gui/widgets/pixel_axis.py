@@ -7,8 +7,12 @@ import math
 import pyqtgraph as pg
 
 __all__ = ["PixelAxis", "count_pixels", "pixel_axes"]
+
 ROOM = 14.0
-"""Screen pixels from one number to the next."""
+"""Screen pixels from one number to the next, one above the other."""
+
+DIGIT, BETWEEN = 7.0, 8.0
+"""Width of a digit, and room between numbers beside each other (px)."""
 
 
 class PixelAxis(pg.AxisItem):
@@ -33,13 +37,16 @@ class PixelAxis(pg.AxisItem):
         first, last = sorted((minVal, maxVal))  # rows count downwards
         low, high = max(first, self.span[0]), min(last, self.span[1])
         apart = size / max(last - first, 1e-9)
+        room = ROOM
+        if self.orientation in ("bottom", "top"):
+            room = max(ROOM, DIGIT * max(len(f"{end:.0f}") for end in (low, high)) + BETWEEN)
         # pyqtgraph reckons with numbers along the whole axis, not with many in a small part of it
-        wide = [pair for pair in found if pair[0] >= 1 and pair[0] * apart >= ROOM]
+        wide = [pair for pair in found if pair[0] >= 1 and pair[0] * apart >= room]
         kept = [(step, [v for v in values if low <= v <= high]) for step, values in wide]
         if any(values for _, values in kept):
             return kept
         # seen so near that pyqtgraph shows parts of a pixel only, or from so far that one number has room
-        each = max(1, math.ceil(ROOM / max(apart, 1e-9)))
+        each = max(1, math.ceil(room / max(apart, 1e-9)))
         return [(float(each), [float(k) for k in range(math.ceil(low), math.floor(high) + 1, each)])]
 
 

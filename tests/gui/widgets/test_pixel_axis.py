@@ -67,3 +67,16 @@ def test_pictures_of_other_units_have_the_usual_axes(qtbot: QtBot, origin: tuple
     qtbot.addWidget(view)
     view.set_image(np.ones((4, 4)), origin=origin, step=step)
     assert any(value % 1 for value in ticks(view.plot.getAxis("left"), 0.0, 1.0))
+
+
+def test_numbers_beside_each_other_keep_apart(qapp: QApplication) -> None:
+    """Two digits stood 15 px apart, which is their own width."""
+    for last, size in ((94, 190.0), (6575, 400.0), (9, 120.0)):
+        axis = PixelAxis("bottom")
+        axis.cover(0, last + 1)
+        for spread in (1.0, 1.5, 3.0):  # a picture that fills a part of its view
+            middle = last / 2
+            low, high = middle - spread * middle, middle + spread * middle
+            pairs = [pair for pair in axis.tickValues(low, high, size) if len(pair[1]) > 1]
+            apart = min(np.diff(sorted(v for _, values in pairs for v in values)), default=np.inf)
+            assert apart * size / (high - low) >= 7 * len(str(last)) + 8 - 1e-9
