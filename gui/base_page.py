@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -250,6 +251,8 @@ class BasePage(QWidget):
             self.context.jobs.drop(self._imports)
             self.notice.clear()
             self.let_go()
+        elif replace(old, settings=new.settings) != new:
+            self.notice.drop_refusal()
         self.state_changed(old, new)
 
     # -- what pages override -----------------------------------------------------------------------------

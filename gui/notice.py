@@ -39,6 +39,7 @@ class Notice(QFrame):
             row.addWidget(button, 0, Qt.AlignmentFlag.AlignTop)
         self._cancel: Callable[[], None] | None = None
         self._left: Callable[[], None] | None = None
+        self._refused = False
         self._timer = QTimer(self)
         self._timer.setSingleShot(True)
         self._timer.setInterval(WAIT_MS)
@@ -56,6 +57,7 @@ class Notice(QFrame):
         """Say why something was refused."""
         self._say(text, "Dismiss", "error")
         self._cancel = None
+        self._refused = True
         self.show()
 
     def offer(
@@ -82,11 +84,18 @@ class Notice(QFrame):
 
     def clear(self) -> None:
         """Say nothing."""
+        self._refused = False
         self._timer.stop()
         self._cancel = self._left = None
         self.hide()
 
+    def drop_refusal(self) -> None:
+        """Take away why something was refused: what it was refused beside is another now."""
+        if self._refused:
+            self.clear()
+
     def _say(self, text: str, button: str, role: str, tip: str = DISMISS) -> None:
+        self._refused = False
         self._timer.stop()
         self.leave.hide()
         self.label.setText(text)

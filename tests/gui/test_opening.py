@@ -16,6 +16,7 @@ import lfcal.psf
 from gui.app import begin, make_window, parse
 from gui.pages.psf.export_model import ExportIntent
 from gui.window import MainWindow
+from lfcal.camera import preset
 from lfcal.psf import PSFMatrix, save
 from tests.gui.waiting import GUARD_MS, idle
 
@@ -262,3 +263,25 @@ def test_the_sample_is_assembled_beside_the_window(qapp: QApplication, qtbot: Qt
     window.shut_down()
     window.close()
     window.deleteLater()
+
+
+def test_a_refusal_goes_when_what_it_was_said_beside_goes(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:
+    """The file that could not be opened stood above another H that was made meanwhile, until it was dismissed."""
+    for name in ("H.h5", "other.h5"):
+        save(PSFMatrix(np.ones((1, 2, 2, 5, 5), np.float32)), tmp_path / name)
+    (tmp_path / "bad.h5").write_bytes(b"no file of HDF5")
+    window.project.update("open", psf=str(tmp_path / "H.h5"))
+    window.go("psf")
+    page: Any = window.page("psf")
+    idle(window.jobs, qtbot)
+    page.open_file(str(tmp_path / "bad.h5"))
+    idle(window.jobs, qtbot)
+    assert page.notice.isVisible() and "bad.h5" in page.notice.label.text()
+    window.project.update("settings", settings={"psf": {}})
+    assert page.notice.isVisible(), "it is still what was tried last"
+    window.project.update("assembly", psf=str(tmp_path / "other.h5"))
+    idle(window.jobs, qtbot)
+    assert not page.notice.isVisible()
+    page.notice.offer("lies on its side", "Turn", lambda: None)
+    window.project.update("camera", camera=preset("r29"))
+    assert page.notice.isVisible(), "an offer waits for its answer"
