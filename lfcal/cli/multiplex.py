@@ -17,7 +17,7 @@ from lfcal.cli.multiplex_views import views
 from lfcal.cli.options import Chi2Option, ForceOption, GainOption, JsonOption, PresetOption, WorkersOption
 from lfcal.cli.outputs import check_output, check_outputs
 from lfcal.errors import InputError
-from lfcal.multiplex.naming import GRAMMAR, modulator_of
+from lfcal.multiplex.naming import GRAMMAR, is_whole, modulator_of
 
 if TYPE_CHECKING:
     from lfcal.multiplex import Modulator
@@ -253,7 +253,7 @@ def search(
     ratio = _chi2(chi2, camera, gain)[0]
     if ratio is None:
         raise InputError.expected("chi^2", "--chi2 or --camera", "neither", "say for which camera to search")
-    if what != "filters" and not what.isdigit():
+    if what != "filters" and not is_whole(what):
         raise InputError.expected("search", "filters or a mask's size", repr(what), "for example 11")
     if what == "filters":
         _show_found(filter_set_frontier(ratio), out, json=json)

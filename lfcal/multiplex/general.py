@@ -119,6 +119,7 @@ def iter_demultiplex_generally(
     if model.shape != image.shape:
         raise InputError.expected("transmissions", f"(N, {image.shape})", model.transmissions.shape, "one per pixel")
     check_number("smoothness", smoothness, at_least=0)
+    check_number("iterations", most, at_least=1, integer=True)
     check_number("tolerance", tolerance, above=0, below=1)
     known = known / known.max()
     # in units of what a node's pixels measure of it, so that the same number means the same for every modulator
@@ -225,6 +226,8 @@ def _transmissions(given: ArrayLike | Modulator, shape: tuple[int, int] | None) 
             raise InputError.expected("frame of the modulator", "its shape (rows, columns)", "none", "give it")
         rows, columns = (np.arange(n) % s for n, s in zip(shape, given.side, strict=True))
         return np.ascontiguousarray(given.matrix[rows[:, None] * given.side[1] + columns].transpose(2, 0, 1))
+    if np.asarray(given).dtype.kind not in "uifb":
+        raise InputError.expected("transmissions", "real numbers", np.asarray(given).dtype, "correct them")
     array = np.asarray(given, float)
     if array.ndim != 3 or not array.size or not np.isfinite(array).all() or np.abs(array).max() > MAX_SHARE:
         raise InputError.expected("transmissions", "finite (N, rows, columns)", array.shape, "one plane per sample")

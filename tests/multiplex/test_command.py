@@ -281,6 +281,7 @@ def test_benchmark(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixtur
     rows = json.loads(capsys.readouterr().out)
     assert [r["name"] for r in rows] == ["demosaic, cubic", "31 x 31 views, linear", "31 x 31 views, cubic"]
     assert all(r["ratio"] > 0 and r["bound"] == 5 for r in rows)
+    assert rows[0]["psnr_db"] > 25 and rows[1]["psnr_db"] is None, "quality beside the time"
     assert mask("lenslet", 31).count == 961
 
 

@@ -57,6 +57,13 @@ def test_merits_of_a_camera(lfcal) -> None:  # noqa: F811
     assert unlike.code == 2 and "number of samples" in unlike.err
 
 
+def test_of_large_masks_no_transfer_is_measured(lfcal) -> None:  # noqa: F811
+    done = lfcal("multiplex", "merits", "lenslet:17", "--camera", "r29", "--json")
+    assert done.code == 0, done.err
+    (row,) = done.json["modulators"]
+    assert row["mtf_0.1"] is None and row["false_detail_0.25"] is None and row["gain_plain_db"] == 0
+
+
 def test_map_of_gains(lfcal, tmp_path: Path) -> None:  # noqa: F811
     words = ("multiplex", "map", "bands:CM/YG:3", "--reference", "bands:RG/GB:3")
     found = lfcal(*words, "--json", "--out", tmp_path / "map.png").json
@@ -82,6 +89,9 @@ def test_designs(lfcal, tmp_path: Path) -> None:  # noqa: F811
         ("2x", "--chi2", 1),
         ("2x2", "--chi2", 1, "--camera", "r29"),
         ("2x2", "--chi2", 1, "-o", "x.tif"),
+        ("2x²", "--chi2", 1),
+        ("²", "--chi2", 1),
+        ("2x2", "--chi2", 1, "--crosstalk", "nan"),
     ):
         assert lfcal("multiplex", "design", *words).code == 2
 

@@ -38,6 +38,7 @@ from lfcal.progress import drain
 __all__ = ["Page"]
 
 IMAGES = f"Images ({' '.join('*' + suffix for suffix in sorted(image_suffixes()))});;All files (*)"
+DESIGNS = "With views and colours (*.json);;Transmissions alone (*.npy)"
 CHOSEN = ("family", "cfa", "pattern", "mask", "size", "written", "scene", "filter", "weighted", "noise", "image")
 CHOSEN += ("route", "dead", "white", "transmissions", "spacing", "smoothness")
 MODULATORS = ("family", "cfa", "pattern", "mask", "size", "written")
@@ -341,7 +342,7 @@ class Page(BasePage):
     def save_found(self, use: bool = False) -> None:
         """Ask where to, and write the design."""
         found = self.panel.search.found
-        path = QFileDialog.getSaveFileName(self, "Save design", "design.npy", "Arrays (*.npy)")[0] if found else ""
+        path = QFileDialog.getSaveFileName(self, "Save design", "design.json", DESIGNS)[0] if found else ""
         if found is None or not path:
             return
         try:
