@@ -21,7 +21,7 @@ from lfcal.errors import InputError
 from lfcal.multiplex import Modulator, cfa, demultiplex, multiplex
 from lfcal.multiplex.filters import COLOUR_FILTERS, LINEAR_FILTERS, SPATIAL_FILTERS
 
-__all__ = ["SHIPPED", "Row", "measure", "register"]
+__all__ = ["SHIPPED", "Row", "mean_psnr", "measure", "register"]
 
 Image = NDArray[Any]
 Way = Callable[[Image], Image]
@@ -127,6 +127,16 @@ def measure(
         seconds = min(_seconds(way, frames) for _ in range(rounds))
         rows.append(Row(name, float(np.mean(quality)), min(quality), seconds / megapixels))
     return sorted(rows, key=lambda row: -row.psnr_db)
+
+
+def mean_psnr(filter: str, pattern: str = "GRBG", workers: int | None = None) -> float:
+    """Return the mean PSNR (dB) of one of lfcal's filters over the photographs of `SHIPPED` that are installed."""
+    photographs = [halved(file) for file in _shipped()]
+    modulator = cfa(pattern)
+    found = [
+        demultiplex(multiplex(image, modulator), modulator, filter=filter, workers=workers) for image in photographs
+    ]
+    return float(np.mean([_psnr(f, image) for f, image in zip(found, photographs, strict=True)]))
 
 
 def _seconds(way: Way, frames: list[Image]) -> float:

@@ -21,13 +21,14 @@ VIEWS = 31
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """Seconds of one way, and its ratio to OpenCV's bilinear demosaic plus one copy of this way's output."""
+    """Seconds of one way, its ratio to OpenCV's bilinear demosaic plus one copy of its output; PSNR of colours (dB)."""
 
     name: str
     seconds: float
     opencv: float
     copy: float
     megabytes: float
+    psnr_db: float | None = None
 
     @property
     def ratio(self) -> float:
@@ -56,6 +57,7 @@ def measure(shape: tuple[int, int], filters: list[str], workers: int | None, rou
     import numpy as np
 
     from lfcal.bench._transposers import copy_parallel, interleaved
+    from lfcal.bench.demosaic import mean_psnr
     from lfcal.camera import preset
     from lfcal.lattice import lattice_of
     from lfcal.multiplex import cfa, demultiplex, lattice_channels
@@ -87,7 +89,8 @@ def measure(shape: tuple[int, int], filters: list[str], workers: int | None, rou
     for name, seconds in times.items():
         if name.startswith(("demosaic", str(VIEWS))):
             kind, array = ("colours", colours) if name.startswith("demosaic") else ("views", views)
-            rows.append(Timing(name, seconds, times["opencv"], times[f"copy {kind}"], array.nbytes / 1e6))
+            quality = mean_psnr(name.removeprefix("demosaic, "), workers=workers) if kind == "colours" else None
+            rows.append(Timing(name, seconds, times["opencv"], times[f"copy {kind}"], array.nbytes / 1e6, quality))
     return rows
 
 
@@ -118,6 +121,7 @@ def command(
                     "output_megabytes": r.megabytes,
                     "ratio": r.ratio,
                     "bound": BOUND,
+                    "psnr_db": r.psnr_db,
                 }
                 for r in rows
             ]
@@ -135,6 +139,7 @@ def _show(rows: list[Timing], title: str) -> None:
             f"{1e3 * r.opencv:.0f}",
             f"{1e3 * r.copy:.0f}",
             f"{r.ratio:.2f}",
+            "—" if r.psnr_db is None else f"{r.psnr_db:.2f}",
         ]
         for r in rows
     ]
@@ -145,5 +150,6 @@ def _show(rows: list[Timing], title: str) -> None:
         "OpenCV bilinear demosaic (ms)",
         "copy of the output (ms)",
         f"lfcal ÷ (OpenCV + copy), bound {BOUND:g}",
+        "PSNR, photographs (dB)",
     ]
     print_table(headers, table, title=title)

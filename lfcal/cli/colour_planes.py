@@ -83,13 +83,16 @@ def _level(dark: Path, shape: tuple[int, ...], colour: str | None) -> NDArray[An
 def _mosaic(path: Path, cfa: str, black: Any, dark: Path | None, names: tuple[str, ...]) -> Planes:
     import numpy as np
 
-    from lfcal.cli.multiplex_figures import without_dark
     from lfcal.frames import read_image
     from lfcal.multiplex import cfa as modulator_of
-    from lfcal.multiplex import demultiplex
+    from lfcal.multiplex import demultiplex, without_black_level
 
     frame = read_image(path)
-    light = without_dark(frame, black) if dark is None else frame - _level(dark, frame.shape, None).astype(np.float32)
+    light = (
+        without_black_level(frame, black)
+        if dark is None
+        else frame - _level(dark, frame.shape, None).astype(np.float32)
+    )
     # a response is measured here: the filter must neither depend on the scene nor mix the colours
     colours = demultiplex(light, modulator_of(cfa), filter="cubic")
     return {name: np.ascontiguousarray(colours[COLOURS.index(name)], np.float32) for name in names}

@@ -10,15 +10,16 @@ import typer
 
 from lfcal.cli import multiplex_figures as pictures
 from lfcal.cli.console import print_json, print_table, report, run_work
+from lfcal.cli.multiplex_frames import level_of, read_frame, write_tiff
 from lfcal.cli.multiplex_merits import design, gain_map_command, merits
 from lfcal.cli.multiplex_recover import recover
+from lfcal.cli.multiplex_views import views
 from lfcal.cli.options import Chi2Option, ForceOption, GainOption, JsonOption, PresetOption, WorkersOption
 from lfcal.cli.outputs import check_output, check_outputs
 from lfcal.errors import InputError
-from lfcal.multiplex.naming import GRAMMAR, modulator_of
+from lfcal.multiplex.naming import GRAMMAR, is_whole, modulator_of
 
 if TYPE_CHECKING:
-    from lfcal.lattice import FrameLattice
     from lfcal.multiplex import Modulator
     from lfcal.multiplex.search import Frontier, SearchProgress
     from lfcal.multiplex.summary import ModulatorNumbers
@@ -212,93 +213,21 @@ def demosaic(
 
     Example: `lfcal multiplex demosaic shot.dng -o shot.tif`
     """
-    from lfcal.frames import open_image
-    from lfcal.multiplex import cfa, demultiplex
+    from lfcal.multiplex import cfa, demultiplex, without_black_level
 
     check_output(out, frame, force=force)
-    image = open_image(frame)
-    mosaic = pattern or str(image.metadata.get("cfa", ""))
+    recorded = read_frame(frame, page)
+    mosaic = pattern or recorded.filters
     if not mosaic:
         raise InputError.expected(f"colour filters of {frame}", "a pattern", "none", "give --pattern, e.g. GRBG")
-    # A RAW file may state a level for each colour filter.
-    levels = image.metadata.get("black_level", 0) if dark is None else dark
-    light = pictures.without_dark(image.read(page), levels)
-    image.close()
+    levels = level_of(recorded, dark)
+    light = without_black_level(recorded.raw, levels)
     array = cfa(mosaic)
     planes = demultiplex(light, array, route=route, filter=filter)
-    pictures.write_tiff(out, planes)
+    write_tiff(out, planes)
     if json:
         told = {"file": str(out), "pattern": mosaic, "route": route, "black_level": levels}
         print_json({**told, "samples": array.sample_names, "shape": planes.shape})
-
-
-def views(
-    frame: Path = typer.Argument(help="Light-field frame."),
-    *,
-    white: Path | None = typer.Option(None, help="White image of the same camera; the lattice is measured on it."),
-    lattice: Path | None = typer.Option(None, help="lattice.json of `lfcal white`, instead of --white."),
-    camera: str | None = typer.Option(None, help="Preset or camera file, instead of --white: the lattice it states."),
-    out: Path = typer.Option(..., "--out", "-o", help="float32 TIFF, one page per view by rows."),
-    size: int = typer.Option(0, min=0, help="Views along a side; as many as fit the pitch by default."),
-    dark: Path | None = typer.Option(None, help="Dark frame, subtracted."),
-    route: str = typer.Option("spatial", help="spatial or fourier; fourier with --modulator only."),
-    filter: str = typer.Option("cubic", help="nearest, linear or cubic; with --modulator also sinc."),
-    modulator: str | None = typer.Option(None, help="Mask in place of lenslets, such as MURA:11."),
-    axes: str = typer.Option("lattice", help="Rows run along the lattice's or the frame's."),
-    workers: WorkersOption = None,
-    force: ForceOption = False,
-    json: JsonOption = False,
-) -> None:
-    """Demultiplex the views of a light field on a measured lattice of any pitch.
-
-    Example: `lfcal multiplex views field.tif --white white.tif -o views.tif`
-    """
-    from lfcal.frames import read_image
-    from lfcal.multiplex import channel_grid, demultiplex_lattice, lattice_channels
-
-    check_output(out, frame, white, lattice, camera, dark, force=force)
-    if modulator is not None and size:  # a mask has as many views as its super-pixel
-        raise InputError.expected("views", "one of --size and --modulator", "both", "leave one out")
-    if modulator is None and route != "spatial":
-        raise InputError.expected("route", "spatial for lenslets", repr(route), "give the mask as --modulator")
-    fit = _lattice_of(white, lattice, camera, dark)
-    light = pictures.less(read_image(frame), dark)
-    if light.shape != fit.shape:
-        raise InputError.expected(str(frame), f"the {fit.shape} px of the lattice", light.shape, "use its own camera's")
-    if modulator is not None:
-        mask = modulator_of(modulator)
-        found = demultiplex_lattice(light, fit, mask, route=route, filter=filter, axes=axes)
-        grid = channel_grid(light.shape, fit, mask.side, spacing_px=None, axes=axes)
-    else:
-        # An odd number of views has one in the middle, through the centre of the pupil.
-        count = size or max(1, (int(min(fit.pitch_px, fit.row_pitch_px)) - 1) // 2 * 2 + 1)
-        found = lattice_channels(light, fit, count, filter=filter, axes=axes)
-        found = found.reshape(-1, *found.shape[2:])
-        grid = channel_grid(light.shape, fit, count, axes=axes)
-    pictures.write_tiff(out, found)
-    if json:
-        told = {"file": str(out), "views": len(found), "rows_columns": grid.shape, "corner_px": grid.corner_px}
-        print_json({**told, "step_px": grid.step_px, "rotation_rad": grid.rotation_rad, "kept": grid.kept})
-        return
-    typer.echo(f"{len(found)} views of {grid.described()}")
-
-
-def _lattice_of(white: Path | None, lattice: Path | None, camera: str | None, dark: Path | None) -> FrameLattice:
-    """Return the lattice measured before, the one in the white image, or the one that a camera states."""
-    from lfcal.cli.cameras import load_camera
-    from lfcal.cli.lattice_file import load_lattice
-    from lfcal.frames import read_image
-    from lfcal.lattice import fit_lattice, lattice_of
-
-    given = [name for name, value in (("--white", white), ("--lattice", lattice), ("--camera", camera)) if value]
-    if len(given) != 1:
-        got = " and ".join(given) or "none of them"
-        raise InputError.expected("lattice", "--white, --lattice or --camera", got, "give one of them")
-    if lattice is not None:
-        return load_lattice(lattice)
-    if camera is not None:
-        return lattice_of(load_camera(camera))
-    return fit_lattice(pictures.less(read_image(Path(str(white))), dark))
 
 
 def search(
@@ -324,7 +253,7 @@ def search(
     ratio = _chi2(chi2, camera, gain)[0]
     if ratio is None:
         raise InputError.expected("chi^2", "--chi2 or --camera", "neither", "say for which camera to search")
-    if what != "filters" and not what.isdigit():
+    if what != "filters" and not is_whole(what):
         raise InputError.expected("search", "filters or a mask's size", repr(what), "for example 11")
     if what == "filters":
         _show_found(filter_set_frontier(ratio), out, json=json)

@@ -1,4 +1,4 @@
-"""What ``lfcal multiplex`` reads, draws and prints."""
+"""What ``lfcal multiplex`` draws and prints."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lfcal import tiff_file
 from lfcal.cli.console import print_json, print_table, report
+from lfcal.cli.multiplex_frames import level_of, read_frame
 from lfcal.errors import InputError
 from lfcal.progress import Clock, Work
 
@@ -30,44 +30,6 @@ def gains(chosen: list[Modulator], base: Modulator, marks: Mapping[str, float], 
     from lfcal.multiplex.drawing import save_gain_curves
 
     save_gain_curves([("", curves(chosen, base, cameras=marks))], out)
-
-
-def without_dark(frame: NDArray[Any], levels: Any) -> NDArray[Any]:
-    """Return a mosaic less its black level, one number or one per place of a square pattern."""
-    import numpy as np
-
-    level = np.asarray(levels, np.float32)
-    light = frame.astype(np.float32)
-    if level.ndim == 0:
-        dimmed: NDArray[Any] = light - level
-        return dimmed
-    side = round(level.size**0.5)
-    for k, value in enumerate(level):
-        light[k // side :: side, k % side :: side] -= value
-    return light
-
-
-def less(frame: NDArray[Any], dark: Path | None) -> NDArray[Any]:
-    """Return a frame less a dark frame."""
-    import numpy as np
-
-    from lfcal.frames import read_image
-
-    light = frame.astype(np.float32)
-    if dark is None:
-        return light
-    level = read_image(dark)
-    if level.shape != frame.shape:
-        raise InputError.expected(f"{dark}", f"{frame.shape} px", f"{level.shape} px", "use one sensor setting")
-    dimmed: NDArray[Any] = light - level
-    return dimmed
-
-
-def write_tiff(path: Path, planes: NDArray[Any]) -> None:
-    """Write ``(n, rows, columns)`` as float32 TIFF, one page each, whole or not at all."""
-    import numpy as np
-
-    tiff_file.write_tiff(path, planes.astype(np.float32), metadata=None)
 
 
 def show_frontier(frontier: Frontier, *, json: bool, stopped: bool = False) -> None:
@@ -174,12 +136,15 @@ def _figure3(path: Path, raw: Path | None) -> None:
     if raw is None:
         _paper(3, path)
         return
-    from lfcal.frames import open_image
+    from lfcal.multiplex import without_black_level
 
-    image = open_image(raw)
-    frame = without_dark(image.read(), image.metadata.get("black_level", 0))
-    pattern = str(image.metadata.get("cfa", ""))
-    image.close()
+    recorded = read_frame(raw)
+    pattern = recorded.filters
+    if not pattern:
+        raise InputError.expected(
+            f"{raw}", "a RAW file that names its colour filters", "none", "give another for --raw"
+        )
+    frame = without_black_level(recorded.raw, level_of(recorded, None))
     rows, columns = (n // 2 for n in frame.shape)
     zoom = (slice(rows - rows // 8, rows + rows // 8), slice(columns - columns // 8, columns + columns // 8))
     ways = (("spatial", "cubic"), ("spatial", "bilateral"), ("fourier", "sinc"))

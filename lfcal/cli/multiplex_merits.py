@@ -12,12 +12,16 @@ from lfcal.cli.console import print_json, print_table, report
 from lfcal.cli.options import Chi2Option, ForceOption, GainOption, JsonOption, PresetOption, WorkersOption
 from lfcal.cli.outputs import check_output
 from lfcal.errors import InputError
-from lfcal.multiplex.naming import GRAMMAR, modulator_of
+from lfcal.multiplex.matrix_file import MATRIX_SUFFIXES
+from lfcal.multiplex.naming import GRAMMAR, is_whole, modulator_of
 
 if TYPE_CHECKING:
     from lfcal.multiplex import Design, Modulator, SensorNoise
 
 __all__ = ["design", "gain_map_command", "merits"]
+
+MOST_ENTRIES = 40_000
+"""Pixels times samples of a modulator up to which its MTF is measured: masks of 13 x 13 px."""
 
 SHOWN_CHI2 = (1e-4, 1e-2, 1.0, 1e2, 1e4)
 
@@ -64,16 +68,17 @@ def _merits(m: Modulator, name: str, base: Modulator, noise: SensorNoise, filter
     from lfcal.multiplex import modulation_transfer, sample_deviation, sensor_gain
 
     gains = [sensor_gain(m, base, noise, decorrelation=d) for d in ("plain", "optimal")]
-    seen = modulation_transfer(m, [0.1, 0.25], filter=filter)
+    # waves over many super-pixels of many samples take minutes and gigabytes
+    seen = modulation_transfer(m, [0.1, 0.25], filter=filter) if m.count * m.pixels <= MOST_ENTRIES else None
     colour = _colour(m, name, noise)
     return {
         "name": m.name,
         "gain_plain_db": gains[0],
         "gain_optimal_db": gains[1],
         "worst_noise_percent": 100 * float(sample_deviation(m, noise).max()),
-        "mtf_0.1": float(seen.transfer[:, 0].mean()),
-        "mtf_0.25": float(seen.transfer[:, 1].mean()),
-        "false_detail_0.25": float(seen.aliased[:, 1].mean()),
+        "mtf_0.1": None if seen is None else float(seen.transfer[:, 0].mean()),
+        "mtf_0.25": None if seen is None else float(seen.transfer[:, 1].mean()),
+        "false_detail_0.25": None if seen is None else float(seen.aliased[:, 1].mean()),
         "delta_e_mean": None if colour is None else colour[0],
         "delta_e_noise": None if colour is None else colour[1],
     }
@@ -138,7 +143,9 @@ def design(
     least_light: float = typer.Option(0.0, help="Share of the light that must pass."),
     most_light: float = typer.Option(1.0, help="Share of the light that a mask may let through."),
     starts: int = typer.Option(12, min=0, help="Random starts of masks that are too large to try all."),
-    out: Path | None = typer.Option(None, "--out", "-o", help="Write its transmissions (rows, columns, N) as .npy."),
+    out: Path | None = typer.Option(
+        None, "--out", "-o", help="Write it: .npy, transmissions (rows, columns, N); .json, with its views."
+    ),
     workers: WorkersOption = None,
     force: ForceOption = False,
     json: JsonOption = False,
@@ -150,15 +157,15 @@ def design(
     from lfcal.multiplex import best_array, best_printed_mask
 
     if out is not None:
-        if out.suffix.lower() != ".npy":
-            raise InputError.expected("output", "a file .npy", out, "name it so")
+        if out.suffix.lower() not in MATRIX_SUFFIXES:
+            raise InputError.expected("output", "a file .npy or .json", out, "name it so")
         check_output(out, camera, force=force)
     ratio = _ratio(chi2, camera, gain)
     rows, _, columns = what.partition("x")
-    if rows.isdigit() and columns.isdigit():
+    if is_whole(rows) and is_whole(columns):
         side = (int(rows), int(columns))
         found = best_array(side, ratio, letters=letters, crosstalk=crosstalk, most_kinds=kinds, least_light=least_light)
-    elif what.isdigit():
+    elif is_whole(what):
         found = best_printed_mask(
             int(what),
             ratio,

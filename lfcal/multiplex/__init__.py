@@ -5,9 +5,10 @@
   ``tiles`` (super-pixels of any shape), ``matrix_file``; ``naming``: by the names people write
 - ``demultiplexing``: frames to samples and back; ``spatial`` (theorem 1), ``fourier`` (theorem 2), ``filters``
 - ``weighted``: saturated and dead pixels left out; ``general``: any modulator, by iterations
-- ``lattice``: super-pixels of any pitch and angle; ``heterodyne``: both theorems there
+- ``lattice``: super-pixels of any pitch and angle (``super_pixels``); ``heterodyne``: both theorems there;
+  ``lattice_taps``: with weights
 - ``noise``: transmission, amplification, gain over chi^2 (equations 12 to 14), noise-optimal decorrelation;
-  ``sensor_noise``: that of the user's sensor
+  ``sensor_noise``: that of the user's sensor; ``black_level``: of its frames
 - ``gains``: of each sample and of the sensor; ``colour_error``, ``resolution``: CIEDE2000 and MTF beside them
 - ``scenes``, ``acquisition``: a light field recorded with each modulator (figure 7)
 - ``quality``: ringing, error and time of each route and filter
@@ -18,6 +19,7 @@
 """
 
 from lfcal.multiplex.acquisition import Acquisition, acquire_light_field
+from lfcal.multiplex.black_level import without_black_level
 from lfcal.multiplex.colour_error import ColourError, colour_difference, colour_error
 from lfcal.multiplex.colour_filters import CFA_PATTERNS, cfa
 from lfcal.multiplex.demultiplexing import arrange, demultiplex, demultiplex_weighted, multiplex
@@ -26,7 +28,13 @@ from lfcal.multiplex.exposures import camera_array, coded_shutter, interleave, n
 from lfcal.multiplex.gains import GainMap, gain_map, sample_deviation, sensor_gain
 from lfcal.multiplex.general import demultiplex_generally, mask_shadows
 from lfcal.multiplex.heterodyne import lattice_transmissions
-from lfcal.multiplex.lattice import SuperPixelLattice, channel_grid, demultiplex_lattice, lattice_channels
+from lfcal.multiplex.lattice import (
+    channel_grid,
+    demultiplex_lattice,
+    demultiplex_lattice_weighted,
+    lattice_channels,
+    lattice_channels_weighted,
+)
 from lfcal.multiplex.mask_bounds import best_binary_mask, mask_gain_bound
 from lfcal.multiplex.masks import MASKS, mask, mask_at_distance, mask_pattern, shadow_shift_px
 from lfcal.multiplex.matrix_file import load_modulator
@@ -51,6 +59,7 @@ from lfcal.multiplex.search import Frontier, best_filter_set, best_mask, filter_
 from lfcal.multiplex.sensor_noise import SensorNoise, pixel_weights, sensor_noise
 from lfcal.multiplex.spectra import Spectra, read_spectra, shipped_spectra
 from lfcal.multiplex.spectral_filters import bandpass_filters, cosine_basis, spectral_array
+from lfcal.multiplex.super_pixels import SuperPixelLattice
 from lfcal.multiplex.tiles import tiled_modulator
 from lfcal.multiplex.weighted import WeightedSamples
 
@@ -92,12 +101,14 @@ __all__ = [
     "demultiplex",
     "demultiplex_generally",
     "demultiplex_lattice",
+    "demultiplex_lattice_weighted",
     "demultiplex_weighted",
     "filter_set_frontier",
     "gain_curves",
     "gain_map",
     "interleave",
     "lattice_channels",
+    "lattice_channels_weighted",
     "lattice_transmissions",
     "load_modulator",
     "mask",
@@ -129,4 +140,5 @@ __all__ = [
     "tiled_modulator",
     "transmission",
     "with_crosstalk",
+    "without_black_level",
 ]

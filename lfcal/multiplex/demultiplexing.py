@@ -139,12 +139,10 @@ def demultiplex_weighted(
     InputError
         If a weight is negative or all are zero, or as `demultiplex` raises.
     """
-    from lfcal.multiplex.weighted import WeightedSamples, check_weights, reconstruct_weighted
+    from lfcal.multiplex.weighted import WeightedSamples, measured, reconstruct_weighted
 
-    raw = np.asarray(frame)
-    known = check_weights(weights, raw.shape)
-    # what was not measured may be anything, NaN as well
-    image = check_frame(np.where(known > 0, raw, 0) if raw.dtype.kind in "uif" else raw, modulator.side).astype(float)
+    seen, known = measured(frame, weights)
+    image = check_frame(seen, modulator.side).astype(float)
     counts = _samples(samples, modulator)
     at = check_tuple("origin of the super-pixels (px)", origin, 2, integer=True)
     placed = modulator.shifted(*at) if at != (0, 0) else modulator

@@ -115,6 +115,9 @@ def best_array(
     """
     rows, columns = check_tuple("super-pixel (rows, columns)", side, 2, at_least=1, at_most=8, integer=True)
     check_number("least light", least_light, at_least=0, at_most=1)
+    check_number("crosstalk", crosstalk, at_least=0, at_most=0.5)
+    if most_kinds is not None:
+        check_number("kinds of filters", most_kinds, at_least=1, integer=True)
     kinds = sorted(set(letters), key=letters.index)
     if not kinds or not set(kinds) <= set(FILTERS):
         raise InputError.expected("filters", f"letters of {''.join(FILTERS)}", repr(letters), "choose among these")
@@ -176,7 +179,8 @@ def _makeable(batch: NDArray[np.intp], table: Array, most_kinds: int | None, lea
     light = table.mean(1)[batch].mean(1)
     ordered = np.sort(batch, axis=1)
     kinds = 1 + (np.diff(ordered, axis=1) != 0).sum(1)
-    return np.asarray((light >= least_light - 1e-12) & (kinds <= (most_kinds or batch.shape[1])))
+    most = batch.shape[1] if most_kinds is None else most_kinds
+    return np.asarray((light >= least_light - 1e-12) & (kinds <= most))
 
 
 def _noise(batch: NDArray[np.intp], table: Array, side: tuple[int, int], chi2: float, crosstalk: float) -> Array:

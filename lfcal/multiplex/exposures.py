@@ -102,5 +102,7 @@ def _shares(what: str, values: ArrayLike) -> Array:
     shares = np.asarray(values, float)
     good = shares.ndim == 2 and shares.size and np.isfinite(shares).all() and shares.min() >= 0 and shares.max() <= 1
     if not good or not shares.any():
-        raise InputError.expected(what, "rows and columns of shares from 0 to 1", f"shape {shares.shape}", "correct it")
+        flat = shares.ndim == 2 and shares.size
+        got = f"{shares.min():.3g} … {shares.max():.3g}" if flat else f"shape {shares.shape}"
+        raise InputError.expected(what, "rows and columns of shares from 0 to 1, not all 0", got, "correct it")
     return shares

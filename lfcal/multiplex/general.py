@@ -19,7 +19,7 @@ from lfcal.checks import check_number, check_tuple
 from lfcal.errors import InputError
 from lfcal.multiplex.demultiplexing import check_frame
 from lfcal.multiplex.modulator import Modulator
-from lfcal.multiplex.weighted import check_weights
+from lfcal.multiplex.weighted import measured
 from lfcal.progress import Clock, Work, drain
 
 __all__ = ["GeneralModel", "GeneralSamples", "demultiplex_generally", "iter_demultiplex_generally", "mask_shadows"]
@@ -113,13 +113,13 @@ def iter_demultiplex_generally(
 ) -> Work[GeneralSamples]:
     """Solve iteration by iteration; parameters and result as in `demultiplex_generally`."""
     pair = spacing if isinstance(spacing, tuple) else (spacing, spacing)
-    raw = np.asarray(frame)
-    known = np.ones(raw.shape) if weights is None else check_weights(weights, raw.shape)
-    image = check_frame(np.where(known > 0, raw, 0) if raw.dtype.kind in "uif" else raw, (1, 1)).astype(float)
+    seen, known = measured(frame, weights)
+    image = check_frame(seen, (1, 1)).astype(float)
     model = GeneralModel(transmissions, pair, (image.shape[0], image.shape[1]))
     if model.shape != image.shape:
         raise InputError.expected("transmissions", f"(N, {image.shape})", model.transmissions.shape, "one per pixel")
     check_number("smoothness", smoothness, at_least=0)
+    check_number("iterations", most, at_least=1, integer=True)
     check_number("tolerance", tolerance, above=0, below=1)
     known = known / known.max()
     # in units of what a node's pixels measure of it, so that the same number means the same for every modulator
@@ -215,7 +215,7 @@ def mask_shadows(pattern: ArrayLike, shape: tuple[int, int], views: tuple[int, i
         for u in np.arange(views[1]) - (views[1] - 1) / 2:
             # linear between cells is the overlap of a moved cell with a pixel of its size
             seen = moved(wide, (shift_px * v, shift_px * u), order=1, mode="constant")
-            top, left = ((n + 2 * m - m) // 2 for n, m in zip(values.shape, shape, strict=True))
+            top, left = ((n + m) // 2 for n, m in zip(values.shape, shape, strict=True))
             found.append(seen[top : top + shape[0], left : left + shape[1]])
     return np.clip(np.array(found), 0.0, 1.0)
 
@@ -226,6 +226,8 @@ def _transmissions(given: ArrayLike | Modulator, shape: tuple[int, int] | None) 
             raise InputError.expected("frame of the modulator", "its shape (rows, columns)", "none", "give it")
         rows, columns = (np.arange(n) % s for n, s in zip(shape, given.side, strict=True))
         return np.ascontiguousarray(given.matrix[rows[:, None] * given.side[1] + columns].transpose(2, 0, 1))
+    if np.asarray(given).dtype.kind not in "uifb":
+        raise InputError.expected("transmissions", "real numbers", np.asarray(given).dtype, "correct them")
     array = np.asarray(given, float)
     if array.ndim != 3 or not array.size or not np.isfinite(array).all() or np.abs(array).max() > MAX_SHARE:
         raise InputError.expected("transmissions", "finite (N, rows, columns)", array.shape, "one plane per sample")

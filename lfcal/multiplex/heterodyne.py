@@ -19,7 +19,14 @@ from lfcal.errors import InputError
 from lfcal.lattice import MicroImageLattice, ViewGrid
 from lfcal.multiplex.modulator import MAX_SAMPLES, Modulator
 
-__all__ = ["PROFILES", "lattice_by_sinc", "lattice_by_spectrum", "lattice_transmissions", "sample_places"]
+__all__ = [
+    "PROFILES",
+    "is_straight",
+    "lattice_by_sinc",
+    "lattice_by_spectrum",
+    "lattice_transmissions",
+    "sample_places",
+]
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -35,6 +42,9 @@ SUB = 8
 """Points along a pixel over which the mean of a mask's cells is taken."""
 
 MOST_CELLS = 4096
+MOST_BENT_PX = 0.05
+"""Of the centre twenty rows and columns off, from where the first steps lead (pixels)."""
+
 VALUES_AT_ONCE = 2_000_000
 
 
@@ -117,13 +127,23 @@ def sample_places(grid: ViewGrid) -> Array:
     return np.asarray(grid.corner_px + steps).reshape(-1, 2)
 
 
+def is_straight(lattice: MicroImageLattice) -> bool:
+    """Return whether the centres of a lattice lie in straight rows, as both routes of waves take them."""
+    origin, along, across = _steps(lattice)
+    far = lattice.centres_px(20, 20)
+    return bool(np.abs(origin + 20 * (along + across) - far).max() <= MOST_BENT_PX)
+
+
+def _steps(lattice: MicroImageLattice) -> tuple[Array, Array, Array]:
+    origin, along, across = (lattice.centres_px(*index) for index in ((0, 0), (1, 0), (0, 1)))
+    return origin, along - origin, across - origin
+
+
 def _vectors(lattice: MicroImageLattice) -> tuple[Array, Array, Array]:
     """Return origin, along and across of a lattice as (row, column); it must be straight to be a lattice of waves."""
-    origin, along, across, far = (lattice.centres_px(*index) for index in ((0, 0), (1, 0), (0, 1), (20, 20)))
-    along, across = along - origin, across - origin
-    if np.abs(origin + 20 * (along + across) - far).max() > 0.05:
+    if not is_straight(lattice):
         raise InputError.expected("lattice", "a straight one", "a distorted one", "take route spatial, filter cubic")
-    return origin, along, across
+    return _steps(lattice)
 
 
 def lattice_by_spectrum(

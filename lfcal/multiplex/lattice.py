@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,79 +13,19 @@ from lfcal.lattice import MicroImageLattice, ViewGrid, sample_views, view_grid
 from lfcal.multiplex.demultiplexing import check_frame
 from lfcal.multiplex.modulator import Modulator
 
-__all__ = ["LATTICE_FILTERS", "SuperPixelLattice", "channel_grid", "demultiplex_lattice", "lattice_channels"]
+if TYPE_CHECKING:
+    from lfcal.multiplex.weighted import WeightedSamples
 
-Array = NDArray[np.float64]
+__all__ = [
+    "LATTICE_FILTERS",
+    "channel_grid",
+    "demultiplex_lattice",
+    "demultiplex_lattice_weighted",
+    "lattice_channels",
+    "lattice_channels_weighted",
+]
 
 LATTICE_FILTERS = ("nearest", "linear", "cubic")
-
-
-@dataclass(frozen=True, slots=True)
-class SuperPixelLattice:
-    """Where the super-pixels of a light field lie on the sensor.
-
-    Attributes
-    ----------
-    kind
-        ``"square"`` or ``"hexagonal"``.
-    origin_px
-        Centre ``(row, column)`` of one of them.
-    along_px
-        Vector (x, y) to the next one of the row (pixels).
-    across_px
-        Vector (x, y) to the next row (pixels); half a pitch further along where the lattice is hexagonal.
-    """
-
-    kind: str
-    origin_px: tuple[float, float]
-    along_px: tuple[float, float]
-    across_px: tuple[float, float]
-
-    def __post_init__(self) -> None:
-        """Check every value."""
-        check_choice("lattice", self.kind, ("square", "hexagonal"))
-        for name in ("origin_px", "along_px", "across_px"):
-            object.__setattr__(self, name, check_tuple(name, getattr(self, name), 2))
-        (ax, ay), (bx, by) = self.along_px, self.across_px
-        check_number(
-            "area of a super-pixel (px^2)", abs(ax * by - ay * bx), at_least=0.999, remedy="a period of 1 px or more"
-        )
-
-    @property
-    def pitch_px(self) -> float:
-        """Distance of neighbours along a row (pixels)."""
-        return math.hypot(*self.along_px)
-
-    @property
-    def row_pitch_px(self) -> float:
-        """Distance of neighbouring rows (pixels)."""
-        (ax, ay), (bx, by) = self.along_px, self.across_px
-        # row distance is the cell's area over the pitch: it holds for any angle of the two vectors
-        return abs(ax * by - ay * bx) / self.pitch_px
-
-    @property
-    def rotation_rad(self) -> float:
-        """Angle from the +x axis to a row (rad)."""
-        return math.atan2(self.along_px[1], self.along_px[0])
-
-    def basis_px(self) -> Array:
-        """Return the lattice vectors as rows (x, y) (pixels)."""
-        return np.array([self.along_px, self.across_px])
-
-    def centres_px(self, q: ArrayLike, r: ArrayLike) -> Array:
-        """Return centres ``(..., 2)`` as (row, column) of super-pixels q, r."""
-        q, r = np.asarray(q, float), np.asarray(r, float)
-        (ax, ay), (bx, by) = self.along_px, self.across_px
-        centres = np.empty((*np.broadcast_shapes(q.shape, r.shape), 2))
-        centres[..., 0] = self.origin_px[0] + q * ay + r * by
-        centres[..., 1] = self.origin_px[1] + q * ax + r * bx
-        return centres
-
-    def lenslet_at(self, row: ArrayLike, column: ArrayLike) -> Array:
-        """Return fractional indices ``(..., 2)`` as (q, r) of image points."""
-        points = np.stack(np.broadcast_arrays(np.asarray(row, float), np.asarray(column, float)), axis=-1)
-        index: Array = (points - np.array(self.origin_px)) @ np.linalg.inv(self.basis_px()[:, ::-1])
-        return index
 
 
 def lattice_channels(
@@ -98,6 +36,7 @@ def lattice_channels(
     spacing_px: float | tuple[float, float] | None = 1.0,
     filter: str = "linear",
     axes: str = "lattice",
+    weights: ArrayLike | None = None,
     out: NDArray[Any] | None = None,
     workers: int | None = None,
 ) -> NDArray[Any]:
@@ -119,6 +58,9 @@ def lattice_channels(
     axes
         ``"lattice"``: rows of super-pixels as they are, in the largest box of the lattice's own axes; ``"frame"``:
         upright in the frame, between super-pixels (`lfcal.lattice.view_grid`).
+    weights
+        Weight of each pixel ``(rows, columns)``: its inverse variance, 0 where it measured nothing (saturated, dead;
+        `lfcal.multiplex.pixel_weights`). The filter is then linear (`lattice_channels_weighted` also tells the noise).
     out
         float32 or float64 array to write to.
     workers
@@ -130,10 +72,60 @@ def lattice_channels(
         If no super-pixel lies wholly in the frame, or an option is out of range.
     """
     check_choice("filter", filter, LATTICE_FILTERS)
+    if weights is not None:
+        _check_linear("spatial", filter)
+        weighed = lattice_channels_weighted(frame, lattice, size, weights, spacing_px=spacing_px, axes=axes).samples
+        filled = _output(out, weighed.shape, np.asarray(frame).dtype)
+        filled[:] = weighed
+        return filled
     image = check_frame(frame, (1, 1))
     grid, count, step = _channel_grid(image.shape, lattice, size, spacing_px, axes)
     result = _output(out, (*count, *grid.shape), image.dtype)
     return sample_views(image, grid, result, step_px=step, filter=filter, workers=workers)
+
+
+def _check_linear(route: str, filter: str) -> None:
+    """Raise unless the route and the filter are those that take weights."""
+    if (route, filter) != ("spatial", "linear"):
+        remedy = "take route spatial, filter linear, or leave the weights out"
+        raise InputError.expected("route with weights", "spatial, linear", f"{route}, {filter}", remedy)
+
+
+def lattice_channels_weighted(
+    frame: ArrayLike,
+    lattice: MicroImageLattice,
+    size: int | tuple[int, int],
+    weights: ArrayLike,
+    *,
+    spacing_px: float | tuple[float, float] | None = 1.0,
+    axes: str = "lattice",
+) -> WeightedSamples:
+    """Return measurement channels ``(size, size, rows, columns)`` from what the pixels that count measured.
+
+    Linear between pixels and super-pixels, each pixel by its weight; where none of a channel's has any, those of the
+    super-pixels within two rows and columns count.
+
+    Parameters
+    ----------
+    weights
+        Inverse variances ``(rows, columns)``, 0 where nothing was measured, which may then be anything.
+    frame, lattice, size, spacing_px, axes
+        As in `lattice_channels`.
+
+    Returns
+    -------
+    WeightedSamples
+        With the standard deviation of each; infinite where nothing was measured.
+    """
+    from lfcal.multiplex.lattice_taps import Offsets, weighted_samples
+    from lfcal.multiplex.weighted import WeightedSamples, measured
+
+    seen, known = measured(frame, weights)
+    image = check_frame(seen, (1, 1)).astype(float)
+    grid, count, step = _channel_grid(image.shape, lattice, size, spacing_px, axes)
+    found = weighted_samples(image, known, grid, Offsets((count[0], count[1]), step))
+    shape = (*count, *grid.shape)
+    return WeightedSamples(found.samples.reshape(shape), found.deviation.reshape(shape))
 
 
 def channel_grid(
@@ -202,6 +194,7 @@ def demultiplex_lattice(
     filter: str = "linear",
     axes: str = "lattice",
     rcond: float | None = None,
+    weights: ArrayLike | None = None,
     workers: int | None = None,
 ) -> NDArray[Any]:
     """Return the views of a light field whose super-pixels are no whole pixels, ``(N, rows, columns)``.
@@ -222,21 +215,22 @@ def demultiplex_lattice(
         (`lfcal.multiplex.heterodyne`).
     rcond
         Singular values up to this share of the largest count as zero.
+    weights
+        As in `lattice_channels`: for the spatial route with the filter linear (`demultiplex_lattice_weighted` also
+        tells the noise).
 
     Raises
     ------
     InputError
         If the modulator is no single light-field super-pixel, or the frame holds none.
     """
-    if modulator.side != modulator.cell:
-        raise InputError.expected(
-            "modulator on a lattice",
-            "one super-pixel of a light field",
-            modulator.name,
-            "part the colours first (lfcal.frames.channel_source)",
-        )
+    _check_single(modulator)
     check_choice("route", route, ("spatial", "fourier"))
     check_choice("filter", filter, (*LATTICE_FILTERS, "sinc"))
+    if weights is not None:
+        _check_linear(route, filter)
+        found = demultiplex_lattice_weighted(frame, lattice, modulator, weights, axes=axes, rcond=rcond).samples
+        return found if np.asarray(frame).dtype == np.float64 else found.astype(np.float32)
     if route == "fourier" or filter == "sinc":
         return _by_waves(check_frame(frame, (1, 1)), lattice, modulator, route, axes, rcond)
     channels = lattice_channels(
@@ -246,6 +240,52 @@ def demultiplex_lattice(
     inverse = modulator.inverse(rcond).astype(channels.dtype)
     views: NDArray[Any] = (inverse @ flat).reshape(modulator.count, *channels.shape[2:])
     return views
+
+
+def _check_single(modulator: Modulator) -> None:
+    if modulator.side != modulator.cell:
+        raise InputError.expected(
+            "modulator on a lattice",
+            "one super-pixel of a light field",
+            modulator.name,
+            "part the colours first (lfcal.frames.channel_source)",
+        )
+
+
+def demultiplex_lattice_weighted(
+    frame: ArrayLike,
+    lattice: MicroImageLattice,
+    modulator: Modulator,
+    weights: ArrayLike,
+    *,
+    axes: str = "lattice",
+    rcond: float | None = None,
+) -> WeightedSamples:
+    """Return the views ``(N, rows, columns)`` behind a real lattice and their deviation, by weighted least squares.
+
+    Channels are read as `lattice_channels_weighted` does and decorrelated with the weights that follow (theorem 1 with
+    noise). The deviation counts that neighbouring channels share pixels where the pitch is no whole number.
+
+    Parameters
+    ----------
+    weights
+        Inverse variances ``(rows, columns)``, 0 where nothing was measured, which may then be anything.
+    frame, lattice, modulator, axes, rcond
+        As in `demultiplex_lattice`.
+
+    Raises
+    ------
+    InputError
+        If a weight is negative or all are zero, or as `demultiplex_lattice` raises.
+    """
+    from lfcal.multiplex.lattice_taps import Offsets, weighted_samples
+    from lfcal.multiplex.weighted import measured
+
+    _check_single(modulator)
+    seen, known = measured(frame, weights)
+    image = check_frame(seen, (1, 1)).astype(float)
+    grid, count, step = _channel_grid(image.shape, lattice, modulator.side, None, axes)
+    return weighted_samples(image, known, grid, Offsets((count[0], count[1]), step), modulator.matrix, rcond)
 
 
 def _by_waves(

@@ -14,10 +14,12 @@ from lfcal.errors import FileFormatError, InputError
 from lfcal.files import read_text, replace_whole, storage_errors
 from lfcal.multiplex.modulator import MAX_SAMPLES, Modulator, modulator_from_matrix
 from lfcal.npy import map_npy, npy_header
+from lfcal.plain import plain
 
 __all__ = ["MATRIX_SUFFIXES", "load_modulator", "save_modulator"]
 
 MATRIX_SUFFIXES = (".npy", ".json")
+MOST = 1e6
 KEYS = {"name", "side", "matrix", "views", "colours", "cell", "lenslets", "light"}
 
 
@@ -47,8 +49,24 @@ def load_modulator(path: str | os.PathLike[str]) -> Modulator:
 
 
 def save_modulator(modulator: Modulator, path: str | os.PathLike[str]) -> None:
-    """Write transmissions ``(rows, columns, N)`` as ``.npy``, whole or not at all; `load_modulator` reads them."""
+    """Write a modulator, whole or not at all; `load_modulator` reads it.
+
+    ``.json`` keeps all of it, views and colours too; ``.npy`` its transmissions ``(rows, columns, N)`` alone.
+
+    Raises
+    ------
+    InputError
+        If the name ends otherwise.
+    """
     file = Path(path)
+    if file.suffix.lower() not in MATRIX_SUFFIXES:
+        raise InputError.expected("file of a modulator", " or ".join(MATRIX_SUFFIXES), file.name, "name it so")
+    if file.suffix.lower() == ".json":
+        kept = {key: getattr(modulator, key) for key in sorted(KEYS)}
+        text = json.dumps(plain(kept), indent=None, allow_nan=False)
+        with storage_errors(file), replace_whole(file) as part:
+            part.write_text(text + "\n", encoding="utf-8")
+        return
     with storage_errors(file), replace_whole(file) as part, part.open("wb") as stream:
         stream.write(npy_header((*modulator.side, modulator.count), np.dtype("<f8")))
         stream.write(np.ascontiguousarray(modulator.matrix, "<f8").tobytes())
@@ -74,16 +92,24 @@ def _made(stem: str, found: dict[str, Any]) -> Modulator:
     side = tuple(found.get("side") or _side(array.shape))
     if len(side) != 2 or (array.ndim == 3 and side != array.shape[:2]):
         raise ValueError(f"side {side} for {array.shape}")
-    return modulator_from_matrix(
+    lenslets = found.get("lenslets", False)
+    if not isinstance(lenslets, bool):
+        raise ValueError(f"lenslets {lenslets!r}, neither true nor false")
+    made = modulator_from_matrix(
         str(found.get("name", stem)),
         (side[0], side[1]),
         array.reshape(-1, array.shape[-1]).astype(float),
         views=_pair(found, "views"),
         colours=tuple(str(c) for c in found.get("colours", ())) or _numbered(array.shape[-1], "views" in found),
         cell=_pair(found, "cell"),
-        lenslets=bool(found.get("lenslets", False)),
+        lenslets=lenslets,
         light=found.get("light"),
     )
+    passed = made.matrix @ made.light
+    if np.abs(made.matrix).max() > MOST or passed.min() < -1e-6 or passed.max() > 1 + 1e-6:
+        told = f"pixels that record {passed.min():.3g} … {passed.max():.3g} of unmodulated light, not 0 … 1"
+        raise ValueError(f"{told}: divide by a clear pixel's values, or give the light")
+    return made
 
 
 def _pair(found: dict[str, Any], key: str) -> tuple[int, int]:

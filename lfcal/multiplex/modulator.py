@@ -81,9 +81,8 @@ class Modulator:
             array = np.array(getattr(self, what))
             wanted = (rows, np.shape(self.spatial)[-1])
             if array.shape != wanted or not np.isfinite(array).all():
-                raise InputError.expected(
-                    f"{what} basis of {self.name}", f"finite values {wanted}", array.shape, "correct it"
-                )
+                got = array.shape if array.shape != wanted else "NaN or infinity"
+                raise InputError.expected(f"{what} basis of {self.name}", f"finite values {wanted}", got, "correct it")
             array.setflags(write=False)
             object.__setattr__(self, what, array)
         self._take_light()

@@ -16,13 +16,18 @@ from lfcal.multiplex.modulator import Modulator
 from lfcal.multiplex.polarisation import polarisers
 from lfcal.multiplex.spectral_filters import spectral_array
 
-__all__ = ["GRAMMAR", "modulator_of"]
+__all__ = ["GRAMMAR", "is_whole", "modulator_of"]
 
 GRAMMAR = (
     "Bayer, RG/GB, MURA:11, lenslet:5, nd:1,0.25/0.0625,0.25, polarisers:0,45/135,90, bands:RG/GB:3, "
     "shutter:100,010/001,111, cameras:2x2, FILE.npy, FILE.json, or these joined by *"
 )
 """How modulators are written."""
+
+
+def is_whole(text: str) -> bool:
+    """Return whether a text is a whole number as people write sizes: plain digits, fewer than ten."""
+    return text.isascii() and text.isdigit() and len(text) < 10
 
 
 def modulator_of(text: str) -> Modulator:
@@ -44,8 +49,10 @@ def modulator_of(text: str) -> Modulator:
         return _READERS[word](rest)
     found = {m.lower(): m for m in MASKS}.get(word)
     if found is None:
+        if ":" in written:
+            raise InputError.expected("modulator", GRAMMAR, repr(text)[:60], "write it like one of these")
         return cfa(written)
-    if rest and not rest.isdigit():
+    if ":" in written and not is_whole(rest.strip()):
         raise InputError.expected(f"size of {found} (px)", "a whole number", repr(rest), "write it like MURA:11")
     return mask(found, int(rest or 11))
 
@@ -63,7 +70,7 @@ def _bands(text: str) -> Modulator:
     from lfcal.multiplex.spectra import shipped_spectra
 
     pattern, _, count = text.partition(":")
-    if not count.isdigit():
+    if not is_whole(count):
         raise InputError.expected("bands", "a pattern and a number", repr(text)[:60], "write it like bands:RG/GB:3")
     return spectral_array(pattern, int(count), efficiency=shipped_spectra("silicon"))
 
@@ -78,7 +85,7 @@ def _shutter(text: str) -> Modulator:
 
 def _cameras(text: str) -> Modulator:
     rows, _, columns = text.partition("x")
-    if not (rows.isdigit() and columns.isdigit()):
+    if not (is_whole(rows) and is_whole(columns)):
         raise InputError.expected("cameras", "rows x columns", repr(text)[:60], "write it like cameras:2x2")
     return camera_array(int(rows), int(columns))
 

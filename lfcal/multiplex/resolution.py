@@ -62,7 +62,7 @@ def modulation_transfer(
     """
     check_choice("axis", axis, ("x", "y"))
     wanted = np.atleast_1d(np.asarray(frequencies, float))
-    if wanted.ndim != 1 or not wanted.size or wanted.min() < 0 or wanted.max() > 0.5:
+    if wanted.ndim != 1 or not wanted.size or not (wanted.min() >= 0 and wanted.max() <= 0.5):
         raise InputError.expected("frequencies", "0 … 0.5 cycles per pixel", wanted, "correct them")
     shape = tuple(s * (CELLS if (k == 0) == (axis == "y") else 8) for k, s in enumerate(modulator.side))
     length = shape[0 if axis == "y" else 1]

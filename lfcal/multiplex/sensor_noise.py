@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.camera import Sensor
 from lfcal.checks import check_number
 from lfcal.errors import InputError
+from lfcal.multiplex.black_level import black_level_map
 
 __all__ = ["SensorNoise", "pixel_weights", "sensor_noise"]
 
@@ -78,6 +79,7 @@ def pixel_weights(
     gain: float = 1.0,
     exposure_s: float = 0.0,
     flat_corrected: bool = True,
+    black_level: ArrayLike | None = None,
 ) -> Array:
     """Return the weight of each recorded sample ``(rows, columns)``: inverse variance, 0 where nothing was measured.
 
@@ -92,6 +94,8 @@ def pixel_weights(
     expected
         Sample values to take the shot noise from, such as a prediction or a smoothed frame; by default the frame
         itself, whose noise then makes dark samples count a little more than they should.
+    black_level
+        Level of no light as the frame's file states it (`lfcal.multiplex.without_black_level`); None: the sensor's.
 
     Raises
     ------
@@ -106,6 +110,7 @@ def pixel_weights(
         raise InputError.expected("frame, expected values, dead pixels", "one shape (rows, columns)", got, "correct it")
     noise = sensor_noise(sensor, gain=gain, exposure_s=exposure_s, flat_corrected=flat_corrected)
     step = sensor.electrons_per_count / gain
-    weights = step**2 / noise.variance((level - sensor.black_level) * step)
+    black = black_level_map(sensor.black_level if black_level is None else black_level, raw.shape)
+    weights = step**2 / noise.variance((level - black) * step)
     weights[bad | ~np.isfinite(raw) | (raw >= sensor.saturated_from)] = 0.0
     return np.asarray(weights)

@@ -12,7 +12,7 @@ from lfcal.errors import InputError
 from lfcal.multiplex.filters import tap_table
 from lfcal.multiplex.modulator import Modulator
 
-__all__ = ["WeightedSamples", "check_weights", "least_squares", "reconstruct_weighted"]
+__all__ = ["WeightedSamples", "check_weights", "least_squares", "measured", "reconstruct_weighted", "weighted_inverse"]
 
 Array = NDArray[np.float64]
 
@@ -46,6 +46,13 @@ def check_weights(weights: ArrayLike, shape: tuple[int, ...]) -> Array:
             "weights of the pixels", f"{shape}, 0 or more, finite, not all 0", told, "correct them"
         )
     return array
+
+
+def measured(frame: ArrayLike, weights: ArrayLike | None) -> tuple[NDArray[Any], Array]:
+    """Return a frame with 0 where it has no weight, which may be NaN, and the weights checked; None: 1 everywhere."""
+    raw = np.asarray(frame)
+    known = np.ones(raw.shape) if weights is None else check_weights(weights, raw.shape)
+    return (np.where(known > 0, raw, 0) if raw.dtype.kind in "uif" else raw), known
 
 
 def reconstruct_weighted(
@@ -146,16 +153,24 @@ def least_squares(matrix: Array, values: Array, weights: Array, rcond: float | N
     Where the weighted equations have not full rank, the answer of least norm, with infinite variance of every sample
     that has a part in what is not measured.
     """
+    inverse, lost = weighted_inverse(matrix, weights, rcond)
+    found = np.einsum("pij,pj->ip", inverse, (weights * values).T @ matrix)
+    variance = np.einsum("pii->pi", inverse).copy()
+    variance[lost] = np.inf
+    return found, variance.T
+
+
+def weighted_inverse(matrix: Array, weights: Array, rcond: float | None = None) -> tuple[Array, NDArray[np.bool_]]:
+    """Return ``(A^T W A)^+`` at each place ``(places, N, N)`` for weights ``(K, places)``, and what is lost there.
+
+    The second says which samples have a part in what is not measured ``(places, N)``.
+    """
     count = matrix.shape[1]
     pairs = (matrix[:, :, None] * matrix[:, None, :]).reshape(len(matrix), -1)
     normal = (weights.T @ pairs).reshape(-1, count, count)
-    right = (weights * values).T @ matrix
     strengths, vectors = np.linalg.eigh(normal)
     cut = SINGULAR if rcond is None else max(rcond**2, 1e-15)
     kept = (strengths > cut * strengths[:, -1:]) & (strengths > 0)
-    inverse = np.where(kept, 1.0 / np.where(kept, strengths, 1.0), 0.0)
-    found = np.einsum("pij,pj,pkj,pk->pi", vectors, inverse, vectors, right, optimize=True)
-    variance = np.einsum("pij,pj->pi", vectors**2, inverse)
+    scaled = vectors * np.where(kept, 1.0 / np.where(kept, strengths, 1.0), 0.0)[:, None, :]
     lost = np.einsum("pij,pj->pi", vectors**2, ~kept)
-    variance[lost > 1e-9] = np.inf
-    return found.T, variance.T
+    return scaled @ vectors.transpose(0, 2, 1), lost > 1e-9

@@ -35,10 +35,11 @@ from gui.pages.reconstruct.model import ReconstructSettings
 from gui.pages.simulate.model import SimulateSettings
 from gui.palette import Palette
 from gui.window import MainWindow
-from lfcal.camera import ScanPlan, preset
+from lfcal.camera import Camera, ScanPlan, preset
 from lfcal.cli.app import build_app
 from lfcal.errors import InputError
 from lfcal.frames.corrections.recipe import CorrectionRecipe
+from lfcal.lattice import lattice_of
 from lfcal.progress import drain
 from lfcal.psf import PSFMatrix, export, open_psf
 from tests.acquire.rigs import small_plan
@@ -356,10 +357,18 @@ def test_recordings_that_go_on_and_comparisons_are_commands(project: ProjectStat
         compile(step.script(), "step", "exec")
 
 
-@pytest.mark.parametrize("route", ["cells", "general", "transmissions", "lattice"])
-@pytest.mark.parametrize("weighted", [False, True])
+def white_of(camera: Camera) -> np.ndarray:
+    """Return an even light through the lattice of a camera, shifted by 0.3 px against its description."""
+    y, x = np.indices(camera.sensor.shape)
+    index = lattice_of(camera).lenslet_at(y - 0.3, x)
+    away = index - np.rint(index)
+    return np.rint(100 + 2000 * np.exp(-12 * (away**2).sum(-1))).astype(np.uint16)
+
+
+@pytest.mark.parametrize("route", ["cells", "general", "transmissions", "lattice", "white"])
+@pytest.mark.parametrize("weighted", ["", "dead", "weighted"])
 def test_a_frame_recovered_by_page_command_and_script_is_the_same(
-    project: ProjectState, route: str, weighted: bool
+    project: ProjectState, route: str, weighted: str
 ) -> None:
     rng, sensor = np.random.default_rng(2), project.camera.sensor
     frame = rng.integers(100, sensor.max_value - 100, sensor.shape).astype(np.float32)
@@ -367,21 +376,41 @@ def test_a_frame_recovered_by_page_command_and_script_is_the_same(
     tifffile.imwrite("frame.tif", frame)
     tifffile.imwrite("dead.tif", dead.astype(np.uint8))
     settings = MultiplexSettings(family="mask", mask="pinhole", size=3, scene="image", image="frame.tif")
-    settings = replace(settings, weighted=weighted, dead="dead.tif", filter="cubic")
-    if route == "lattice":
-        if weighted:
-            pytest.skip("no weights on a lattice")
-        settings = replace(settings, route=route)
+    settings = replace(settings, weighted=weighted == "weighted", dead="dead.tif" if weighted else "", filter="cubic")
+    if route in ("lattice", "white"):
+        settings = replace(settings, route="lattice")
     elif route != "cells":
         settings = replace(settings, route="general", spacing=4.0)
+    if route == "white":
+        tifffile.imwrite("white.tif", white_of(project.camera))
+        settings = replace(settings, white="white.tif")
     if route == "transmissions":
         np.save("shares.npy", rng.random((2, *sensor.shape)))
         settings = replace(settings, transmissions="shares.npy", spacing=None)
     step = step_of(SPECS["multiplex"], replace(project, settings=settings.into(project)), "found.tif")
     run(step)
-    by_command = tifffile.imread("found.tif")
-    Path("found.tif").unlink()
+    names = ["found.tif"] if settings.route == "general" else ["found.tif", "found_fourier.tif"]
+    by_command = [tifffile.imread(name) for name in names]
+    for name in names:
+        Path(name).unlink()
     do(step)
-    np.testing.assert_allclose(tifffile.imread("found.tif"), by_command, rtol=1e-4, atol=1e-3)
-    by_page = drain(iter_reconstruct(settings, sensor, camera=project.camera)).spatial.samples
-    np.testing.assert_allclose(by_page, by_command, rtol=1e-3, atol=1e-2)
+    made = drain(iter_reconstruct(settings, sensor, camera=project.camera))
+    by_page = [route.samples for route in (made.spatial, made.fourier) if route is not None]
+    for name, command, page in zip(names, by_command, by_page, strict=True):
+        np.testing.assert_allclose(tifffile.imread(name), command, rtol=1e-4, atol=1e-3)
+        np.testing.assert_allclose(page, command, rtol=1e-3, atol=1e-2)
+
+
+def test_of_a_large_frame_the_page_takes_the_middle_and_command_and_script_all(project: ProjectState) -> None:
+    """Super-pixels begin at the frame's first pixel for both, whatever their size."""
+    tifffile.imwrite("frame.tif", np.random.default_rng(3).random((1650, 1700), np.float32))
+    settings = MultiplexSettings(family="mask", mask="MURA", size=11, scene="image", image="frame.tif")
+    step = step_of(SPECS["multiplex"], replace(project, settings=settings.into(project)), "found.tif")
+    run(step)
+    whole = tifffile.imread("found.tif")
+    made = drain(iter_reconstruct(settings, project.camera.sensor))
+    assert "the middle 1536 × 1536 px of 1700 × 1650 px" in made.words and whole.shape == (121, 150, 155)
+    inner = np.s_[:, 3:-3, 3:-3]
+    # the page's part begins 66 px down, 88 px to the right: whole super-pixels
+    part = whole[:, 6:145, 8:147]
+    np.testing.assert_allclose(made.spatial.samples[:, :139, :139][inner], part[inner], rtol=1e-4, atol=1e-5)

@@ -13,6 +13,7 @@ import pytest
 
 from lfcal.errors import FileFormatError, InputError, StorageError
 from lfcal.multiplex import (
+    Modulator,
     amplification,
     cfa,
     demultiplex,
@@ -24,7 +25,7 @@ from lfcal.multiplex import (
     transmission,
 )
 from lfcal.multiplex.exposures import camera_array, coded_shutter, interleave, neutral_density
-from lfcal.multiplex.matrix_file import load_modulator
+from lfcal.multiplex.matrix_file import load_modulator, save_modulator
 from lfcal.multiplex.naming import modulator_of
 from lfcal.multiplex.polarisation import degree_of_polarisation, polarisers
 from lfcal.multiplex.spectra import (
@@ -294,16 +295,44 @@ def test_matrices_of_users(tmp_path: Path) -> None:
     np.save(tmp_path / "e.npy", np.ones((3, 2)))
     np.save(tmp_path / "f.npy", np.array([object()]), allow_pickle=True)
     np.save(tmp_path / "g.npy", np.full((2, 2, 3), np.nan))
-    for name in (*bad, "e.npy", "f.npy", "g.npy"):
+    matrix = {"matrix": [[1, 0], [0, 1], [1, 1], [0, 1]]}
+    more = {
+        "h.json": matrix | {"lenslets": "false"},  # a word is not a truth
+        "i.json": {"matrix": [[1e308, -1e308]] * 4},
+        "j.json": {"matrix": [[-1.0, 0.0], [0.0, 1.0], [1, 1], [0, 1]]},  # less than no light
+        "k.json": {"matrix": [[255.0, 0.0], [0.0, 255.0], [255, 0], [0, 255]]},  # counts, no shares
+    }
+    for name, value in more.items():
+        (tmp_path / name).write_text(json.dumps(value), encoding="utf-8")
+    for name in (*bad, *more, "e.npy", "f.npy", "g.npy"):
         with pytest.raises(FileFormatError, match=name):
             load_modulator(tmp_path / name)
     with pytest.raises(StorageError, match=r"none\.npy"):
         load_modulator(tmp_path / "none.npy")
 
 
+@pytest.mark.parametrize("m", [mask("MURA", 5), mask("lenslet", 3) * cfa("CYMG"), polarisers([[0, 45], [135, 90]])])
+def test_modulators_are_kept_in_files(tmp_path: Path, m: Modulator) -> None:
+    save_modulator(m, tmp_path / "kept.json")
+    kept = load_modulator(tmp_path / "kept.json")
+    for what in ("name", "side", "views", "colours", "cell", "lenslets"):
+        assert getattr(kept, what) == getattr(m, what)
+    np.testing.assert_array_equal(kept.matrix, m.matrix)
+    np.testing.assert_array_equal(kept.light, m.light)
+    with pytest.raises(InputError, match="name it so"):
+        save_modulator(m, tmp_path / "kept.txt")
+
+
 @pytest.mark.parametrize(
     "text",
     [
+        "MURA:²",
+        "MURA:",
+        "MURA:99999999999",
+        "bands:RG/GB:²",
+        "cameras:²x2",
+        "masks:3",
+        "shutter:",
         "nd:1,x",
         "nd:2",
         "polarisers:0,45/90",

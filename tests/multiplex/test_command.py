@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -18,9 +19,11 @@ from lfcal.multiplex import (
     demultiplex,
     demultiplex_lattice,
     lattice_channels,
+    lattice_channels_weighted,
     mask,
     mask_gain_bound,
     multiplex,
+    pixel_weights,
     snr_gain,
 )
 from tests.cli.conftest import lfcal  # noqa: F401  the fixture
@@ -141,6 +144,42 @@ def test_views_through_a_mask(lfcal, field: Path, tmp_path: Path) -> None:  # no
     assert both.code == 2 and "--size and --modulator" in both.err and not (tmp_path / "no.tif").exists()
 
 
+def test_views_from_pixels_with_weights(lfcal, field: Path, tmp_path: Path) -> None:  # noqa: F811
+    frame, white = (tifffile.imread(field / name) for name in ("field.tif", "white.tif"))
+    dead = (np.random.default_rng(1).random(frame.shape) < 0.02).astype(np.uint8)
+    tifffile.imwrite(tmp_path / "dead.tif", dead)
+    sensor = replace(preset("r29").sensor, shape=frame.shape, black_level=40.0)
+    (tmp_path / "camera.json").write_text(replace(preset("r29"), sensor=sensor).to_json())
+    lattice, light = fit_lattice(white.astype(np.float32)), frame.astype(np.float32) - 40
+    weights = pixel_weights(frame, sensor, dead=dead, gain=2.0, exposure_s=0.1)
+    out, sd = tmp_path / "views.tif", tmp_path / "sd.tif"
+    words = ("multiplex", "views", field / "field.tif", "--white", field / "white.tif", "-o", out, "--force")
+    known = ("--sensor", tmp_path / "camera.json", "--dead", tmp_path / "dead.tif", "--gain", 2, "--exposure", 0.1)
+    done = lfcal(*words, *known, "--size", 5, "--deviation", sd, "--json")
+    assert done.code == 0, done.err
+    wanted = lattice_channels_weighted(light, lattice, 5, weights)
+    shape = (25, *wanted.samples.shape[2:])
+    np.testing.assert_allclose(tifffile.imread(out), wanted.samples.reshape(shape), rtol=1e-4, atol=1e-2)
+    np.testing.assert_allclose(tifffile.imread(sd), wanted.deviation.reshape(shape), rtol=1e-4)
+    assert done.json["black_level"] == 40 and done.json["pixels_left_out"] == pytest.approx((weights == 0).mean())
+    both = lfcal(*words, *known, "--modulator", "MURA:5", "--route", "both")
+    assert both.code == 0, both.err
+    found = demultiplex_lattice(light, lattice, mask("MURA", 5), weights=weights)
+    np.testing.assert_allclose(tifffile.imread(out), found, rtol=1e-4, atol=0.1)
+    fourier = demultiplex_lattice(light, lattice, mask("MURA", 5), route="fourier")
+    np.testing.assert_allclose(tifffile.imread(tmp_path / "views_fourier.tif"), fourier, rtol=1e-4, atol=0.1)
+    for more, word in (
+        ((*known, "--filter", "cubic"), "route with weights"),
+        ((*known, "--modulator", "MURA:5", "--route", "fourier"), "route with weights"),
+        (("--deviation", sd), "pixels with weights"),
+        (("--dead", field / "none.tif"), "none.tif"),
+        (("--route", "both"), "spatial for lenslets"),
+        (("--route", "scenic"), "route"),
+    ):
+        refused = lfcal(*words, *more)
+        assert refused.code == 2 and word in refused.err and "Traceback" not in refused.err, refused.err
+
+
 def test_demosaic_by_every_route_and_of_any_page(lfcal, tmp_path: Path) -> None:  # noqa: F811
     pages = np.random.default_rng(1).integers(0, 4000, (2, 16, 18)).astype(np.uint16)
     tifffile.imwrite(tmp_path / "two.tif", pages, photometric="minisblack")
@@ -242,6 +281,7 @@ def test_benchmark(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixtur
     rows = json.loads(capsys.readouterr().out)
     assert [r["name"] for r in rows] == ["demosaic, cubic", "31 x 31 views, linear", "31 x 31 views, cubic"]
     assert all(r["ratio"] > 0 and r["bound"] == 5 for r in rows)
+    assert rows[0]["psnr_db"] > 25 and rows[1]["psnr_db"] is None, "quality beside the time"
     assert mask("lenslet", 31).count == 961
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -15,8 +16,10 @@ from lfcal.camera import preset
 from lfcal.multiplex import (
     cfa,
     colour_error,
+    demultiplex,
     demultiplex_generally,
     demultiplex_weighted,
+    mask,
     modulation_transfer,
     modulator_of,
     multiplex,
@@ -54,6 +57,13 @@ def test_merits_of_a_camera(lfcal) -> None:  # noqa: F811
     assert unlike.code == 2 and "number of samples" in unlike.err
 
 
+def test_of_large_masks_no_transfer_is_measured(lfcal) -> None:  # noqa: F811
+    done = lfcal("multiplex", "merits", "lenslet:17", "--camera", "r29", "--json")
+    assert done.code == 0, done.err
+    (row,) = done.json["modulators"]
+    assert row["mtf_0.1"] is None and row["false_detail_0.25"] is None and row["gain_plain_db"] == 0
+
+
 def test_map_of_gains(lfcal, tmp_path: Path) -> None:  # noqa: F811
     words = ("multiplex", "map", "bands:CM/YG:3", "--reference", "bands:RG/GB:3")
     found = lfcal(*words, "--json", "--out", tmp_path / "map.png").json
@@ -79,6 +89,9 @@ def test_designs(lfcal, tmp_path: Path) -> None:  # noqa: F811
         ("2x", "--chi2", 1),
         ("2x2", "--chi2", 1, "--camera", "r29"),
         ("2x2", "--chi2", 1, "-o", "x.tif"),
+        ("2x²", "--chi2", 1),
+        ("²", "--chi2", 1),
+        ("2x2", "--chi2", 1, "--crosstalk", "nan"),
     ):
         assert lfcal("multiplex", "design", *words).code == 2
 
@@ -110,6 +123,45 @@ def test_recover_a_frame_with_saturation(lfcal, tmp_path: Path) -> None:  # noqa
     for more in (("--transmissions", "x.npy"), ("--spacing", 2, "--deviation", tmp_path / "no.tif")):
         refused = lfcal(*words, "--out", tmp_path / "no2.tif", *more)
         assert refused.code == 2 and not (tmp_path / "no2.tif").exists(), refused.err
+
+
+def test_recover_by_a_filter_and_by_both_routes(lfcal, tmp_path: Path) -> None:  # noqa: F811
+    frame = np.random.default_rng(2).integers(0, 4000, (22, 33)).astype(np.uint16)
+    cv2.imwrite(str(tmp_path / "frame.png"), frame)
+    words = ("multiplex", "recover", tmp_path / "frame.png", "--modulator", "MURA:11", "--force")
+    out, second, light = tmp_path / "found.tif", tmp_path / "found_fourier.tif", frame.astype(float)
+    done = lfcal(*words, "--filter", "cubic", "--route", "both", "--out", out, "--json")
+    assert done.code == 0 and done.json["black_level"] == 0, done.err
+    fourier = demultiplex(light, mask("MURA", 11), route="fourier")
+    plain = demultiplex(light, mask("MURA", 11), filter="cubic")
+    np.testing.assert_allclose(tifffile.imread(out), plain, rtol=1e-5, atol=1e-2)
+    np.testing.assert_allclose(tifffile.imread(second), fourier, rtol=1e-5, atol=1e-2)
+    assert lfcal(*words, "--route", "fourier", "--out", out).code == 0
+    np.testing.assert_allclose(tifffile.imread(out), fourier, rtol=1e-5, atol=1e-2)
+    cv2.imwrite(str(tmp_path / "dead.png"), (frame > 3990).astype(np.uint8))
+    known = ("--dead", tmp_path / "dead.png")
+    for more, word in (
+        ((*known, "--filter", "cubic"), "filter with weights"),
+        ((*known, "--route", "fourier"), "route with weights"),
+        (("--filter", "cubic", "--deviation", tmp_path / "sd.tif"), "deviation"),
+        (("--route", "scenic"), "route"),
+        (("--filter", "scenic"), "filter"),
+        (("--spacing", 2, "--route", "both"), "route"),
+        (("--spacing", 0), "spacing"),
+    ):
+        refused = lfcal(*words, *more, "--out", out)
+        assert refused.code == 2 and word in refused.err and "Traceback" not in refused.err, (more, refused.err)
+
+
+def test_a_level_of_0_is_a_level(lfcal, tmp_path: Path) -> None:  # noqa: F811
+    cv2.imwrite(str(tmp_path / "frame.png"), np.full((8, 8), 500, np.uint16))
+    camera = replace(preset("r29"), sensor=replace(preset("r29").sensor, shape=(8, 8), black_level=100.0))
+    (tmp_path / "camera.json").write_text(camera.to_json())
+    words = ("multiplex", "recover", tmp_path / "frame.png", "--modulator", "nd:1", "--out", tmp_path / "a.tif")
+    for more, light in (((), 400), (("--dark", 0), 500), (("--dark", 50), 450)):
+        done = lfcal(*words, "--camera", tmp_path / "camera.json", "--force", *more)
+        assert done.code == 0, done.err
+        np.testing.assert_allclose(tifffile.imread(tmp_path / "a.tif"), light)
 
 
 def test_recover_by_iterations(lfcal, tmp_path: Path) -> None:  # noqa: F811

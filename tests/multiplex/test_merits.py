@@ -259,3 +259,12 @@ def test_masks_within_limits() -> None:
     for options in ({"levels": 1}, {"crosstalk": 0.6}, {"least_light": 0.6, "most_light": 0.5}, {"most_light": 0.01}):
         with pytest.raises(InputError):
             best_printed_mask(3, 0.0, **options)
+
+
+def test_what_no_search_can_mean_is_refused_before_it_begins() -> None:
+    for options in ({"crosstalk": math.nan}, {"crosstalk": 0.6}, {"most_kinds": 0}, {"least_light": math.nan}):
+        with pytest.raises(InputError):
+            best_array((2, 2), 1.0, **options)
+    for bad in ([math.nan], [0.1, math.nan], [-0.1], [0.6], []):
+        with pytest.raises(InputError, match="frequencies"):
+            modulation_transfer(cfa("Bayer"), bad)

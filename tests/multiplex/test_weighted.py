@@ -241,3 +241,12 @@ def test_general_route_of_periodic_modulators_and_dead_pixels() -> None:
     for shares in (np.ones((2, 7, 8)), np.zeros((2, 8, 8)), np.ones((8, 8))):
         with pytest.raises(InputError, match="transmissions"):
             demultiplex_generally(np.ones((8, 8)), shares, 2.0)
+
+
+def test_the_general_route_refuses_what_is_none() -> None:
+    frame, shares = np.ones((12, 12)), np.ones((1, 12, 12))
+    for options in ({"most": 0}, {"most": 1.5}, {"smoothness": -1}, {"tolerance": 0}):
+        with pytest.raises(InputError):
+            demultiplex_generally(frame, shares, 2.0, **options)
+    with pytest.raises(InputError, match="real numbers"):
+        demultiplex_generally(frame, shares * 1j, 2.0)

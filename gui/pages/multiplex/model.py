@@ -9,19 +9,16 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from gui.models.form import Field
 from gui.models.settings import PageSettings
+from gui.pages.multiplex.model_fields import FIELDS, MAX_SIZE, TYPED
 from lfcal.checks import check_number
 from lfcal.errors import InputError
-from lfcal.multiplex.colour_filters import CFA_PATTERNS, FILTERS, cfa, parse_pattern
-from lfcal.multiplex.filters import SPATIAL_FILTERS
+from lfcal.multiplex.colour_filters import CFA_PATTERNS, cfa, parse_pattern
 from lfcal.multiplex.masks import MASKS, mask, mask_pattern
 from lfcal.multiplex.modulator import Modulator
-from lfcal.multiplex.naming import GRAMMAR, modulator_of
+from lfcal.multiplex.naming import modulator_of
 
 __all__ = [
-    "FIELDS",
-    "ROUTE_FIELDS",
     "ModulatorPicture",
     "MultiplexSettings",
     "choices_to_compare",
@@ -29,134 +26,11 @@ __all__ = [
     "used_by",
 ]
 
-TYPED = "typed"
 RANGES = {"search_size": (2, 13), "levels": (2, 16), "kinds": (1, 6), "crosstalk": (0, 0.4), "least_light": (0, 0.99)}
-MAX_SIZE = 31
 MAX_ENTRIES = 350_000
 """Entries of the matrix A of a mask over colour filters."""
 Array = NDArray[np.float64]
 
-
-def _named(names: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
-    return tuple((name, name.replace("_", " ")) for name in names)
-
-
-FAMILIES = (
-    ("cfa", "colour filters"),
-    ("mask", "mask or lenslets"),
-    ("both", "mask over filters"),
-    ("written", "as written"),
-)
-FIELDS = (
-    Field("family", "Family", kind="choice", choices=FAMILIES, tip="What lies in front of the sensor"),
-    Field(
-        "cfa",
-        "Filters",
-        kind="choice",
-        choices=(*_named(tuple(CFA_PATTERNS)), (TYPED, "own pattern")),
-        tip="Colour filter array; own pattern: the letters below",
-    ),
-    Field(
-        "pattern",
-        "Own pattern",
-        kind="text",
-        tip=f"Letters of {''.join(FILTERS)} by rows, such as GRBG or "
-        "RGB/GBR: R G B, C = G + B, M = R + B, Y = R + G, W = all, E = emerald (as C)",
-    ),
-    Field("mask", "Mask", kind="choice", choices=_named(MASKS), tip="Light-field modulator"),
-    Field(
-        "size",
-        "Size",
-        "px",
-        f"Pixels and views along a side, up to {MAX_SIZE}; MURA: odd primes, sum of sinusoids: odd",
-        kind="int",
-    ),
-    Field("written", "Written", kind="text", tip=f"Any modulator: {GRAMMAR}"),
-    Field("reference_written", "Over", kind="text", tip="The reference, written likewise; gains are over it"),
-    Field(
-        "reference_cfa",
-        "Over filters",
-        kind="choice",
-        choices=_named(tuple(CFA_PATTERNS)),
-        tip="Filters of the reference: gains are over it",
-    ),
-    Field(
-        "reference_mask",
-        "Over mask",
-        kind="choice",
-        choices=_named(MASKS),
-        tip="Mask of the reference, of the same size: gains are over it",
-    ),
-    Field("gain", "Amplifier", "×", "Amplifier gain: full scale is reached at full well over gain"),
-    Field(
-        "scene",
-        "Scene",
-        kind="choice",
-        choices=(("edges", "sharp edges"), ("smooth", "smooth"), ("image", "opened image"), ("live", "live frames")),
-        tip="What is recorded; an opened grey image is taken as the recorded frame, a colour image as the scene; "
-        "live frames are those that the Acquire page shows",
-    ),
-    Field(
-        "filter",
-        "Filter",
-        kind="choice",
-        choices=_named(SPATIAL_FILTERS),
-        tip="Interpolation of the spatial route (theorem 1); the Fourier route is a sinc (theorem 2)",
-    ),
-    Field(
-        "weighted",
-        "Leave out clipped",
-        kind="bool",
-        tip="Spatial route of opened and live frames: saturated pixels have no say, the others by the camera's noise",
-    ),
-    Field(
-        "route",
-        "Route",
-        kind="choice",
-        choices=(("cells", "super-pixels"), ("general", "general, by iterations"), ("lattice", "camera's lattice")),
-        tip="Super-pixels of whole pixels; any transmissions by regularised least squares, slower; "
-        "or a mask on the lattice that the project's camera states, of any pitch and angle",
-    ),
-    Field(
-        "dead",
-        "Dead pixels",
-        kind="text",
-        empty="none",
-        tip="Image of the size of the frame, not zero where a pixel is dead: it has no say in the spatial and general "
-        "route of opened and live frames",
-    ),
-    Field(
-        "transmissions",
-        "Transmissions",
-        kind="text",
-        empty="of the modulator",
-        tip=".npy (N, rows, columns): what each pixel of the frame takes of each sample, for masks that do not repeat",
-    ),
-    Field(
-        "spacing",
-        "Node spacing",
-        "px",
-        "Pixels from node to node of the general route, 0.5 or more; empty: as many nodes as pixels measure",
-        optional=True,
-        empty="auto",
-    ),
-    Field(
-        "smoothness",
-        "Smoothness",
-        "",
-        "Weight of differences between nodes: decides what pixels leave open; small beside the signal to noise",
-    ),
-    Field(
-        "noise",
-        "Camera noise",
-        kind="bool",
-        tip="Add shot and read noise of the project's camera to a built-in "
-        "scene; its brightest pixel fills the full well",
-    ),
-)
-
-ROUTE_FIELDS = (("route", "dead"), ("transmissions", "spacing"), ("smoothness",))
-"""Keys of `FIELDS` that say how samples are found, as they lie beside each other."""
 
 _USES = {
     "cfa": lambda s: s.family in ("cfa", "both"),
@@ -170,9 +44,10 @@ _USES = {
     "search_size": lambda s: s.sought == "mask",
     "levels": lambda s: s.sought == "mask",
     "kinds": lambda s: s.sought != "mask",
-    "weighted": lambda s: s.scene in ("image", "live") and s.route != "lattice",
+    "weighted": lambda s: s.scene in ("image", "live"),
     "filter": lambda s: s.route != "general",
-    "dead": lambda s: s.scene in ("image", "live") and s.route != "lattice",
+    "dead": lambda s: s.scene in ("image", "live"),
+    "white": lambda s: s.scene in ("image", "live") and s.route == "lattice",
     "transmissions": lambda s: s.route == "general",
     "spacing": lambda s: s.route == "general",
     "smoothness": lambda s: s.route == "general",
@@ -200,7 +75,7 @@ class MultiplexSettings(PageSettings):
     figure, own_camera
         Which figure of the paper is shown (0: a map of gains), and whether with the project's camera in place of
         the paper's.
-    route, dead, transmissions, spacing, smoothness
+    route, dead, white, transmissions, spacing, smoothness
         How samples are found (`gui.pages.multiplex.model_routes`); files are paths, or empty.
     sought, search_size, levels, kinds, crosstalk, least_light
         Of the search (`gui.pages.multiplex.model_search`).
@@ -229,6 +104,7 @@ class MultiplexSettings(PageSettings):
     own_camera: bool = False
     route: str = "cells"
     dead: str = ""
+    white: str = ""
     transmissions: str = ""
     spacing: float | None = None
     smoothness: float = 1e-4

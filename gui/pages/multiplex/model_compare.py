@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gui.pages.multiplex.model import TYPED, MultiplexSettings
+from gui.pages.multiplex.model import MultiplexSettings
+from gui.pages.multiplex.model_fields import TYPED
 from lfcal.camera import Sensor
 from lfcal.errors import InputError
 from lfcal.multiplex.colour_error import colour_error

@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gui.models.project import ProjectState
 from gui.pages.multiplex.model import MultiplexSettings
 from lfcal.camera import Camera
-from lfcal.errors import InputError
-from lfcal.lattice import FrameLattice, ViewGrid, lattice_of
+from lfcal.errors import InputError, LfcalError
+from lfcal.files import storage_errors
+from lfcal.frames import read_image
+from lfcal.frames.corrections.recipe import read_average
+from lfcal.lattice import FrameLattice, LatticeFit, ViewGrid, cropped, fit_lattice, lattice_of
 from lfcal.multiplex.heterodyne import lattice_transmissions, sample_places
 from lfcal.multiplex.modulator import Modulator
 from lfcal.multiplex.scenes import colour_edges, filament_light_field, view_edges, zone_plate
@@ -23,10 +30,12 @@ __all__ = [
     "at_nodes",
     "at_samples",
     "dead_pixels",
+    "frame_lattice",
     "lattice_scene",
-    "part_lattice",
+    "measured_in",
     "scene_behind",
     "shares_of",
+    "white_of",
 ]
 
 SCENE_SIDE = 240
@@ -37,6 +46,9 @@ MOST_SHARES = 10_000_000
 
 MOST_SOLVED = 64_000_000
 """Transmissions that the general route takes here: half a gigabyte."""
+
+OF_FRAMES = "frames:"
+"""Before the path of a white image that is the page Frames': it counts for frames of its size only."""
 
 Array = NDArray[Any]
 
@@ -56,8 +68,6 @@ class Part:
 
 def dead_pixels(path: str, part: Part, shape: tuple[int, ...]) -> NDArray[np.bool_]:
     """Return where the map at ``path`` marks dead pixels of a frame that is a part of the whole."""
-    from lfcal.frames import read_image
-
     marked = read_image(path)
     if marked.shape != part.whole:
         raise InputError.expected("dead pixels", f"{part.whole} px", marked.shape, "use the frame's own camera's")
@@ -125,14 +135,67 @@ def _sampled(scene: Array, places: Array, shape: tuple[int, ...]) -> Array:
     return np.array(planes).reshape(-1, *shape)
 
 
-def part_lattice(camera: Camera, part: Part | None, shape: tuple[int, int]) -> FrameLattice:
-    """Return the lattice that the camera states on a frame; a built-in scene lies in the middle of the sensor."""
+def white_of(project: ProjectState) -> str:
+    """Return the white image (or folder of them) whose lattice frames lie on: the page's own, else that of Frames."""
+    own = MultiplexSettings.of(project).white
+    frames = project.settings.get("frames")
+    if own or not isinstance(frames, Mapping):
+        return own
+    white = frames.get("white", "")
+    return OF_FRAMES + white if isinstance(white, str) and white else ""
+
+
+def measured_in(project: ProjectState) -> str:
+    """Return the white image whose lattice an opened frame is taken to lie on, or an empty string: the camera's."""
+    white, image = white_of(project), MultiplexSettings.of(project).image
+    if not white.startswith(OF_FRAMES):
+        return white
+    path = white.removeprefix(OF_FRAMES)
+    try:
+        same = _measured(path, _stamp(path)).shape == read_image(image).shape
+    except LfcalError:
+        return ""
+    return path if same else ""
+
+
+def frame_lattice(white: str, camera: Camera, part: Part | None, shape: tuple[int, int]) -> tuple[FrameLattice, str]:
+    """Return the lattice under a frame, and in words where it comes from.
+
+    It is measured in a white image where there is one (`white_of`), and else the camera's; a built-in scene lies in the
+    middle of the sensor.
+
+    Raises
+    ------
+    InputError
+        If the frame is not the camera's, or the white image of another size or without a lattice.
+    """
+    path = white.removeprefix(OF_FRAMES)
+    if part is not None and path:
+        fit = _measured(path, _stamp(path))
+        if fit.shape == part.whole:
+            return cropped(fit, shape, part.corner), f"lattice measured in {Path(path).name}"
+        if path == white:
+            raise InputError.expected(
+                "white image", f"the {part.whole} px of the frame", fit.shape, "choose one of the same camera"
+            )
     sensor = camera.sensor.shape
     if part is not None and part.whole != sensor:
         raise InputError.expected(
             "frame", f"the {sensor} px of the project's camera", part.whole, "open a whole frame of this camera"
         )
-    return lattice_of(camera, shape, _middle(sensor, shape) if part is None else part.corner)
+    corner = _middle(sensor, shape) if part is None else part.corner
+    return lattice_of(camera, shape, corner), f"lattice of {camera.name}, {camera.marks['lattice.pitch_um']}"
+
+
+def _stamp(path: str) -> int:
+    with storage_errors(Path(path)):
+        return Path(path).stat().st_mtime_ns
+
+
+@lru_cache(maxsize=2)
+def _measured(path: str, _: int) -> LatticeFit:
+    """Return the lattice of a white image or of the mean of a folder of them, measured once while it is unchanged."""
+    return fit_lattice(read_average(path))
 
 
 def lattice_scene(settings: MultiplexSettings, modulator: Modulator, camera: Camera) -> tuple[Array, Array]:
@@ -142,7 +205,7 @@ def lattice_scene(settings: MultiplexSettings, modulator: Modulator, camera: Cam
             "modulator on a lattice", "one super-pixel of a light field", modulator.name, "choose a mask or lenslets"
         )
     shape = _scene_shape(modulator, camera)
-    lattice = part_lattice(camera, None, shape)
+    lattice = frame_lattice("", camera, None, shape)[0]
     shares = lattice_transmissions(shape, lattice, modulator)
     cells = (math.ceil(shape[0] / modulator.views[0]), math.ceil(shape[1] / modulator.views[0]))
     if settings.scene == "edges":

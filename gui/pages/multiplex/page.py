@@ -19,7 +19,10 @@ from gui.pages.multiplex import takes
 from gui.pages.multiplex.figures_view import MAP
 from gui.pages.multiplex.model import ModulatorPicture, MultiplexSettings
 from gui.pages.multiplex.model_compare import Comparison, compare
-from gui.pages.multiplex.model_scene import Reconstructions, iter_reconstruct, opened
+from gui.pages.multiplex.model_fields import TYPED
+from gui.pages.multiplex.model_frames import opened
+from gui.pages.multiplex.model_routes import white_of
+from gui.pages.multiplex.model_scene import Reconstructions, iter_reconstruct
 from gui.pages.multiplex.model_search import iter_search
 from gui.pages.multiplex.panel import MultiplexPanel
 from lfcal.camera import Camera
@@ -35,8 +38,9 @@ from lfcal.progress import drain
 __all__ = ["Page"]
 
 IMAGES = f"Images ({' '.join('*' + suffix for suffix in sorted(image_suffixes()))});;All files (*)"
+DESIGNS = "With views and colours (*.json);;Transmissions alone (*.npy)"
 CHOSEN = ("family", "cfa", "pattern", "mask", "size", "written", "scene", "filter", "weighted", "noise", "image")
-CHOSEN += ("route", "dead", "transmissions", "spacing", "smoothness")
+CHOSEN += ("route", "dead", "white", "transmissions", "spacing", "smoothness")
 MODULATORS = ("family", "cfa", "pattern", "mask", "size", "written")
 MODULATORS += ("reference_cfa", "reference_mask", "reference_written")
 """Settings that change the modulator or its reference."""
@@ -160,8 +164,9 @@ class Page(BasePage):
             self.open_image(path)
 
     def choose_file(self, key: str) -> None:
-        """Ask for a map of dead pixels or for transmissions."""
-        title, kinds = ("Dead pixels", IMAGES) if key == "dead" else ("Transmissions", "Arrays (*.npy)")
+        """Ask for a map of dead pixels, a white image or transmissions."""
+        titles = {"dead": "Dead pixels", "white": "White image", "transmissions": "Transmissions"}
+        title, kinds = titles[key], "Arrays (*.npy)" if key == "transmissions" else IMAGES
         path = QFileDialog.getOpenFileName(self, title, "", kinds)[0]
         if path:
             self._edited(key, path)
@@ -184,9 +189,13 @@ class Page(BasePage):
         return False
 
     # -- reconstruction --------------------------------------------------------------------------------
+    def _resolved(self) -> MultiplexSettings:
+        """Return the settings with the white image that counts where none is named."""
+        return replace(self.settings, white=white_of(self.context.state))
+
     def _reconstruct(self) -> None:
         """Reconstruct if the tab is looked at and something changed: scenes at once, opened images as a job."""
-        settings, camera = self.settings, self.context.state.camera
+        settings, camera = self._resolved(), self.context.state.camera
         sensor, asked = camera.sensor, _asked(settings, camera)
         if not self._entered or self.panel.tabs.currentIndex() != 1:
             return
@@ -247,7 +256,7 @@ class Page(BasePage):
 
     def _show_live(self, first: bool = False) -> None:
         """Demultiplex the newest frame; frames that come meanwhile are left out, all but the last."""
-        settings, camera, live = self.settings, self.context.state.camera, self._live
+        settings, camera, live = self._resolved(), self.context.state.camera, self._live
         if settings.scene != "live" or self._live_busy:
             return
         if live is None:
@@ -324,7 +333,7 @@ class Page(BasePage):
         name = found.design.modulator.name
         if self.panel.search.found is not None and found.design.modulator.colours:
             pattern = "/".join(parse_pattern(name))
-            settings = replace(self.settings, family="cfa", cfa=view.TYPED, pattern=pattern)
+            settings = replace(self.settings, family="cfa", cfa=TYPED, pattern=pattern)
             self.context.project.update("use the search's filters", settings=settings.into(self.context.state))
             self.panel.tabs.setCurrentIndex(0)
             return
@@ -333,7 +342,7 @@ class Page(BasePage):
     def save_found(self, use: bool = False) -> None:
         """Ask where to, and write the design."""
         found = self.panel.search.found
-        path = QFileDialog.getSaveFileName(self, "Save design", "design.npy", "Arrays (*.npy)")[0] if found else ""
+        path = QFileDialog.getSaveFileName(self, "Save design", "design.json", DESIGNS)[0] if found else ""
         if found is None or not path:
             return
         try:

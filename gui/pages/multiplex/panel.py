@@ -26,8 +26,9 @@ from PySide6.QtWidgets import (
 
 from gui.pages.multiplex.figures_view import FiguresView
 from gui.pages.multiplex.matrix_view import MatrixView
-from gui.pages.multiplex.model import FIELDS, ROUTE_FIELDS, ModulatorPicture
+from gui.pages.multiplex.model import ModulatorPicture
 from gui.pages.multiplex.model_compare import Comparison, number
+from gui.pages.multiplex.model_fields import FIELDS, ROUTE_FIELDS
 from gui.pages.multiplex.pictures import MultiplexPictures
 from gui.pages.multiplex.search_view import SearchView
 from gui.theme import current_theme
@@ -38,6 +39,7 @@ from gui.widgets.plots import LINES, LinePlot, shown_tone
 __all__ = ["MultiplexPanel"]
 
 NUMBER_HEIGHT = 22
+SIGMA, PI = "Spatial basis Σ", "Plenoptic basis Π"
 SCENE_FIELDS = ("scene", "filter", "weighted", "noise")
 
 
@@ -122,8 +124,10 @@ class MultiplexPanel(QWidget):
         tips = (
             "Transmission of each pixel of a super-pixel for the middle view; colours as seen",
             "Magnitude of the pattern's Fourier weights, zero frequency in the middle, mean over colours",
-            "Spatial basis: weight of each basis function at each pixel of the super-pixel",
-            "Plenoptic basis: weight of each colour or view in each basis function",
+            "Where: the weight of each basis function σ (columns j) at each pixel of the super-pixel (rows k, counted "
+            "by rows). A pixel records the sum over j of Σ times what Π makes of the light",
+            "What: the weight of each colour, view or other sample (rows n) in each basis function π (columns j). "
+            "Σ Πᵀ says what every pixel takes of every sample, and is inverted to get the samples back",
         )
         widget = QWidget()
         row = QHBoxLayout(widget)
@@ -134,12 +138,13 @@ class MultiplexPanel(QWidget):
         self.titles = []
         views = (self.pattern, self.spectrum, self.sigma, self.pi)
         for k, (view, tip, title) in enumerate(
-            zip(views, tips, ("Pattern", "Spectrum, magnitude (1)", "Σ", "Π"), strict=True)
+            zip(views, tips, ("Pattern", "Spectrum, magnitude (1)", SIGMA, PI), strict=True)
         ):
             label = QLabel(title)
             label.setMinimumWidth(60)  # names of modulators may be long: they do not widen the window
             frame, column = card(label)
-            view.setToolTip(tip)
+            for part in (view, label):
+                part.setToolTip(tip)
             column.addWidget(view, 1)
             self.titles.append(label)
             grid.addWidget(frame, k // 2, k % 2)
@@ -230,7 +235,7 @@ class MultiplexPanel(QWidget):
         self.sigma.show_array(picture.sigma, name="sigma")
         self.pi.show_array(picture.pi, name="pi")
         kind = "" if picture.real else ", real part"
-        shapes = (("Σ", picture.sigma), ("Π", picture.pi))
+        shapes = ((SIGMA, picture.sigma), (PI, picture.pi))
         for label, (name, array) in zip(self.titles[2:], shapes, strict=True):
             label.setText(f"{name}, {array.shape[0]} × {array.shape[1]}{kind}")
         self.titles[0].setText(f"Pattern of {picture.name.replace('_', ' ')}")

@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QComboBox, QGridLayout, QHBoxLayout, QLabel, QPush
 
 from gui.models.form import Field
 from gui.pages.multiplex.matrix_view import MatrixView
-from gui.pages.multiplex.model import FIELDS, ROUTE_FIELDS
+from gui.pages.multiplex.model_fields import FIELDS, ROUTE_FIELDS
 from gui.pages.multiplex.model_scene import Reconstructions, shown
 from gui.theme import current_theme
 from gui.widgets.cards import card, line
@@ -33,7 +33,7 @@ class MultiplexPictures(QWidget):
     sample_chosen(index)
         Which sample is shown; -1 all colours.
     file_asked(key)
-        A file is to be chosen: ``"dead"`` or ``"transmissions"``.
+        A file is to be chosen: ``"dead"``, ``"white"`` or ``"transmissions"``.
     """
 
     right_chosen = Signal(str)
@@ -55,11 +55,14 @@ class MultiplexPictures(QWidget):
         for key, text in RIGHT:
             self.right.addItem(text, key)
         self.right.setAccessibleName("third picture")
-        self.right.setToolTip("What the third picture shows; the truth is known of scenes, not of opened frames")
+        self.right.setToolTip(
+            "What the third picture, below on the left, shows: the spatial less the Fourier route, or the scene itself "
+            "(truth), which is known of scenes, not of opened frames"
+        )
         self.right.currentIndexChanged.connect(lambda _: self.right_chosen.emit(self.right.currentData()))
         self.readout = QLabel("")
         self.readout.setProperty("role", "hint")
-        outer.addLayout(line("Shown", self.sample, "Third", self.right, self.readout, stretch=4))
+        outer.addLayout(line("Shown", self.sample, "Third picture", self.right, self.readout, stretch=4))
         outer.addLayout(self._route())
         outer.addLayout(self._pictures(), 1)
         self.status = QLabel("")
@@ -67,7 +70,7 @@ class MultiplexPictures(QWidget):
         outer.addWidget(self.status)
 
     def _route(self) -> QHBoxLayout:
-        """Return how samples are found: two fields below each other, three side by side."""
+        """Return how samples are found: two fields below each other, three side by side, and where files are chosen."""
         specs = {spec.key: spec for spec in FIELDS}
         row = QHBoxLayout()
         row.setSpacing(12)
@@ -75,27 +78,23 @@ class MultiplexPictures(QWidget):
         for form in self.forms:
             for key in form.fields:
                 form.editor(key).setMinimumWidth(56)
-        for form in self.forms[:-1]:
+        for form in self.forms:
             row.addWidget(form, 1, Qt.AlignmentFlag.AlignTop)
-        last = QVBoxLayout()
-        last.setSpacing(2)
-        last.addWidget(self.forms[-1])
-        last.addLayout(self._file_buttons(specs))
-        row.addLayout(last)
+        row.addLayout(self._file_buttons(specs))
         return row
 
-    def _file_buttons(self, specs: dict[str, Field]) -> QHBoxLayout:
-        row = QHBoxLayout()
-        row.setSpacing(6)
+    def _file_buttons(self, specs: dict[str, Field]) -> QGridLayout:
+        grid = QGridLayout()
+        grid.setSpacing(4)
         self.buttons: dict[str, QPushButton] = {}
-        for key, title in (("dead", "Dead …"), ("transmissions", "Mask …")):
+        for k, (key, title) in enumerate((("dead", "Dead …"), ("white", "White …"), ("transmissions", "Mask …"))):
             button = QPushButton(title)
             button.setToolTip(f"Choose the file. {specs[key].tip}")
             button.setAccessibleName(f"choose file of {specs[key].label.lower()}")
             button.clicked.connect(lambda _=False, key=key: self.file_asked.emit(key))
-            row.addWidget(button)
+            grid.addWidget(button, k // 2, k % 2)
             self.buttons[key] = button
-        return row
+        return grid
 
     def _pictures(self) -> QGridLayout:
         grid = QGridLayout()

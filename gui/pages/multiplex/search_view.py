@@ -40,7 +40,11 @@ class SearchView(QWidget):
         tips = (
             ("Search", "Find the design of most gain at the project's camera", self.search_asked),
             ("Use", "Take the design as the page's modulator", self.use_asked),
-            ("Save …", "Write its transmissions (rows, columns, samples) as .npy", self.save_asked),
+            (
+                "Save …",
+                "Write it to a file: .json keeps its views, .npy its transmissions (rows, columns, samples) alone",
+                self.save_asked,
+            ),
         )
         for title, tip, signal in tips:
             button = QPushButton(title)

@@ -4,17 +4,21 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from gui.models.project import ProjectState
+from gui.pages.frames.model import FrameSettings
 from gui.pages.multiplex.model import MultiplexSettings, choices_to_compare, picture, used_by
 from gui.pages.multiplex.model_compare import compare, number
-from gui.pages.multiplex.model_scene import Reconstructions, iter_reconstruct, noisy, opened, rms_error, scene_of, shown
-from lfcal.camera import Sensor, preset
+from gui.pages.multiplex.model_frames import noisy, opened, scene_of
+from gui.pages.multiplex.model_routes import measured_in, white_of
+from gui.pages.multiplex.model_scene import Reconstructions, iter_reconstruct, rms_error, shown
+from lfcal.camera import LatticeDistortion, Sensor, preset
 from lfcal.errors import FileFormatError, InputError
-from lfcal.lattice import lattice_of
+from lfcal.lattice import fit_lattice, lattice_of
 from lfcal.multiplex import (
     cfa,
     demultiplex,
@@ -292,3 +296,89 @@ def test_built_in_scenes_behind_masks_on_the_lattice() -> None:
     large, wide = replace(settings, mask="MURA", size=31), preset("r29")
     with pytest.raises(InputError, match="mask for a built-in scene"):
         drain(iter_reconstruct(large, wide.sensor, camera=wide))
+
+
+def test_the_lattice_is_measured_where_the_project_has_a_white_image(tmp_path: Path) -> None:
+    camera = preset("bench")
+    y, x = np.indices(camera.sensor.shape)
+    away = lattice_of(camera).lenslet_at(y - 0.4, x + 0.3)
+    away = away - np.rint(away)
+    white = np.rint(100 + 2000 * np.exp(-12 * (away**2).sum(-1))).astype(np.uint16)
+    folder = tmp_path / "white"
+    folder.mkdir()
+    np.save(folder / "white.npy", white)
+    frame = np.random.default_rng(6).random(camera.sensor.shape).astype(np.float32)
+    settings = MultiplexSettings(family="mask", size=5, route="lattice", filter="linear", scene="image")
+    settings = replace(settings, **saved(tmp_path, image=frame))
+    project = ProjectState(camera=camera, settings=FrameSettings(white=str(folder)).into(ProjectState()))
+    project = replace(project, settings=settings.into(project))
+    measured = replace(settings, white=white_of(project))
+    assert measured.white and measured_in(project) == str(folder)
+    found = drain(iter_reconstruct(measured, camera.sensor, camera=camera))
+    assert "lattice measured in white" in found.words
+    wanted = demultiplex_lattice(frame, fit_lattice(white), mask("MURA", 5))
+    np.testing.assert_allclose(found.spatial.samples, wanted, atol=1e-4)
+    # of another size it is no white image of this frame: that of Frames is left out, the page's own refused
+    small = replace(measured, image=saved(tmp_path, small=frame[:300])["small"])
+    with pytest.raises(InputError, match="project's camera"):
+        drain(iter_reconstruct(small, camera.sensor, camera=camera))
+    own = replace(small, white=str(folder))
+    with pytest.raises(InputError, match="white image"):
+        drain(iter_reconstruct(own, camera.sensor, camera=camera))
+    stated = drain(iter_reconstruct(settings, camera.sensor, camera=camera))
+    assert "lattice of bench, stated" in stated.words
+    marked = replace(camera, marks=camera.marks.marked(["lattice.pitch_um"], "measured"))
+    assert "lattice of bench, measured" in drain(iter_reconstruct(settings, camera.sensor, camera=marked)).words
+
+
+def test_a_bent_lattice_has_no_fourier_route_and_says_so(tmp_path: Path) -> None:
+    camera = preset("bench")
+    bend = LatticeDistortion("radial", (0.0, 0.0), 300.0, ((2.0,),))
+    bent = replace(camera, lattice=replace(camera.lattice, distortion=bend))
+    frame = np.random.default_rng(6).random(camera.sensor.shape).astype(np.float32)
+    settings = MultiplexSettings(family="mask", size=5, route="lattice", filter="linear", scene="image")
+    settings = replace(settings, **saved(tmp_path, image=frame))
+    found = drain(iter_reconstruct(settings, camera.sensor, camera=bent))
+    assert found.fourier is None and "rows are bent" in found.words
+    np.testing.assert_allclose(
+        found.spatial.samples, demultiplex_lattice(frame, lattice_of(bent), mask("MURA", 5)), rtol=1e-5, atol=1e-5
+    )
+
+
+def test_dead_pixels_on_a_lattice_and_no_numbers(tmp_path: Path) -> None:
+    camera = preset("bench")
+    frame, dead = np.ones(camera.sensor.shape, np.float32), np.zeros(camera.sensor.shape, np.uint8)
+    frame[100:104, 200], dead[100:104, 200] = np.nan, 1
+    files = saved(tmp_path, image=frame, dead=dead)
+    for route in ("lattice", "cells"):
+        settings = MultiplexSettings(family="mask", mask="lenslet", size=5, route=route, scene="image", **files)
+        found = drain(iter_reconstruct(settings, camera.sensor, camera=camera))
+        assert found.spatial.name == "Spatial, weighted" and found.fourier is not None
+        np.testing.assert_allclose(found.spatial.samples, 1 / 25, rtol=1e-6)
+        assert np.isfinite(found.fourier.samples).all() and found.fourier.samples.min() < 0.039
+
+
+def test_the_black_level_that_a_file_states_is_taken_off_place_by_place(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import lfcal.frames.formats.opening as opening
+
+    frame = np.random.default_rng(1).integers(300, 4000, (1600, 1601)).astype(np.uint16)
+    files, open_image = saved(tmp_path, image=frame), opening.open_image
+
+    def stating(*args: Any, **options: Any) -> Any:
+        image = open_image(*args, **options)
+        stated = {**image.metadata, "cfa": "GRBG", "black_level": (10.0, 20.0, 30.0, 40.0)}
+        object.__setattr__(image, "metadata", stated)
+        return image
+
+    monkeypatch.setattr(opening, "open_image", stating)
+    settings = MultiplexSettings(cfa="typed", pattern="GRBG", scene="image", weighted=True, **files)
+    found = reconstruct(settings)
+    light = frame - np.tile([[10.0, 20.0], [30.0, 40.0]], (800, 801))[:, :1601]
+    middle = np.s_[32 : 32 + 1536, 32 : 32 + 1536]
+    np.testing.assert_array_equal(found.frame, light[middle])
+    level = (10.0, 20.0, 30.0, 40.0)
+    weights = pixel_weights(frame, SENSOR, black_level=level)[middle]
+    wanted = demultiplex_weighted(light[middle], cfa("GRBG"), weights).samples
+    np.testing.assert_allclose(found.spatial.samples, wanted, rtol=1e-5)

@@ -254,11 +254,12 @@ def test_search_and_use(page: Page, qtbot: QtBot, tmp_path: Path, monkeypatch: p
     search.buttons["Search"].click()
     settle(page, qtbot)
     assert search.found is not None and search.found.design.modulator.views == (3, 3)
-    target = str(tmp_path / "mask.npy")
+    target = str(tmp_path / "mask.json")
     monkeypatch.setattr("gui.pages.multiplex.page.QFileDialog.getSaveFileName", lambda *_: (target, ""))
     search.buttons["Use"].click()
     settle(page, qtbot)
     assert page.settings.written == target and cells(page)["Samples N"] == "9"
+    assert page.settings.modulator().views == (3, 3), "it is a light field still"
     size.setText("40")
     size.textEdited.emit("40")
     assert "2 to 13" in search.form.error and page.settings.search_size == 3

@@ -1,0 +1,83 @@
+"""Where the super-pixels of a light field lie on the sensor: a straight lattice of any pitch, angle and shear."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.checks import check_choice, check_number, check_tuple
+
+__all__ = ["SuperPixelLattice"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class SuperPixelLattice:
+    """Where the super-pixels of a light field lie on the sensor.
+
+    Attributes
+    ----------
+    kind
+        ``"square"`` or ``"hexagonal"``.
+    origin_px
+        Centre ``(row, column)`` of one of them.
+    along_px
+        Vector (x, y) to the next one of the row (pixels).
+    across_px
+        Vector (x, y) to the next row (pixels); half a pitch further along where the lattice is hexagonal.
+    """
+
+    kind: str
+    origin_px: tuple[float, float]
+    along_px: tuple[float, float]
+    across_px: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        check_choice("lattice", self.kind, ("square", "hexagonal"))
+        for name in ("origin_px", "along_px", "across_px"):
+            object.__setattr__(self, name, check_tuple(name, getattr(self, name), 2))
+        (ax, ay), (bx, by) = self.along_px, self.across_px
+        check_number(
+            "area of a super-pixel (px^2)", abs(ax * by - ay * bx), at_least=0.999, remedy="a period of 1 px or more"
+        )
+
+    @property
+    def pitch_px(self) -> float:
+        """Distance of neighbours along a row (pixels)."""
+        return math.hypot(*self.along_px)
+
+    @property
+    def row_pitch_px(self) -> float:
+        """Distance of neighbouring rows (pixels)."""
+        (ax, ay), (bx, by) = self.along_px, self.across_px
+        # row distance is the cell's area over the pitch: it holds for any angle of the two vectors
+        return abs(ax * by - ay * bx) / self.pitch_px
+
+    @property
+    def rotation_rad(self) -> float:
+        """Angle from the +x axis to a row (rad)."""
+        return math.atan2(self.along_px[1], self.along_px[0])
+
+    def basis_px(self) -> Array:
+        """Return the lattice vectors as rows (x, y) (pixels)."""
+        return np.array([self.along_px, self.across_px])
+
+    def centres_px(self, q: ArrayLike, r: ArrayLike) -> Array:
+        """Return centres ``(..., 2)`` as (row, column) of super-pixels q, r."""
+        q, r = np.asarray(q, float), np.asarray(r, float)
+        (ax, ay), (bx, by) = self.along_px, self.across_px
+        centres = np.empty((*np.broadcast_shapes(q.shape, r.shape), 2))
+        centres[..., 0] = self.origin_px[0] + q * ay + r * by
+        centres[..., 1] = self.origin_px[1] + q * ax + r * bx
+        return centres
+
+    def lenslet_at(self, row: ArrayLike, column: ArrayLike) -> Array:
+        """Return fractional indices ``(..., 2)`` as (q, r) of image points."""
+        points = np.stack(np.broadcast_arrays(np.asarray(row, float), np.asarray(column, float)), axis=-1)
+        index: Array = (points - np.array(self.origin_px)) @ np.linalg.inv(self.basis_px()[:, ::-1])
+        return index
