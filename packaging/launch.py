@@ -22,7 +22,7 @@ def main() -> int:
     logging.getLogger("hdf5plugin").setLevel(logging.CRITICAL)
     # pyqtgraph asks for it before it knows whether anybody draws with it, which nobody does
     sys.modules.setdefault("PySide6.QtOpenGL", types.ModuleType("PySide6.QtOpenGL"))
-    _keep_kernels()
+    _keep_compiled()
     from lfcal.h5.probe import EXAMINE
 
     first = sys.argv[1] if len(sys.argv) > 1 else ""
@@ -45,13 +45,13 @@ def main() -> int:
     return 0
 
 
-def _keep_kernels() -> None:
-    """Let compiled kernels be kept with the user's files: the bundle may be read-only, and signed."""
+def _keep_compiled() -> None:
+    """Let compiled modules and kernels be kept with the user's files: the bundle may be read-only, and signed."""
     from platformdirs import user_cache_path
 
-    from lfcal import __version__
-
-    os.environ.setdefault("NUMBA_CACHE_DIR", str(user_cache_path("lfcal", appauthor=False) / f"kernels-{__version__}"))
+    place = user_cache_path("lfcal", appauthor=False) / "compiled"
+    sys.pycache_prefix, sys.dont_write_bytecode = str(place / "modules"), False
+    os.environ.setdefault("NUMBA_CACHE_DIR", str(place / "kernels"))
 
 
 if __name__ == "__main__":
