@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from lfcal.errors import FileFormatError, InputError, StorageError
-from lfcal.system import OPEN_FLAGS, is_alive, lock, replace, sync_file, sync_folder
+from lfcal.system import OPEN_FLAGS, is_alive, lock, name_refused, replace, sync_file, sync_folder, too_long
 from lfcal.units import format_bytes
 
 __all__ = [
@@ -49,6 +49,7 @@ _REMEDIES = {
     errno.ENOTDIR: "a part of the path is a file; check the path",
     errno.EEXIST: "a part of the path is a file; check the path",
     errno.EISDIR: "the path is a folder; name a file in it",
+    errno.ENAMETOOLONG: "choose a shorter name",
 }
 
 
@@ -76,7 +77,10 @@ def storage_words(error: OSError | RuntimeError, path: object) -> str:
     if number is None and re.search(r"\d+ requested and \d+ written", reason):
         # numpy's words; the system's number is lost
         number, reason = errno.ENOSPC, "the disk took only a part of it"
-    return f"{path}: {reason}; {_REMEDIES.get(number or 0, 'check the disk and the path')}"
+    remedy = _REMEDIES.get(number or 0, "check the disk and the path")
+    if too_long(path):
+        remedy = "choose a shorter path, or let Windows take long ones"
+    return f"{path}: {reason}; {remedy}"
 
 
 def system_error(error: OSError | RuntimeError) -> int | None:
@@ -115,6 +119,9 @@ def check_writable(path: str | os.PathLike[str]) -> Path:
     Refused are folders, pipes and devices, files that are read-only, and names in folders that may not be written to.
     Where the name is that of a store (`STORES`), a folder that holds one is none of these.
     """
+    # before links are followed: Windows makes a path of devices of such a name
+    if why := name_refused(Path(path)):
+        raise StorageError(f"{path}: {why}; choose another name")
     target = Path(os.path.realpath(path))
     with storage_errors(target):
         if target.suffix.lower() in STORES and target.is_dir():

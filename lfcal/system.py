@@ -1,4 +1,8 @@
-"""What is asked of the operating system, on every platform: syncs, reservation, locks, processes, processors."""
+"""What is asked of the operating system, on every platform: syncs, reservation, locks, names, processes, memory.
+
+Nothing else of the library asks which system it runs on, but for what only one system has (libraries of the window,
+menu entries, drivers).
+"""
 
 from __future__ import annotations
 
@@ -9,6 +13,7 @@ import sys
 import threading
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 from lfcal.errors import StorageError
 
@@ -18,6 +23,8 @@ __all__ = [
     "is_alive",
     "lock",
     "memory_in_use",
+    "name_refused",
+    "peak_memory",
     "processors",
     "read_at",
     "replace",
@@ -25,6 +32,8 @@ __all__ = [
     "sync_data",
     "sync_file",
     "sync_folder",
+    "too_long",
+    "total_memory",
     "write_at",
 ]
 
@@ -140,6 +149,35 @@ def replace(source: Path, target: Path) -> None:
         raise StorageError(f"{target}: is open in another program; close it there and start again") from error
 
 
+_DEVICES = {"CON", "PRN", "AUX", "NUL", "CONIN$", "CONOUT$"} | {
+    f"{a}{b}" for a in ("COM", "LPT") for b in "123456789¹²³"
+}
+_NOT_IN_NAMES = frozenset('<>:"|?*')
+
+
+def name_refused(path: Path) -> str:
+    """Return why Windows has no file of this name, or writes elsewhere than it says; empty on other systems."""
+    if sys.platform != "win32":
+        return ""
+    for part in path.parts[1:] if path.anchor else path.parts:
+        if part in (".", ".."):
+            continue
+        # with any ending, too: aux.h5 is the device as well
+        if part.partition(".")[0].rstrip(" ").upper() in _DEVICES:
+            return f"{part} is the name of a device on Windows"
+        if part[-1:] in (".", " "):
+            return f"{part!r}: Windows drops a dot or a space at the end of a name"
+        if bad := [c for c in part if c in _NOT_IN_NAMES or ord(c) < 32]:
+            return f"{bad[0]!r} may not be in the name of a file on Windows"
+    return ""
+
+
+def too_long(path: object) -> bool:
+    """Return whether a path may be longer than Windows takes; it then says that there is no such file."""
+    # 259 characters, of which scratch files beside the path need some
+    return sys.platform == "win32" and len(str(path)) > 235 and not str(path).startswith("\\\\?\\")
+
+
 def lock(descriptor: int) -> None:
     """Lock an open file for this process, until it is closed or the process ends; OSError if it is locked."""
     if sys.platform == "win32":
@@ -240,9 +278,11 @@ def _read(path: Path) -> str:
 def free_memory(root: Path = Path("/")) -> int:
     """Return the bytes of memory that programs may take now, by the machine and by a container's limit.
 
-    ``root`` holds ``proc`` and ``sys``. Where the system does not tell what is free, half of the memory counts.
+    ``root`` holds ``proc`` and ``sys`` on Linux; other systems are asked through psutil.
     """
-    free = [_kilobytes(root / "proc" / "meminfo", "MemAvailable") or _half_of_memory()]
+    if not sys.platform.startswith("linux"):
+        return int(_psutil().virtual_memory().available)
+    free = [_kilobytes(root / "proc" / "meminfo", "MemAvailable") or total_memory() // 2]
     for group in _groups(root, "memory"):
         for limit, used in (("memory.max", "memory.current"), ("memory.limit_in_bytes", "memory.usage_in_bytes")):
             with suppress(ValueError):  # "max", or no such file
@@ -252,24 +292,38 @@ def free_memory(root: Path = Path("/")) -> int:
     return max(0, min(free))
 
 
+def total_memory() -> int:
+    """Return the bytes of memory that this machine has."""
+    if not sys.platform.startswith("linux"):
+        return int(_psutil().virtual_memory().total)
+    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+
+
 def memory_in_use(root: Path = Path("/")) -> int:
     """Return the bytes of memory this process holds now, 0 where the system does not tell."""
+    if not sys.platform.startswith("linux"):
+        return int(_psutil().Process().memory_info().rss)
     return _kilobytes(root / "proc" / "self" / "status", "VmRSS")
 
 
-def _half_of_memory() -> int:
-    """Return half the bytes of memory this machine has; 4 GB where that is not told."""
-    if sys.platform == "win32":
-        import ctypes
+def peak_memory(*, children: bool = False) -> int:
+    """Return the most bytes of memory that this process has held, or any of its ``children`` that have ended.
 
-        # GlobalMemoryStatusEx fills eight 64-bit fields, of which the first holds two of 32 bits.
-        status = (ctypes.c_ulonglong * 8)(64)  # MEMORYSTATUSEX: its length, then the sizes
-        ctypes.windll.kernel32.GlobalMemoryStatusEx(ctypes.byref(status))
-        return int(status[2])  # what is free
-    try:
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 2
-    except (AttributeError, ValueError, OSError):
-        return 4 << 30
+    Of children Windows does not tell: 0.
+    """
+    if sys.platform == "win32":
+        return 0 if children else int(_psutil().Process().memory_info().peak_wset)
+    import resource
+
+    used = resource.getrusage(resource.RUSAGE_CHILDREN if children else resource.RUSAGE_SELF).ru_maxrss
+    return used * (1 if sys.platform == "darwin" else 1024)  # bytes there, kilobytes elsewhere
+
+
+def _psutil() -> Any:
+    """Return psutil, which is installed where the system has no files that tell."""
+    import psutil
+
+    return psutil
 
 
 def _kilobytes(path: Path, name: str) -> int:

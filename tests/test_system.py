@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import errno
 import os
+import re
 import subprocess
 import sys
 import types
@@ -15,12 +16,14 @@ import pytest
 
 from lfcal import system
 from lfcal.errors import StorageError
-from lfcal.files import replace_whole
+from lfcal.files import check_writable, replace_whole, storage_errors, storage_words
 from lfcal.system import (
     free_memory,
     is_alive,
     lock,
     memory_in_use,
+    name_refused,
+    peak_memory,
     processors,
     read_at,
     replace,
@@ -28,6 +31,8 @@ from lfcal.system import (
     sync_data,
     sync_file,
     sync_folder,
+    too_long,
+    total_memory,
     write_at,
 )
 
@@ -294,3 +299,67 @@ def test_memory_in_use_grows_with_what_is_held() -> None:
     before = memory_in_use()
     held = bytearray(b"x" * (64 << 20))
     assert memory_in_use() == 0 or memory_in_use() > before + len(held) // 2
+    assert peak_memory() >= before + len(held) // 2
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="two ways to ask are held against each other")
+def test_other_systems_tell_the_same_of_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Through psutil, which asks this system as it asks theirs."""
+    total, used = total_memory(), memory_in_use()
+    monkeypatch.setattr(system, "sys", types.SimpleNamespace(platform="darwin"))
+    assert total_memory() == total
+    assert 0 < free_memory() < total
+    assert 0.5 * used < memory_in_use() < 2 * used
+    in_bytes = peak_memory()
+    monkeypatch.setattr(system, "sys", types.SimpleNamespace(platform="linux"))
+    assert peak_memory() == 1024 * in_bytes, "the same number, told in kilobytes there"
+
+
+def test_the_most_memory_is_told_on_windows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A field of psutil that is there only."""
+    told = types.SimpleNamespace(memory_info=lambda: types.SimpleNamespace(peak_wset=123))
+    monkeypatch.setitem(sys.modules, "psutil", types.SimpleNamespace(Process=lambda: told))  # type: ignore[misc]
+    monkeypatch.setattr(system, "sys", types.SimpleNamespace(platform="win32"))
+    assert peak_memory() == 123 and peak_memory(children=True) == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        ("H.h5", ""),
+        ("console.h5", ""),
+        ("../x/./H.h5", ""),
+        ("comet.tif", ""),
+        ("NUL", "NUL is the name of a device on Windows"),
+        ("out/aux.h5", "aux.h5 is the name of a device on Windows"),
+        ("Com1.tar.gz", "Com1.tar.gz is the name of a device on Windows"),
+        ("lpt9 .csv", "lpt9 .csv is the name of a device on Windows"),
+        ("nul/H.h5", "nul is the name of a device on Windows"),
+        ("H.", "'H.': Windows drops a dot or a space at the end of a name"),
+        ("plane ", "'plane ': Windows drops a dot or a space at the end of a name"),
+        ("12:30.h5", "':' may not be in the name of a file on Windows"),
+        ("what?.h5", "'?' may not be in the name of a file on Windows"),
+        ("a\tb", "'\\t' may not be in the name of a file on Windows"),
+    ],
+)
+def test_names_that_windows_does_not_give_to_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, why: str
+) -> None:
+    assert name_refused(Path(name)) == ""
+    monkeypatch.setattr(system, "sys", types.SimpleNamespace(platform="win32"))
+    assert name_refused(Path(name)) == why
+    assert name_refused(tmp_path / "H.h5") == "", "the anchor of a path is none of its names"
+    if why:
+        with pytest.raises(StorageError, match=re.escape(f"{why}; choose another name")):
+            check_writable(tmp_path / name)
+
+
+def test_a_path_that_is_too_long_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    long = Path("C:/", *["folder"] * 40)
+    missing = FileNotFoundError(errno.ENOENT, "No such file or directory")
+    assert not too_long(long) and storage_words(missing, long).endswith("check the path")
+    monkeypatch.setattr(system, "sys", types.SimpleNamespace(platform="win32"))
+    assert too_long(long) and not too_long("C:/H.h5") and not too_long(f"\\\\?\\{long}")
+    assert storage_words(missing, long).endswith("choose a shorter path, or let Windows take long ones")
+    with pytest.raises(StorageError, match="choose a shorter name"), storage_errors(tmp_path):
+        raise OSError(errno.ENAMETOOLONG, "File name too long")

@@ -129,6 +129,7 @@ def iter_repack(path: Path, *, workers: int | None = None) -> Work[int]:
                     raise FileFormatError.expected(
                         str(path), "all records after packing", "fewer", "keep the file and report this"
                     )
+            source.close()  # Windows replaces no file that is open
     return before - path.stat().st_size
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import resource
 import shutil
 import tempfile
 import time
@@ -15,6 +14,7 @@ import typer
 from numpy.typing import NDArray
 
 from lfcal.reconstruct import Projector
+from lfcal.system import peak_memory
 
 __all__ = ["R29Result", "run_r29"]
 
@@ -94,11 +94,11 @@ def run_r29(side: int, density: float, full: bool, folder: Path | None, workers:
         _write_plane(place / "H.npy", density)
         stored = np.load(place / "H.npy", mmap_mode="r")
         planes = PLANES if full else 1
-        before = _peak()
+        before = peak_memory()
         P = Projector(_Repeated(stored, planes), (side, side), workers=workers, memory_limit=LIMIT)
         # One after the other: the peak of memory is that of all three.
         seconds = _time(P)
-        peak = max(0, _peak() - before)
+        peak = max(0, peak_memory() - before)
         cost, scale = P.forecast().chosen, PLANES / planes
         whole = [_forecast(stored, size, P.method, workers) for size in ((side, side), FRAME)]
         return R29Result(
@@ -149,8 +149,3 @@ def _write_plane(path: Path, density: float) -> None:
             values[rng.random(values.shape, np.float32) >= density] = 0
         stored[0, y] = values
     stored.flush()
-
-
-def _peak() -> int:
-    """Return the largest resident memory of this process so far (bytes)."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024

@@ -146,11 +146,11 @@ def transpose_command(
 
 
 def _transpose_file(folder: Path, gigabytes: float, planes: int) -> dict[str, Any]:
-    import resource
     import subprocess
     import sys
 
     from lfcal.psf import PSFWriter
+    from lfcal.system import peak_memory
 
     nt, ny, nx = 101, 19, 33
     nx = max(1, round(gigabytes * 1e9 / (4 * planes * ny * nt * nt)))
@@ -176,7 +176,5 @@ def _transpose_file(folder: Path, gigabytes: float, planes: int) -> dict[str, An
         capture_output=True,
     )
     seconds = time.perf_counter() - start
-    # Kilobytes on Linux, bytes on macOS.
-    peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
     plane = 4 * ny * nx * nt * nt
-    return {"bytes": plane * planes, "plane_bytes": plane, "seconds": seconds, "peak_bytes": peak}
+    return {"bytes": plane * planes, "plane_bytes": plane, "seconds": seconds, "peak_bytes": peak_memory(children=True)}

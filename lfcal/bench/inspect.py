@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import multiprocessing
-import resource
 import tempfile
 import time
 from concurrent.futures import ProcessPoolExecutor
@@ -15,6 +14,7 @@ import typer
 
 from lfcal.cli.console import print_json, print_table, seconds
 from lfcal.cli.options import CompressionOption, FolderOption, JsonOption, WorkersOption
+from lfcal.system import peak_memory
 from lfcal.units import format_bytes
 
 if TYPE_CHECKING:
@@ -89,14 +89,14 @@ def measure(path: Path, workers: int | None) -> Figures:
 
     # Compiled kernels are part of neither the time nor the memory that is compared.
     inspect(small(), workers=workers)  # compile
-    before = peak_bytes()
+    before = peak_memory()
     start = time.perf_counter()
     with open_psf(path) as H:
         planes, nbytes = len(H), H.nbytes
         for z in range(planes):
             H.plane(z)
     reading = time.perf_counter() - start
-    after_reading = peak_bytes()
+    after_reading = peak_memory()
     start = time.perf_counter()
     with open_psf(path) as H:
         report = inspect(H, workers=workers)
@@ -109,7 +109,7 @@ def measure(path: Path, workers: int | None) -> Figures:
         inspect_s=inspecting,
         ratio=inspecting / reading,
         read_peak_bytes=after_reading - before,
-        inspect_peak_bytes=peak_bytes() - before,
+        inspect_peak_bytes=peak_memory() - before,
         merit=report.merit,
         alarms=[m.key for m in report.alarms],
     )
@@ -157,8 +157,3 @@ def small() -> PSFMatrix:
 
     camera = preset("bench")
     return simulate_psf(camera, ScanPlan.for_camera(camera, virtual_depths=[3.0, 4.0]), ())
-
-
-def peak_bytes() -> int:
-    """Return the largest resident memory of this process so far (bytes)."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024

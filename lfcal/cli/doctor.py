@@ -6,7 +6,6 @@ import importlib
 import os
 import platform
 import shutil
-import sys
 import tempfile
 from importlib import metadata
 from pathlib import Path
@@ -102,7 +101,7 @@ def examine() -> dict[str, Any]:
 
     from lfcal import __version__
     from lfcal.devices.registry import find_backends
-    from lfcal.system import processors
+    from lfcal.system import processors, total_memory
     from lfcal.threads import worker_count
     from lfcal.units import format_bytes
 
@@ -112,7 +111,7 @@ def examine() -> dict[str, Any]:
         "platform": platform.platform(),
         "processors": processors(),
         "threads used": f"{worker_count()} ({_bound_by()})",
-        "memory": format_bytes(_memory_bytes()),
+        "memory": format_bytes(total_memory()),
         "disk free here": format_bytes(shutil.disk_usage(Path.cwd()).free),
         "disk free for temporary files": format_bytes(shutil.disk_usage(tempfile.gettempdir()).free),
         "HDF5": importlib.import_module("h5py").version.hdf5_version,
@@ -158,17 +157,6 @@ def _bound_by() -> str:
     from lfcal.threads import WORKERS, worker_count
 
     return WORKERS if worker_count() != processors() else "every processor this process may use"
-
-
-def _memory_bytes() -> int:
-    if sys.platform == "win32":
-        import ctypes
-
-        # GlobalMemoryStatusEx fills eight 64-bit fields, of which the first holds two of 32 bits.
-        status = (ctypes.c_ulonglong * 8)(64)  # MEMORYSTATUSEX: its length, then the sizes
-        ctypes.windll.kernel32.GlobalMemoryStatusEx(ctypes.byref(status))
-        return int(status[1])
-    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 
 
 def _numba_cache() -> str:

@@ -28,18 +28,19 @@ class Listed:
 def listed_commands(package: str, order: tuple[str, ...] = ()) -> tuple[Listed, ...]:
     """Return the commands of a package, in ``order`` and then by name, without importing their modules.
 
-    A public module that defines ``register`` has the command of its own name; modules ``camera_*`` are parts of
-    ``camera``, which registers them. The summary is the first paragraph of the function ``command``, or, for a group,
-    what the first line of the module says behind the colon.
+    A public module that defines ``register`` has the command of its own name, with a hyphen for an underscore; modules
+    ``camera_*`` are parts of ``camera``, which registers them. The summary is the first paragraph of the function
+    ``command``, or, for a group, what the first line of the module says behind the colon.
     """
     path = importlib.import_module(package).__path__
     names = [m.name for m in pkgutil.iter_modules(path) if not m.name.startswith("_")]
     # A stable sort: what is not named in the order stays sorted by name behind it.
     names = sorted(name for name in names if name.partition("_")[0] == name or name.partition("_")[0] not in names)
-    names.sort(key=lambda name: order.index(name) if name in order else len(order))
+    called = {name: name.replace("_", "-") for name in names}
+    names.sort(key=lambda name: order.index(called[name]) if called[name] in order else len(order))
     found = ((name, _code_of(f"{package}.{name}")) for name in names)
     return tuple(
-        Listed(name, f"{package}.{name}", _summary(code))
+        Listed(called[name], f"{package}.{name}", _summary(code))
         for name, code in found
         if code is not None and "register" in code.co_names
     )

@@ -20,7 +20,7 @@ from typing import IO
 
 from lfcal.errors import FileFormatError
 
-__all__ = ["probe", "trust"]
+__all__ = ["EXAMINE", "probe", "trust"]
 
 CPU_S = 5
 """Processor time that a small file may take (s)."""
@@ -30,6 +30,9 @@ BYTES_PER_S = 20_000_000
 
 PATIENCE = 20
 """Seconds of the clock for each second of processor time: other programs run too, and network disks are slow."""
+
+EXAMINE = "--examine-hdf5"
+"""First word after which a bundled application is the child; it has no Python beside it."""
 
 _SCRIPT = Path(__file__).with_name("_examine.py")
 
@@ -112,11 +115,10 @@ class _Child:
             if self._owner == os.getpid():
                 self.end()
             self._process = None
-        # a bundled application is its own executable: it would start itself
-        if self._process is None and not getattr(sys, "frozen", False):
+        if self._process is None:
             with suppress(OSError):
                 self._process = subprocess.Popen(
-                    [sys.executable, "-P", str(_SCRIPT)],
+                    _words(),
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
                     stderr=subprocess.DEVNULL,
@@ -140,6 +142,14 @@ class _Child:
             with suppress(OSError):
                 assert pipe is not None
                 pipe.close()
+
+
+def _words() -> list[str]:
+    """Return what starts the child: Python on a script, or the command line of a bundled application."""
+    if getattr(sys, "frozen", False):
+        own = Path(sys.executable)
+        return [str(own.with_name(f"lfcal{own.suffix}")), EXAMINE]
+    return [sys.executable, "-P", str(_SCRIPT)]
 
 
 def _line(pipe: IO[str], seconds: float, give_up: Callable[[], None]) -> str:

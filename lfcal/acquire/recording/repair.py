@@ -74,3 +74,4 @@ def _iter_unpack(path: Path, damaged: np.ndarray[tuple[int], np.dtype[np.int64]]
             journal.sync()
         finally:
             journal.close()
+        source.close()  # Windows replaces no file that is open

@@ -28,6 +28,7 @@ from lfcal.progress import drain
 from lfcal.psf import AssemblySettings, PSFMatrix
 from tests.acquire.rigs import CAREFUL, rig_for, small_plan
 from tests.acquire.rotting import ROTS, cut, rot_frame, wipe
+from tests.windows_rules import keep_open_files
 
 PLAN = small_plan()
 FULL = replace(CAREFUL, darks=2, reference_every=5, controls=1)
@@ -86,6 +87,19 @@ def test_damaged_darks_are_taken_again(sessions: dict[str, Path], tmp_path: Path
     assert verify(folder).ok
     drain(iter_finish(folder))
     assert np.allclose(matrix(folder).plane(1), matrix(sessions[how]).plane(1), atol=25), "noise of another dark frame"
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="asks /proc what is open")
+def test_damage_is_repaired_where_open_files_are_not_replaced(
+    sessions: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on Windows: the packed recording is laid out in place again, and packed once more."""
+    folder = copy_of(sessions["packed"], tmp_path)
+    rot_frame(folder / "checks.h5", 3)
+    keep_open_files(monkeypatch, tmp_path)
+    assert resume(folder).damaged == 1
+    drain(iter_finish(folder))
+    assert verify(folder).ok
 
 
 def test_damage_of_a_recording_of_damage_is_taken_again(sessions: dict[str, Path], tmp_path: Path) -> None:

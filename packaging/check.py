@@ -1,0 +1,228 @@
+"""Whether what is given to users works outside the checkout: a bundle, a wheel, a tool of uv.
+
+    python packaging/check.py bundle build/bundle/lfcal    # made with packaging/lfcal.spec
+    python packaging/check.py wheel        # builds a wheel and installs it twice, in clean environments
+
+Each is used as a stranger does: in a folder of its own, with a home of its own and nothing of this checkout on the
+path. The demo is run, H is simulated by processes, exported, a volume reconstructed, the window started on the sample
+session, and every page of it grabbed. Only the standard library is needed here.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+LARGEST_MB = 600
+"""Megabytes that a bundle may have."""
+
+COMMANDS = 20
+"""Commands that the list has at least."""
+
+PAGES = ("camera", "plan", "frames", "psf", "quality", "fit", "simulate", "reconstruct", "multiplex", "accuracy")
+"""Pages that the sample session shows with content."""
+
+STARTS_S, PATIENCE_S = 30, 900
+
+
+@dataclass(frozen=True)
+class Programs:
+    """What starts the command line, the window, and the pictures of its pages."""
+
+    lfcal: tuple[str, ...]
+    window: tuple[str, ...]
+    screenshots: tuple[str, ...]
+
+
+class Failed(Exception):
+    """Something does not do what it should."""
+
+
+def main() -> int:
+    """Check what was asked for; return the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=("bundle", "wheel"))
+    parser.add_argument("folder", nargs="?", type=Path, help="the bundle")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix="lfcal-check-", ignore_cleanup_errors=True) as scratch:
+        try:
+            if options.what == "bundle":
+                check_bundle(options.folder.resolve(), Path(scratch))
+            else:
+                check_wheel(Path(scratch))
+        except Failed as failure:
+            print(f"FAILED: {failure}", flush=True)
+            return 1
+    print("all is well")
+    return 0
+
+
+def check_bundle(folder: Path, scratch: Path) -> None:
+    """Check the size of a bundle, and what it does where the checkout is not."""
+    # both programs are one file where the system has links
+    files = {(found.st_dev, found.st_ino or path): found.st_size for path, found in _files(folder)}
+    size = sum(files.values()) / 1e6
+    print(f"size: {size:.0f} MB in {len(files)} files", flush=True)
+    suffix = ".exe" if sys.platform == "win32" else ""
+    lfcal, window = (str(folder / f"{name}{suffix}") for name in ("lfcal", "lfcal-gui"))
+    check_programs(Programs((lfcal,), (window,), (lfcal, "--screenshots")), scratch)
+    if size > LARGEST_MB:
+        raise Failed(f"size: {size:.0f} MB, more than {LARGEST_MB}")
+
+
+def _files(folder: Path) -> list[tuple[Path, os.stat_result]]:
+    return [(path, path.lstat()) for path in folder.rglob("*") if path.is_file() and not path.is_symlink()]
+
+
+def check_wheel(scratch: Path) -> None:
+    """Build a wheel; install it with pip into an environment, and as a tool of uv; check both."""
+    run(("uv", "build", "--wheel", "--out-dir", str(scratch / "dist"), str(ROOT)), scratch)
+    (wheel,) = (scratch / "dist").glob("*.whl")
+    print(f"wheel: {wheel.stat().st_size / 1e6:.1f} MB", flush=True)
+    python = f"{sys.version_info.major}.{sys.version_info.minor}"
+    binaries = "Scripts" if sys.platform == "win32" else "bin"
+    run(("uv", "venv", "-q", "--python", python, str(scratch / "env")), scratch)
+    inside = scratch / "env" / binaries
+    run(("uv", "pip", "install", "-q", "--python", str(inside / "python"), f"{wheel}[gui]"), scratch)
+    check_programs(programs_in(inside, str(inside / "python")), scratch)
+    tool = {"UV_TOOL_DIR": str(scratch / "tools"), "UV_TOOL_BIN_DIR": str(scratch / "bin")}
+    run(("uv", "tool", "install", "-q", "--python", python, f"lfcal[gui] @ {wheel.as_uri()}"), scratch, tool)
+    own = scratch / "tools" / "lfcal" / binaries / "python"
+    check_programs(programs_in(scratch / "bin", str(own)), scratch)
+
+
+def programs_in(folder: Path, python: str) -> Programs:
+    """Return the programs of an installation with its Python."""
+    return Programs((str(folder / "lfcal"),), (str(folder / "lfcal-gui"),), (python, "-m", "gui.screenshots"))
+
+
+def check_programs(programs: Programs, scratch: Path) -> None:
+    """Use the command line and the window as a stranger does."""
+    here = Path(tempfile.mkdtemp(prefix="used-", dir=scratch))
+    print(f"-- {programs.lfcal[0]}", flush=True)
+    check_commands(programs.lfcal, here)
+    check_pages(programs.screenshots, here)
+    check_window(programs.window, here)
+
+
+def check_commands(lfcal: Sequence[str], here: Path) -> None:
+    """Run the demo, then simulate, fit, export and reconstruct with what came of it."""
+    print(run((*lfcal, "--version"), here).strip(), flush=True)
+    listed = [line for line in run((*lfcal, "--help"), here).splitlines() if line.startswith("  ") and line[2] != " "]
+    if len(listed) < COMMANDS:
+        raise Failed(f"--help: lists {len(listed)} commands")
+    found = json.loads(run((*lfcal, "doctor", "--json"), here))
+    if found["plugins"] or str(ROOT) in json.dumps(found["machine"]):
+        raise Failed(f"doctor: {found['plugins']}, {found['machine']}")
+    demo = json.loads(run((*lfcal, "demo", "demo", "--json"), here))
+    if not demo["correlation"] > 0.999 < demo["recorded_correlation"]:
+        raise Failed(f"demo: {demo}")
+    processes = ("--executor", "processes", "--workers", "2")
+    run(
+        (*lfcal, "simulate", "bench", "--virtual-depths", "3,4", "--tolerance", "0.2", "-o", "sim.h5", *processes), here
+    )
+    run((*lfcal, "export", "sim.h5", "-o", "sim.mat"), here)
+    run((*lfcal, "verify", "demo/H.h5"), here)
+    run((*lfcal, "reconstruct", "demo/H.h5", "--iterations", "2", "-o", "volume.tif", str(frame_of(here))), here)
+    for name in ("sim.h5", "sim.mat", "volume.tif"):
+        if not (here / name).stat().st_size:
+            raise Failed(f"{name}: is empty")
+
+
+def frame_of(here: Path) -> Path:
+    """Return a frame to reconstruct: a grey picture, written without any library."""
+    path = here / "frame.pgm"
+    rows, columns = 96, 128
+    samples = bytes((7 * y * y + 13 * x) % 251 for y in range(rows) for x in range(columns))
+    path.write_bytes(f"P5 {columns} {rows} 255\n".encode() + samples)
+    return path
+
+
+def check_pages(screenshots: Sequence[str], here: Path) -> None:
+    """Let every page be shown with the sample session, and a picture taken of it."""
+    only = ("--scene", "sample", "--theme", "light", "--size", "1280x800")
+    run((*screenshots, str(here / "shots"), *only), here)
+    there = {path.name.split("_light_")[0] for path in (here / "shots").glob("*.png") if path.stat().st_size > 10_000}
+    if missing := set(PAGES) - {name.partition("_")[0] for name in there}:
+        raise Failed(f"pages that were not grabbed: {sorted(missing)}")
+    print(f"{len(there)} pictures of {len(PAGES)} pages", flush=True)
+
+
+def check_window(window: Sequence[str], here: Path) -> None:
+    """Start the window on the sample session: it stays up, and ends in order when the system asks it to."""
+    process = subprocess.Popen(
+        (*window, "--demo"),
+        cwd=here,
+        env=environment(here),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    try:
+        said = process.communicate(timeout=STARTS_S)[0]
+    except subprocess.TimeoutExpired:
+        process.terminate()
+        said = process.communicate(timeout=PATIENCE_S)[0]
+        wanted = 1 if sys.platform == "win32" else 128 + signal.SIGTERM
+        if process.returncode != wanted or "Traceback" in said:
+            raise Failed(f"window: ended with {process.returncode}, not {wanted}: {said}") from None
+        print(f"window: up for {STARTS_S} s, ended in order", flush=True)
+        return
+    raise Failed(f"window: ended by itself with {process.returncode}: {said}")
+
+
+def environment(here: Path) -> dict[str, str]:
+    """Return an environment in which nothing of this checkout is found, nor anything that it keeps elsewhere."""
+    kept = (
+        "PATH",
+        "SYSTEMROOT",
+        "TEMP",
+        "TMP",
+        "LANG",
+        "UV_CACHE_DIR",
+        "UV_INDEX_URL",
+        "UV_DEFAULT_INDEX",
+        "SSL_CERT_FILE",
+    )
+    found = {name: os.environ[name] for name in kept if name in os.environ}
+    home = here / "home"
+    home.mkdir(exist_ok=True)
+    found |= dict.fromkeys(("HOME", "USERPROFILE", "LOCALAPPDATA", "APPDATA"), str(home))
+    # packages that were downloaded before are taken from where uv keeps them
+    found.setdefault("UV_CACHE_DIR", str(Path.home() / ".cache" / "uv"))
+    return found | {"QT_QPA_PLATFORM": "offscreen", "NO_COLOR": "1", "COLUMNS": "120", "PYTHONIOENCODING": "utf-8"}
+
+
+def run(words: Sequence[str], here: Path, more: dict[str, str] | None = None) -> str:
+    """Run a program in a folder of its own; return what it said on standard output."""
+    start = time.monotonic()
+    program = shutil.which(words[0]) or words[0]
+    done = subprocess.run(
+        (program, *words[1:]),
+        cwd=here,
+        env=environment(here) | (more or {}),
+        capture_output=True,
+        text=True,
+        encoding="utf-8",
+        timeout=PATIENCE_S,
+    )
+    shown = " ".join(Path(word).name if word.startswith("/") else word for word in words)
+    print(f"{time.monotonic() - start:6.1f} s  {shown}", flush=True)
+    if done.returncode or "Traceback" in done.stderr:
+        raise Failed(f"{shown}: exit code {done.returncode}: {done.stdout[-2000:]}{done.stderr[-4000:]}")
+    return done.stdout
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,58 @@
+"""The first lines of both programs of a bundle, ``lfcal`` and ``lfcal-gui``: which one it is, its name tells.
+
+A bundle has no Python beside it. What lfcal starts as a program of its own is therefore started here, too, by a first
+word that no command has.
+"""
+
+import logging
+import multiprocessing
+import os
+import sys
+import types
+from pathlib import Path
+
+SCREENSHOTS = "--screenshots"
+"""First word after which pictures of the window's pages are taken, see `gui.screenshots`; the bundle's check does."""
+
+
+def main() -> int:
+    """Run what was asked for; return the exit code."""
+    multiprocessing.freeze_support()  # a worker process ends here
+    # filters of HDF5 that no H file may have are left out of the bundle, which their package calls an error
+    logging.getLogger("hdf5plugin").setLevel(logging.CRITICAL)
+    # pyqtgraph asks for it before it knows whether anybody draws with it, which nobody does
+    sys.modules.setdefault("PySide6.QtOpenGL", types.ModuleType("PySide6.QtOpenGL"))
+    _keep_compiled()
+    from lfcal.h5.probe import EXAMINE
+
+    first = sys.argv[1] if len(sys.argv) > 1 else ""
+    if first == EXAMINE:
+        from lfcal.h5 import _examine
+
+        _examine.main()
+    elif first == SCREENSHOTS:
+        from gui.screenshots import main as screenshots
+
+        return screenshots(sys.argv[2:])
+    elif Path(sys.executable).stem.lower() == "lfcal-gui":
+        from gui.app import main as window
+
+        return window()
+    else:
+        from lfcal.cli import main as command_line
+
+        command_line()
+    return 0
+
+
+def _keep_compiled() -> None:
+    """Let compiled modules and kernels be kept with the user's files: the bundle may be read-only, and signed."""
+    from platformdirs import user_cache_path
+
+    place = user_cache_path("lfcal", appauthor=False) / "compiled"
+    sys.pycache_prefix, sys.dont_write_bytecode = str(place / "modules"), False
+    os.environ.setdefault("NUMBA_CACHE_DIR", str(place / "kernels"))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,117 @@
+"""Take out of a Linux bundle what lfcal never calls: half of its bytes are videos, debug symbols and second copies.
+
+- OpenCV is linked with FFmpeg, an AVIF reader and an OpenBLAS of its own (80 MB), and does not load without them.
+  lfcal reads no videos: small libraries of the same names answer every call with nothing. The few functions of linear
+  algebra are passed on to the OpenBLAS that scipy brings.
+- Symbols for debuggers.
+- ``lfcal-gui`` is the same file as ``lfcal``, which looks at its name.
+
+Wheels for Windows and macOS are put together differently; nothing is done there.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections import defaultdict
+from pathlib import Path
+
+__all__ = ["slim"]
+
+UNCALLED = {
+    "LIBAVCODEC": "libavcodec",
+    "LIBAVFORMAT": "libavformat",
+    "LIBAVUTIL": "libavutil",
+    "LIBSWSCALE": "libswscale",
+}
+"""Libraries of FFmpeg by the version that their functions carry."""
+
+ONLY_THEIRS = (
+    "libaom-",
+    "libvpx-",
+    "libcrypto-",
+    "libssl-",
+    "libswresample-",
+    "libdrm-",
+    "libgfortran-",
+    "libquadmath-",
+)
+"""Libraries that only those need."""
+
+AS_THEY_ARE = (".libs/", "PySide6/", "cv2/")
+"""Libraries without such symbols, or that do not survive strip after auditwheel has moved them."""
+
+
+def slim(folder: Path) -> None:
+    """Take out of the bundle in ``folder`` what is not needed."""
+    if not sys.platform.startswith("linux"):
+        return
+    inside = folder / "_internal"
+    if shutil.which("gcc") and shutil.which("nm"):
+        _without_video(inside)
+    if shutil.which("strip"):
+        _without_symbols(inside)
+    window = folder / "lfcal-gui"
+    window.unlink()
+    os.link(folder / "lfcal", window)
+
+
+def _without_video(inside: Path) -> None:
+    module = inside / "cv2" / "cv2.abi3.so"
+    libraries = next(inside.glob("opencv*.libs"), None)
+    if libraries is None or not module.is_file():
+        return
+    called: dict[str, set[str]] = defaultdict(set)
+    for line in _said("nm", "-D", "--undefined-only", str(module)).splitlines():
+        name, _, version = line.split()[-1].partition("@")
+        called[version.lstrip("@")].add(name)
+    for version, begins in ((v, b) for v in called for key, b in UNCALLED.items() if v.startswith(f"{key}_")):
+        _replace(libraries, begins, [f"long {name}(void) {{ return 0; }}" for name in called[version]], version)
+    plain = called[""]
+    _replace(libraries, "libavif", [f"long {name}(void) {{ return 0; }}" for name in plain if name.startswith("avif")])
+    algebra = next((inside / "scipy.libs").glob("libscipy_openblas*"))
+    known = set(re.findall(r"\bscipy_(\w+)$", _said("nm", "-D", "--defined-only", str(algebra)), re.MULTILINE))
+    passed_on = [
+        f'__asm__(".globl {name}\\n.type {name},@function\\n{name}: jmp scipy_{name}@PLT\\n");'
+        for name in plain & known
+        if re.match(r"cblas_|[sdcz]\w+_$", name)
+    ]
+    _replace(libraries, "libopenblas", passed_on, needs=algebra)
+    for path in libraries.iterdir():
+        if path.name.startswith(ONLY_THEIRS):
+            path.unlink()
+
+
+def _replace(libraries: Path, begins: str, code: list[str], version: str = "", needs: Path | None = None) -> None:
+    """Compile ``code`` as the library whose name ``begins`` so, with its functions of a ``version``."""
+    old = next(libraries.glob(f"{begins}*"))
+    with tempfile.TemporaryDirectory() as scratch:
+        source, script, made = (Path(scratch, name) for name in ("a.c", "a.map", "a.so"))
+        source.write_text("\n".join(sorted(code)) + "\n", encoding="utf-8")
+        words = ["gcc", "-shared", "-fPIC", "-w", "-s", "-O1", str(source), "-o", str(made), f"-Wl,-soname,{old.name}"]
+        if version:
+            script.write_text(f"{version} {{ global: *; }};\n", encoding="utf-8")
+            words.append(f"-Wl,--version-script={script}")
+        if needs is not None:
+            words += [str(needs), f"-Wl,-rpath,$ORIGIN/../{needs.parent.name}", "-Wl,--no-as-needed"]
+        subprocess.run(words, check=True)
+        shutil.copy(made, old)
+
+
+def _without_symbols(inside: Path) -> None:
+    for path in sorted(inside.rglob("*.so*")):
+        name = path.relative_to(inside).as_posix()
+        if path.is_file() and not path.is_symlink() and not any(part in name for part in AS_THEY_ARE):
+            subprocess.run(["strip", "--strip-unneeded", str(path)], check=False, stderr=subprocess.DEVNULL)
+
+
+def _said(*words: str) -> str:
+    return subprocess.run(words, check=True, capture_output=True, text=True).stdout
+
+
+if __name__ == "__main__":
+    slim(Path(sys.argv[1]))

@@ -1,0 +1,61 @@
+"""The table of what became of the mutants, for the site."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from tests.mutants.choosing import Mutant
+from tests.mutants.running import Verdict
+
+__all__ = ["JUDGED", "page", "words_of"]
+
+JUDGED = Path(__file__).with_name("judged.json")
+"""Survivors that people have looked at, by name: why no test can tell them from the original."""
+
+
+def words_of(verdict: Verdict, reason: str) -> str:
+    """Return the last column of a row."""
+    if verdict.how == "survived":
+        return f"**survives**: {reason}" if reason else "**survives**: a test is missing"
+    return "killed: it hangs" if verdict.how == "hangs" else f"killed by `{verdict.by}`"
+
+
+def page(verdicts: Sequence[tuple[Mutant, Verdict]], seed: int, judged: Mapping[str, str] | None = None) -> str:
+    """Return the page in Markdown."""
+    reasons = json.loads(JUDGED.read_text(encoding="utf-8")) if judged is None else judged
+    counted = Counter(verdict.how for _, verdict in verdicts)
+    killed = len(verdicts) - counted["survived"]
+    equal = sum(verdict.how == "survived" and mutant.name in reasons for mutant, verdict in verdicts)
+    rows = "\n".join(
+        f"| `{mutant.file.removeprefix('lfcal/')}:{mutant.mutation.line}` | {mutant.mutation.kind} | "
+        f"`{_cell(mutant.mutation.before)}` → `{_cell(mutant.mutation.after)}` | "
+        f"{words_of(verdict, reasons.get(mutant.name, ''))} |"
+        for mutant, verdict in verdicts
+    )
+    return f"""# Mutants
+
+Would the tests see a mistake? One small mistake at a time is put into a copy of the sources, and the tests that mirror
+its file (`tests/psf/test_cutout.py` for `lfcal/psf/cutout.py`) are run; no other test counts. Files and places are
+drawn with a seed, packages and kinds of mistakes take turns.
+
+```sh
+python -m tests.mutants                      # {len(verdicts)} mutants of seed {seed}; goes on where it was stopped
+python -m tests.mutants --seed 2 --list      # others
+```
+
+**{killed} of {len(verdicts)} are killed ({100 * killed / max(1, len(verdicts)):.0f} %)**, {counted["hangs"]} of them by
+hanging; of the {counted["survived"]} that survive {equal} cannot be told from the original by any test, for the reason
+given.
+
+| place | kind | mistake | what became of it |
+| --- | --- | --- | --- |
+{rows}
+"""
+
+
+def _cell(text: str, longest: int = 60) -> str:
+    line = " ".join(text.split()).replace("|", "\\|").replace("`", "'")
+    return line if len(line) <= longest else f"{line[: longest - 1]}…"
