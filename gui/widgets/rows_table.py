@@ -39,11 +39,15 @@ class RowsTable(QTableWidget):
         The column that takes the room that is left.
     sizes
         Numbers of the columns that hold numbers.
+    brief
+        Numbers of the columns whose texts are told in full beside the table and in tips: they may be cut.
     """
 
-    def __init__(self, header: tuple[str, ...], wide: int, sizes: Sequence[int] = ()) -> None:
+    def __init__(
+        self, header: tuple[str, ...], wide: int, sizes: Sequence[int] = (), brief: Sequence[int] = ()
+    ) -> None:
         super().__init__(0, len(header))
-        self._header, self._sizes = header, tuple(sizes)
+        self._header, self._sizes, self.brief = header, tuple(sizes), tuple(brief)
         self.setHorizontalHeaderLabels(header)
         self.verticalHeader().hide()
         self.verticalHeader().setDefaultSectionSize(ROW_PX)

@@ -16,6 +16,7 @@ from PySide6.QtWidgets import (
     QLabel,
     QLineEdit,
     QMainWindow,
+    QPlainTextEdit,
     QPushButton,
     QRadioButton,
     QSplitterHandle,
@@ -131,8 +132,10 @@ def _area(area: QAbstractScrollArea) -> Iterator[str]:
     if isinstance(area, QTableView):
         yield from _cells(area)
     for bar in (area.horizontalScrollBar(), area.verticalScrollBar()):
-        if bar.isVisible() and not isinstance(area, QAbstractItemView) and bar.maximum() - bar.minimum() < NEARLY:
-            yield f"a scroll bar for {bar.maximum() - bar.minimum()} px"
+        lines = isinstance(area, QPlainTextEdit) and bar is area.verticalScrollBar()  # it counts lines, not pixels
+        more = (bar.maximum() - bar.minimum()) * (area.fontMetrics().lineSpacing() if lines else 1)
+        if bar.isVisible() and not isinstance(area, QAbstractItemView) and more < NEARLY:
+            yield f"a scroll bar for {more} px"
     if isinstance(area, QAbstractItemView | QTextEdit) and area.horizontalScrollBar().isVisible():
         yield "a horizontal scroll bar"
     if isinstance(area, QGraphicsView):
@@ -150,6 +153,8 @@ def _cells(table: QTableView) -> Iterator[str]:
             if table.indexWidget(index) is not None or not table.visualRect(index).intersects(table.viewport().rect()):
                 continue
             text = str(model.data(index) or "")
+            if column in getattr(table, "brief", ()) and model.data(index, Qt.ItemDataRole.ToolTipRole) == text:
+                continue  # told in full beside the table
             needs = max(QFontMetrics(table.font()).horizontalAdvance(line) for line in text.split("\n")) + 6
             if not table.wordWrap() and _less(table.columnWidth(column), needs):
                 yield f"cell {text!r} needs {needs} px, has {table.columnWidth(column)}"

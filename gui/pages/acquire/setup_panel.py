@@ -28,6 +28,9 @@ from lfcal.camera import Camera
 
 __all__ = ["FINDINGS", "SetupPanel"]
 
+EXPOSURE = 104
+"""Least width of the box of the exposure (px)."""
+
 FINDINGS = (
     (
         "stage",
@@ -98,6 +101,7 @@ class SetupPanel(QWidget):
         self.exposure = QDoubleSpinBox()
         self.exposure.setRange(0.01, 60_000)
         self.exposure.setDecimals(2)
+        self.exposure.setMinimumWidth(EXPOSURE)  # the longest exposures are rare, and widen the window
         self.exposure.setSuffix(" ms")
         self.exposure.setKeyboardTracking(False)
         self.exposure.setStepType(QDoubleSpinBox.StepType.AdaptiveDecimalStepType)

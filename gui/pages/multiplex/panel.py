@@ -17,6 +17,7 @@ from PySide6.QtWidgets import (
     QHeaderView,
     QLabel,
     QPushButton,
+    QSizePolicy,
     QTableWidget,
     QTableWidgetItem,
     QTabWidget,
@@ -169,7 +170,10 @@ class MultiplexPanel(QWidget):
         self.table.verticalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Fixed)
         self.table.verticalHeader().setMinimumSectionSize(16)
         self.table.verticalHeader().setDefaultSectionSize(NUMBER_HEIGHT)
-        self.table.setFixedHeight(10 * NUMBER_HEIGHT + 4)
+        # all rows where the window is high enough, ten at least
+        self.table.setMinimumHeight(10 * NUMBER_HEIGHT + 4)
+        self.table.setSizeAdjustPolicy(QTableWidget.SizeAdjustPolicy.AdjustToContents)
+        self.table.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         self.table.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.table.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
         self.table.setSelectionMode(QAbstractItemView.SelectionMode.NoSelection)
@@ -258,6 +262,8 @@ class MultiplexPanel(QWidget):
                 item = QTableWidgetItem(text)
                 item.setToolTip(f"{value}\n{tip}")
                 self.table.setItem(k, column, item)
+        self.table.setMaximumHeight(max(10, len(found.rows)) * NUMBER_HEIGHT + 4)
+        self.table.updateGeometry()
         self.curve.clear()
         self._drawn = []
         self.marker.hide()

@@ -90,7 +90,7 @@ class InspectPanel(QWidget):
 
     def _tables(self) -> QWidget:
         frame, column = card()
-        self.faults = RowsTable(FAULTS, 1)
+        self.faults = RowsTable(FAULTS, 1, brief=(1,))
         self.faults.setAccessibleName("faults")
         self.no_faults = QLabel("None is known: see above what was compared.")
         self.no_faults.setProperty("role", "hint")

@@ -31,7 +31,7 @@ def _misplaced(plane: PlaneMeasures) -> Reading:
 METRICS = (
     MetricSpec(
         key="scan_order",
-        title="Orientation of frames and scan",
+        title="Orientation of frames",
         unit="planes off",
         limits=Limits(good=0, bad=0),
         cost=CostModel(at_bad=3.6, worst=3.6),
