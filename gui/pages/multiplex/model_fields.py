@@ -108,7 +108,7 @@ FIELDS = (
         "white",
         "White image",
         kind="text",
-        empty="of Frames, or camera",
+        empty="auto",
         tip="Image, or folder of images, of even light through the same lattice, which is measured in it; empty: that "
         "of the page Frames where it is of this frame's size, else the lattice of the project's camera",
     ),
@@ -116,7 +116,7 @@ FIELDS = (
         "transmissions",
         "Transmissions",
         kind="text",
-        empty="of the modulator",
+        empty="modulator",
         tip=".npy (N, rows, columns): what each pixel of the frame takes of each sample, for masks that do not repeat",
     ),
     Field(
