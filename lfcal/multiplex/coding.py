@@ -119,14 +119,17 @@ class CodingVerdict:
     def words(self) -> str:
         """The verdict in a line."""
         numbers = self.gain.time if self.limit == "time" else self.gain.full_well
-        told = f"{numbers.rms_db:+.2f} dB over all entries at equal {self.limit}"
+        does = "pays" if self.pays else "does not pay"
+        told = f"coding {does} at equal {self.limit}: {numbers.rms_db:+.2f} dB over all entries"
+        if self.limit != "time":
+            return told
         if self.break_even_e == 0:
             when = "never for this pattern and sensor"
         elif math.isinf(self.break_even_e):
             when = "up to a full pixel"
         else:
             when = f"up to {self.break_even_e:.3g} electrons in a point's brightest pixel"
-        return f"coding {'pays' if self.pays else 'does not pay'}: {told}; at equal time it pays {when}"
+        return f"{told}; it pays {when}"
 
 
 def overlapping_patterns(
