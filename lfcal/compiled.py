@@ -7,10 +7,13 @@ needed; packages can then import their modules plainly.
 from __future__ import annotations
 
 import functools
+import glob
 import threading
 import time
+import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any, Generic, ParamSpec, TypeVar
 
 __all__ = ["Kernel", "njit", "preparing_seconds"]
@@ -90,6 +93,7 @@ class Kernel(Generic[P, R]):
                         names[name] = called.compiled()
                 made = numba.njit(**self._options)(self.function)
                 _drop_unreadable_cache(made)
+                _save_code_before_index(made)
                 _run_without_cache(made)
                 _clock(made)
                 self._compiled = made
@@ -110,6 +114,38 @@ def _drop_unreadable_cache(dispatcher: Any) -> None:
     except Exception:  # whatever unpickling an old index may raise
         with suppress(OSError):
             file.flush()
+
+
+def _save_code_before_index(dispatcher: Any) -> None:
+    """Let a kernel's index on disk name only what is there, whatever other processes save at the same time.
+
+    numba writes the index first and the code after it, under the next free number: until it is there, a process that
+    loads the index runs what an earlier version of the source left under that number; and of two processes that save
+    for unlike arguments at once, one may find the other's code under its own. Names of one's own and the other order
+    leave no such moment: at worst an entry is lost, and compiled again.
+    """
+    file = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
+    if file is None:
+        return
+
+    def save(key: Any, data: Any) -> None:
+        name = file._load_index().get(key) or file._data_name(uuid.uuid4().int >> 64)
+        file._save_data(name, data)
+        entries = file._load_index()
+        if not entries:  # of an earlier version, or none: nothing refers to what lies there
+            _clear(Path(file._data_path(name)))
+        file._save_index({**entries, key: name})
+
+    file.save = save
+
+
+def _clear(kept: Path) -> None:
+    """Remove the code of a kernel from the disk but one file; what another process has just saved it saves again."""
+    base = kept.name.split(".nbc")[0].rpartition(".")[0]
+    for path in kept.parent.glob(f"{glob.escape(base)}.*.nbc"):
+        if path != kept:
+            with suppress(OSError):
+                path.unlink()
 
 
 def _run_without_cache(dispatcher: Any) -> None:

@@ -10,6 +10,7 @@ import typer
 
 from lfcal.cli import multiplex_figures as pictures
 from lfcal.cli.console import print_json, print_table, report, run_work
+from lfcal.cli.multiplex_coding import coding
 from lfcal.cli.multiplex_frames import level_of, read_frame, write_tiff
 from lfcal.cli.multiplex_merits import design, gain_map_command, merits
 from lfcal.cli.multiplex_recover import recover
@@ -43,6 +44,7 @@ def register(app: typer.Typer) -> None:
         ("map", gain_map_command),
         ("design", design),
         ("recover", recover),
+        ("coding", coding),
     ):
         group.command(name)(function)
     app.add_typer(group, name="multiplex")

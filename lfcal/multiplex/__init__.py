@@ -15,11 +15,23 @@
 - ``demosaicing``: colours estimated from what images are like (``estimation``), along edges
 - ``search``: filter sets and masks of the best gain; ``mask_bounds``: what no mask exceeds
 - ``design``: layouts and masks that can be made, with a certificate
+- ``codes``, ``coding``: several points lit at once, and whether that pays; ``code_display``: on a display
 - ``paper``: the paper's figures as data; ``drawing``, ``paper_drawing``: as PNG
 """
 
 from lfcal.multiplex.acquisition import Acquisition, acquire_light_field
 from lfcal.multiplex.black_level import without_black_level
+from lfcal.multiplex.code_display import DisplayFit, display_fit, display_frames
+from lfcal.multiplex.codes import code_matrix, random_code, s_matrix
+from lfcal.multiplex.coding import (
+    CodingGain,
+    CodingNumbers,
+    CodingVerdict,
+    coding_gain,
+    coding_pays,
+    measured_coding_gain,
+    overlapping_patterns,
+)
 from lfcal.multiplex.colour_error import ColourError, colour_difference, colour_error
 from lfcal.multiplex.colour_filters import CFA_PATTERNS, cfa
 from lfcal.multiplex.demultiplexing import arrange, demultiplex, demultiplex_weighted, multiplex
@@ -67,8 +79,12 @@ __all__ = [
     "CFA_PATTERNS",
     "MASKS",
     "Acquisition",
+    "CodingGain",
+    "CodingNumbers",
+    "CodingVerdict",
     "ColourError",
     "Design",
+    "DisplayFit",
     "FilterTrial",
     "Frontier",
     "GainCurves",
@@ -92,7 +108,10 @@ __all__ = [
     "camera_chi2",
     "cfa",
     "channel_grid",
+    "code_matrix",
     "coded_shutter",
+    "coding_gain",
+    "coding_pays",
     "colour_difference",
     "colour_error",
     "cosine_basis",
@@ -103,6 +122,8 @@ __all__ = [
     "demultiplex_lattice",
     "demultiplex_lattice_weighted",
     "demultiplex_weighted",
+    "display_fit",
+    "display_frames",
     "filter_set_frontier",
     "gain_curves",
     "gain_map",
@@ -118,6 +139,7 @@ __all__ = [
     "mask_pattern",
     "mask_shadows",
     "measure_filters",
+    "measured_coding_gain",
     "modulation_transfer",
     "modulator_from_matrix",
     "modulator_of",
@@ -125,11 +147,14 @@ __all__ = [
     "multiplex",
     "neutral_density",
     "noise_optimal_inverse",
+    "overlapping_patterns",
     "pixel_variance",
     "pixel_weights",
     "polarisers",
+    "random_code",
     "read_spectra",
     "ringing",
+    "s_matrix",
     "sample_deviation",
     "sensor_gain",
     "sensor_noise",

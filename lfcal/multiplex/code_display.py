@@ -1,0 +1,154 @@
+"""Codes on a display: whether its pixels are small enough for a camera, and the frames that it shows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.checks import check_number, check_tuple
+from lfcal.errors import InputError
+
+__all__ = ["DisplayFit", "display_fit", "display_frames"]
+
+PLACING_PX = 0.1
+"""How well positions of points must be met (pixels in the image), where they are not measured."""
+
+WHOLE = 1e-3
+"""A step of so nearly whole display pixels is whole: over a hundred steps it is off by a tenth of one."""
+
+
+@dataclass(frozen=True, slots=True)
+class DisplayFit:
+    """A display in the object plane of a camera.
+
+    Attributes
+    ----------
+    pixel_um
+        Pitch of its pixels (µm).
+    step_um
+        Step in the object plane that moves the image by one sensor pixel (µm): the largest display pixel that gives
+        every source position one of its own.
+    image_px
+        Width of a display pixel's image (sensor pixels).
+    placing_px
+        Largest error of a position that is rounded to whole display pixels (sensor pixels).
+    fits
+        Whether every position has a display pixel of its own and is met within `PLACING_PX`.
+    """
+
+    pixel_um: float
+    step_um: float
+    image_px: float
+    placing_px: float
+    fits: bool
+
+    @property
+    def per_step(self) -> int:
+        """Display pixels from one source position to the next."""
+        return max(1, round(self.step_um / self.pixel_um))
+
+    @property
+    def words(self) -> str:
+        """The verdict in a line, with the pitch that is needed."""
+        told = f"a display pixel of {self.pixel_um:.4g} µm is {self.image_px:.3g} px wide in the image"
+        if self.fits:
+            met = f"positions are {self.step_um:.4g} µm apart and met within {self.placing_px:.2g} px"
+            return f"small enough: {told}; {met}"
+        if self.image_px > 1 + WHOLE:
+            remedy = f"up to {self.step_um:.4g} µm are needed, or optics that reduce it {self.image_px:.3g} times"
+            return f"too large: {told}; {remedy}"
+        needed = 2 * PLACING_PX * self.step_um
+        return (
+            f"too coarse: {told}, and positions {self.step_um:.4g} µm apart are off by up to {self.placing_px:.2g} px; "
+            f"up to {needed:.4g} µm are needed, or a whole part of the step, or positions taken as they are (fit)"
+        )
+
+
+def display_fit(step_um: float, pixel_um: float) -> DisplayFit:
+    """Return whether a display's pixels are small enough for a camera.
+
+    Parameters
+    ----------
+    step_um
+        Step in the object plane that moves the image by one sensor pixel, pitch over magnification
+        (`lfcal.camera.Camera.step_um` of the plane's depth).
+    pixel_um
+        Pitch of the display's pixels, as they appear in that plane (µm).
+    """
+    check_number("step in the object plane (µm)", step_um, above=0)
+    check_number("pitch of the display's pixels (µm)", pixel_um, above=0)
+    ratio = step_um / pixel_um
+    whole = ratio > 0.5 and abs(ratio - round(ratio)) < WHOLE * ratio
+    placing = 0.0 if whole else pixel_um / step_um / 2
+    # a position needs a pixel of its own, wherever it falls on the display
+    fits = ratio >= 1 - WHOLE and placing <= PLACING_PX
+    return DisplayFit(pixel_um, step_um, pixel_um / step_um, placing, fits)
+
+
+def display_frames(
+    code: ArrayLike,
+    places: ArrayLike,
+    fit: DisplayFit,
+    shape: tuple[int, int],
+    *,
+    repeat: tuple[int, int] | None = None,
+) -> Iterator[NDArray[np.uint8]]:
+    """Yield what the display shows in each frame ``(rows, columns)``: 255 where a point is lit, in proportion else.
+
+    Parameters
+    ----------
+    code
+        ``(frames, points)`` of 0 … 1.
+    places
+        ``(points, 2)``: positions (y, x) of the points, in steps of one sensor pixel in the image; the block of them is
+        put in the middle of the display.
+    fit
+        Of the display (`display_fit`); a point is one of its pixels.
+    shape
+        Rows and columns of the display.
+    repeat
+        Steps (down, across) after which the block is shown again, so far that patterns of two do not meet: as many
+        blocks as there is room for, all with the same code. None: once.
+
+    Raises
+    ------
+    InputError
+        If the block is larger than the display, or two points share a display pixel.
+    """
+    lit, positions = np.asarray(code, float), np.asarray(places, float)
+    rows, columns = check_tuple("display (rows, columns)", shape, 2, at_least=1, at_most=20_000, integer=True)
+    if lit.ndim != 2 or positions.shape != (lit.shape[1], 2):
+        raise InputError.expected("positions of the points", f"({lit.shape[-1]}, 2)", positions.shape, "one per column")
+    scale = fit.step_um / fit.pixel_um
+    spots = np.rint((positions - positions.min(axis=0)) * scale).astype(np.intp)
+    if len(np.unique(spots, axis=0)) < len(spots):
+        raise InputError.expected("points", "a display pixel each", fit.words, "take points farther apart")
+    height, width = spots.max(axis=0) + 1
+    if height > rows or width > columns:
+        raise InputError.expected(
+            "points", f"a block within {columns} x {rows} px", f"{width} x {height}", "fewer points"
+        )
+    steps = (rows, columns) if repeat is None else tuple(math.ceil(n * scale) for n in repeat)
+    if any(n < size for n, size in zip(steps, (height, width), strict=True)):
+        raise InputError.expected(
+            "distance of blocks", f"{height} x {width} display pixels or more", steps, "enlarge it"
+        )
+    corners = [_corners(n, size, step) for n, size, step in zip((rows, columns), (height, width), steps, strict=True)]
+    for frame in lit:
+        image = np.zeros((rows, columns), np.uint8)
+        values = np.rint(255 * frame).astype(np.uint8)
+        for top in corners[0]:
+            for left in corners[1]:
+                image[spots[:, 0] + top, spots[:, 1] + left] = values
+        yield image
+
+
+def _corners(length: int, size: int, step: int) -> range:
+    """Return where blocks begin: as many as fit, in the middle."""
+    count = 1 + (length - size) // step
+    first = (length - size - (count - 1) * step) // 2
+    return range(first, first + count * step, step)

@@ -1,0 +1,375 @@
+"""Does it pay to light several points at once whose patterns overlap? Gain of each entry of H, and when to code.
+
+A frame shows the sum of the patterns of the points that its code lights, ``i_f = sum_m S_fm h_m`` at every pixel, and
+the patterns come back by ``h = S^+ i``: plenoptic multiplexing with the points as samples (theorem 1 without
+interpolation). The variance of an entry is ``sum_f (S^+)_mf^2 (additive + i_f)``. An S-matrix of order n leaves
+4 n/(n + 1)^2 of the additive noise, but gives every entry 2/(n + 1) of the photon noise of *all* patterns at its pixel,
+bright cores of others included (Wuttig 2005; Schechner, Nayar and Belhumeur 2007).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.checks import check_choice, check_number
+from lfcal.errors import InputError
+from lfcal.multiplex.codes import code_matrix
+from lfcal.multiplex.sensor_noise import SensorNoise
+
+__all__ = [
+    "LIMITS",
+    "CodingGain",
+    "CodingNumbers",
+    "CodingVerdict",
+    "coding_gain",
+    "coding_pays",
+    "measured_coding_gain",
+    "overlapping_patterns",
+]
+
+Array = NDArray[np.float64]
+
+LIMITS = ("time", "full well")
+"""What is held equal: exposure of every frame, or how far the brightest pixel fills."""
+
+CORE, DARK = 0.5, 0.01
+"""Entries of at least half and of at most a hundredth of their pattern's brightest one."""
+
+LEAST_SIGNAL_E = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class CodingNumbers:
+    """Gain of a code over one point at a time in as many frames (dB, 10 log10 of deviations).
+
+    Attributes
+    ----------
+    rms_db
+        Of the rms deviation of all entries: what a reconstruction with H sees.
+    core_db, dark_db
+        The same of bright entries (half of their pattern's peak or more) and of dark ones (a hundredth or less).
+    better
+        Share of the entries that are known better.
+    exposure
+        Exposure of the coded frames over that of single points: below 1 where their sum would saturate.
+    peak_e
+        Electrons of the brightest pixel of the coded frames.
+    """
+
+    rms_db: float
+    core_db: float
+    dark_db: float
+    better: float
+    exposure: float
+    peak_e: float
+
+
+@dataclass(frozen=True, eq=False)
+class CodingGain:
+    """What a code does to each entry of the patterns.
+
+    Attributes
+    ----------
+    frames, points
+        Of the code.
+    signal_e
+        Electrons of the brightest entry of a single point's frame, at equal time.
+    time_db, full_well_db
+        Gain of each entry ``(points, rows, columns)`` at equal exposure and at equally full pixels.
+    time, full_well
+        These in numbers.
+    """
+
+    frames: int
+    points: int
+    signal_e: float
+    time_db: Array = field(repr=False)
+    full_well_db: Array = field(repr=False)
+    time: CodingNumbers
+    full_well: CodingNumbers
+
+
+@dataclass(frozen=True, eq=False)
+class CodingVerdict:
+    """Whether to code.
+
+    Attributes
+    ----------
+    pays
+        Whether the rms error of H is smaller with the code.
+    limit
+        What was held equal, one of `LIMITS`.
+    gain
+        The gains.
+    break_even_e
+        Electrons of a single point's brightest entry up to which coding pays at equal time: 0 where it never does, inf
+        where it does up to a full pixel.
+    """
+
+    pays: bool
+    limit: str
+    gain: CodingGain
+    break_even_e: float
+
+    @property
+    def words(self) -> str:
+        """The verdict in a line."""
+        numbers = self.gain.time if self.limit == "time" else self.gain.full_well
+        does = "pays" if self.pays else "does not pay"
+        told = f"coding {does} at equal {self.limit}: {numbers.rms_db:+.2f} dB over all entries"
+        if self.limit != "time":
+            return told
+        if self.break_even_e == 0:
+            when = "never for this pattern and sensor"
+        elif math.isinf(self.break_even_e):
+            when = "up to a full pixel"
+        else:
+            when = f"up to {self.break_even_e:.3g} electrons in a point's brightest pixel"
+        return f"{told}; it pays {when}"
+
+
+def overlapping_patterns(
+    plane: ArrayLike, points: int, *, step: int = 1, first: tuple[int, int] = (0, 0)
+) -> tuple[Array, NDArray[np.intp]]:
+    """Return the patterns of neighbouring points where they lie on the sensor, and the points' positions.
+
+    Parameters
+    ----------
+    plane
+        One plane of H ``(ny, nx, nt, ns)``; it repeats beyond its period.
+    points
+        How many, in a block as square as may be, by rows.
+    step
+        Source positions from one to the next (pixels in the image).
+    first
+        Position (y, x) of the first.
+
+    Returns
+    -------
+    tuple
+        ``(points, rows, columns)``, NaN beyond a point's own cutout, and ``(points, 2)`` positions (y, x).
+
+    Raises
+    ------
+    InputError
+        If the plane is none, or holds no light.
+    """
+    values = np.asarray(plane)
+    check_number("points", points, at_least=1, integer=True)
+    check_number("step of the points (px)", step, at_least=1, at_most=10_000, integer=True)
+    if values.ndim != 4 or not values.size or values.dtype.kind not in "uif":
+        raise InputError.expected("plane of H", "numbers (ny, nx, nt, ns)", values.shape, "give one plane")
+    across = math.ceil(math.sqrt(points))
+    index = np.arange(points)
+    places = np.stack([index // across, index % across], 1) * step
+    (ny, nx, nt, ns), (rows, columns) = values.shape, places.max(axis=0)
+    found = np.full((points, rows + nt, columns + ns), np.nan)
+    for pattern, (y, x) in zip(found, places, strict=True):
+        pattern[y : y + nt, x : x + ns] = values[(first[0] + y) % ny, (first[1] + x) % nx]
+    _Overlap(found, np.eye(points))  # checks them
+    return found, places + np.array(first)
+
+
+def coding_gain(patterns: ArrayLike, code: ArrayLike, noise: SensorNoise, *, signal_e: float) -> CodingGain:
+    """Return the gain of each entry by a code over one point at a time, in as many frames.
+
+    Each point alone is repeated (frames over points) times, so that both take the same number of frames. The response's
+    fixed pattern (PRNU) is the same in all frames: it scales an entry with its light and is neither gained nor lost.
+
+    Parameters
+    ----------
+    patterns
+        ``(points, rows, columns)`` on the sensor, in any unit; NaN where a point has no entry (`overlapping_patterns`).
+    code
+        ``(frames, points)`` of 0 … 1: how bright each point is in each frame (`lfcal.multiplex.code_matrix`).
+    noise
+        The camera's (`lfcal.multiplex.sensor_noise`).
+    signal_e
+        Electrons of the brightest entry of a single point in one frame, up to the full well.
+
+    Raises
+    ------
+    InputError
+        If the code does not tell the points apart, or the signal is beyond the full well.
+    """
+    overlap = _Overlap(patterns, code)
+    check_number("electrons of a point's brightest pixel", signal_e, above=0, at_most=noise.full_e)
+    maps, numbers = [], []
+    for limit in LIMITS:
+        signals = overlap.signals(noise, signal_e, limit)
+        single, coded = overlap.variances(noise, signals)
+        gains = np.where(overlap.entries, 5 * np.log10(single / coded), np.nan)
+        maps.append(gains.reshape(overlap.shape))
+        numbers.append(overlap.numbers(single, coded, signals))
+    frames, points = overlap.code.shape
+    return CodingGain(frames, points, signal_e, maps[0], maps[1], numbers[0], numbers[1])
+
+
+def coding_pays(
+    patterns: ArrayLike,
+    noise: SensorNoise,
+    *,
+    code: str | ArrayLike = "S",
+    signal_e: float | None = None,
+    limit: str = "time",
+) -> CodingVerdict:
+    """Return whether lighting several points at once pays for these patterns on this sensor, and up to which light.
+
+    It pays where the rms error of all entries is smaller than with one point at a time in as many frames: where
+    additive noise rules, so for weak sources. With many photons it spreads the noise of bright cores over dark entries.
+
+    Parameters
+    ----------
+    patterns, noise
+        As in `coding_gain`.
+    code
+        ``"S"``, ``"random"``, or a matrix ``(frames, points)``.
+    signal_e
+        Electrons of the brightest entry of a single point in one frame; the full well by default.
+    limit
+        ``"time"``: equal exposures, those of coded frames shortened only where they would saturate;
+        ``"full well"``: both expose until the brightest pixel is full.
+    """
+    check_choice("limit", limit, LIMITS)
+    lit = code_matrix(code, len(np.asarray(patterns))) if isinstance(code, str) else np.asarray(code, float)
+    gain = coding_gain(patterns, lit, noise, signal_e=noise.full_e if signal_e is None else signal_e)
+    numbers = gain.time if limit == "time" else gain.full_well
+    return CodingVerdict(numbers.rms_db > 0, limit, gain, _break_even(_Overlap(patterns, lit), noise))
+
+
+def _break_even(overlap: _Overlap, noise: SensorNoise) -> float:
+    """Return the signal (electrons) at which the rms gain at equal time is none."""
+
+    def pays(signal: float) -> bool:
+        single, coded = overlap.variances(noise, overlap.signals(noise, signal, "time"))
+        return bool(single[overlap.entries].sum() > coded[overlap.entries].sum())
+
+    low, high = min(LEAST_SIGNAL_E, noise.full_e / 2), noise.full_e
+    if not pays(low):
+        return 0.0
+    if pays(high):
+        return math.inf
+    for _ in range(60):  # halved in its logarithm
+        middle = math.sqrt(low * high)
+        low, high = (middle, high) if pays(middle) else (low, middle)
+    return low
+
+
+def measured_coding_gain(
+    patterns: ArrayLike,
+    code: ArrayLike,
+    noise: SensorNoise,
+    *,
+    signal_e: float,
+    limit: str = "time",
+    trials: int = 200,
+    rng: np.random.Generator,
+) -> float:
+    """Return the rms gain (dB) of simulated frames: photons and read noise drawn, patterns solved for, errors compared.
+
+    Parameters
+    ----------
+    patterns, code, noise, signal_e, limit
+        As in `coding_gain` and `coding_pays`; the frames of the code must be a multiple of the points.
+    trials
+        Series of frames that are simulated with the code and without.
+    rng
+        Source of the noise.
+    """
+    check_choice("limit", limit, LIMITS)
+    check_number("trials", trials, at_least=1, integer=True)
+    overlap = _Overlap(patterns, code)
+    frames, points = overlap.code.shape
+    if frames % points:
+        remedy = "take a code of as many frames as points, or a multiple"
+        raise InputError.expected("frames of the code", f"a multiple of {points} points", frames, remedy)
+    alone = np.vstack([np.eye(points)] * (frames // points))
+    signals = overlap.signals(noise, signal_e, limit)
+    errors = [
+        _error(overlap, shown, noise, signal, trials, rng)
+        for shown, signal in zip((alone, overlap.code), signals, strict=True)
+    ]
+    return 5 * math.log10(errors[0] / errors[1])
+
+
+def _error(
+    overlap: _Overlap, code: Array, noise: SensorNoise, signal_e: float, trials: int, rng: np.random.Generator
+) -> float:
+    """Return the mean squared error of the entries from simulated series of frames."""
+    light, inverse, total = np.maximum(overlap.light, 0), np.linalg.pinv(code) / signal_e, 0.0
+    for _ in range(trials):
+        response = 1 + noise.prnu * rng.standard_normal(light.shape[1])  # of a pixel, the same in all its frames
+        seen = rng.poisson(np.maximum(code @ light * signal_e * response, 0)).astype(float)
+        seen += math.sqrt(noise.additive_e2) * rng.standard_normal(seen.shape)
+        total += float(((inverse @ seen - light)[overlap.entries] ** 2).mean())
+    return total / trials
+
+
+class _Overlap:
+    """Patterns that lie over each other, the code that lights them, and what both make of a sensor's noise.
+
+    Attributes
+    ----------
+    light
+        ``(points, pixels)`` over the brightest entry, 0 where a point has none.
+    entries
+        Where it has one, same shape.
+    code
+        ``(frames, points)``.
+    shape
+        ``(points, rows, columns)``.
+    """
+
+    def __init__(self, patterns: ArrayLike, code: ArrayLike) -> None:
+        given, self.code = np.asarray(patterns, float), np.asarray(code, float)
+        good = given.ndim == 3 and given.size and not np.isinf(given).any() and np.nanmax(given, initial=-1.0) > 0
+        if not good:
+            raise InputError.expected(
+                "patterns", "light (points, rows, columns)", given.shape, "take recorded positions"
+            )
+        points = len(given)
+        fits = self.code.ndim == 2 and self.code.shape[1] == points and np.isfinite(self.code).all()
+        if not fits or self.code.min() < 0 or self.code.max() > 1:
+            raise InputError.expected("code", f"0 … 1 (frames, {points})", self.code.shape, "one column per point")
+        if np.linalg.matrix_rank(self.code) < points:
+            raise InputError.expected("code", "one that tells all points apart", "fewer", "take more frames")
+        self.shape, flat = given.shape, given.reshape(points, -1)
+        self.entries: NDArray[np.bool_] = ~np.isnan(flat)
+        if not self.entries.any(axis=1).all():
+            raise InputError.expected("patterns", "entries of every point", "none of one", "leave it out")
+        self.light: Array = np.where(self.entries, flat, 0.0) / np.nanmax(given)
+
+    def signals(self, noise: SensorNoise, signal_e: float, limit: str) -> tuple[float, float]:
+        """Return the electrons of the brightest entry in a single point's frame and in the coded ones."""
+        full = noise.full_e / float((self.code @ self.light).max())
+        return (signal_e, min(signal_e, full)) if limit == "time" else (noise.full_e, full)
+
+    def variances(self, noise: SensorNoise, signals: tuple[float, float]) -> tuple[Array, Array]:
+        """Return the variance of each entry from single points and from the code, the brightest entry being one."""
+        random, (frames, points) = SensorNoise(noise.full_e, noise.additive_e2), self.code.shape
+        # as many frames for both: each point alone is repeated, which leaves the fixed pattern as it is
+        single = random.variance(self.light * signals[0]) / signals[0] ** 2 * points / frames
+        coded = np.linalg.pinv(self.code) ** 2 @ random.variance(self.code @ self.light * signals[1]) / signals[1] ** 2
+        fixed = (noise.prnu * self.light) ** 2
+        return single + fixed, np.asarray(coded + fixed)
+
+    def numbers(self, single: Array, coded: Array, signals: tuple[float, float]) -> CodingNumbers:
+        """Return the gain over kinds of entries."""
+        share = self.light / np.maximum(self.light.max(axis=1, keepdims=True), 1e-300)
+
+        def over(chosen: NDArray[np.bool_]) -> float:
+            some = chosen & self.entries
+            return 5 * math.log10(float(single[some].mean()) / float(coded[some].mean())) if some.any() else math.nan
+
+        return CodingNumbers(
+            rms_db=over(self.entries),
+            core_db=over(share >= CORE),
+            dark_db=over(share <= DARK),
+            better=float((single > coded)[self.entries].mean()),
+            exposure=signals[1] / signals[0],
+            peak_e=float((self.code @ self.light).max()) * signals[1],
+        )
