@@ -7,14 +7,17 @@ import subprocess
 import sys
 from pathlib import Path
 
-__all__ = ["SIZE", "THEME", "take_screens"]
+__all__ = ["SCENES", "SHOWN", "SIZE", "THEME", "take_screens"]
 
 SIZE = "1280x800"
 THEME = "light"
+SCENES = ("sample", "recording")
+SHOWN = {"acquire": "acquire_record_complete", "fit": "fit_patterns", "accuracy": "accuracy_simulation"}
+"""States of the window that stand for a page, where that is not the one of its own name."""
 
 
 def take_screens(out: Path) -> dict[str, bytes]:
-    """Return a PNG of every page of the window with the sample session open, by the page's key.
+    """Return a PNG of every state of the window with the sample session and a recording, by its name and page.
 
     Raises
     ------
@@ -22,8 +25,10 @@ def take_screens(out: Path) -> dict[str, bytes]:
         With what the window said, where it does not come up.
     """
     words = [sys.executable, "-m", "gui.screenshots", str(out), "--theme", THEME, "--size", SIZE]
+    words += [word for scene in SCENES for word in ("--scene", scene)]
     env = {**os.environ, "QT_QPA_PLATFORM": "offscreen"}
     done = subprocess.run(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=env)
     if done.returncode:
         raise RuntimeError(f"the window's pages could not be shown: {done.stdout}")
-    return {path.name.split(f"_{THEME}_")[0]: path.read_bytes() for path in sorted(out.glob("*.png"))}
+    taken = {path.name.split(f"_{THEME}_")[0]: path.read_bytes() for path in sorted(out.glob("*.png"))}
+    return taken | {key: taken[name] for key, name in SHOWN.items()}

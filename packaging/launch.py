@@ -20,8 +20,7 @@ def main() -> int:
     multiprocessing.freeze_support()  # a worker process ends here
     # filters of HDF5 that no H file may have are left out of the bundle, which their package calls an error
     logging.getLogger("hdf5plugin").setLevel(logging.CRITICAL)
-    # pyqtgraph asks for it before it knows whether anybody draws with it, which nobody does
-    sys.modules.setdefault("PySide6.QtOpenGL", types.ModuleType("PySide6.QtOpenGL"))
+    _stand_in_for_opengl()
     _keep_compiled()
     from lfcal.h5.probe import EXAMINE
 
@@ -43,6 +42,14 @@ def main() -> int:
 
         command_line()
     return 0
+
+
+def _stand_in_for_opengl() -> None:
+    """Answer pyqtgraph, which asks for OpenGL before it knows whether anybody draws with it; nobody does."""
+    for name in ("QtOpenGL", "QtOpenGLWidgets"):
+        module = types.ModuleType(f"PySide6.{name}")
+        module.QOpenGLWidget = object
+        sys.modules[module.__name__] = module
 
 
 def _keep_compiled() -> None:

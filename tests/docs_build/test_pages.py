@@ -9,6 +9,8 @@ from typing import Any
 import yaml
 
 import lfcal
+from docs_build.screens import SCENES, SHOWN
+from lfcal.accuracy import PLACES
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -36,6 +38,16 @@ def test_every_page_of_the_window_is_shown_with_its_picture_and_keys() -> None:
     assert (
         set(re.findall(r"images/workstation/(\w+)\.png", text)) == set(pages) == set(re.findall(r"keys: (\w+)", text))
     )
+
+
+def test_every_picture_of_a_page_is_taken_in_a_scene() -> None:
+    text = "".join((ROOT / "gui" / "scenes" / f"{name}.py").read_text(encoding="utf-8") for name in SCENES)
+    # a name that a scene makes of others stands for any
+    taken = [re.sub(r"\\{\w+\\}", r"\\w+", re.escape(name)) for name in re.findall(r'Shot\(f?"([^"]+)"', text)]
+    shown = re.findall(r"images/workstation/(\w+)\.png", (DOCS / "workstation.md").read_text(encoding="utf-8"))
+    for key in shown:
+        assert any(re.fullmatch(pattern, SHOWN.get(key, key)) for pattern in taken), key
+    assert SHOWN["accuracy"].removeprefix("accuracy_") in PLACES.names()
 
 
 def test_the_version_is_the_same_everywhere() -> None:

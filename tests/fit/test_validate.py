@@ -15,7 +15,7 @@ from lfcal.fit.judge import ChiSquare, ModelError
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.nuisance import Spread
 from lfcal.fit.setup import described_effects
-from lfcal.fit.validate import draw_validation, validate
+from lfcal.fit.validate import Validation, draw_validation, validate
 from lfcal.fit.weighing import Levels
 from tests.fit.common import small_camera, small_plan
 
@@ -88,6 +88,20 @@ def test_uneven_pixels_are_no_error_of_the_model() -> None:
     fit = fit_of(plan)
     assert validate(fit, points).error().value == pytest.approx(0.03, rel=0.2)
     assert not validate(replace(fit, spread=Spread(response=0.03)), points).error().known
+
+
+def test_only_light_that_counts_weighs_a_point() -> None:
+    """A pixel without weight (saturated, a defect) may hold anything: brighter points count more, defects do not."""
+    plan = plan_of()
+    found = validate(fit_of(plan, fitted=2), recorded(plan, few(plan)))
+    one, other = found.points[:2]
+
+    def with_defect(value: float) -> Validation:
+        weight, light = other.model.weight.copy(), other.model.light.copy()
+        weight.flat[0], light.flat[0] = 0, value
+        return Validation((one, replace(other, model=replace(other.model, weight=weight, light=light))))
+
+    assert with_defect(0.0).error().squared == with_defect(1e6).error().squared
 
 
 def test_a_wrong_gap_has_the_error_of_its_patterns() -> None:

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import tifffile
 
+from lfcal.camera import ScanPlan, preset
 from lfcal.errors import FileFormatError, InputError, LfcalError, StorageError, UnsafeFileError
 from lfcal.frames import (
     FolderSource,
@@ -41,6 +42,13 @@ def assert_session(source: FolderSource, frames: np.ndarray = FRAMES) -> None:
             source.read(k, (slice(3, 9), slice(4, 30))), frames[source.info(k).position][3:9, 4:]
         )
     assert sorted(source.info(k).position for k in range(24)) == sorted(scan_positions(PLAN))
+
+
+def test_a_plan_tells_the_shape_of_the_scan(tmp_path: Path) -> None:
+    write_pngs(tmp_path, FRAMES)
+    plan = ScanPlan(preset("bench"), PLAN[1:], (9, 11), tuple(-1e4 * k for k in range(PLAN[0])), (8, 9))
+    assert plan.shape[:3] == PLAN
+    assert_session(open_frames(tmp_path, pattern=NAMES, plan=plan))
 
 
 def test_folder_by_names(tmp_path: Path) -> None:

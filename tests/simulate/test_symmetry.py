@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 
 from lfcal.simulate.engines.field import field_table
 from lfcal.simulate.engines.propagator import sensor_propagator
-from lfcal.simulate.scene import Iris
-from lfcal.simulate.symmetry import folded
-from tests.simulate.scenes import camera_scene
+from lfcal.simulate.scene import Iris, Scene
+from lfcal.simulate.symmetry import folded, is_mirror_symmetric, mirrored_rows
+from tests.simulate.scenes import camera_scene, microscope_scene
 
 
 @pytest.mark.parametrize("n", [2, 7, 8, 350])
@@ -60,3 +61,27 @@ def test_even_aberrations_are_those_of_the_whole_pupil(v: float, exact: bool) ->
         camera_scene(v, iris=iris, exact_rays=exact, wavefront=((2, 0, 0.4), (2, 2, -0.8))), dx, 40 * dx
     )
     assert not np.array_equal(other.values, expected)
+
+
+@pytest.mark.parametrize("scene", [camera_scene(iris=Iris(9)), camera_scene(iris=Iris(0)), microscope_scene()])
+def test_a_regular_camera_is_alike_upside_down(scene: Scene) -> None:
+    assert is_mirror_symmetric(scene)
+    rows = np.arange(-6, 7)
+    # every row and its mirror image about the row of lenslets through the middle
+    assert mirrored_rows(scene, rows).keys() >= {i for i in range(13) if rows[i] > 0}
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"tilt": (0.01, 0.0)},
+        {"tilt": (0.0, 0.01)},
+        {"pixel_aspect": 1.01},
+        {"accept": (0.0, 0.02)},
+        {"iris": Iris(9, 0.0, 0.1)},
+        {"wavefront": ((2, -2, 0.1),)},
+    ],
+)
+def test_what_differs_upside_down_is_not_mirrored(changes: dict[str, Any]) -> None:
+    scene = camera_scene(**changes)
+    assert not is_mirror_symmetric(scene) and mirrored_rows(scene, np.arange(-6, 7)) == {}

@@ -88,6 +88,16 @@ def test_unit_is_told_by_the_steps_of_the_plan(scale: float, unit: str, words: s
     assert any(words in note for note in placed.notes)
 
 
+def test_light_elsewhere_than_planned_is_said() -> None:
+    found, plan = scan(), plan_of()
+    listing = listing_of(found)
+    assert not any("light:" in note for note in place(listing, plan, reader(found, listing)).notes)
+    rows, columns = plan.anchor
+    moved = place(listing, replace(plan, anchor=(rows + 3, columns - 4)), reader(found, listing))
+    (note,) = (note for note in moved.notes if "light:" in note)
+    assert f"near row {START[0]:.0f}, column {START[1]:.0f}, 5 px from the plan's anchor" in note
+
+
 def test_without_light_the_plan_decides_and_it_is_said() -> None:
     found = scan(right="-x")
     placed = place(listing_of(found), plan_of())
