@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from lfcal.bench._target_scene import TargetScene
     from lfcal.camera import ScanPlan
     from lfcal.fit.field import FieldFit
+    from lfcal.fit.measured import Measured
     from lfcal.frames.source import FrameSource
 
 __all__ = ["Way", "compared", "register"]
@@ -74,6 +75,7 @@ def command(
     print_table(head, rows, title=f"bench camera, 720 x 720 px, target of {found['holes']} holes")
     parts = [[name, _percent(one)] for name, one in found["few"]["parts"].items()]
     print_table(["part of the field", "H off the truth (L1)"], parts, title=f"fit of {few} frames")
+    typer.echo(f"modulo the period: {found['modulo']['says']}")
     typer.echo(f"before the fit H as described is {_percent(found['described'])} off")
 
 
@@ -98,7 +100,7 @@ def compared(frames: int, few: int, way: Way | None = None, *, seed: int = 0, wr
         "single_error": single_error(scene, camera.single.electrons_per_unit(0)),
         "described": described_error(scene),
         "few": few_of | {"parts": _parts(scene, few_of["fit"])},
-        "modulo": _modulo(scene, few_of["view"], few_of["points"], way),
+        "modulo": _modulo(scene, few_of["fit"], few_of["view"], few_of["points"], way),
     }
     found["few"]["worst"] = max(found["few"]["parts"].values())
     found["few"]["centre"] = fit_error(scene, few_of["fit"], centre)
@@ -138,8 +140,11 @@ def _fitted(scene: TargetScene, frames: NDArray[np.uint16], way: Way) -> dict[st
     }
 
 
-def _modulo(scene: TargetScene, view: FrameSource, points: Any, way: Way) -> dict[str, Any]:
-    """Return what becomes of the same points modulo the period: how a fit of them is refused."""
+def _modulo(scene: TargetScene, found: FieldFit, view: FrameSource, points: Any, way: Way) -> dict[str, Any]:
+    """Return what becomes of the same points modulo the period: how a fit of them is refused.
+
+    ``camera_chi2`` is that of the camera which the points told where they are: no other description is to blame.
+    """
     from lfcal.campaign.point_parts import measured_modulo
     from lfcal.errors import InputError
     from lfcal.fit import iter_fit_camera
@@ -147,18 +152,33 @@ def _modulo(scene: TargetScene, view: FrameSource, points: Any, way: Way) -> dic
 
     start = time.perf_counter()
     measured = measured_modulo(view, points, most=way.points)
+    known = {"camera_chi2": _chi2_of(found, measured)}
     begins = with_given(called_for(scene.plan.scan), {"vignetting": "on"}, ())
     core = ("geometry", "focal_lengths", "iris")
     try:
         fit = run_work(iter_fit_camera(measured, unknowns=core, effects=begins, workers=way.workers), quiet=way.quiet)
     except InputError as error:
-        return {"refused": True, "chi2": None, "says": str(error), "seconds": time.perf_counter() - start}
-    return {
+        return known | {"refused": True, "chi2": None, "says": str(error), "seconds": time.perf_counter() - start}
+    return known | {
         "refused": not fit.complete,
         "chi2": fit.chi2,
         "says": fit.verdict,
         "seconds": time.perf_counter() - start,
     }
+
+
+def _chi2_of(found: FieldFit, measured: Measured) -> float:
+    """Return chi² of the camera as found for patterns, with the light that fits them best."""
+    import numpy as np
+
+    from lfcal.fit.fit import problem_of
+    from lfcal.fit.judge import chi_square
+    from lfcal.fit.model import Fineness
+    from lfcal.fit.normal import Local
+
+    problem = problem_of(measured, found.setup_at(measured.plan), ("iris",), 1)
+    still, start = np.zeros((len(measured), 2)), np.zeros(len(problem.vector))
+    return chi_square(problem.point(start, Local(still), Fineness.fine), problem.fitted, 0).lit
 
 
 def error_of(found: NDArray[np.float64], true: NDArray[np.float64]) -> float:
@@ -232,8 +252,8 @@ def _rows(found: dict[str, Any]) -> list[dict[str, str]]:
 
 
 def _row(what: str, frames: int, error: float | None, more: dict[str, Any] | None = None) -> dict[str, str]:
-    chi2 = "" if more is None else "refused" if more["chi2"] is None else f"{more['chi2']:.2f}"
-    if more is not None and more.get("refused") and more["chi2"] is not None:
+    chi2 = "" if more is None else f"{more.get('camera_chi2') or more['chi2']:.2f}"
+    if more is not None and more.get("refused"):
         chi2 += ", refused"
     seconds = "" if more is None else f"{more['seconds']:.0f}"
     off = "" if error is None else _percent(error)

@@ -57,4 +57,4 @@ def test_three_frames_of_a_target_are_worth_more_than_a_scan_of_a_single_point()
     assert len(found["few"]["parts"]) == 9
     # of three frames already, and so of thirty
     assert found["few"]["centre"] <= found["single_error"]
-    assert found["modulo"]["refused"], found["modulo"]
+    assert found["modulo"]["refused"] and found["modulo"]["camera_chi2"] > 10 * found["few"]["chi2"], found["modulo"]

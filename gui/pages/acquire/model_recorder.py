@@ -118,6 +118,11 @@ class Recorder:
         return found.outcome
 
     @property
+    def counted(self) -> str:
+        """What is recorded, for people."""
+        return "positions" if isinstance(self.recorded, ScanPlan) else "frames"
+
+    @property
     def rate(self) -> float:
         """Positions per second of this run so far."""
         seconds = time.monotonic() - self.started

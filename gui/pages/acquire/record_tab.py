@@ -405,9 +405,9 @@ class RecordTab(QObject):
         return recorder.fit if own and recorder is not None else None
 
     def _recorded(self, outcome: Any) -> None:
-        words = f"{outcome.how}: {outcome.acknowledged} of {outcome.total} positions are safe"
-        self.context.message.emit(words)
         recorder = self.recorder
+        counted = "positions" if recorder is None else recorder.counted
+        self.context.message.emit(f"{outcome.how}: {outcome.acknowledged} of {outcome.total} {counted} are safe")
         own = recorder is not None and recorder.folder == Path(self.context.state.recording)
         if outcome.how == "complete" and recorder is not None and recorder.redo and own:
             self.context.project.update("positions recorded again", redo=())
@@ -427,7 +427,8 @@ class RecordTab(QObject):
             return
         self._poll()
         self._look_into_folder()
-        words, fraction = end_words(job, "" if self.recorder is None else self.recorder.ended)
+        ended = ("",) if self.recorder is None else (self.recorder.ended, self.recorder.counted)
+        words, fraction = end_words(job, *ended)
         curve = self.panel.error_curve()
         known = curve.words if self.recorder is not None and self.recorder.steps and curve is not None else ""
         # beside the status, which stays: the advice is written again once the folder was looked into

@@ -215,20 +215,24 @@ class PlannedTarget:
         ]
 
     def _expected(self) -> Iterator[tuple[str, str, str]]:
-        """Yield the error of a pattern by noise after some of the frames of the middle plane."""
+        """Yield what noise leaves of a pattern, and the phases shown, by half and by all frames of the middle plane."""
         if not self.errors:
             return
         found = self.errors[len(self.errors) // 2]
         count = len(found.error)
-        for n in sorted({max(1, count // 4), max(1, count // 2), count}) if count else ():
-            share, error = format_share(found.shown[n - 1]), format_share(found.error[n - 1])
-            yield f"Noise after {n} frames", f"{error} of {share}", format_share(found.single)
+        if not count:
+            return
+        half = max(1, count // 2) - 1
+        yield "Noise, all frames", format_share(found.error[-1]), format_share(found.single)
+        yield "  half of them", format_share(found.error[half]), ""
+        yield "Phases, all frames", format_share(found.shown[-1]), "100 %"
+        yield "  half of them", format_share(found.shown[half]), ""
 
     def _regions(self, single: int) -> Iterator[tuple[str, str, str]]:
         count, fewest = self.regions
         if count > 1:
-            yield f"Frames for {count} regions", "the same", f"{count * single}"
-            yield "  points of a region", f"{fewest} or more", ""
+            yield f"For {count} regions", "same frames", f"{count * single}"
+            yield "  points in each", f"{fewest} …", ""
 
 
 def iter_target(scan: ScanPlan, settings: TargetSettings) -> Work[PlannedTarget]:

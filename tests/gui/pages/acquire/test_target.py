@@ -79,7 +79,7 @@ def test_a_target_is_recorded_while_its_phases_fill_the_map(
     qtbot.waitUntil(lambda: not page.record.recording, timeout=GUARD_MS)
     qtbot.waitUntil(lambda: page.record.folder.complete, timeout=GUARD_MS)
     idle(context.jobs, qtbot)
-    assert "5 of 5" in panel.status.text() and "5 of 5 frames of a target" in panel.folder_words.text()
+    assert "5 of 5 frames" in panel.status.text() and "5 of 5 frames of a target" in panel.folder_words.text()
     assert max(seen) == len(plan.points(0, 4)) and "points as planned" in panel.pictures.frame_title.text()
     assert len(panel.pictures.map.missing.data) == int((plan.shown(0) == 0).sum())
     assert panel.pictures.map_title.text() == "Phases covered"
