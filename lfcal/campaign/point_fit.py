@@ -8,20 +8,23 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.campaign.point_optics import OwnOptics, iter_with_own_light
 from lfcal.campaign.point_parts import measured_points
 from lfcal.campaign.points import Points
 from lfcal.fit.field import FieldFit
-from lfcal.fit.fit import check_stage, groups_of, iter_retrieved, iter_summarised, problem_of
+from lfcal.fit.fit import Finished, check_stage, groups_of, iter_retrieved, iter_summarised, problem_of
 from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness
 from lfcal.fit.normal import Local
 from lfcal.fit.nuisance import own_steps
 from lfcal.fit.problem import Problem
 from lfcal.fit.questions import check_described, check_light
+from lfcal.fit.regional import Regional
 from lfcal.fit.setup import Setup, called_for
 from lfcal.fit.solver import descend
 from lfcal.frames.source import FrameSource
 from lfcal.progress import Work, drain
+from lfcal.simulate.effects import FiniteSource
 from lfcal.simulate.effects.base import Effect
 
 __all__ = ["MOST", "fit_points", "iter_fit_points"]
@@ -29,8 +32,11 @@ __all__ = ["MOST", "fit_points", "iter_fit_points"]
 MOST = 72
 """Points that are fitted: eight of each of nine parts of the field; what is left of the error is the computation's."""
 
-PLACES = ("region_places", "region_depths")
-"""Groups that regions of a scan have: a target's points have one lattice, and each its own displacement."""
+OTHERS = ("region_places", "region_depths", "stage_scale", "source")
+"""Groups of scans: a target's points have one lattice and one plane, each its own displacement, holes a known size."""
+
+OWN = ("pitch", "plane_tilt")
+"""Groups that are always found: over the field a small error of either shows."""
 
 BESIDE_PX, BRIGHTNESS = 0.5, 0.05
 """How far a chief ray lies beside what light alone tells, and how well that tells a hole's brightness, beforehand."""
@@ -54,20 +60,27 @@ def iter_fit_points(
     check_stage(stage)
     measured = measured_points(source, points, parts, most=most)
     core, candidates = groups_of(unknowns)
-    core = tuple(name for name in dict.fromkeys((*core, "pitch")) if name not in PLACES)
-    candidates = tuple(name for name in candidates if name not in (*core, *PLACES))
+    core = tuple(name for name in dict.fromkeys((*core, *OWN)) if name not in OTHERS)
+    candidates = tuple(name for name in candidates if name not in (*core, *OTHERS))
     check_light(measured)
     check_described(measured)
     scan = points.plan.scan
     began = tuple(called_for(scan) if effects is None else effects)
-    setup = Setup(scan.camera, began, (0.0,) * scan.shape[0])
+    points, began = _with_hole(points, began)
+    own = OwnOptics.of(points, measured)
+    setup = Setup(scan.camera, began, (0.0,) * scan.shape[0], regions=own.regions)
     problem = problem_of(measured, setup, (*core, *candidates), workers)
-    problem, start = yield from _placed(problem, core, workers)
-    finished = yield from iter_retrieved(problem, core, candidates, stage=stage, start=start)
-    problem = finished[0]
+    problem, start = yield from _placed(problem, own, core, workers)
+    local = Local(np.zeros((len(measured), 2)), BESIDE_PX, BRIGHTNESS)
+    finished = yield from iter_retrieved(problem, core, candidates, stage=stage, start=start, local=local)
+    finished = yield from _settled(finished, points)
+    problem, point = finished[:2]
     fits = yield from iter_summarised(*finished, candidates)
     names = [measured.regions[k].name for _, _, k in problem.measured.parts()]
-    return FieldFit(dict(zip(names, fits, strict=True)))
+    # planes of H are where they were planned, however the target is tilted
+    depths = problem.vector.setup_at(point.u).depth_errors_um
+    level = [replace(fit, setup=replace(fit.setup, depth_errors_um=depths)) for fit in fits]
+    return FieldFit(dict(zip(names, level, strict=True)))
 
 
 def fit_points(
@@ -108,15 +121,29 @@ def fit_points(
     return drain(work)
 
 
-def _placed(problem: Problem, core: Sequence[str], workers: int | None) -> Work[tuple[Problem, NDArray[np.float64]]]:
+def _with_hole(points: Points, effects: tuple[Effect, ...]) -> tuple[Points, tuple[Effect, ...]]:
+    """Return points whose holes have the size of a source among ``effects``, and the other effects."""
+    given = next((one for one in effects if isinstance(one, FiniteSource)), None)
+    if given is None:
+        return points, effects
+    plan = points.plan
+    target = replace(plan.target, hole_um=float(given.magnitude("diameter_um", plan.scan.camera)))
+    return replace(points, plan=replace(plan, target=target)), tuple(one for one in effects if one is not given)
+
+
+def _placed(
+    problem: Problem, own: OwnOptics, core: Sequence[str], workers: int | None
+) -> Work[tuple[Problem, NDArray[np.float64]]]:
     """Return the problem with points where a first fit has them, and the vector it ended at.
 
     A cat's eye moves the middle of the light beside the chief ray by most of a pixel. A fit that holds the places takes
     that for focal lengths; so each point has a displacement of its own from the start.
     """
     count = len(problem.measured)
-    local = Local(np.zeros((count, 2)), BESIDE_PX, BRIGHTNESS)
-    point = problem.point(np.zeros(len(problem.vector)), local, Fineness.coarse)
+    still = np.zeros((count, 2))
+    begin = np.zeros(len(problem.vector))
+    problem = yield from iter_with_own_light(problem, own, begin, still, Fineness.coarse, "points as described")
+    point = problem.point(begin, Local(still, BESIDE_PX, BRIGHTNESS), Fineness.coarse)
     which = problem.vector.of_groups(core).tolist()
     point, columns = yield from descend(problem, point, which, "places of the points", most=ROUNDS, enough=5e-3)
     point = own_steps(problem, point, columns, np.ones(count, np.bool_))
@@ -128,4 +155,22 @@ def _placed(problem: Problem, core: Sequence[str], workers: int | None) -> Work[
         patterns=old.patterns / (1 + lamps),
         noise=old.noise / np.c_[(1 + lamps[:, 0, 0]) ** 2, 1 + lamps[:, 0, 0]],
     )
-    return Problem(measured, problem.vector, workers), point.u
+    placed = Problem(measured, problem.vector, workers)
+    placed = yield from iter_with_own_light(placed, own, point.u, still, Fineness.coarse, "points where they are")
+    return placed, point.u
+
+
+def _settled(finished: Finished, points: Points) -> Work[Finished]:
+    """Return the best point where what each pattern has to itself is that of the camera as found."""
+    problem, point, groups, columns, outliers = finished
+    assert isinstance(problem.measured, Regional)
+    own = OwnOptics.of(points, problem.measured)
+    local, lamps = point.local, point.levels.lamps
+    problem = yield from iter_with_own_light(
+        problem, own, point.u, local.offsets_px, Fineness.fine, "points of the camera as found"
+    )
+    point = problem.point(point.u, local, Fineness.finest, lamps=lamps)
+    which = problem.vector.of_groups(groups).tolist()
+    point, found = yield from descend(problem, point, which, "settled", most=2, columns=columns, enough=1e-4)
+    columns = found.beside(columns, which)
+    return problem, own_steps(problem, point, columns, problem.measured.left_out), groups, columns, outliers

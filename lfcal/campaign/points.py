@@ -46,6 +46,8 @@ class Points:
         Sensor position ``(n, 2)`` of each chief ray (row, column); the cutout lies about the nearest pixel.
     brightness
         Light of each, over that of the median hole in its frame ``(n,)``.
+    away_um
+        Depth of each, by the pose of the target in its frame ``(n,)`` (µm).
     found
         What was found in each frame, by its number.
     """
@@ -56,6 +58,7 @@ class Points:
     holes: NDArray[np.intp]
     pixels: F8
     brightness: F8
+    away_um: F8
     found: Mapping[int, FoundPoints]
 
     def __len__(self) -> int:
@@ -76,7 +79,7 @@ class Points:
 
     def only(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> Points:
         """Return some of them."""
-        names = ("frame", "z", "holes", "pixels", "brightness")
+        names = ("frame", "z", "holes", "pixels", "brightness", "away_um")
         return replace(self, **{name: getattr(self, name)[which] for name in names})
 
     def region(self, k: int) -> tuple[slice, slice]:
@@ -141,6 +144,7 @@ def iter_points(source: FrameSource, plan: TargetPlan, frames: Sequence[int] | N
         np.concatenate([one.holes[use[k]] for k, one in found.items()]),
         np.concatenate([one.pixels[use[k]] for k, one in found.items()]),
         np.concatenate([one.light[use[k]] / np.median(one.light) for k, one in found.items()]),
+        np.concatenate([one.away_um[use[k]] for k, one in found.items()]),
         found,
     )
     if not len(points):

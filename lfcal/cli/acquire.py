@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import typer
 
-from lfcal.cli.acquire_outcome import finish, list_suspects, show_outcome
+from lfcal.cli.acquire_outcome import list_suspects, show_outcome
 from lfcal.cli.acquire_until import adapted_facts, parse_goal, show_adapted, tell_step
 from lfcal.cli.acquire_words import numbers, options_of, pairs, read_plan
 from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
@@ -108,7 +108,7 @@ def command(
     from lfcal.acquire.redo import RedoList
     from lfcal.acquire.runner import Outcome
     from lfcal.camera import RegionPlan
-    from lfcal.cli.acquire_regions import check_region_options, finish_regions
+    from lfcal.cli.acquire_regions import check_region_options
     from lfcal.cli.acquire_target import check_target_options, simulated_options
     from lfcal.cli.cameras import tell_assumed
     from lfcal.cli.console import report
@@ -128,7 +128,6 @@ def command(
     single = {
         "--positions": positions is not None,
         "--until-error": goal is not None,
-        "--assemble": assemble is not None,
         "--order": order == "coarse",
         "--controls": bool(controls),
         "--margin": margin is not None,
@@ -177,8 +176,7 @@ def command(
     result |= {} if adapted is None else adapted_facts(adapted)
     if outcome.how == "complete":
         try:
-            ending = finish_regions if isinstance(recorded, RegionPlan) else finish
-            result |= ending(out, assemble, pack, json)
+            result |= _ending(recorded)(out, assemble, pack, json)
         except LfcalError:
             # the frames are safe whatever became of H
             show_outcome(result, outcome, out, json)
@@ -190,6 +188,18 @@ def command(
     if outcome.how != "complete":
         # A session that was stopped is not a success: scripts must be able to see it.
         raise typer.Exit(128 + ended_by)
+
+
+def _ending(plan: ScanPlan | TargetPlan | RegionPlan) -> Callable[[Path, Path | None, bool, bool], dict[str, Any]]:
+    """Return what is done after the last frame of such a session."""
+    from lfcal.camera import RegionPlan, ScanPlan
+    from lfcal.cli.acquire_outcome import finish
+    from lfcal.cli.acquire_regions import finish_regions
+    from lfcal.cli.assemble_target import finish_target
+
+    if isinstance(plan, ScanPlan):
+        return finish
+    return finish_regions if isinstance(plan, RegionPlan) else finish_target
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from pathlib import Path
 import typer
 
 from lfcal.cli.options import ForceOption, JsonOption, MatrixArgument, WorkersOption
+from lfcal.errors import InputError
 
 __all__ = ["register"]
 
@@ -23,6 +24,11 @@ def command(
     second: MatrixArgument,
     *,
     report: Path | None = typer.Option(None, "--report", help="Folder for a page with the pictures side by side."),
+    region: list[str] | None = typer.Option(
+        None,
+        "--region",
+        help="Region of the field, by name, in files of several; twice: of the first and of the second H.",
+    ),
     by_number: bool = typer.Option(False, "--by-number", help="Compare planes of equal numbers, not of equal depths."),
     workers: WorkersOption = None,
     force: ForceOption = False,
@@ -51,9 +57,10 @@ def command(
 
     if report is not None:
         check_outputs(report_files(report), first, second, force=force)
-    page = None
+    page, names = None, _regions(region or [])
     with ExitStack() as files:
-        a, b = (files.enter_context(open_psf(path)) for path in (first, second))
+        pairs = zip((first, second), names, strict=True)
+        a, b = (files.enter_context(open_psf(path, region=name)) for path, name in pairs)
         start = time.perf_counter()
         found = run_work(iter_difference(pair(a, b, by_number=by_number), workers=workers), quiet=json)
         seconds = time.perf_counter() - start
@@ -72,3 +79,10 @@ def command(
         typer.echo(f"note: {note}")
     if page is not None:
         typer.echo(f"report: {page}")
+
+
+def _regions(names: list[str]) -> tuple[str, str]:
+    """Return the region of each H; empty where it is the one that the file opens with."""
+    if len(names) > 2:
+        raise InputError.expected("--region", "one of both H, or one of each", f"{len(names)}", "leave some out")
+    return (names[0], names[-1]) if names else ("", "")

@@ -84,6 +84,9 @@ def command(
         False, "--hybrid", help="H.h5 is the model and what recorded patterns show beyond it, with its uncertainty."
     ),
     plan: Path | None = typer.Option(None, "--plan", "-p", help="Scan plan (.json) of frames, if not beside them."),
+    regions: str = typer.Option(
+        "", "--regions", help="Of a target's frames: H of several regions in one file, ROWSxCOLUMNS, e.g. 3x3."
+    ),
     dark: str = typer.Option("", "--dark", help="Dark frame or folder of them for frames; none: not even their own."),
     black_level: float | None = typer.Option(
         None, "--black-level", help="Sample value of no light in frames, where there is no dark frame."
@@ -146,6 +149,7 @@ def command(
             "--hybrid": hybrid,
             "-o": out != FOLDER,
             "--executor": executor or scheduler or resume,
+            "--regions": regions,
         }
         wrong = [name for name, said in given.items() if said]
         if wrong:
@@ -196,6 +200,7 @@ def command(
             groups,
             chosen if effects else None,
             out,
+            regions=regions,
             camera=load_camera(camera) if camera else None,
             most=positions,
             with_h=not no_h,
@@ -203,6 +208,9 @@ def command(
             json=json,
         )
         return
+    if regions:
+        remedy = "leave it out: each source is the region that it was recorded in"
+        raise InputError.expected("--regions", "frames of a target", "those of a scan", remedy)
     if len(sources) > 1:
         wanted = Regions(hybrid, validate, validate_on, known_object, scene)
         made = wanted.outputs(out, sources)

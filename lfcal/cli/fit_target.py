@@ -25,15 +25,18 @@ def fit_target(
     effects: tuple[dict[str, str], Sequence[Effect]] | None,
     out: Path,
     *,
+    regions: str,
     camera: Camera | None,
     most: int | None,
     with_h: bool,
     workers: int | None,
     json: bool,
 ) -> None:
-    """Fit one camera to the points of a target's frames, and write it with H of the plan's region of the field."""
+    """Fit one camera to the points of a target's frames, and write it with H of its region, or of ``regions``."""
     from dataclasses import replace
 
+    from lfcal.camera import RegionPlan
+    from lfcal.camera.regions import parse_regions
     from lfcal.campaign.point_facts import target_facts
     from lfcal.campaign.point_files import iter_write_points
     from lfcal.campaign.point_fit import MOST, iter_fit_points
@@ -44,6 +47,7 @@ def fit_target(
 
     if camera is not None:
         plan = replace(plan, scan=replace(plan.scan, camera=camera))
+    field = RegionPlan.spread(plan.scan, parse_regions(regions)) if regions else plan.scan
     begins = None if effects is None else with_given(called_for(plan.scan), *effects)
     with opened_target(source, plan, recipe) as view:
         points = found_points(view, plan, quiet=json)
@@ -53,15 +57,13 @@ def fit_target(
         fit = run_work(work, quiet=json)
     known = target_facts(points)
     written = run_work(
-        iter_write_points(
-            fit, plan.scan, out, {"source": source.name, "target": known}, with_h=with_h, workers=workers
-        ),
+        iter_write_points(fit, field, out, {"source": source.name, "target": known}, with_h=with_h, workers=workers),
         quiet=json,
     )
     first = fit.first
     if json:
-        regions = {name: {"chi2": one.here.chi_square.lit} for name, one in fit.fits.items() if one.here is not None}
-        print_json(fit_dict(first) | {"source": source, "files": written, "target": known, "parts": regions})
+        chi2 = {name: {"chi2": one.here.chi_square.lit} for name, one in fit.fits.items() if one.here is not None}
+        print_json(fit_dict(first) | {"source": source, "files": written, "target": known, "parts": chi2})
         return
     rows = [
         [one.name, f"{one.value:.6g}", f"{one.sigma:.2g}", f"{one.start:.6g}", one.unit]

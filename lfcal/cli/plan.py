@@ -257,8 +257,8 @@ def command(
     wanted = Wanted(for_fit, half_cell, chosen, earlier, unknowns, full, beside, candidates, draw, speed, workers)
     check_wanted(wanted, out, camera, positions, force=force)
     aimed = TargetWanted(source, tolerance, crosstalk, pose, pose_within, most_frames, speed)
-    if regions and (source or for_fit or half_cell or positions is not None):
-        other = "--source" if source else "--for-fit" if for_fit else "--half-cell" if half_cell else "--positions"
+    if regions and (for_fit or half_cell or positions is not None):
+        other = "--for-fit" if for_fit else "--half-cell" if half_cell else "--positions"
         raise InputError(f"{other}: is of one region or of the whole frame; leave it out beside --regions")
     aimed.check(for_fit=bool(for_fit), half_cell=half_cell, listed=positions is not None)
     if out is not None:
@@ -305,11 +305,11 @@ def command(
             frames_averaged=average,
             **settings,
         )
+    if source:
+        plan_source(plan, aimed, regions, out, json=json)
+        return
     if regions:
         plan_regions(plan, regions, speed, out, json=json)
-        return
-    if source:
-        plan_source(plan, aimed, out, json=json)
         return
     # of a list that states neither, both follow from the steps
     computed = [name for name, given in (("depths", lengths), ("virtual depths", virtual)) if given is None]

@@ -14,7 +14,7 @@ from lfcal.files import read_text, replace_whole
 from lfcal.units import format_length, format_seconds, format_share
 
 if TYPE_CHECKING:
-    from lfcal.camera import ScanPlan
+    from lfcal.camera import RegionPlan, ScanPlan
     from lfcal.targets import Target, TargetPlan, Wishes
 
 __all__ = [
@@ -125,14 +125,19 @@ class TargetWanted:
         return replace(found, within=Pose.parse(self.within)) if self.within else found
 
 
-def plan_source(scan: ScanPlan, wanted: TargetWanted, out: Path | None, *, json: bool) -> None:
-    """Plan the target, write the plan where asked, and print it beside the scan of a single point."""
+def plan_source(scan: ScanPlan, wanted: TargetWanted, regions: str, out: Path | None, *, json: bool) -> None:
+    """Plan the target, write the plan where asked, and print it beside the scan of a single point.
+
+    ``regions`` are those of the field, in the words of ``--regions``, that frames of a target serve all at once.
+    """
     # a speed that makes no sense must not wait for the plan
-    from lfcal.camera import Forecast
+    from lfcal.camera import Forecast, RegionPlan
+    from lfcal.camera.regions import parse_regions
     from lfcal.targets import iter_plan_target
     from lfcal.targets.planning import shown_within
 
     Forecast.of(scan, stage_um_per_s=wanted.speed)
+    field = RegionPlan.spread(scan, parse_regions(regions)) if regions else None
     plan = run_work(iter_plan_target(scan, wanted.target(scan), wanted.wishes()), quiet=json)
     unsure = None
     if not plan.target.within.known:
@@ -141,6 +146,8 @@ def plan_source(scan: ScanPlan, wanted: TargetWanted, out: Path | None, *, json:
         with replace_whole(out) as part:
             part.write_text(plan.to_json(), encoding="utf-8")
     facts = _facts(plan, wanted.speed, unsure) | {"expected_error": _expected(plan)}
+    if field is not None:
+        facts["regions"] = _regions(plan, field, wanted.speed)
     if json:
         print_json(facts)
         return
@@ -180,6 +187,43 @@ def _facts(plan: TargetPlan, speed: float, unsure: list[Any] | None) -> dict[str
     }
 
 
+def _regions(plan: TargetPlan, field: RegionPlan, speed: float) -> dict[str, Any]:
+    """Return what each region has of the frames, and what a single point would need for all of them."""
+    from lfcal.targets.region_points import region_points
+
+    counts = [region_points(plan, field, z) for z in range(len(plan.scan.depths_um))]
+    single = plan.single(speed)
+    found = [
+        {
+            "name": name,
+            "anchor": field.anchors[k],
+            "fewest_points": min((int(one[:, k].min()) for one in counts if len(one)), default=0),
+            "points": [int(one[:, k].sum()) for one in counts],
+        }
+        for k, name in enumerate(field.names)
+    ]
+    frames = {"frames": len(field) * single.frames, "hours": len(field) * single.hours}
+    return {"regions": found, "single_point": frames}
+
+
+def _show_regions(found: dict[str, Any]) -> None:
+    """Print how many points each region has, and what is to be done with them."""
+    rows = []
+    for one in found["regions"]:
+        (row, column), points = one["anchor"], one["points"]
+        all_of = f"{points[0]}" if len(points) == 1 else f"{min(points)} … {max(points)}"
+        rows.append([one["name"], f"{row:g}, {column:g}", str(one["fewest_points"]), all_of])
+    head = ["region", "anchor (row, column)", "points a frame, at least", "points a plane"]
+    print_table(head, rows, title=f"{len(rows)} regions, all in the same frames")
+    single = found["single_point"]
+    hours = format_seconds(3600 * single["hours"])
+    typer.echo(f"a single point would need {single['frames']} frames for these regions, {hours}")
+    typer.echo("H of every region: lfcal fit FRAMES --regions, in the same words")
+    empty = [one["name"] for one in found["regions"] if not min(one["points"])]
+    if empty:
+        report(f"note: no point lies near {', '.join(empty)}: H there is what the rest of the field tells")
+
+
 def _expected(plan: TargetPlan) -> list[dict[str, Any]]:
     """Return, for each plane, what noise leaves of a pattern by a single point, and of those shown frame by frame."""
     from lfcal.targets import error_forecast
@@ -216,6 +260,8 @@ def _show(plan: TargetPlan, facts: dict[str, Any]) -> None:
     print_table(["source", "frames", "time in all"], rows)
     middle = len(facts["expected_error"]) // 2
     _show_expected(facts["expected_error"][middle], plan.scan.depths_um[middle])
+    if "regions" in facts:
+        _show_regions(facts["regions"])
     for found in facts["planes"]:
         drawn = found["coverage_within_pose"]
         if drawn is not None:

@@ -20,17 +20,25 @@ def register(app: typer.Typer) -> None:
 
 
 def command(
-    run: Path = typer.Argument(help="What the run makes (H.h5), or the folder of its units (H.h5.parts)."),
+    run: Path = typer.Argument(
+        help="What the run makes (H.h5), the folder of its units (H.h5.parts), or that of a recorded session."
+    ),
     *,
     json: JsonOption = False,
 ) -> None:
     """Show where a long run stands: its units, what is under way and by whom, and what failed and why.
 
+    Of a recorded session it says what is safe on the disk; of a target's, which phases its frames show.
+
     Example: `lfcal status H.h5`
     """
     from lfcal.cli.console import print_json
+    from lfcal.cli.status_session import is_session, tell_session
     from lfcal.work import parts_folder, read_run
 
+    if is_session(run):
+        tell_session(run, json=json)
+        return
     folder = run if run.is_dir() else parts_folder(run)
     if run.is_file() and not folder.exists():
         if json:

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from lfcal.fit.field import FieldFit
 from lfcal.fit.field_report import field_report_files, iter_field_report
-from lfcal.fit.files import effects_text, fit_dict, json_text, measured_camera, write_text
+from lfcal.fit.files import fit_dict
 from lfcal.fit.hybrid import HybridSummary
 from lfcal.fit.measured import Measured
 from lfcal.fit.parameters import field_of
 from lfcal.fit.result import Fit
-from lfcal.fit.writing import CAMERA, EFFECTS, REPORT, fit_outputs, iter_write_fit
+from lfcal.fit.writing import CAMERA, EFFECTS, REPORT, fit_outputs, iter_write_fit, write_found
 from lfcal.plain import plain
 from lfcal.progress import Work
 from lfcal.psf import PSFMatrix
@@ -140,13 +139,5 @@ def iter_write_field(
         if summary is not None:
             summaries[name] = summary
     written.append((yield from iter_field_report(fit, folder / REPORT, summaries)))
-    numbers = field_dict(fit) | {"fitted": datetime.now(UTC).isoformat(timespec="seconds")}
-    texts = {
-        CAMERA: measured_camera(fit.first).to_json(),
-        EFFECTS: effects_text(fit.first),
-        FIELD: json_text(numbers),
-    }
-    for name, text in texts.items():
-        write_text(folder / name, text)
-        written.append(folder / name)
+    written += write_found(fit.first, folder, FIELD, field_dict(fit))
     return WrittenField(written, summaries)

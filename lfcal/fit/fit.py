@@ -43,6 +43,7 @@ from lfcal.psf import PSFMatrix
 from lfcal.simulate.effects.base import Effect
 
 __all__ = [
+    "Finished",
     "addable",
     "check_stage",
     "fit_camera",
@@ -109,6 +110,7 @@ def iter_retrieved(
     *,
     stage: str | float,
     start: NDArray[np.float64] | None = None,
+    local: Local | None = None,
 ) -> Work[Finished]:
     """Return the best point of a problem; ``core`` groups are fitted, of the ``candidates`` those that help.
 
@@ -122,6 +124,8 @@ def iter_retrieved(
         As of `fit_camera`.
     start
         A vector nearer than the description; None starts from that.
+    local
+        What each pattern has to itself from the start; None: nothing, until the patterns show that they have.
 
     Raises
     ------
@@ -130,7 +134,7 @@ def iter_retrieved(
     """
     core = tuple(group.name for group in problem.vector.groups if group.name in core)
     tell = rounds()
-    point = yield from as_described(problem, core, tell, start=start)
+    point = yield from as_described(problem, core, tell, start=start, local=local)
     if misfit(problem, point) > STRANGE:
         yield from asked(problem, core)
     point, groups = yield from _approached(problem, point, core, candidates, tell=tell)
@@ -223,7 +227,8 @@ def _approached(
         if candidates:
             tried = [name for name in addable(candidates) if turn or not GROUPS.get(name).late]
             every = vector.of_groups([*groups, *tried]).tolist()
-            columns = yield from problem.columns(point, every, f"groups, round {turn + 1}", own=False)
+            own = point.local.stage_px > 0
+            columns = yield from problem.columns(point, every, f"groups, round {turn + 1}", own=own)
             groups = choose(problem, point, columns, groups, tried, least=0.0 if turn else FAR)
         if turn and groups == before:
             break
@@ -231,7 +236,7 @@ def _approached(
         point, _ = yield from descend(
             problem, point, which, "approach", most=4, enough=2e-3, columns=columns, tell=tell
         )
-        point = problem.weigh(point.u, point.local, point.model, point.sampling)
+        point = problem.weigh(point.u, point.local, point.model, point.sampling, lamps=point.levels.lamps)
         if not candidates:
             break
     return point, groups
@@ -258,11 +263,13 @@ def _finished(
 ) -> Work[Finished]:
     """Return the best point, computed finely: groups settled, patterns' own unknowns found, outliers left out."""
     vector = problem.vector
-    point = problem.point(point.u, point.local, Fineness.fine)
+    point = problem.point(point.u, point.local, Fineness.fine, lamps=point.levels.lamps)
     every = vector.of_groups([*groups, *candidates]).tolist()
     columns = yield from problem.columns(point, every, "fine", own=True)
     which = vector.of_groups(groups).tolist()
     point, _ = yield from descend(problem, point, which, "fine", most=1, columns=columns, enough=1e-5, tell=tell)
+    # what left-out patterns have to themselves no step of the others has told
+    point = own_steps(problem, point, columns, problem.measured.left_out)
     far, outliers = outliers_of(problem, point)
     if far.any():
         problem, point, columns = _without(problem, point, columns, ~far)

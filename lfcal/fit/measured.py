@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -41,6 +42,9 @@ class Measured:
         Which pixels ``(n, nt, ns)`` carry a measurement.
     left_out
         Which patterns ``(n,)`` are never fitted: they tell how good the fit is.
+    beside
+        Light ``(n, nt, ns)`` of unit gain that each pattern has beside what its plan's optics predict, held while the
+        unknowns move: what is its own, and too dear for every derivative. None: none.
     """
 
     plan: ScanPlan
@@ -50,6 +54,7 @@ class Measured:
     places_px: NDArray[np.float64]
     valid: NDArray[np.bool_]
     left_out: NDArray[np.bool_]
+    beside: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
         """Check that everything belongs together."""
@@ -62,6 +67,8 @@ class Measured:
             "valid": (n, *cutout),
             "left_out": (n,),
         }
+        if self.beside is not None:
+            wanted["beside"] = (n, *cutout)
         for name, shape in wanted.items():
             if getattr(self, name).shape != shape:
                 raise InputError.expected(
@@ -108,8 +115,13 @@ class Measured:
 
     def of(self, keep: NDArray[np.bool_]) -> Measured:
         """Return the patterns that are kept."""
+        return replace(self, **self._some(keep))
+
+    def _some(self, keep: NDArray[np.bool_]) -> dict[str, Any]:
+        """Return what belongs to single patterns, of those that are kept."""
         names = ("index", "patterns", "noise", "places_px", "valid", "left_out")
-        return replace(self, **{name: getattr(self, name)[keep] for name in names})
+        beside = None if self.beside is None else self.beside[keep]
+        return {name: getattr(self, name)[keep] for name in names} | {"beside": beside}
 
     def with_left_out(self, left_out: ArrayLike) -> Measured:
         """Return the same patterns with others kept aside."""

@@ -152,10 +152,14 @@ def as_described(
     tell: Tell | None = None,
     *,
     start: NDArray[np.float64] | None = None,
+    local: Local | None = None,
     note: str = "as described",
 ) -> Work[Point]:
-    """Return the fit of the unknowns ``core`` about the description; ``start`` is a vector that is nearer."""
-    return (yield from _tried(problem, core, note, most=4, tell=tell, start=start))
+    """Return the fit of the unknowns ``core`` about the description; ``start`` is a vector that is nearer.
+
+    ``local`` is what each pattern has to itself; by default none has anything.
+    """
+    return (yield from _tried(problem, core, note, most=4, tell=tell, start=start, local=local))
 
 
 def asked(problem: Problem, core: Sequence[str]) -> Work[None]:
@@ -202,11 +206,12 @@ def _tried(
     most: int,
     tell: Tell | None = None,
     start: NDArray[np.float64] | None = None,
+    local: Local | None = None,
 ) -> Work[Point]:
     which = problem.vector.of_groups(core).tolist()
-    local = Local(np.zeros((len(problem.measured), 2)))
+    own = Local(np.zeros((len(problem.measured), 2))) if local is None else local
     u = np.zeros(len(problem.vector)) if start is None else start
-    point = problem.point(u, local, Fineness.coarse, doubtful=True)
+    point = problem.point(u, own, Fineness.coarse, doubtful=True)
     if tell is not None:
         yield tell(problem, point, note)
     point, _ = yield from descend(problem, point, which, note, most=most, enough=5e-3, tell=tell)

@@ -82,14 +82,12 @@ class Regional(Measured):
 
     def of(self, keep: NDArray[np.bool_]) -> Regional:
         """Return the patterns that are kept."""
-        names = ("index", "patterns", "noise", "places_px", "valid", "left_out", "region")
-        return replace(self, **{name: getattr(self, name)[keep] for name in names})
+        return replace(self, **self._some(keep), region=self.region[keep])
 
     def of_region(self, k: int) -> Measured:
         """Return the patterns of one region, as of a scan of its own."""
         own = self.region == k
-        names = ("index", "patterns", "noise", "places_px", "valid", "left_out")
-        return Measured(self.plans[k], **{name: getattr(self, name)[own] for name in names})
+        return Measured(self.plans[k], **self._some(own))
 
 
 def regional_of(patterns: Mapping[str, Measured], camera: Camera | None = None) -> Regional:

@@ -25,7 +25,7 @@ from lfcal.psf import PSFMatrix
 from lfcal.work import RunChoice, parts_folder
 from lfcal.work.runs import discard
 
-__all__ = ["CAMERA", "EFFECTS", "MODEL", "NUMBERS", "REPORT", "Written", "fit_outputs", "iter_write_fit"]
+__all__ = ["CAMERA", "EFFECTS", "MODEL", "NUMBERS", "REPORT", "Written", "fit_outputs", "iter_write_fit", "write_found"]
 
 CAMERA, EFFECTS, MODEL, NUMBERS, REPORT = "camera.json", "effects.json", "H.h5", "fit.json", "report"
 
@@ -35,6 +35,24 @@ class Written(NamedTuple):
 
     files: list[Path]
     hybrid: HybridSummary | None
+
+
+def write_found(fit: Fit, folder: Path, name: str, numbers: Mapping[str, Any]) -> list[Path]:
+    """Write camera, effects, and last the numbers with the time, to ``name``; return the files.
+
+    Raises
+    ------
+    StorageError
+        If a file cannot be written.
+    """
+    texts = {
+        CAMERA: measured_camera(fit).to_json(),
+        EFFECTS: effects_text(fit),
+        name: json_text({**numbers, "fitted": datetime.now(UTC).isoformat(timespec="seconds")}),
+    }
+    for own, text in texts.items():
+        write_text(folder / own, text)
+    return [folder / own for own in texts]
 
 
 def fit_outputs(folder: Path) -> list[Path]:
@@ -94,18 +112,8 @@ def iter_write_fit(
         written.append((yield from work_of_h))
     notes = () if summary is None else (str(summary),)
     written.append((yield from iter_fit_report(fit, measured, folder / REPORT, str(known.get("source", "")), notes)))
-    texts = {
-        CAMERA: measured_camera(fit).to_json(),
-        EFFECTS: effects_text(fit),
-        NUMBERS: json_text(
-            fit_dict(fit)
-            | ({} if summary is None else hybrid_note(summary))
-            | {**known, "fitted": datetime.now(UTC).isoformat(timespec="seconds")}
-        ),
-    }
-    for name, text in texts.items():
-        write_text(folder / name, text)
-        written.append(folder / name)
+    numbers = fit_dict(fit) | ({} if summary is None else hybrid_note(summary)) | dict(known)
+    written += write_found(fit, folder, NUMBERS, numbers)
     if run is not None:
         # killed until here, it goes on from the planes that are made
         discard(parts_folder(folder / MODEL))

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,18 +15,20 @@ from lfcal.camera.shadow import half_extent_px
 from lfcal.errors import InputError
 from lfcal.frames.regions import Region, check_region
 from lfcal.frames.source import FrameInfo, Frames
+from lfcal.progress import Clock, Work
 from lfcal.simulate.accuracy.planner import plan_effects
 from lfcal.simulate.effects.base import MotionEffect
 from lfcal.simulate.effects.light import FiniteSource
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.sensor.camera_source import SimulatedCamera
 from lfcal.simulate.sensor.noise import FrameKind
-from lfcal.simulate.sensor.responses import Responses
+from lfcal.simulate.sensor.responses import Responses, Window
 from lfcal.simulate.sensor.windows import place
 from lfcal.simulate.simulate import EffectsLike, budgeted
 from lfcal.targets.images import HoleImages, hole_images
 from lfcal.targets.plan import TargetPlan
 from lfcal.targets.target import Target
+from lfcal.threads import for_each_chunk, one_blas_thread, worker_count
 
 __all__ = ["TargetCamera", "uneven"]
 
@@ -35,6 +37,14 @@ DEPTH_PX = 0.05
 
 REGIONS = 256
 """Of the sensor at most, in each of which the optics are those of its middle."""
+
+
+class _Hole(NamedTuple):
+    """A hole in a frame: its image (row, column), how much farther away than the plane (µm), its relative light."""
+
+    pixel: tuple[float, float]
+    farther_um: float
+    brightness: float
 
 
 class TargetCamera(Frames):
@@ -139,8 +149,7 @@ class TargetCamera(Frames):
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
         """Return frame ``index``, or a part of it, in sample values; every frame is computed whole."""
-        z, _ = self._at(index)
-        frame = self.single.expose(self.light(index), self.plan.scan.exposures[z], FrameKind.LIGHT, index)
+        frame = self.exposed(self.light(index), index)
         return frame if region is None else np.ascontiguousarray(frame[check_region(region, self.shape)])
 
     # -- light -----------------------------------------------------------------------------------------
@@ -156,37 +165,104 @@ class TargetCamera(Frames):
 
     def light_at(self, z: int, offset_px: tuple[float, float]) -> NDArray[np.float32]:
         """Return the photoelectrons of a frame of plane ``z`` at any offset of images (rows, columns) (pixels)."""
-        points = self._moved(z, offset_px)
-        errors = self._depth_errors(z, points.away_um)
         out = np.zeros(self.shape, np.float32)
-        reach = [
-            2 * half_extent_px(self.plan.scan.camera, away) + max(self.plan.scan.cutout) for away in points.away_um
-        ]
         # one depth after the other: what is computed for one serves the next
-        for k in np.argsort(errors, kind="stable").tolist():
-            row, column = points.pixels[k].tolist()
-            beside = max(-row, -column, row - self.shape[0], column - self.shape[1])
-            if self.brightness[k] == 0 or beside >= reach[k]:
-                continue
-            factor = np.float32(self.brightness[k] * self.single.electrons_per_unit(z))
-            for top, left, values in self._region(row, column).windows(z, float(errors[k]), (row, column)):
-                place(out, factor * values, top, left)
+        for hole in sorted(self._seen_holes(z, offset_px), key=lambda hole: hole.farther_um):
+            responses = self._region(self._region_of(hole.pixel))
+            self._add(out, z, hole, responses)
         return out
+
+    def iter_lights(self, frames: Sequence[int] | None = None, workers: int | None = None) -> Work[NDArray[np.float32]]:
+        """Return the photoelectrons of many frames ``(n, rows, columns)``, as `light` has them; yields progress.
+
+        The optics of every region and depth are set up once for all frames, used, and let go: many finely sampled
+        regions would not be held in memory together.
+
+        Parameters
+        ----------
+        frames
+            Their numbers; None: all.
+        workers
+            Threads; None takes every processor.
+        """
+        chosen = list(range(len(self))) if frames is None else list(frames)
+        out = np.zeros((len(chosen), *self.shape), np.float32)
+        groups: dict[tuple[int, int, int, float], list[tuple[int, _Hole]]] = {}
+        for n, index in enumerate(chosen):
+            z, k = self._at(index)
+            for hole in self._seen_holes(z, self.plan.offsets_px[z][k]):
+                key = (z, *self._region_of(hole.pixel), hole.farther_um)
+                groups.setdefault(key, []).append((n, hole))
+        keys, lock = sorted(groups, key=lambda key: (key[0], key[3], key[1:3])), threading.Lock()
+        for z in {key[0] for key in keys}:
+            self._middle.at(z)
+            self.single.electrons_per_unit(z)
+        clock, count = Clock("light of the target's frames", len(keys)), worker_count(workers)
+        yield clock.at(0)
+
+        def some(start: int, stop: int) -> None:
+            for key in keys[start:stop]:
+                responses = self._made(key[1:3])
+                for n, hole in groups[key]:
+                    windows = self._windows(key[0], hole, responses)
+                    with lock:
+                        for top, left, values in windows:
+                            place(out[n], values, top, left)
+
+        with one_blas_thread():
+            for first in range(0, len(keys), 4 * count):
+                last = min(len(keys), first + 4 * count)
+                for_each_chunk(lambda a, b, at=first: some(at + a, at + b), last - first, count)  # type: ignore[misc]
+                yield clock.at(last)
+        return out
+
+    def exposed(self, light_e: NDArray[np.float32], index: int) -> NDArray[Any]:
+        """Return frame ``index`` in sample values, of the photoelectrons that `light` or `iter_lights` has of it."""
+        z, _ = self._at(index)
+        return self.single.expose(light_e, self.plan.scan.exposures[z], FrameKind.LIGHT, index)
+
+    def _seen_holes(self, z: int, offset_px: tuple[float, float]) -> list[_Hole]:
+        """Return the holes whose light reaches the sensor, each in its place."""
+        points, camera = self._moved(z, offset_px), self.plan.scan.camera
+        errors = self._depth_errors(z, points.away_um)
+        found = []
+        for k, (pixel, away) in enumerate(zip(points.pixels.tolist(), points.away_um.tolist(), strict=True)):
+            row, column = pixel
+            beside = max(-row, -column, row - self.shape[0], column - self.shape[1])
+            reach = 2 * half_extent_px(camera, away) + max(self.plan.scan.cutout)
+            if self.brightness[k] > 0 and beside < reach:
+                found.append(_Hole((row, column), float(errors[k]), float(self.brightness[k])))
+        return found
+
+    def _add(self, out: NDArray[np.float32], z: int, hole: _Hole, responses: Responses) -> None:
+        for top, left, values in self._windows(z, hole, responses):
+            place(out, values, top, left)
+
+    def _windows(self, z: int, hole: _Hole, responses: Responses) -> list[Window]:
+        """Return the photoelectrons of a hole, and where on the sensor."""
+        factor = np.float32(hole.brightness * self.single.electrons_per_unit(z))
+        found = responses.windows(z, hole.farther_um, hole.pixel)
+        return [(top, left, factor * values) for top, left, values in found]
 
     def _moved(self, z: int, offset_px: tuple[float, float]) -> HoleImages:
         images = hole_images(self.target, self.plan.scan.camera, self.plan.scan.depths_um[z])
         return replace(images, pixels=images.moved(np.array(offset_px)))
 
-    def _region(self, row: float, column: float) -> Responses:
-        """Return the responses of the region about a pixel."""
-        key = math.floor(row / self._side), math.floor(column / self._side)
-        scan = self.plan.scan
+    def _region_of(self, pixel: tuple[float, float]) -> tuple[int, int]:
+        """Return the region about a pixel (row, column)."""
+        return math.floor(pixel[0] / self._side), math.floor(pixel[1] / self._side)
+
+    def _region(self, key: tuple[int, int]) -> Responses:
+        """Return the responses of a region, kept for the next frame."""
         with self._lock:
             if key not in self._regions:
-                own = replace(scan, anchor=self._anchor(key))
-                level, sampling = self.single.level, self.single.sampling
-                self._regions[key] = Responses(own, self.single.budget, level, sampling, like=self._middle)
+                self._regions[key] = self._made(key)
             return self._regions[key]
+
+    def _made(self, key: tuple[int, int]) -> Responses:
+        """Return the responses of a region."""
+        own = replace(self.plan.scan, anchor=self._anchor(key))
+        return Responses(own, self.single.budget, self.single.level, self.single.sampling, like=self._middle)
 
     def _anchor(self, key: tuple[int, int]) -> tuple[float, float]:
         """Return where the scan's first position is imaged when its cell is in the middle of a region.

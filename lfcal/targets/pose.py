@@ -75,6 +75,13 @@ class Pose:
             found[key] = math.radians(_number(value)) if name in DEGREES else length_um(value)
         return cls(**found)
 
+    @property
+    def words(self) -> str:
+        """The words that `parse` makes the same pose of; what is 0 is left out."""
+        turns = [f"{name}={math.degrees(getattr(self, key)):.10g}" for name, key in DEGREES.items()]
+        places = [f"{name}={getattr(self, key):.10g}" for name, key in LENGTHS.items()]
+        return ",".join(one for one in (*turns, *places) if not one.endswith("=0"))
+
     def points(self, flat_um: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return object points ``(..., 3)`` (right, down, away) of points ``(..., 2)`` (right, down) of the target."""
         middle = np.array([self.right_um, self.down_um, self.away_um])

@@ -131,8 +131,8 @@ def test_options_of_one_region_are_refused(
     (tmp_path / "plan.json").write_text(PLAN.to_json())
     assert run("acquire", tmp_path / "plan.json", "-o", tmp_path / "s", *words, monkeypatch=monkeypatch) == 2
     assert "is of one region" in capsys.readouterr().err and not (tmp_path / "s").exists()
-    for other in ("--source", "--for-fit", "--half-cell"):
-        more = {"--source": ["array"], "--for-fit": ["5"], "--half-cell": []}[other]
+    for other in ("--for-fit", "--half-cell"):
+        more = {"--for-fit": ["5"], "--half-cell": []}[other]
         begin = ("plan", "bench", "--virtual-depths", "4", "--regions", "3x3")
         assert run(*begin, other, *more, monkeypatch=monkeypatch) == 2
         assert "leave it out beside --regions" in capsys.readouterr().err

@@ -55,6 +55,12 @@ def test_a_target_is_recorded_and_what_it_shows_is_told(
     assert len(open_frames(out)) == 8  # packed, and open as before
     assert run("verify", out, monkeypatch=monkeypatch) == 0
     assert "8 of 8 frames are whole" in capsys.readouterr().out
+    assert run("status", out, "--json", monkeypatch=monkeypatch) == 0
+    status = json.loads(capsys.readouterr().out)
+    assert (status["session"], status["done"], status["total"], status["how"]) == ("target", 8, 8, "complete")
+    assert status["shown"]["coverage"] == told["shown"]["coverage"]
+    assert run("status", out, monkeypatch=monkeypatch) == 0
+    assert "8 of 8 frames of a target" in (said := capsys.readouterr().out) and "lfcal fit" in said
 
 
 def test_a_stopped_session_tells_all_it_shows_when_it_went_on(
@@ -80,9 +86,7 @@ def test_its_cost_is_told_before_anything_moves(
     assert not out.exists()
 
 
-@pytest.mark.parametrize(
-    "words", [("--assemble", "H.h5"), ("--until-error", "1%"), ("--order", "coarse"), ("--controls", 2)]
-)
+@pytest.mark.parametrize("words", [("--until-error", "1%"), ("--order", "coarse"), ("--controls", 2)])
 def test_options_of_single_points_are_refused(
     file: Path,
     tmp_path: Path,

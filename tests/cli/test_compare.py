@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lfcal.psf import PSFMatrix, save
+from lfcal.psf import PSFMatrix, save, save_regions
 from tests.cli.conftest import Run
 from tests.psf.test_difference import SHAPE, moved
 
@@ -53,6 +53,21 @@ def test_the_page_shows_them_side_by_side(lfcal: Lfcal, place: Path) -> None:
         assert (place / "out" / name).stat().st_size > 3000
     again = lfcal("compare", "june/H.h5", "may/H.h5", "--report", "out")
     assert again.code == 2 and "--force" in again.err
+
+
+def test_regions_of_files_of_several_are_compared(lfcal: Lfcal, place: Path) -> None:
+    depths = [-2000.0, -1000.0]
+    values = {"centre": moved(), "edge": moved((0.3, -0.2))}
+    parts = {name: PSFMatrix(v.astype(np.float32), depths=depths, region=name) for name, v in values.items()}
+    save_regions(parts, place / "all.h5")
+    same = lfcal("compare", "all.h5", "all.h5", "--region", "edge")
+    assert same.code == 0 and "The same to 1 %" in same.out, same.err
+    other = lfcal("compare", "all.h5", "all.h5", "--region", "edge", "--region", "centre", "--json").json
+    assert isinstance(other, dict) and other["planes"][0]["all"]["shift_px"] == pytest.approx([0.3, -0.2], abs=2e-3)
+    none = lfcal("compare", "all.h5", "may/H.h5", "--region", "rim")
+    assert none.code == 2 and "centre or edge" in none.err
+    many = lfcal("compare", "all.h5", "all.h5", *("--region", "edge") * 3)
+    assert many.code == 2 and "--region" in many.err
 
 
 def test_what_is_left_out_is_said(lfcal: Lfcal, place: Path) -> None:

@@ -111,3 +111,17 @@ def test_a_plan_of_a_target_is_no_scan_plan(lfcal: Lfcal, place: Path) -> None:
     with pytest.raises(FileFormatError, match="scan plan: expected"):
         ScanPlan.from_json((place / "plan.json").read_text())
     assert not (place / "session").exists()
+
+
+def test_regions_are_all_in_the_same_frames(lfcal: Lfcal, place: Path) -> None:
+    del place
+    words = (*PLAN, "array:6x6@1021.3um", "--most-frames", "3", "--regions", "1x3")
+    said = lfcal(*words, "--json").json
+    found = said["regions"]["regions"]
+    assert [one["name"] for one in found] == ["centre", "r1c1", "r1c3"]
+    plan = TargetPlan.from_dict(said["plan"])
+    every = sum(len(plan.points(0, k)) for k in range(3))
+    assert sum(one["points"][0] for one in found) == every and min(one["fewest_points"] for one in found) > 0
+    assert said["regions"]["single_point"]["frames"] == 3 * 252
+    run = lfcal(*words)
+    assert "3 regions, all in the same frames" in run.out and "756 frames" in run.out

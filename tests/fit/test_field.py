@@ -84,6 +84,18 @@ def test_unknowns_over_the_field_are_effects_of_the_simulator() -> None:
     assert names == ["field_coma", "field_astigmatism", "field_spherical"]
 
 
+def test_parts_of_a_tilted_target_are_at_depths_of_their_own() -> None:
+    assert len(Vector(described(), FRAME, ("plane_tilt",))) == 0
+    parts = replace(described(), regions=tuple(RegionPlace(farther_um=d) for d in (0.0, 10.0, 20.0)))
+    vector = Vector(parts, FRAME, ("plane_tilt", "region_places"))
+    setup = vector.setup_at(vector.at({"plane_tilt_x_um": 100.0, "region_1_y_px": 0.5}))
+    far = max(np.hypot(*at) for at in FRAME.fields_um)
+    for k, (x, _) in enumerate(FRAME.fields_um):
+        wanted = 10.0 * k + 100.0 * (x - FRAME.middle_um[0]) / far
+        assert setup.of_region(k).depth_errors_um == pytest.approx((wanted, wanted))
+    assert setup.regions[1].rows_px == pytest.approx(0.5)
+
+
 def test_where_the_array_lies_is_told_from_where_it_was_seen() -> None:
     """A turn of a milliradian and a growth of 2e-4 displace it by pixels over the field."""
     turn, grow, places = 1e-3, 2e-4, np.array(FRAME.fields_um)

@@ -10,6 +10,7 @@ import pytest
 from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
 from lfcal.frames import FrameSource
+from lfcal.progress import drain
 from lfcal.simulate.effects import Backlash, FieldCurvature, FiniteSource, Quantisation, ReadNoise, ShotNoise
 from lfcal.simulate.sensor.camera_source import SimulatedCamera
 from lfcal.targets import Pose, Target, TargetCamera, TargetPlan, uneven
@@ -67,6 +68,20 @@ def test_light_of_holes_adds_up(scan: ScanPlan) -> None:
     assert difference(left.light(0), wanted) < 1e-5
     dark = camera_of(plan, brightness=np.zeros(6))
     assert not dark.light(0).any()
+
+
+def test_light_of_many_frames_at_once_is_that_of_each(scan: ScanPlan) -> None:
+    plan = plan_of(
+        scan, array(scan, hole_um=20.0, pose=Pose(tilt_right_rad=0.05)), (0.0, 0.0), (3.3, -2.0), (40.0, 1.0)
+    )
+    frames = camera_of(plan, brightness=uneven(plan.target, 0.3))
+    found = drain(frames.iter_lights([2, 0], workers=2))
+    assert found.shape == (2, *frames.shape)
+    for own, index in zip(found, (2, 0), strict=True):
+        assert difference(own, frames.light(index)) < 1e-6
+    assert np.array_equal(frames.exposed(frames.light(1), 1), frames.read(1))
+    with pytest.raises(InputError, match="frame index"):
+        drain(frames.iter_lights([3]))
 
 
 def test_holes_of_a_tilted_target_are_at_their_depths(scan: ScanPlan) -> None:

@@ -148,6 +148,8 @@ class AcquireSettings(PageSettings):
         Names of the device backend, and of the one whose stage is used with it (empty: its own).
     device_options
         Pairs of name and text for the backend.
+    target
+        File of the plan of a target that is recorded in the place of the scan; empty: the scan.
     coarse
         Whether a coarse grid comes first.
     extent, error, most
@@ -164,6 +166,7 @@ class AcquireSettings(PageSettings):
     backend: str = "sim"
     stage: str = ""
     device_options: tuple[tuple[str, str], ...] = ()
+    target: str = ""
     coarse: bool = False
     extent: str = "whole"
     error: float = 0.005
@@ -186,6 +189,11 @@ class AcquireSettings(PageSettings):
         self.options()
         self.goal()
         dict(self.device_options)
+
+    def devices(self) -> dict[str, str]:
+        """Return the options of the backend; the target that is recorded stands before the simulator."""
+        options = dict(self.device_options)
+        return {"target": self.target, **options} if self.target and self.backend == "sim" else options
 
     def options(self) -> Options:
         """Return the options of a session; raises `InputError` if they do not go together."""

@@ -31,8 +31,11 @@ def iter_assembly(
         As `lfcal.acquire.finish.iter_assemble_session`.
     """
     from lfcal.acquire.finish import iter_assemble_session
+    from lfcal.acquire.session_file import SessionFile
     from lfcal.psf.assemble_units import iter_assemble_units
 
+    if SessionFile.read(folder).target is not None:
+        return (yield from _iter_points(folder, out, recipe))
     if planes is not None:
         return (yield from iter_assemble_session(folder, out, planes=planes, recipe=recipe))
     frames = () if recipe is None else (str(recipe.dark), str(recipe.white))
@@ -43,3 +46,14 @@ def iter_assembly(
     }
     make = partial(iter_assemble_units, told=told, run=going_on())
     return (yield from iter_assemble_session(folder, out, recipe=recipe, make=make))
+
+
+def _iter_points(folder: Path, out: Path, recipe: CorrectionRecipe | None) -> Work[AssemblyReport]:
+    """Assemble H of the points of a target's session that show positions."""
+    from lfcal.acquire.recording.whole_frames import TargetRecording
+    from lfcal.campaign.point_assembly import iter_assemble_points
+    from lfcal.frames import CorrectionRecipe, corrected_view
+
+    with TargetRecording(folder) as source:
+        view = corrected_view(source, recipe or CorrectionRecipe(), source.plan)
+        return (yield from iter_assemble_points(view, source.target, out)).report

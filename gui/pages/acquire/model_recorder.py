@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from gui.pages.acquire.model_station import Station
 from lfcal.acquire.blocks import coarse_order
 from lfcal.acquire.control import Control
+from lfcal.acquire.frame_plan import scan_of
+from lfcal.acquire.live_coverage import LiveCoverage
 from lfcal.acquire.live_quality import LiveQuality, QualityState
 from lfcal.acquire.options import Options
 from lfcal.acquire.preview import Preview
@@ -28,8 +30,9 @@ from lfcal.units import format_seconds
 if TYPE_CHECKING:
     from lfcal.campaign import AdaptiveStep, Goal
     from lfcal.fit import Fit
+    from lfcal.targets import TargetPlan
 
-__all__ = ["QUANTITIES", "FolderState", "RecordPicture", "Recorder", "folder_state", "record_picture"]
+__all__ = ["QUANTITIES", "FolderState", "RecordPicture", "Recorder", "folder_state", "lamp_words", "record_picture"]
 
 QUANTITIES = (("energy", "energy (counts)"), ("residual", "position residual (px)"), ("saturated", "saturated (px)"))
 """What the map and the curves show."""
@@ -44,7 +47,7 @@ class Recorder:
     Parameters
     ----------
     folder, plan, options
-        The session.
+        The session; the plan is that of a scan or of a target, `plan` the scan in any case.
     resume
         Whether the folder holds it already.
     redo
@@ -56,22 +59,23 @@ class Recorder:
     def __init__(
         self,
         folder: Path,
-        plan: ScanPlan,
+        plan: ScanPlan | TargetPlan,
         options: Options,
         *,
         resume: bool = False,
         redo: Sequence[tuple[int, int, int]] = (),
         goal: Goal | None = None,
     ) -> None:
-        self.folder, self.plan, self.options, self.resume = folder, plan, options, resume
+        self.folder, self.recorded, self.options, self.resume = folder, plan, options, resume
+        self.plan = scan_of(plan)
         self.redo = tuple(Position(*p) for p in redo)
         self.goal, self.ended = goal, ""
         self.steps: list[AdaptiveStep] = []
         self.fit: Fit | None = None
         self.control, self.preview = Control(), Preview()
-        self.quality = LiveQuality(plan, window_shape(plan, options))
-        positions = coarse_order(plan) if options.order == "coarse" else plan.order_indices()
-        self.order = np.ravel_multi_index(tuple(positions.T), plan.shape[:3])
+        self.quality = _watching(plan, options, folder if resume or redo else None)
+        positions = coarse_order(self.plan) if options.order == "coarse" else self.plan.order_indices()
+        self.order = np.ravel_multi_index(tuple(positions.T), self.plan.shape[:3])
         self.started = time.monotonic()
 
     def work(self, station: Station) -> Work[Outcome]:
@@ -83,7 +87,7 @@ class Recorder:
         return station.use(
             iter_record(
                 self.folder,
-                self.plan,
+                self.recorded,
                 station.rig,
                 self.options,
                 resume=self.resume,
@@ -114,10 +118,38 @@ class Recorder:
         return found.outcome
 
     @property
+    def counted(self) -> str:
+        """What is recorded, for people."""
+        return "positions" if isinstance(self.recorded, ScanPlan) else "frames"
+
+    @property
     def rate(self) -> float:
         """Positions per second of this run so far."""
         seconds = time.monotonic() - self.started
         return self.quality.state().done / seconds if seconds > 0 else 0.0
+
+
+def _watching(plan: ScanPlan | TargetPlan, options: Options, folder: Path | None) -> LiveQuality | LiveCoverage:
+    """Return what watches a session; of one that goes on in ``folder``, a target's earlier frames are known."""
+    if isinstance(plan, ScanPlan):
+        return LiveQuality(plan, window_shape(plan, options))
+    watching = LiveCoverage(plan)
+    if folder is not None:
+        for z, k in target_frames(folder):
+            watching.know(z, k)
+    return watching
+
+
+def target_frames(folder: Path) -> tuple[tuple[int, int], ...]:
+    """Return plane and offset's number of the frames that a target's session has; none where none was taken."""
+    from lfcal.acquire.recording.whole_frames import TargetRecording
+    from lfcal.errors import LfcalError
+
+    try:
+        with TargetRecording(folder, skip_damaged=True) as source:
+            return source.frames
+    except LfcalError:
+        return ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,6 +168,8 @@ class FolderState:
         Of the session.
     chosen
         ``(nz, ny, nx)`` the positions that were chosen to be recorded; None: all of the plan.
+    target
+        The plan of a target whose frames are recorded: then ``there`` counts these, ``(frames,)``.
     """
 
     there: NDArray[np.bool_] | None = None
@@ -144,6 +178,7 @@ class FolderState:
     plan: ScanPlan | None = None
     options: Options | None = None
     chosen: NDArray[np.bool_] | None = None
+    target: TargetPlan | None = None
 
     @property
     def complete(self) -> bool:
@@ -154,7 +189,7 @@ class FolderState:
 
     def planes(self) -> tuple[int, ...]:
         """Return the planes of which every position is recorded."""
-        if self.there is None:
+        if self.there is None or self.target is not None:
             return ()
         return tuple(np.flatnonzero(self.there.reshape(len(self.there), -1).all(axis=1)).tolist())
 
@@ -165,6 +200,10 @@ class FolderState:
         if self.there is None:
             return "a new session"
         done, total = int(self.there.sum()), self.there.size
+        if self.target is not None:
+            return f"{done} of {total} frames of a target safe on disk" + (
+                f"; the last run: {self.how}" if self.how else ""
+            )
         if self.chosen is not None:
             of = f"{done} of {int(self.chosen.sum())} chosen positions safe on disk, of {total} of the plan"
             return of + (f"; the last run: {self.how}" if self.how else "")
@@ -183,9 +222,7 @@ def folder_state(folder: str) -> FolderState:
         return FolderState()
     try:
         session = SessionFile.read(Path(folder))
-        if session.target is not None:
-            return FolderState(problem=ELSEWHERE.format("a target of many points"))
-        shape = session.plan.shape[:3]
+        shape = session.grid
         there = np.zeros(math.prod(shape), np.bool_)
         for name in session.recordings:
             with RecordingFile(Path(folder) / name) as file:
@@ -194,6 +231,10 @@ def folder_state(folder: str) -> FolderState:
     except (LfcalError, OSError) as error:
         return FolderState(problem=str(error))
     how = session.runs[-1].how if session.runs else ""
+    if session.target is not None:
+        target: TargetPlan = session.target  # type: ignore[assignment]  # a session's frame plan is a target's
+        frames = np.array([z * shape[2] + k for z, k in target.frames], np.intp)
+        return FolderState(there[frames], how, "", session.plan, session.options, None, target)
     chosen = np.zeros(shape, np.bool_)
     if session.redo[0]:
         chosen[tuple(np.array([at for part in session.redo for at in part]).T)] = True
@@ -219,6 +260,10 @@ class RecordPicture:
         Words on the lamp's drift, or empty.
     complete
         Whether the plane is complete.
+    done, total
+        Positions that are safe, or frames of a target; and all of them.
+    covered
+        Whether the map tells how many frames of a target show each position, and not what was recorded there.
     """
 
     values: NDArray[np.float64]
@@ -230,6 +275,7 @@ class RecordPicture:
     complete: bool
     done: int
     total: int
+    covered: bool = False
 
 
 def record_picture(
@@ -267,14 +313,15 @@ def record_picture(
         quality.depth_sums[z],
         curves,
         alarms,
-        _lamp(quality.lamp),
+        lamp_words(quality.lamp),
         bool(there[z].all()),
         int(there.sum()),
         there.size,
     )
 
 
-def _lamp(lamp: NDArray[np.float64]) -> str:
+def lamp_words(lamp: NDArray[np.float64]) -> str:
+    """Return in words how the lamp drifted, by its reference frames ``(n, 2)``; empty where nothing tells."""
     if len(lamp) < 2 or lamp[0, 1] <= 0:
         return ""
     change = 100 * (lamp[:, 1] / lamp[0, 1] - 1)

@@ -178,9 +178,10 @@ def with_defaults(backend: str, options: Mapping[str, str], pixels: int = 0) -> 
     """Return the options of a backend with those that the window takes where none is given.
 
     The simulator shows a plenoptic image with what the camera needs to look like one; its own default is a quick
-    pattern, which knows no lenslets. Sensors of more than `MANY` ``pixels`` have ideal optics.
+    pattern, which knows no lenslets. Sensors of more than `MANY` ``pixels`` have ideal optics. Of a target that pattern
+    is at every hole: the light of all of them would take seconds a frame.
     """
-    if backend != "sim" or "optics" in options:
+    if backend != "sim" or "optics" in options or "target" in options:
         return dict(options)
     optics = {"optics": "auto"} if pixels > MANY else {"optics": "auto", "effects": "auto"}
     return {**optics, **options}

@@ -34,6 +34,7 @@ from gui.theme import current_theme
 from gui.widgets.cards import card, choice_box, column_area, line
 from gui.widgets.form import Form
 from gui.widgets.naming import name_controls
+from gui.widgets.words import ElidedLabel
 from lfcal.acquire.preview import LiveFrame
 
 __all__ = ["BUTTONS", "RecordPanel"]
@@ -63,6 +64,9 @@ BUTTONS = (
 """Key, title and meaning of each button."""
 
 
+SINGLE = "Source: a single point"
+
+
 class RecordPanel(QWidget):
     """The tab of the session.
 
@@ -78,6 +82,8 @@ class RecordPanel(QWidget):
         Open the H of a complete plane.
     extent_asked(key)
         One of `EXTENTS` is wanted.
+    target_asked()
+        Another source is wanted: a target of many points, or a single point again.
     told()
         Status, detail or alarms are others.
     """
@@ -88,6 +94,7 @@ class RecordPanel(QWidget):
     view_changed = Signal()
     plane_asked = Signal(int)
     extent_asked = Signal(str)
+    target_asked = Signal()
     told = Signal()
 
     def __init__(self, jobs: Jobs, parent: QWidget | None = None) -> None:
@@ -147,6 +154,10 @@ class RecordPanel(QWidget):
         self.folder_words.setProperty("role", "hint")
         self.folder_words.setWordWrap(True)
         column.addWidget(self.folder_words)
+        self.source, self.choose_target = ElidedLabel(SINGLE), QPushButton("Target …")
+        self.choose_target.clicked.connect(lambda: self.target_asked.emit())
+        column.addLayout(line(self.source, self.choose_target, stretch=0))
+        self.show_target("")
         self.extent = choice_box(
             EXTENTS,
             "Every position of the plan; or a few, then a fit of them, then the positions that help it most, and so on "
@@ -219,6 +230,16 @@ class RecordPanel(QWidget):
         return frame
 
     # -- showing ---------------------------------------------------------------------------------------
+    def show_target(self, name: str) -> None:
+        """Say which target's plan is recorded; an empty name: the scan of a single point."""
+        self.source.setText(f"Target: {name}" if name else SINGLE)
+        self.choose_target.setText("Single point" if name else "Target …")
+        self.choose_target.setToolTip(
+            "Record the scan of a single point again"
+            if name
+            else "Record frames of many points: choose a target's plan (.json), as page Plan saves it"
+        )
+
     def set_values(self, values: Mapping[str, Any], extent: str) -> None:
         """Show what the user chose; what ends a recording by the error of H only where it does."""
         blocker = QSignalBlocker(self.extent)
@@ -278,9 +299,11 @@ class RecordPanel(QWidget):
         """Return the error of H that was shown last."""
         return self._last_curve
 
-    def show_frame(self, frame: LiveFrame, point: tuple[float, float] | None) -> None:
-        """Show the frame just recorded, with its cutout."""
-        self.pictures.show_frame(frame, point)
+    def show_frame(
+        self, frame: LiveFrame, point: tuple[float, float] | None, target: NDArray[np.float64] | None = None
+    ) -> None:
+        """Show the frame just recorded, with its cutout, or the places of a target's images."""
+        self.pictures.show_frame(frame, point, target)
 
     def clear_frame(self) -> None:
         """Show no frame."""

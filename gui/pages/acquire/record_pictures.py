@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
+import pyqtgraph as pg
 from numpy.typing import NDArray
 from PySide6.QtWidgets import QGridLayout, QLabel, QStackedWidget, QWidget
 
@@ -17,13 +18,15 @@ from gui.widgets.frame_view import FrameView
 from gui.widgets.image_view import ImageView
 from gui.widgets.naming import name_controls
 from gui.widgets.period_map import PeriodMap
-from gui.widgets.plots import LINES, LinePlot, style_axes
+from gui.widgets.plots import LINES, LinePlot, line_px, style_axes
 from gui.widgets.words import ElidedLabel
 from lfcal.acquire.preview import LiveFrame
 
 __all__ = ["RecordPictures"]
 
-MAP, SUM = "Period map", "Depth-plane sum"
+MAP, SUM, COVERED = "Period map", "Depth-plane sum", "Phases covered"
+NOTHING = "Nothing recorded in this plane yet."
+NO_SUM = "A target's frames show many positions at once: no sum grows before they are assembled."
 
 CURVES = {"energy": "Energy (counts)", "residual": "Residual (px)", "saturated": "Saturated (px)"}
 LOW = 56
@@ -45,8 +48,10 @@ class RecordPictures(QWidget):
         self.map.cross.hide()
         self.frame = FrameView(jobs, "acquire record frame")
         style_axes(self.frame.plot, "column (px)", "row (px)")
+        self.holes = pg.ScatterPlotItem(size=11, symbol="o", pen=pg.mkPen("#ff5a5f", width=line_px(1)), brush=None)
+        self.frame.plot.addItem(self.holes)
         self.depth_sum = ImageView(value_label="10³ counts")
-        self.depth_sum.blank.words = "Nothing recorded in this plane yet."
+        self.depth_sum.blank.words = NOTHING
         self.frame.setToolTip("The frame just recorded, in pixels of the region that is read")
         self.frame.blank.words = "The frame just recorded is shown here."
         self.depth_sum.setToolTip("Sum of the plane's cutouts so far: it becomes the shape of the aperture")
@@ -101,6 +106,9 @@ class RecordPictures(QWidget):
         """Show map, sum and curves."""
         self._picture = picture
         self._show_map()
+        if self._light is None:
+            self.map_title.setText(COVERED if picture.covered else MAP)
+        self.depth_sum.blank.words = NO_SUM if picture.covered else NOTHING
         seen = picture.depth_sum / 1e3 if picture.depth_sum.any() else None
         self.depth_sum.set_image(seen, name="depth_sum")
         for k, (key, (x, y)) in enumerate(picture.curves.items()):
@@ -114,6 +122,9 @@ class RecordPictures(QWidget):
             self.map.set_values(self._light)
         elif self._picture is not None:
             values, recorded = self._picture.values, self._picture.recorded
+            if self._picture.covered:
+                self.map.set_values(values, recorded)
+                return
             if not np.isfinite(values).any():
                 values = np.where(recorded, 1.0, np.nan)
             self.map.set_values(values)
@@ -131,13 +142,20 @@ class RecordPictures(QWidget):
         if curve is not None and curve != self.error.curve:
             self.error.show_curve(curve)
 
-    def show_frame(self, frame: LiveFrame, point: tuple[float, float] | None) -> None:
-        """Show the frame just recorded, with its cutout."""
+    def show_frame(
+        self, frame: LiveFrame, point: tuple[float, float] | None, target: NDArray[np.float64] | None = None
+    ) -> None:
+        """Show the frame just recorded, with its cutout, or the places ``(n, 2)`` of a target's images as planned."""
         data = frame.data
         self.frame.set_frame(data, (float(data.min()), float(max(data.max(), data.min() + 1))))
         where = frame.position
         place = "" if where is None else f", z {where.z}, y {where.y}, x {where.x}"
         self.frame_title.setText(f"Frame: {frame.what}{place}")
+        self.holes.setData([], []) if target is None else self.holes.setData(target[:, 1], target[:, 0])
+        if target is not None:
+            self.frame_title.setText(f"Frame {0 if where is None else where.x + 1}: {len(target)} points as planned")
+            self.frame.clear_cutout()
+            return
         if frame.cutout is not None:
             row, column = frame.cutout.row - frame.roi.row, frame.cutout.column - frame.roi.column
             image = (0.0, 0.0) if point is None else (point[0] - frame.roi.row, point[1] - frame.roi.column)
@@ -149,6 +167,7 @@ class RecordPictures(QWidget):
         """Show no frame."""
         self.frame.set_frame(None, (0, 1))
         self.frame.clear_cutout()
+        self.holes.setData([], [])
         self.frame_title.setText("Current frame")
 
     def apply_theme(self) -> None:

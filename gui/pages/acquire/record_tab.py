@@ -16,12 +16,15 @@ from gui.models.project import Hold, ProjectState
 from gui.models.words import plane_words
 from gui.pages.acquire.after import Afterwards
 from gui.pages.acquire.model import AcquireSettings
-from gui.pages.acquire.model_recorder import FolderState, Recorder, RecordPicture, folder_state, record_picture
+from gui.pages.acquire.model_recorder import FolderState, Recorder, RecordPicture, folder_state
+from gui.pages.acquire.model_target import picture_of, points_px
 from gui.pages.acquire.model_until import check_goal, error_curve
 from gui.pages.acquire.record_panel import RecordPanel
 from gui.pages.acquire.setup_tab import SetupTab
 from gui.pages.acquire.status import asked_words, end_words, progress_words
 from gui.pages.acquire.step import step
+from gui.pages.acquire.target_choice import TargetChoice
+from lfcal.camera import ScanPlan
 from lfcal.errors import LfcalError, StorageError
 from lfcal.units import format_length
 
@@ -51,6 +54,7 @@ class RecordTab(QObject):
         self.recorder: Recorder | None = None
         self.folder = FolderState()
         self.after = Afterwards(context, panel, lambda: self.recording)
+        self.target = TargetChoice(context, self._target_read)
         self._job, self._lamp = 0, ""
         self._under_way: Job | None = None
         """The recording as it was told last."""
@@ -63,6 +67,7 @@ class RecordTab(QObject):
         panel.extent_asked.connect(lambda key: self._field_edited("extent", key))
         panel.folder_edited.connect(self.set_folder)
         panel.folder_asked.connect(self._choose_folder)
+        panel.target_asked.connect(self._target_asked)
         panel.view_changed.connect(self._refresh_picture)
         panel.plane_asked.connect(self.after.open_plane)
         panel.pressed.connect(self._pressed)
@@ -85,6 +90,8 @@ class RecordTab(QObject):
         if state.plan is None:
             return
         settings = AcquireSettings.of(state)
+        self.target.follow(settings.target)
+        self.panel.show_target(Path(settings.target).name)
         self.panel.set_values(settings.values(state.plan), settings.extent)
         self.panel.set_planes(len(state.plan.depths_um))
         self.show_controls()
@@ -117,6 +124,22 @@ class RecordTab(QObject):
         if state.plan is not None:
             settings, plan = AcquireSettings.of(state).changed(state.plan, key, value)
             self.context.project.merge(f"change of {key.replace('_', ' ')}", plan=plan, settings=settings.into(state))
+
+    # -- target ----------------------------------------------------------------------------------------
+    def _target_asked(self) -> None:
+        """Choose a target's plan, or go back to the single point."""
+        if AcquireSettings.of(self.context.state).target:
+            self.target.clear()
+        elif path := QFileDialog.getOpenFileName(self.panel, "Plan of a target", "", "Plans (*.json)")[0]:
+            self.target.take(path)
+
+    def _target_read(self, words: str) -> None:
+        """Show what the target covers, or why its plan cannot be read."""
+        if words:
+            self._refuse(words)
+        self.show_controls()
+        if self.recorder is None:
+            self._refresh_picture()
 
     # -- session folder --------------------------------------------------------------------------------
     def _choose_folder(self, then: Callable[[], None] | None = None) -> None:
@@ -159,7 +182,7 @@ class RecordTab(QObject):
     def show_controls(self) -> None:
         """Enable what can be pressed now, and say what comes next."""
         buttons, state, recording = self.panel.buttons, self.context.state, self.recording
-        there, complete = self.folder.there is not None, self.folder.complete
+        there, complete, many = self.folder.there is not None, self.folder.complete, self.folder.target is not None
         # a session of chosen positions goes on to a smaller error
         more = not complete or (self.folder.chosen is not None and AcquireSettings.of(state).extent == "error")
         free = self.setup.free and not recording
@@ -174,8 +197,16 @@ class RecordTab(QObject):
         buttons["redo"].setEnabled(free and bool(count) and complete)
         for key in ("assemble", "fit"):
             buttons[key].setEnabled(there and not recording)
+        if many:
+            buttons["fit"].setEnabled(False)
         buttons["pack"].setEnabled(complete and not recording)
-        for widget in (self.panel.form, self.panel.until, self.panel.extent, self.panel.folder):
+        for widget in (
+            self.panel.choose_target,
+            self.panel.form,
+            self.panel.until,
+            self.panel.extent,
+            self.panel.folder,
+        ):
             widget.setEnabled(not recording)
         self._show_error()
         self.panel.why.setText(self._advice())
@@ -184,6 +215,8 @@ class RecordTab(QObject):
     def _advice(self) -> str:
         if self.recording:
             return "Recording continues while you use other pages."
+        if self.folder.complete and self.folder.target is not None:
+            return "Complete. Assemble H of the points that meet phases; lfcal fit takes all of them where they are."
         if self.folder.complete and self.folder.chosen is not None:
             return "Fit takes what was recorded to the page Fit; with a smaller error the session goes on."
         if self.folder.complete:
@@ -236,12 +269,13 @@ class RecordTab(QObject):
             if now.problem:  # what is damaged is not recorded over
                 raise StorageError(now.problem)
             options = now.options or AcquireSettings.of(state).options()
+            plan = self.target.to_record(state.plan, now)
             resume = now.there is not None and not redo
             goal = None if redo else AcquireSettings.of(state).goal()
             if goal is not None:
                 check_goal(state.plan, options, now)
             again = state.redo if redo else ()
-            recorder = Recorder(folder, state.plan, options, resume=resume, redo=again, goal=goal)
+            recorder = Recorder(folder, plan, options, resume=resume, redo=again, goal=goal)
         except LfcalError as error:
             self._refuse(str(error))
             return
@@ -294,13 +328,17 @@ class RecordTab(QObject):
             return
         frame = self.recorder.preview.latest()
         if frame is not None:
-            point = None
-            if frame.position is not None:
+            point, holes = None, None
+            if frame.position is not None and not isinstance(self.recorder.recorded, ScanPlan):
+                holes = points_px(self.recorder.recorded, frame.position)
+                if self.panel.follow.isChecked():
+                    self.panel.set_plane(frame.position.z)
+            elif frame.position is not None:
                 row, column = self.recorder.plan.image_px(frame.position).tolist()
                 point = (row, column)
                 if self.panel.follow.isChecked():
                     self.panel.set_plane(frame.position.z)
-            self.panel.show_frame(frame, point)
+            self.panel.show_frame(frame, point, holes)
             self.context.frame_seen.emit(frame.data, (frame.roi.row, frame.roi.column))
         self._show_error()
         self._refresh_picture()
@@ -312,11 +350,16 @@ class RecordTab(QObject):
         recorder, earlier = self.recorder, self.folder.there
         z, quantity = self.panel.plane.value(), self.panel.quantity.currentData()
         if recorder is None:
-            recorder = Recorder(Path(), plan, AcquireSettings.of(self.context.state).options())
+            recorder = Recorder(
+                Path(self.context.state.recording),
+                self.target.shown(plan, self.folder),
+                AcquireSettings.of(self.context.state).options(),
+                resume=self.folder.target is not None,
+            )
         depths, made = recorder.plan.depths_um, recorder
         self.context.jobs.compute(
             "acquire quality",
-            lambda: record_picture(made.quality.state(), made.order, z, quantity, earlier),
+            lambda: picture_of(made.quality.state(), made.order, z, quantity, earlier),
             lambda picture: self._show_picture(picture, z, depths),
         )
 
@@ -362,9 +405,9 @@ class RecordTab(QObject):
         return recorder.fit if own and recorder is not None else None
 
     def _recorded(self, outcome: Any) -> None:
-        words = f"{outcome.how}: {outcome.acknowledged} of {outcome.total} positions are safe"
-        self.context.message.emit(words)
         recorder = self.recorder
+        counted = "positions" if recorder is None else recorder.counted
+        self.context.message.emit(f"{outcome.how}: {outcome.acknowledged} of {outcome.total} {counted} are safe")
         own = recorder is not None and recorder.folder == Path(self.context.state.recording)
         if outcome.how == "complete" and recorder is not None and recorder.redo and own:
             self.context.project.update("positions recorded again", redo=())
@@ -384,7 +427,8 @@ class RecordTab(QObject):
             return
         self._poll()
         self._look_into_folder()
-        words, fraction = end_words(job, "" if self.recorder is None else self.recorder.ended)
+        ended = ("",) if self.recorder is None else (self.recorder.ended, self.recorder.counted)
+        words, fraction = end_words(job, *ended)
         curve = self.panel.error_curve()
         known = curve.words if self.recorder is not None and self.recorder.steps and curve is not None else ""
         # beside the status, which stays: the advice is written again once the folder was looked into

@@ -123,7 +123,7 @@ class SetupTab(QObject):
         plan, chosen = self.context.state.plan, AcquireSettings.of(self.context.state)
         if plan is None or self.station is None or not self.free:
             return
-        choice = chosen.backend, dict(chosen.device_options), chosen.stage
+        choice = chosen.backend, chosen.devices(), chosen.stage
         if why := self.station.outdated(plan, *choice):
             self.disconnect_devices()
             self.panel.show_nothing()
@@ -178,7 +178,7 @@ class SetupTab(QObject):
         self.panel.devices.set_connected("connecting …", connected=False, busy=True)
         self.context.jobs.compute(
             "acquire connect",
-            lambda: open_station(plan, chosen.backend, dict(chosen.device_options), chosen.stage),
+            lambda: open_station(plan, chosen.backend, chosen.devices(), chosen.stage),
             self._connected,
             self._not_connected,
         )

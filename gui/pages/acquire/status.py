@@ -20,7 +20,7 @@ def progress_words(recorder: Recorder, record: Progress, lamp: str) -> tuple[str
     rate = recorder.rate
     left = (record.total - record.done) / rate if rate > 0 else None
     pace = f"{rate:.0f} per second, about {format_seconds(left)} to go" if left else ""
-    words = f"{record.done} of {record.total} positions"
+    words = f"{record.done} of {record.total} {recorder.counted}"
     return words, _joined(record.note or pace, lamp), record.fraction
 
 
@@ -35,11 +35,11 @@ def asked_words(control: Control, *, stopping: bool) -> str:
     return "Going on …" if control.held == "paused" and not control.pausing else ""
 
 
-def end_words(job: Job, ended: str) -> tuple[str, float]:
+def end_words(job: Job, ended: str, counted: str = "positions") -> tuple[str, float]:
     """Return how a recording ended and the fraction that is done; ``ended``: why it needed no more, if it did."""
     if job.state is JobState.DONE:
         found = job.result
-        words = f"{found.how.capitalize()}: {found.acknowledged} of {found.total} positions."
+        words = f"{found.how.capitalize()}: {found.acknowledged} of {found.total} {counted}."
         if ended:
             words = f"{ended[0].upper()}{ended[1:]}."
         return words, found.acknowledged / max(1, found.total)

@@ -24,8 +24,9 @@ def step(
     """Return how the session is recorded, gone on with, or of which positions once more."""
     plan, chosen = needed_plan(project), AcquireSettings.of(project)
     options, goal = chosen.options(), chosen.goal()
-    devices = with_defaults(chosen.backend, dict(chosen.device_options), math.prod(plan.camera.sensor.shape))
-    folder = out or project.recording or "session"
+    devices = with_defaults(chosen.backend, chosen.devices(), math.prod(plan.camera.sensor.shape))
+    folder, plan_file = out or project.recording or "session", chosen.target or PLAN_FILE
+    single = not chosen.target
     pairs = (
         ("--out", folder),
         ("--resume", resume),
@@ -35,13 +36,13 @@ def step(
         *(("--option", f"{name}={value}") for name, value in devices.items()),
         ("--until-error", "" if goal is None else f"{100 * chosen.error:g}%"),
         ("--most", None if goal is None else chosen.most),
-        ("--order", options.order),
+        ("--order", options.order if single else None),
         ("--bracket", ",".join(f"{v:g}" for v in options.bracket)),
-        ("--margin", options.margin_px),
+        ("--margin", options.margin_px if single else None),
         ("--darks", options.darks),
         ("--dark-every", options.dark_every),
         ("--reference-every", options.reference_every),
-        ("--controls", options.controls),
+        ("--controls", options.controls if single else None),
         ("--retries", options.retries),
         ("--on-suspect", options.on_suspect),
         *(("--suspend", text) for text in options.suspend),
@@ -50,8 +51,9 @@ def step(
         ("--overshoot", ",".join(f"{v!r}" for v in options.overshoot_um)),
     )
     python = _script(chosen, devices, folder, resume=resume, redo=redo)
-    files = ((PLAN_FILE, plan.to_json()), *(((REDO_FILE, RedoList.of(redo).to_json()),) if redo else ()))
-    return Step(("acquire", PLAN_FILE, *options_of(pairs)), python, files)
+    own = ((PLAN_FILE, plan.to_json()),) if single else ()
+    files = (*own, *(((REDO_FILE, RedoList.of(redo).to_json()),) if redo else ()))
+    return Step(("acquire", plan_file, *options_of(pairs)), python, files)
 
 
 def assembled(folder: str, out: str, planes: Sequence[int] | None, recipe: CorrectionRecipe) -> Step:
@@ -91,6 +93,15 @@ options = Options.from_dict({chosen.options().to_dict()!r})
 with open_rig(plan, {chosen.backend!r}, {devices!r}, stage={chosen.stage!r}) as rig:
     print(drain(iter_record(Path({folder!r}), plan, rig, options{more})))
 """
+    if chosen.target:
+        python = python.replace("from lfcal.camera import ScanPlan\n", "").replace(
+            "from lfcal.progress import drain\n",
+            "from lfcal.progress import drain\nfrom lfcal.targets import TargetPlan\n",
+        )
+        python = python.replace(
+            f"ScanPlan.from_json(Path({PLAN_FILE!r})", f"TargetPlan.from_json(Path({chosen.target!r})"
+        )
+        return python.replace("open_rig(plan,", "open_rig(plan.scan,")
     if chosen.goal() is not None:
         python = python.replace("from lfcal.acquire.session import iter_record", "from lfcal.campaign import Goal")
         python = python.replace("import Goal", "import Goal, iter_adaptive").replace("iter_record(", "iter_adaptive(")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -13,11 +14,12 @@ from gui.models.form import Field
 from gui.models.settings import PageSettings
 from lfcal.camera import ScanPlan
 from lfcal.checks import check_number
-from lfcal.progress import Clock, Work
+from lfcal.files import read_text
+from lfcal.progress import Clock, Work, drain
 from lfcal.units import format_length, format_seconds, format_share
 
 if TYPE_CHECKING:
-    from lfcal.targets import Target, TargetPlan, Wishes
+    from lfcal.targets import ErrorForecast, Pose, Target, TargetPlan, Wishes
 
 __all__ = [
     "TABLE",
@@ -25,8 +27,10 @@ __all__ = [
     "PlaneDrawing",
     "PlannedTarget",
     "TargetSettings",
+    "iter_drawn",
     "iter_target",
     "point_lines",
+    "read_plan",
     "table_rows",
 ]
 
@@ -56,6 +60,23 @@ TARGET_FIELDS = (
         optional=True,
         empty="no limit",
     ),
+    Field(
+        "pose",
+        "Pose",
+        "",
+        "How the target lies: rotation=1,tilt_right=2,tilt_down=0 (degrees), right=0.3mm,down=0,away=0. Measured "
+        "from one frame it tells where the holes really are",
+        kind="text",
+        empty="straight, in the middle",
+    ),
+    Field(
+        "regions",
+        "Regions of the field",
+        "",
+        "How many regions H is wanted of, rows x columns: 3x3. All of them are in the same frames",
+        kind="text",
+        empty="one",
+    ),
 )
 
 TABLE = ("plane", "frames", "at least", "points a frame", "phases covered", "crosstalk")
@@ -70,6 +91,8 @@ class TargetSettings(PageSettings):
     tolerance_px: float = 0.1
     crosstalk: float = 0.005
     most_frames: int | None = None
+    pose: str = ""
+    regions: str = ""
 
     @property
     def many(self) -> bool:
@@ -82,6 +105,8 @@ class TargetSettings(PageSettings):
             check_number("frames a plane, at most", self.most_frames, at_least=1, integer=True)
         if self != type(self)():
             self.wishes()
+        self.lies()
+        self.field()
         if self.many and self.proposed_hole() is None:
             from lfcal.targets import parse_target
 
@@ -89,7 +114,7 @@ class TargetSettings(PageSettings):
 
     def changed(self, key: str, value: Any) -> Self:
         """Return the settings with one changed; raise `InputError` where it cannot be."""
-        made = replace(self, **{key: value.strip() if key == "source" else value})
+        made = replace(self, **{key: value.strip() if isinstance(value, str) else value})
         made.usable()
         return made
 
@@ -98,6 +123,25 @@ class TargetSettings(PageSettings):
         from lfcal.targets import Wishes  # here and below: a page is shown before simulators are loaded
 
         return Wishes(self.tolerance_px, self.crosstalk, self.most_frames)
+
+    def lies(self) -> Pose:
+        """Return how the target lies."""
+        from lfcal.targets import Pose
+
+        return Pose.parse(self.pose)
+
+    def field(self) -> tuple[int, int] | None:
+        """Return the regions of the field (rows, columns); None: one."""
+        from lfcal.camera.regions import parse_regions
+
+        return parse_regions(self.regions) if self.regions else None
+
+    @classmethod
+    def of_plan(cls, plan: TargetPlan) -> TargetSettings:
+        """Return what was asked for where ``plan`` was made, as far as it tells."""
+        from lfcal.targets import target_words
+
+        return cls(target_words(plan.target), plan.tolerance_px, max(plan.crosstalk), None, plan.target.pose.words)
 
     def proposed_hole(self) -> float | None:
         """Return the holes' diameter (µm) where the pitch is to be proposed, else None."""
@@ -140,10 +184,22 @@ class PlaneDrawing:
 
 @dataclass(frozen=True, eq=False)
 class PlannedTarget:
-    """A plan of a target and what is shown of it; ``planes`` has a drawing for each."""
+    """A plan of a target and what is shown of it.
+
+    Attributes
+    ----------
+    plan, planes
+        The plan, and a drawing for each of its planes.
+    errors
+        Of each plane, what noise is expected to leave of a pattern.
+    regions
+        How many regions of the field the same frames serve, and the fewest points that one of them has in a plane.
+    """
 
     plan: TargetPlan
     planes: tuple[PlaneDrawing, ...]
+    errors: tuple[ErrorForecast, ...] = ()
+    regions: tuple[int, int] = (1, 0)
 
     def summary(self) -> list[tuple[str, str, str]]:
         """Return rows (what, by this target, by a single point)."""
@@ -154,7 +210,29 @@ class PlannedTarget:
             ("  exposing", format_seconds(ours.exposure_hours * 3600), format_seconds(single.exposure_hours * 3600)),
             ("  settling", format_seconds(ours.settle_hours * 3600), format_seconds(single.settle_hours * 3600)),
             ("  moving", format_seconds(ours.move_hours * 3600), format_seconds(single.move_hours * 3600)),
+            *self._expected(),
+            *self._regions(single.frames),
         ]
+
+    def _expected(self) -> Iterator[tuple[str, str, str]]:
+        """Yield what noise leaves of a pattern, and the phases shown, by half and by all frames of the middle plane."""
+        if not self.errors:
+            return
+        found = self.errors[len(self.errors) // 2]
+        count = len(found.error)
+        if not count:
+            return
+        half = max(1, count // 2) - 1
+        yield "Noise, all frames", format_share(found.error[-1]), format_share(found.single)
+        yield "  half of them", format_share(found.error[half]), ""
+        yield "Phases, all frames", format_share(found.shown[-1]), "100 %"
+        yield "  half of them", format_share(found.shown[half]), ""
+
+    def _regions(self, single: int) -> Iterator[tuple[str, str, str]]:
+        count, fewest = self.regions
+        if count > 1:
+            yield f"For {count} regions", "same frames", f"{count * single}"
+            yield "  points in each", f"{fewest} …", ""
 
 
 def iter_target(scan: ScanPlan, settings: TargetSettings) -> Work[PlannedTarget]:
@@ -163,13 +241,44 @@ def iter_target(scan: ScanPlan, settings: TargetSettings) -> Work[PlannedTarget]
 
     clock = Clock("choose the target", 1)
     yield clock.at(0, settings.source)
-    plan = yield from iter_plan_target(scan, _target(scan, settings), settings.wishes())
-    planes = []
-    clock = Clock("look at what is covered", len(scan.depths_um))
-    for z in range(len(scan.depths_um)):
+    target = replace(_target(scan, settings), pose=settings.lies())
+    plan = yield from iter_plan_target(scan, target, settings.wishes())
+    return (yield from iter_drawn(plan, settings.field()))
+
+
+def iter_drawn(plan: TargetPlan, regions: tuple[int, int] | None = None) -> Work[PlannedTarget]:
+    """Return what is shown of a plan; ``regions`` are those of the field (rows, columns)."""
+    from lfcal.targets import error_forecast
+
+    planes, errors, count = [], [], len(plan.scan.depths_um)
+    clock = Clock("look at what is covered", count)
+    for z in range(count):
         yield clock.at(z)
         planes.append(_drawing(plan, z))
-    return PlannedTarget(plan, tuple(planes))
+        errors.append(error_forecast(plan, z))
+    return PlannedTarget(plan, tuple(planes), tuple(errors), _served(plan, regions))
+
+
+def _served(plan: TargetPlan, regions: tuple[int, int] | None) -> tuple[int, int]:
+    """Return how many regions the frames serve, and the fewest points of one in a plane."""
+    if regions is None:
+        return 1, 0
+    from lfcal.camera import RegionPlan
+    from lfcal.targets.region_points import region_points
+
+    field = RegionPlan.spread(plan.scan, regions)
+    fewest = min(int(region_points(plan, field, z).sum(0).min()) for z in range(len(plan.scan.depths_um)))
+    return len(field), fewest
+
+
+def read_plan(path: str) -> ScanPlan | PlannedTarget:
+    """Return the plan of a scan or of a target in a file; raises `LfcalError` where it is none."""
+    text = read_text(Path(path))
+    if '"lfcal-target-plan"' not in text[:200]:
+        return ScanPlan.from_json(text)
+    from lfcal.targets import TargetPlan
+
+    return drain(iter_drawn(TargetPlan.from_json(text)))
 
 
 def _target(scan: ScanPlan, settings: TargetSettings) -> Target:

@@ -15,18 +15,17 @@ from gui.models.page import PageSpec
 from gui.models.project import ProjectState
 from gui.pages.plan import takes
 from gui.pages.plan.model import apply_change, default_plan
-from gui.pages.plan.model_target import PlannedTarget, TargetSettings, iter_target
+from gui.pages.plan.model_target import PlannedTarget, TargetSettings, iter_target, read_plan
 from gui.pages.plan.panel import PlanPanel
 from gui.pages.plan.step import scan_step, target_step
 from gui.saving import ask_target, write_file
 from lfcal.camera import ScanPlan
 from lfcal.errors import LfcalError
-from lfcal.files import read_text
 
 __all__ = ["Page"]
 
 
-OPEN = "Go on with a plan that was saved before (.json), of this camera"
+OPEN = "Go on with a plan that was saved before (.json): of a scan, or of a target"
 DEFAULT = "Planes, cutout and anchor as the camera's geometry suggests: a start, to be changed"
 
 
@@ -165,11 +164,22 @@ class Page(BasePage):
         if not path:
             return
         name = Path(path).name
-        self.load(
-            name,
-            lambda: ScanPlan.from_json(read_text(path)),
-            lambda plan: self.context.project.update(f"plan {name}", plan=plan, camera=plan.camera),
+        self.load(name, lambda: read_plan(path), lambda found: self._opened(name, found))
+
+    def _opened(self, name: str, found: ScanPlan | PlannedTarget) -> None:
+        """Go on with a scan's plan, or with a target's and the scan that it stands for."""
+        if isinstance(found, ScanPlan):
+            self.context.project.update(f"plan {name}", plan=found, camera=found.camera)
+            return
+        scan, settings = found.plan.scan, TargetSettings.of_plan(found.plan)
+        self._forget_target()
+        self._asked = (scan, settings)
+        self.context.project.update(
+            f"target plan {name}", plan=scan, camera=scan.camera, settings=settings.into(self.context.state)
         )
+        self.panel.target.show_planned(found)
+        self._show_target()
+        self.panel.tabs.setCurrentWidget(self.panel.target)
 
     def save_file(self, path: str = "") -> None:
         """Write the plan as JSON."""

@@ -39,15 +39,21 @@ def target_step(project: ProjectState, out: str = "") -> Step:
         ("--tolerance", repr(asked.tolerance_px)),
         ("--crosstalk", repr(asked.crosstalk)),
         ("--most-frames", asked.most_frames),
+        ("--pose", asked.pose),
+        ("--regions", asked.regions),
         ("--out", out),
     )
     hole = asked.proposed_hole()
     made, name = f"parse_target({asked.source!r})", "parse_target"
     if hole is not None:
         made, name = f"propose_target(scan, wishes, hole_um={hole!r})", "propose_target"
+    names = [name, "plan_target"]
+    if asked.pose:
+        names, made = [*names, "Pose"], f"replace({made}, pose=Pose.parse({asked.pose!r}))"
+    first = "from dataclasses import replace\n\n" if asked.pose else ""
     python = f"""
-from lfcal.camera import ScanPlan
-from lfcal.targets import Wishes, {", ".join(sorted((name, "plan_target")))}
+{first}from lfcal.camera import ScanPlan
+from lfcal.targets import {", ".join(sorted([*names, "Wishes"], key=lambda one: (one.islower(), one)))}
 
 scan = ScanPlan.from_json(Path({PLAN_FILE!r}).read_text(encoding="utf-8"))
 wishes = Wishes({asked.tolerance_px!r}, {asked.crosstalk!r}, {asked.most_frames!r})

@@ -86,7 +86,8 @@ class SecondStop(Group):
     def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
         """Return distance and radius of the rim; none on the axis, where its place does not show."""
         own = setup.effect(MechanicalVignetting)
-        off = math.hypot(*frame.middle_um) > 100.0 * setup.camera.sensor.pixel_um
+        seen = frame.fields_um or (frame.middle_um,)
+        off = max(math.hypot(*field) for field in seen) > 100.0 * setup.camera.sensor.pixel_um
         if own is None or not isinstance(setup.camera.optics, MainLens) or not off:
             return ()
         away = abs(own.distance_um) or setup.camera.optics.focal_length_um

@@ -12,7 +12,7 @@ from lfcal.fit.parameters import Frame, Group, Unknown
 from lfcal.fit.setup import RegionPlace, Setup
 from lfcal.simulate.effects import FieldAberrations, FieldCurvature
 
-__all__ = ["Curvature", "Depths", "FieldWavefront", "Places"]
+__all__ = ["Curvature", "Depths", "FieldWavefront", "Places", "Tilt"]
 
 NEEDS = "patterns of several regions of the field"
 BESIDE_PX = 1.0
@@ -151,8 +151,33 @@ class Depths(Group):
         return replace(setup, regions=tuple(found))
 
 
+class Tilt(Group):
+    """How a target's plane is tilted against the sensor, beside what is known of it."""
+
+    name = "plane_tilt"
+    title = "tilt of the target's plane"
+    rank = 47
+    needs = "parts of the field at depths of their own, as a target's"
+
+    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+        """Return how much farther away the plane is as far out as the farthest part, down and to the right."""
+        if not setup.regions or len(frame.fields_um) < 3:
+            return ()
+        scale = depth_scale(setup.camera)
+        return tuple(Unknown(f"plane_tilt_{axis}_um", self.name, "µm", 0.0, scale) for axis in "yx")
+
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+        """Return the setup with each part's plane there."""
+        down, right = values["plane_tilt_y_um"], values["plane_tilt_x_um"]
+        far, found = farthest_um(frame), []
+        for own, (x, y) in zip(_regions(setup, frame), frame.fields_um, strict=True):
+            aside = x - frame.middle_um[0], y - frame.middle_um[1]
+            found.append(replace(own, farther_um=own.farther_um + (down * aside[1] + right * aside[0]) / far))
+        return replace(setup, regions=tuple(found))
+
+
 def _regions(setup: Setup, frame: Frame) -> tuple[RegionPlace, ...]:
     return setup.regions or (RegionPlace(),) * len(frame.fields_um)
 
 
-GROUPS = (Curvature(), FieldWavefront(), Places(), Depths())
+GROUPS = (Curvature(), FieldWavefront(), Places(), Depths(), Tilt())

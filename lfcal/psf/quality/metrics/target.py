@@ -30,56 +30,88 @@ def _told(key: str, factor: float = 1.0) -> Callable[[MatrixMeasures], Sequence[
     return of_matrix
 
 
+def _metric(
+    key: str,
+    told: str,
+    limits: tuple[float, float],
+    cost: tuple[float, float],
+    words: tuple[str, str, str],
+    **more: Any,
+) -> MetricSpec:
+    """Return a metric of a number ``told`` by the provenance; shares are told in percent.
+
+    ``limits`` are good and bad, ``cost`` at bad and at worst, ``words`` title, meaning and advice.
+    """
+    (good, bad), (at_bad, worst), (title, meaning, advice) = limits, cost, words
+    pixels = told.endswith("_px")
+    return MetricSpec(
+        key=f"target_{key}",
+        title=title,
+        unit="px" if pixels else "%",
+        limits=Limits(good=good, bad=bad),
+        cost=CostModel(at_bad=at_bad, worst=worst),
+        meaning=meaning,
+        advice=advice,
+        of_matrix=_told(told, 1.0 if pixels else 100.0),
+        **more,
+    )
+
+
 METRICS = (
-    MetricSpec(
-        key="target_crosstalk",
-        title="Light of neighbouring points",
-        unit="%",
-        limits=Limits(good=0.5, bad=3.0),
-        cost=CostModel(at_bad=0.1, worst=0.5),
-        meaning="Most light of a target's other holes in a cutout, over that of its own.",
-        advice="Take a target with holes farther apart, or cover the bright ones.",
-        of_matrix=_told("crosstalk", 100.0),
+    _metric(
+        "crosstalk",
+        "crosstalk",
+        (0.5, 3.0),
+        (0.1, 0.5),
+        (
+            "Light of neighbouring points",
+            "Most light of a target's other holes in a cutout, over that of its own.",
+            "Take a target with holes farther apart, or cover the bright ones.",
+        ),
     ),
-    MetricSpec(
-        key="target_pose",
-        title="Points beside the target's lattice",
-        unit="px",
-        limits=Limits(good=0.2, bad=0.5),
-        cost=CostModel(at_bad=0.15, worst=0.5),
-        meaning="How far the light of holes lies beside the pose, pitch and distortion that explain all of them (rms).",
-        advice="Describe the target as it is: pitch, kind, depth; look for dirt and reflections.",
-        of_matrix=_told("pose_rms_px"),
+    _metric(
+        "pose",
+        "pose_rms_px",
+        (0.2, 0.5),
+        (0.15, 0.5),
+        (
+            "Points beside the target's lattice",
+            "How far the light of holes lies beside the pose, pitch and distortion that explain all of them (rms).",
+            "Describe the target as it is: pitch, kind, depth; look for dirt and reflections.",
+        ),
     ),
-    MetricSpec(
-        key="target_stage",
-        title="Target moved otherwise than planned",
-        unit="px",
-        limits=Limits(good=0.2, bad=1.0),
-        cost=CostModel(at_bad=0.02, worst=0.1),
-        meaning="How far images lie beside where the stage was to move them, but for what all frames share (rms).",
-        advice="Points are used where they are found; to meet phases as planned check the stage's scale and axes.",
-        of_matrix=_told("stage_px"),
+    _metric(
+        "stage",
+        "stage_px",
+        (0.2, 1.0),
+        (0.02, 0.1),
+        (
+            "Target moved otherwise than planned",
+            "How far images lie beside where the stage was to move them, but for what all frames share (rms).",
+            "Points are used where they are found; to meet phases as planned check the stage's scale and axes.",
+        ),
     ),
-    MetricSpec(
-        key="target_brightness",
-        title="Holes of unequal brightness",
-        unit="%",
-        limits=Limits(good=15.0, bad=50.0),
-        cost=CostModel(at_bad=0.05, worst=0.2),
-        meaning="Spread of the light of a target's holes; patterns are divided by it, dim ones keep more noise.",
-        advice="Light the target more evenly, clean it, and expose for its brightest holes.",
-        of_matrix=_told("brightness_spread", 100.0),
+    _metric(
+        "brightness",
+        "brightness_spread",
+        (15.0, 50.0),
+        (0.05, 0.2),
+        (
+            "Holes of unequal brightness",
+            "Spread of the light of a target's holes; patterns are divided by it, dim ones keep more noise.",
+            "Light the target more evenly, clean it, and expose for its brightest holes.",
+        ),
     ),
-    MetricSpec(
-        key="target_labels",
-        title="Doubtful labels of points",
-        unit="%",
-        limits=Limits(good=1.0, bad=5.0),
-        cost=CostModel(at_bad=0.6, worst=1.2),
-        meaning="Share of a target's points whose label or place is not certain: dim, doubled, or beside the lattice.",
-        advice="Look at the frames where holes are named; clean the target, or leave these holes out with absent=.",
-        of_matrix=_told("doubtful", 100.0),
+    _metric(
+        "labels",
+        "doubtful",
+        (1.0, 5.0),
+        (0.6, 1.2),
+        (
+            "Doubtful labels of points",
+            "Share of a target's points whose label or place is not certain: dim, doubled, or beside the lattice.",
+            "Look at the frames where holes are named; clean the target, or leave these holes out with absent=.",
+        ),
         verdict_detail=True,
     ),
 )

@@ -1,15 +1,26 @@
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from gui.models.project import ProjectState
 from gui.pages.plan import model
-from gui.pages.plan.model_target import MOST_DRAWN, PlaneDrawing, TargetSettings, iter_target, point_lines, table_rows
+from gui.pages.plan.model_target import (
+    MOST_DRAWN,
+    PlaneDrawing,
+    PlannedTarget,
+    TargetSettings,
+    iter_target,
+    point_lines,
+    read_plan,
+    table_rows,
+)
 from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
 from lfcal.progress import drain
-from lfcal.targets import parse_target, plan_target
+from lfcal.targets import Pose, parse_target, plan_target
 from tests.targets.common import small
 
 SCAN = ScanPlan.for_camera(small(), virtual_depths=(4.0,), cutout=31)
@@ -49,9 +60,32 @@ def test_a_plan_is_the_library_s_and_its_drawing_tells_what_is_covered() -> None
     assert depth.endswith("m") and frames == "12" and least == str(found.plan.least_frames(0)) and "%" in covered
     summary = {name: (ours, single) for name, ours, single in found.summary()}
     assert summary["Frames"] == ("12", "252")
+    # what noise leaves, beside a single point
+    assert all(summary["Noise, all frames"]) and "For 3 regions" not in summary
+    assert summary["Phases, all frames"] == (f"{100 * plane.coverage:.2g} %", "100 %")
     lines = list(point_lines(plane, ","))
     assert lines[0] == "frame,row_px,column_px\n" and len(lines) == len(plane.points) + 1
     assert lines[1].startswith("1,") and lines[-1].startswith("12,")
+
+
+def test_pose_and_regions_are_those_of_the_command() -> None:
+    asked = TargetSettings(ARRAY, most_frames=3).changed("pose", "rotation=1,right=0.2mm").changed("regions", "1x3")
+    for key, value in (("pose", "turn=1"), ("regions", "3")):
+        with pytest.raises(InputError):
+            asked.changed(key, value)
+    found = drain(iter_target(SCAN, asked))
+    assert found.plan.target.pose == Pose.parse("rotation=1,right=200") and found.regions[0] == 3
+    assert {name: single for name, _, single in found.summary()}["For 3 regions"] == "756"
+    assert TargetSettings.of_plan(found.plan).pose == "rotation=1,right=200"
+
+
+def test_a_saved_plan_is_read_again_with_what_it_shows(tmp_path: Path) -> None:
+    plan = plan_target(SCAN, parse_target(ARRAY), TargetSettings(ARRAY, most_frames=3).wishes())
+    (tmp_path / "target.json").write_text(plan.to_json())
+    (tmp_path / "scan.json").write_text(SCAN.to_json())
+    found = read_plan(str(tmp_path / "target.json"))
+    assert isinstance(found, PlannedTarget) and found.plan == plan and len(found.errors[0].error) == 3
+    assert read_plan(str(tmp_path / "scan.json")) == SCAN
 
 
 def test_whole_frames_are_drawn_and_never_none() -> None:

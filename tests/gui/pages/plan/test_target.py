@@ -170,3 +170,15 @@ def test_a_proposed_pitch_is_asked_for_in_both(state: ProjectState) -> None:
     made = step(replace(state, settings=asked.into(state)))
     assert {"--source=array,hole=20um", "--tolerance=0.2", "--out=target_plan.json"} <= set(made.arguments)
     assert "propose_target(scan, wishes, hole_um=20.0)" in made.python and "parse_target" not in made.python
+
+
+def test_a_saved_target_plan_is_opened_again(planned: Any, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
+    plan, path = planned.panel.target.found.plan, tmp_path / "target_plan.json"
+    planned.save_target(str(path))
+    context.project.update("other", plan=replace(SCAN, exposure_s=0.5))
+    assert planned.panel.target.found is None
+    planned.open_file(str(path))
+    idle(context.jobs, qtbot)
+    assert planned.panel.target.found.plan == plan and context.state.plan == SCAN
+    assert planned.panel.tabs.currentWidget() is planned.panel.target
+    assert TargetSettings.of(context.state).source == ARRAY

@@ -1,0 +1,32 @@
+"""Whether a camera's pixels hold the light finely enough for patterns to be moved by parts of a pixel."""
+
+from __future__ import annotations
+
+from lfcal.camera import Camera, ScanPlan
+
+__all__ = ["coarsest_pixel_um", "may_resample", "resampling_words"]
+
+
+def coarsest_pixel_um(camera: Camera) -> float:
+    """Return the largest pixel at which the light behind a lenslet is sampled without loss (µm).
+
+    A lenslet's light ends at the spatial frequency ``1 / (wavelength N)`` of its f-number N, pitch over gap (Goodman,
+    Introduction to Fourier Optics, section 6.3), and two samples a period hold it.
+    """
+    lattice = camera.lattice
+    found: float = camera.wavelength_um * lattice.gap_um / lattice.pitch_um / 2.0
+    return found
+
+
+def may_resample(camera: Camera) -> bool:
+    """Return whether patterns may be resampled to whole phases: nothing between the pixels is lost."""
+    return camera.sensor.pixel_um <= coarsest_pixel_um(camera)
+
+
+def resampling_words(scan: ScanPlan) -> str:
+    """Return in words why points between whole phases are not resampled."""
+    camera = scan.camera
+    if may_resample(camera):
+        return "a larger tolerance of the plan takes them in, and assembly resamples them"
+    wanted, own = coarsest_pixel_um(camera), camera.sensor.pixel_um
+    return f"pixels of {own:g} µm are too coarse to resample them (it takes {wanted:.2g} µm)"

@@ -1,0 +1,84 @@
+"""What a point's pattern has to itself: the optics of its own place and depth, and the size of its hole."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lfcal.campaign.point_fit import _with_hole
+from lfcal.campaign.point_optics import OwnOptics, iter_with_own_light
+from lfcal.campaign.point_parts import measured_points
+from lfcal.campaign.points import Points, points_of
+from lfcal.fit.fit import problem_of
+from lfcal.fit.model import Fineness, predict
+from lfcal.fit.problem import Problem
+from lfcal.fit.regional import Regional
+from lfcal.fit.setup import Setup, described_effects
+from lfcal.frames.source import FrameSource
+from lfcal.progress import drain
+from lfcal.simulate.effects import FiniteSource, MechanicalVignetting
+from lfcal.targets import Pose
+from tests.campaign.points import SCAN, array_of, frames_of_drawn, plan_of, view_of
+
+EFFECTS = (*described_effects(SCAN.camera), MechanicalVignetting(40e3, 0.9))
+TILTED = Pose(tilt_right_rad=0.1)
+
+
+@pytest.fixture(scope="module")
+def view() -> FrameSource:
+    plan = plan_of([(0.0, 0.0)], array_of(pose=TILTED))
+    return view_of(plan, frames_of_drawn(plan))
+
+
+@pytest.fixture(scope="module")
+def points(view: FrameSource) -> Points:
+    return points_of(view, plan_of([(0.0, 0.0)], array_of(pose=TILTED)))
+
+
+def problem_at(measured: Regional, own: OwnOptics) -> Problem:
+    return problem_of(measured, Setup(SCAN.camera, EFFECTS, (0.0,), regions=own.regions), ("iris", "plane_tilt"), 1)
+
+
+def with_own(problem: Problem, own: OwnOptics) -> np.ndarray:
+    still = np.zeros((len(problem.measured), 2))
+    found = drain(iter_with_own_light(problem, own, np.zeros(len(problem.vector)), still, Fineness.coarse, "points"))
+    return found.model(np.zeros(len(problem.vector)), still, Fineness.coarse)
+
+
+def test_a_pattern_is_that_of_its_own_place_depth_and_hole(view: FrameSource, points: Points) -> None:
+    measured = measured_points(view, points, (1, 2), most=4)
+    own = replace(OwnOptics.of(points, measured), hole_um=60.0)
+    # the target is tilted to the right: what lies there is farther away
+    assert own.parts_um[1] > own.parts_um[0] + 300
+    assert np.corrcoef(own.farther_um, own.middles[:, 1])[0, 1] > 0.99
+    found = with_own(problem_at(measured, own), own).reshape(-1, *SCAN.cutout)
+    places = [plan.anchor + measured.index[which, 1:] for plan, which, _ in measured.parts()]
+    for k, place in enumerate(np.concatenate(places)):
+        j = np.concatenate([which for _, which, _ in measured.parts()])[k]
+        alone = replace(SCAN, period=(1, 1), anchor=tuple(place.tolist()))
+        setup = Setup(SCAN.camera, (*EFFECTS, FiniteSource(60.0)), (float(own.farther_um[j]),))
+        still = measured.places_px[j : j + 1]
+        wanted = predict(setup, alone, np.zeros((1, 3), np.intp), still, Fineness.coarse)[0]
+        np.testing.assert_allclose(found[j], wanted, atol=2e-5 * wanted.max())
+
+
+def test_what_points_have_to_themselves_is_held_while_the_unknowns_move(view: FrameSource, points: Points) -> None:
+    measured = measured_points(view, points, (1, 2), most=4)
+    beside = np.random.default_rng(0).normal(0, 1e-5, measured.patterns.shape).astype(np.float32)
+    own = OwnOptics.of(points, measured)
+    plain, held = problem_at(measured, own), problem_at(replace(measured, beside=beside), own)
+    still = np.zeros((len(measured), 2))
+    for u in (np.zeros(len(plain.vector)), np.full(len(plain.vector), 0.3)):
+        less = held.model(u, still, Fineness.coarse) - plain.model(u, still, Fineness.coarse)
+        np.testing.assert_allclose(less, beside.reshape(less.shape), atol=1e-8)
+    keep = np.arange(len(measured)) > 0
+    assert np.array_equal(held.measured.of(keep).beside, beside[keep])
+    assert np.array_equal(replace(measured, beside=beside).of_region(1).beside, beside[measured.region == 1])
+
+
+def test_the_size_of_a_source_among_the_effects_is_that_of_the_holes(points: Points) -> None:
+    found, effects = _with_hole(points, (*EFFECTS, FiniteSource(35.0)))
+    assert found.plan.target.hole_um == 35.0 and effects == EFFECTS
+    assert _with_hole(points, EFFECTS) == (points, EFFECTS)

@@ -1,0 +1,133 @@
+"""Page Acquire records a target: its images over the frame, phases that fill the map, H of what meets them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PySide6.QtCore import Qt
+from pytestqt.qtbot import QtBot
+
+from gui.context import Context
+from gui.models.project import ProjectState
+from gui.pages.acquire.model import AcquireSettings
+from gui.pages.acquire.model_recorder import folder_state
+from gui.pages.acquire.model_target import points_px
+from gui.pages.acquire.page import Page
+from gui.pages.acquire.step import step
+from lfcal.acquire.options import Options
+from lfcal.camera import ScanPlan
+from lfcal.errors import InputError
+from lfcal.frames.source import Position
+from lfcal.psf import open_psf
+from lfcal.targets import Target, TargetPlan, Wishes, plan_target
+from tests.gui.conftest import OpenPage
+from tests.gui.waiting import GUARD_MS, idle
+from tests.targets.common import small
+
+SCAN = ScanPlan.for_camera(small(200), virtual_depths=(4.0,), cutout=31, settle_s=0.0)
+
+
+@pytest.fixture(scope="module")
+def plan() -> TargetPlan:
+    step_um = SCAN.camera.step_um(SCAN.depths_um[0])
+    target = Target("square", (3, 3), (45 * step_um, 46 * step_um), 10.0, ((0, 0), (0, 1)))
+    return plan_target(SCAN, target, Wishes(tolerance_px=0.5, most_frames=5, level="geometric"))
+
+
+@pytest.fixture
+def file(plan: TargetPlan, tmp_path: Path) -> Path:
+    path = tmp_path / "target_plan.json"
+    path.write_text(plan.to_json())
+    return path
+
+
+@pytest.fixture
+def state() -> ProjectState:
+    settings = AcquireSettings(darks=0, reference_every=0)
+    return ProjectState(settings=settings.into(ProjectState()))
+
+
+@pytest.fixture
+def page(open_page: OpenPage, context: Context, qtbot: QtBot, file: Path) -> Page:
+    context.project.update("plan", plan=SCAN, camera=SCAN.camera)
+    made: Page = open_page("acquire")
+    made.entered()
+    qtbot.waitUntil(lambda: made.panel.setup.devices.backend.count() > 0, timeout=GUARD_MS)
+    made.panel.setCurrentWidget(made.panel.record)
+    made.record.target.take(str(file))
+    qtbot.waitUntil(lambda: made.record.target.plan is not None, timeout=GUARD_MS)
+    idle(context.jobs, qtbot)
+    return made
+
+
+def test_a_target_is_recorded_while_its_phases_fill_the_map(
+    page: Page, context: Context, qtbot: QtBot, plan: TargetPlan, tmp_path: Path
+) -> None:
+    panel, folder = page.panel.record, tmp_path / "session"
+    assert "target_plan.json" in panel.source.text() and panel.choose_target.text() == "Single point"
+    assert AcquireSettings.of(context.state).devices()["target"].endswith("target_plan.json")
+    context.project.update("folder", recording=str(folder))
+    idle(context.jobs, qtbot)
+    assert len(panel.pictures.map.missing.data) == 252, "nothing is covered yet"
+    seen: list[int] = []
+    panel.pictures.holes.sigPlotChanged.connect(lambda item: seen.append(len(item.data)))
+    qtbot.mouseClick(panel.buttons["start"], Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: page.record.recording, timeout=GUARD_MS)
+    qtbot.waitUntil(lambda: not page.record.recording, timeout=GUARD_MS)
+    qtbot.waitUntil(lambda: page.record.folder.complete, timeout=GUARD_MS)
+    idle(context.jobs, qtbot)
+    assert "5 of 5 frames" in panel.status.text() and "5 of 5 frames of a target" in panel.folder_words.text()
+    assert max(seen) == len(plan.points(0, 4)) and "points as planned" in panel.pictures.frame_title.text()
+    assert len(panel.pictures.map.missing.data) == int((plan.shown(0) == 0).sum())
+    assert panel.pictures.map_title.text() == "Phases covered"
+    assert len(panel.pictures.curves["energy"].plot.listDataItems()) == 1
+    assert not panel.buttons["fit"].isEnabled() and "lfcal fit" in panel.why.text()
+
+    page.record.after.assemble(str(tmp_path / "H.h5"))
+    qtbot.waitUntil(lambda: context.state.psf.endswith("H.h5"), timeout=GUARD_MS)
+    with open_psf(tmp_path / "H.h5") as H:
+        assert "target" in H.provenance and 0 < (H.recorded > 0).sum() < 252
+    found = folder_state(str(folder))
+    assert found.target == plan and found.complete and found.planes() == ()
+    idle(context.jobs, qtbot)
+
+
+def test_a_single_point_is_chosen_again(page: Page, context: Context, qtbot: QtBot) -> None:
+    panel = page.panel.record
+    qtbot.mouseClick(panel.choose_target, Qt.MouseButton.LeftButton)
+    assert "single point" in panel.source.text() and panel.choose_target.text() == "Target …"
+    assert AcquireSettings.of(context.state).target == "" and page.record.target.plan is None
+    idle(context.jobs, qtbot)
+
+
+def test_what_does_not_go_together_is_refused_in_a_line(
+    page: Page, context: Context, qtbot: QtBot, tmp_path: Path
+) -> None:
+    context.project.update("plan", plan=replace(SCAN, exposure_s=0.5), recording=str(tmp_path / "s"))
+    page.panel.setup.live.setChecked(False)
+    qtbot.mouseClick(page.panel.record.buttons["start"], Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: "another scan" in page.panel.record.detail.text(), timeout=GUARD_MS)
+    (tmp_path / "no.json").write_text("{}")
+    page.record.target.take(str(tmp_path / "no.json"))
+    qtbot.waitUntil(lambda: "plan of a target" in page.panel.record.detail.text(), timeout=GUARD_MS)
+    idle(context.jobs, qtbot)
+
+
+def test_points_are_those_of_the_plan(plan: TargetPlan) -> None:
+    assert np.array_equal(points_px(plan, Position(0, 0, 3)), plan.points(0, 3).pixels)
+    with pytest.raises(InputError, match="frame of the target"):
+        points_px(plan, Position(0, 0, 5))
+
+
+def test_the_command_records_the_target(file: Path) -> None:
+    settings = AcquireSettings(target=str(file), device_options=(("brightness", "0.1"),), controls=Options().controls)
+    found = step(ProjectState(camera=SCAN.camera, plan=SCAN, settings=settings.into(ProjectState())))
+    words = list(found.arguments)
+    assert words[:2] == ["acquire", str(file)] and f"--option=target={file}" in words
+    assert not any(word.startswith(("--controls", "--order")) for word in words)
+    assert "TargetPlan.from_json" in found.python and "open_rig(plan.scan" in found.python
+    assert not found.files
+    compile(found.python, "script", "exec")
