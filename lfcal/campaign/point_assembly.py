@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 from lfcal.campaign.point_facts import target_facts
@@ -40,7 +41,8 @@ def iter_assemble_points(
     out
         H file.
     settings
-        As of `lfcal.psf.iter_assemble_plan`; positions that no point shows are left empty.
+        As of `lfcal.psf.iter_assemble_plan`; positions that no point shows are left empty. Where the pixels are fine
+        enough for it patterns are moved to whole pixels, band-limited unless it says otherwise.
 
     Raises
     ------
@@ -50,5 +52,8 @@ def iter_assemble_points(
     points = yield from iter_points(view, plan)
     single = PointFrames(view, points)
     facts = target_facts(points) | {"left_out": single.left}
-    work = iter_assemble_plan(single, plan.scan, out, settings or AssemblySettings(), provenance={"target": facts})
+    how = settings or AssemblySettings()
+    if single.resampled and not how.interpolation:
+        how = replace(how, interpolation="fourier")
+    work = iter_assemble_plan(single, plan.scan, out, how, provenance={"target": facts})
     return AssembledPoints((yield from work), points, single.left, facts)

@@ -15,11 +15,14 @@ from lfcal.frames.regions import Region
 from lfcal.frames.source import FrameInfo, FrameSource, Position, Samples
 from lfcal.frames.view import SourceView
 from lfcal.targets.phases import Phases
+from lfcal.targets.sampling import may_resample
 
 __all__ = ["PointFrames", "shown_positions"]
 
 
-def shown_positions(points: Points, tolerance_px: float | None = None) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+def shown_positions(
+    points: Points, tolerance_px: float | None = None, *, resampled: bool = False
+) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
     """Return the positions ``(n, 3)`` that points show, -1 where none, and how far off they are ``(n, 2)`` (pixels).
 
     A point shows a position if its phase is, and if its chief ray lies as near to a pixel's centre as the position's
@@ -32,6 +35,9 @@ def shown_positions(points: Points, tolerance_px: float | None = None) -> tuple[
         What was found.
     tolerance_px
         How far off either may be, in rows and in columns; None: the plan's.
+    resampled
+        Patterns are moved by the part of a pixel that chief rays lie beside pixels' centres: then the phase alone
+        counts, and how far off they are is that part. Only where the pixels hold all of the light (`may_resample`).
     """
     scan = points.plan.scan
     limit = points.plan.tolerance_px if tolerance_px is None else tolerance_px
@@ -45,8 +51,8 @@ def shown_positions(points: Points, tolerance_px: float | None = None) -> tuple[
     aside -= np.round(aside)
     worst = np.where(np.abs(aside) > np.abs(off), aside, off)
     index = np.c_[points.z, nearest // scan.period[1], nearest % scan.period[1]].astype(np.intp)
-    index[(np.abs(worst) > limit + 1e-9).any(1)] = -1
-    return index, worst
+    index[(np.abs(off if resampled else worst) > limit + 1e-9).any(1)] = -1
+    return index, aside if resampled else worst
 
 
 class PointFrames(SourceView):
@@ -63,6 +69,8 @@ class PointFrames(SourceView):
         What was found.
     tolerance_px
         As of `shown_positions`.
+    resampled
+        As of `shown_positions`; None: wherever the camera's pixels are fine enough.
 
     Raises
     ------
@@ -70,9 +78,17 @@ class PointFrames(SourceView):
         If no point shows a position.
     """
 
-    def __init__(self, source: FrameSource, points: Points, tolerance_px: float | None = None) -> None:
+    def __init__(
+        self,
+        source: FrameSource,
+        points: Points,
+        tolerance_px: float | None = None,
+        *,
+        resampled: bool | None = None,
+    ) -> None:
         super().__init__(source)
-        index, off = shown_positions(points, tolerance_px)
+        self.resampled = may_resample(points.plan.scan.camera) if resampled is None else resampled
+        index, off = shown_positions(points, tolerance_px, resampled=self.resampled)
         keep: NDArray[np.bool_] = np.array((index >= 0).all(1))
         if not keep.any():
             limit = points.plan.tolerance_px if tolerance_px is None else tolerance_px

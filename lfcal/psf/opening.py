@@ -130,7 +130,9 @@ def _region_group(file: H5File, region: str) -> str:
         return ""
     names = (own, *file.names(REGIONS))
     if region not in names:
-        raise InputError.expected(f"{file.path}, region", " or ".join(names), repr(region), "choose one")
+        if names == ("",):
+            raise InputError.expected(f"{file.path}, region", "a file of several", "one without a name", "leave it out")
+        raise InputError.expected(f"{file.path}, region", " or ".join(filter(None, names)), repr(region), "choose one")
     return f"{REGIONS}/{region}"
 
 

@@ -24,9 +24,9 @@ def may_resample(camera: Camera) -> bool:
 
 
 def resampling_words(scan: ScanPlan) -> str:
-    """Return in words why points between whole phases are not resampled."""
+    """Return in words why points that show no position are not resampled to one."""
     camera = scan.camera
     if may_resample(camera):
-        return "a larger tolerance of the plan takes them in, and assembly resamples them"
+        return "their phases are others, which no resampling mends"
     wanted, own = coarsest_pixel_um(camera), camera.sensor.pixel_um
     return f"pixels of {own:g} µm are too coarse to resample them (it takes {wanted:.2g} µm)"

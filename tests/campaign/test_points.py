@@ -16,6 +16,7 @@ from lfcal.frames.source import FrameSource
 from lfcal.progress import drain
 from lfcal.psf.picked import iter_pick
 from lfcal.targets.phases import Phases
+from lfcal.targets.sampling import coarsest_pixel_um, may_resample, resampling_words
 from tests.campaign.points import SCAN, array_of, frames_of_drawn, moved, plan_of, view_of
 from tests.targets.drawn import places
 
@@ -132,6 +133,25 @@ def test_single_frames_of_points_are_positions_of_the_scan(view: FrameSource, po
         assert max(map(abs, info.drift)) <= 0.5
     strict = shown_positions(points, 0.1)[0]
     assert ((strict >= 0).all(1)).sum() < len(single)
+
+
+def test_patterns_are_moved_by_parts_of_a_pixel_only_where_the_pixels_hold_them() -> None:
+    plan = plan_of([(0.3, 0.4)])
+    view = view_of(plan, frames_of_drawn(plan))
+    points = points_of(view, plan)
+    assert not may_resample(SCAN.camera) and not PointFrames(view, points, 0.5).resampled
+    assert "pixels of 5.5 µm are too coarse" in resampling_words(SCAN)
+    index, _ = shown_positions(points, 0.3)
+    more, aside = shown_positions(points, 0.3, resampled=True)
+    assert ((more >= 0).all(1) | (index < 0).any(1)).all() and (more >= 0).sum() >= (index >= 0).sum() > 0
+    wanted = points.pixels - np.array(SCAN.anchor)
+    np.testing.assert_allclose(aside, wanted - np.round(wanted), atol=1e-9)
+    single = PointFrames(view, points, 0.3, resampled=True)
+    assert single.info(0).drift == pytest.approx(tuple(aside[(more >= 0).all(1)][0]))
+    fine = replace(SCAN.camera, sensor=replace(SCAN.camera.sensor, pixel_um=1.0))
+    assert may_resample(fine) and coarsest_pixel_um(fine) == pytest.approx(
+        fine.wavelength_um * fine.lattice.gap_um / fine.lattice.pitch_um / 2
+    )
 
 
 def test_points_are_assembled_as_positions(view: FrameSource, points: Points) -> None:

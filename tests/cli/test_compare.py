@@ -66,6 +66,8 @@ def test_regions_of_files_of_several_are_compared(lfcal: Lfcal, place: Path) -> 
     assert isinstance(other, dict) and other["planes"][0]["all"]["shift_px"] == pytest.approx([0.3, -0.2], abs=2e-3)
     none = lfcal("compare", "all.h5", "may/H.h5", "--region", "rim")
     assert none.code == 2 and "centre or edge" in none.err
+    single = lfcal("compare", "may/H.h5", "may/H.h5", "--region", "edge")
+    assert single.code == 2 and "a file of several" in single.err
     many = lfcal("compare", "all.h5", "all.h5", *("--region", "edge") * 3)
     assert many.code == 2 and "--region" in many.err
 
