@@ -230,7 +230,9 @@ def _simulated(
     if virtual_depth is not None and depth is not None:
         raise InputError.expected("plane", "one of --depth and --virtual-depth", "both", "leave one out")
     planes: dict[str, Any] = (
-        {"depths_um": (depth,)} if depth is not None else {"virtual_depths": (virtual_depth or 4.0,)}
+        {"depths_um": (depth,)}
+        if depth is not None
+        else {"virtual_depths": (4.0 if virtual_depth is None else virtual_depth,)}
     )
     plan = ScanPlan.for_camera(camera, **planes)
     effects = plan_effects(plan.camera, plan, TOLERANCE).effects

@@ -124,12 +124,12 @@ class CodingVerdict:
         if self.limit != "time":
             return told
         if self.break_even_e == 0:
-            when = "never for this pattern and sensor"
+            when = "never pays for this pattern and sensor"
         elif math.isinf(self.break_even_e):
-            when = "up to a full pixel"
+            when = "pays up to a full pixel"
         else:
-            when = f"up to {self.break_even_e:.3g} electrons in a point's brightest pixel"
-        return f"{told}; it pays {when}"
+            when = f"pays up to {self.break_even_e:.3g} electrons in a point's brightest pixel"
+        return f"{told}; it {when}"
 
 
 def overlapping_patterns(

@@ -39,6 +39,21 @@ class Offsets(NamedTuple):
         return np.array([(k - (n - 1) / 2) * s for k, n, s in zip(place, self.number, self.step_px, strict=True)])
 
 
+class _Source(NamedTuple):
+    """What samples are read from.
+
+    The super-pixels, their shares in each sample and those of the super-pixels about it (sparse), the frame's shape,
+    its light times the root of the weights, and the weights, by pixel.
+    """
+
+    grid: ViewGrid
+    near: Any
+    wide: Any
+    shape: tuple[int, int]
+    light: Array
+    weights: Array
+
+
 class _Pixels(NamedTuple):
     """What each sample takes of the pixels: shares ``(samples, pixels)`` of those numbered ``at`` in the frame."""
 
@@ -69,23 +84,26 @@ def weighted_samples(
     rcond
         Of the decorrelation, as in `lfcal.multiplex.weighted.least_squares`.
     """
-    channels, places = offsets.number[0] * offsets.number[1], grid.shape[0] * grid.shape[1]
-    count = channels if matrix is None else matrix.shape[1]
     scale = float(weights.max())
     light, known = np.where(weights > 0, frame, 0.0).ravel(), (weights / scale).ravel()
     near = _shares(grid)
-    wide = _hats(grid.shape) @ near
+    source = _Source(
+        grid, near, _hats(grid.shape) @ near, (frame.shape[0], frame.shape[1]), np.sqrt(known) * light, known
+    )
+    channels, places = offsets.number[0] * offsets.number[1], near.shape[0]
+    count = channels if matrix is None else matrix.shape[1]
     samples, variance = np.empty((2, count, places))
-    step = max(1, VALUES_AT_ONCE // (channels * 8 if matrix is None else max(channels * 8, count * count)))
-    for start in range(0, places, step):
-        part = slice(start, min(start + step, places))
-        read = [_weighed(grid, offsets.of(k), near[part], wide[part], frame.shape, known) for k in range(channels)]
-        values = np.array([one.shares @ (np.sqrt(known) * light)[one.at] for one in read])
-        spread = np.array([one.shares.power(2).sum(axis=1) for one in read])
-        if matrix is None:
-            samples[:, part], variance[:, part] = values, np.where(spread > 0, spread, np.inf)
-        else:
-            samples[:, part], variance[:, part] = _decorrelated(matrix, values, spread, read, rcond)
+    if matrix is None:  # channel by channel: of large frames not all are held at once
+        for k in range(channels):
+            read = _weighed(source, offsets.of(k), slice(None))
+            spread = read.shares.power(2).sum(axis=1)
+            samples[k], variance[k] = read.shares @ source.light[read.at], np.where(spread > 0, spread, np.inf)
+    else:
+        step = max(1, VALUES_AT_ONCE // max(channels * 8, count * count))
+        for start in range(0, places, step):
+            part = slice(start, min(start + step, places))
+            reads = [_weighed(source, offsets.of(k), part) for k in range(channels)]
+            samples[:, part], variance[:, part] = _decorrelated(matrix, reads, source.light, rcond)
     shape = (count, *grid.shape)
     return WeightedSamples(samples.reshape(shape), np.sqrt(variance / scale).reshape(shape))
 
@@ -110,28 +128,29 @@ def _hats(shape: tuple[int, int]) -> Any:
     return kron(along[0], along[1], format="csr")
 
 
-def _weighed(grid: ViewGrid, offset: Array, near: Any, wide: Any, shape: tuple[int, ...], weights: Array) -> _Pixels:
+def _weighed(source: _Source, offset: Array, part: slice) -> _Pixels:
     """Return a channel as shares ``h sqrt(w) / sum h w`` of pixels, whose squares add up to its variance."""
     from scipy.sparse import diags_array
 
-    found = _taps(grid, offset, near, shape)
-    total = found.shares @ weights[found.at]
+    near, wide = source.near[part], source.wide[part]
+    found = _taps(source, offset, near)
+    total = found.shares @ source.weights[found.at]
     if (total <= NOTHING).any():
         there = (total > NOTHING).astype(float)
-        found = _taps(grid, offset, diags_array(there) @ near + diags_array(1 - there) @ wide, shape)
-        total = found.shares @ weights[found.at]
+        found = _taps(source, offset, diags_array(there) @ near + diags_array(1 - there) @ wide)
+        total = found.shares @ source.weights[found.at]
     inverse = np.where(total > NOTHING, 1 / np.where(total > NOTHING, total, 1.0), 0.0)
-    root = np.sqrt(weights[found.at])
+    root = np.sqrt(source.weights[found.at])
     return _Pixels((diags_array(inverse) @ found.shares @ diags_array(root)).tocsr(), found.at)
 
 
-def _taps(grid: ViewGrid, offset: Array, shares: Any, shape: tuple[int, ...]) -> _Pixels:
+def _taps(source: _Source, offset: Array, shares: Any) -> _Pixels:
     """Return what each sample takes of the pixels at ``offset`` from its super-pixels' centres, linear between."""
     from scipy.sparse import csr_array
 
-    shares = shares.tocsr()
+    shares, shape = shares.tocsr(), source.shape
     used, lenses = np.unique(shares.indices, return_inverse=True)
-    places = grid.centres_px[used] + offset
+    places = source.grid.centres_px[used] + offset
     first = np.floor(places).astype(np.intp)
     after = places - first
     down, across = (np.stack([1 - after[:, k], after[:, k]], 1) for k in range(2))
@@ -144,12 +163,12 @@ def _taps(grid: ViewGrid, offset: Array, shares: Any, shape: tuple[int, ...]) ->
     return _Pixels(mixed @ taps, at)
 
 
-def _decorrelated(
-    matrix: Array, values: Array, spread: Array, read: list[_Pixels], rcond: float | None
-) -> tuple[Array, Array]:
-    """Return samples ``(N, places)`` of channels ``(channels, places)`` and their variance, pixel by pixel."""
+def _decorrelated(matrix: Array, read: list[_Pixels], light: Array, rcond: float | None) -> tuple[Array, Array]:
+    """Return samples ``(N, places)`` of the channels read and their variance, pixel by pixel."""
     from scipy.sparse import bsr_array, csr_array
 
+    values = np.array([one.shares @ light[one.at] for one in read])
+    spread = np.array([one.shares.power(2).sum(axis=1) for one in read])
     trust = np.where(spread > 0, 1 / np.where(spread > 0, spread, 1.0), 0.0)
     inverse, lost = weighted_inverse(matrix, trust, rcond)
     demix = inverse @ (matrix.T * trust.T[:, None, :])  # (places, N, channels)

@@ -71,8 +71,9 @@ def spectral_array(
     filters
         Transmissions 0 … 1; by default the model filters R G B C M Y W that ship.
     illuminant
-        Relative power of the light on the scene (one curve): the samples are then reflectances, and its photons
-        count, with a mean of one over the bands. None: the samples are photons in each band.
+        Relative power of the light on the scene (one curve): the samples are then reflectances, each times its band's
+        share of the spectrum (`Modulator.light`), and its photons count, with a mean of one over the bands. None: the
+        samples are photons in each band.
     efficiency
         Electrons per photon (one curve); None: one.
     basis

@@ -60,7 +60,7 @@ def test_the_gains_are_the_library_s(lfcal: Callable[..., Run], matrix: Path, tm
     code = code_matrix("random", 7, frames=14, density=0.3, rng=np.random.default_rng(3))
     wanted = coding_gain(light, code, noise, signal_e=300.0).time.rms_db
     assert random.json["equal_time"]["rms_db"] == pytest.approx(wanted)
-    corrected = lfcal(*words, "--json", "--uncorrected")
+    corrected = lfcal(*words, "--json", "--uncorrected", "--workers", 1)
     assert corrected.code == 0 and corrected.json["full_e"] == pytest.approx(noise.full_e)
 
 
@@ -87,6 +87,9 @@ def test_patterns_of_a_described_camera(lfcal: Callable[..., Run], tmp_path: Pat
     done = lfcal("multiplex", "coding", "bench", "--points", 3, "--virtual-depth", 3, "--signal", 100, "--json")
     assert done.code == 0 and "simulated" in done.json["source"], done.err
     assert done.json["equal_time"]["dark_db"] is not None
+    words = ("multiplex", "coding", "bench", "--points", 3, "--json")
+    zero, default = lfcal(*words, "--virtual-depth", 0), lfcal(*words)
+    assert zero.code == default.code == 0 and zero.json["source"] != default.json["source"], "0 is a depth"
     loud = replace(CAMERA, sensor=replace(CAMERA.sensor, read_noise_e=300.0))
     (tmp_path / "loud.json").write_text(loud.to_json())
     more = lfcal("multiplex", "coding", "bench", "--points", 3, "--sensor", tmp_path / "loud.json", "--json")

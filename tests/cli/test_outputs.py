@@ -45,7 +45,7 @@ COMMANDS = (
     ("bench", "accuracy"),
     *(("camera", name) for name in ("new", "import", "check", "sensor")),
     *(("multiplex", name) for name in ("compare", "show", "demosaic", "views", "search", "filters", "figures")),
-    *(("multiplex", name) for name in ("map", "design", "recover")),
+    *(("multiplex", name) for name in ("map", "design", "recover", "coding")),
 )
 """Those that write files which may be there already."""
 

@@ -40,7 +40,7 @@ COMPUTING = (
     ("reconstruct",),
     ("demo",),
     *(("multiplex", name) for name in ("compare", "demosaic", "views", "search", "filters", "figures")),
-    *(("multiplex", name) for name in ("merits", "map", "design", "recover")),
+    *(("multiplex", name) for name in ("merits", "map", "design", "recover", "coding")),
 )
 IDLE = {
     ("plan",),

@@ -41,6 +41,15 @@ __all__ = ["MultiplexPanel"]
 
 NUMBER_HEIGHT = 22
 SIGMA, PI = "Spatial basis Σ", "Plenoptic basis Π"
+TIPS = (
+    "Transmission of each pixel of a super-pixel for the middle view; colours as seen",
+    "Magnitude of the pattern's Fourier weights, zero frequency in the middle, mean over colours",
+    "Where: the weight of each basis function σ (columns j) at each pixel of the super-pixel (rows k, counted "
+    "by rows). A pixel records the sum over j of Σ times what Π makes of the light",
+    "What: the weight of each colour, view or other sample (rows n) in each basis function π (columns j). "
+    "Σ Πᵀ says what every pixel takes of every sample, and is inverted to get the samples back",
+)
+"""Of pattern, spectrum and both bases."""
 SCENE_FIELDS = ("scene", "filter", "weighted", "noise")
 
 
@@ -122,14 +131,6 @@ class MultiplexPanel(QWidget):
         self.spectrum = MatrixView(xlabel="u", ylabel="v", unit="1/period", bar_below=True)
         self.sigma = MatrixView(xlabel="j", ylabel="pixel k", unit="index", bar_below=True, signed=True, square=False)
         self.pi = MatrixView(xlabel="j", ylabel="sample n", unit="index", bar_below=True, signed=True, square=False)
-        tips = (
-            "Transmission of each pixel of a super-pixel for the middle view; colours as seen",
-            "Magnitude of the pattern's Fourier weights, zero frequency in the middle, mean over colours",
-            "Where: the weight of each basis function σ (columns j) at each pixel of the super-pixel (rows k, counted "
-            "by rows). A pixel records the sum over j of Σ times what Π makes of the light",
-            "What: the weight of each colour, view or other sample (rows n) in each basis function π (columns j). "
-            "Σ Πᵀ says what every pixel takes of every sample, and is inverted to get the samples back",
-        )
         widget = QWidget()
         row = QHBoxLayout(widget)
         row.setContentsMargins(0, 8, 0, 0)
@@ -139,7 +140,7 @@ class MultiplexPanel(QWidget):
         self.titles = []
         views = (self.pattern, self.spectrum, self.sigma, self.pi)
         for k, (view, tip, title) in enumerate(
-            zip(views, tips, ("Pattern", "Spectrum, magnitude (1)", SIGMA, PI), strict=True)
+            zip(views, TIPS, ("Pattern", "Spectrum, magnitude (1)", SIGMA, PI), strict=True)
         ):
             label = QLabel(title)
             label.setMinimumWidth(60)  # names of modulators may be long: they do not widen the window

@@ -13,6 +13,7 @@ from gui.context import Context
 from gui.pages.multiplex.model import MultiplexSettings
 from gui.pages.multiplex.page import Page
 from gui.theme import DARK, LIGHT, apply_theme
+from lfcal.lattice import lattice_of
 from lfcal.multiplex import cfa, demultiplex, demultiplex_generally, gain_map, mask, modulator_of, multiplex
 from lfcal.multiplex.noise import camera_chi2
 from lfcal.multiplex.paper import paper_figure
@@ -359,3 +360,34 @@ def test_a_mask_on_the_lattice_of_the_project_s_camera(page: Page, context: Cont
     choose(page, "family", "cfa")
     settle(page, qtbot)
     assert "one super-pixel of a light field" in shown.status.text() and shown.views[0].image is None
+
+
+def test_a_mask_on_the_lattice_of_a_white_image(
+    page: Page, context: Context, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown, camera = page.panel.pictures, context.state.camera
+    y, x = np.indices(camera.sensor.shape)
+    away = lattice_of(camera).lenslet_at(y - 0.4, x)
+    away = away - np.rint(away)
+    np.save(tmp_path / "white.npy", np.rint(100 + 2000 * np.exp(-12 * (away**2).sum(-1))).astype(np.uint16))
+    np.save(tmp_path / "frame.npy", np.random.default_rng(0).random(camera.sensor.shape).astype(np.float32))
+    choose(page, "family", "mask")
+    type_in(page, "size", "5")
+    assert not shown.buttons["white"].isEnabled()
+    page.open_image(str(tmp_path / "frame.npy"))
+    choose(page, "route", "lattice")
+    settle(page, qtbot)
+    assert "stated" in shown.status.text() and page.found is not None
+    before = page.found.spatial.samples
+    picked = (str(tmp_path / "white.npy"), "")
+    monkeypatch.setattr("gui.pages.multiplex.page.QFileDialog.getOpenFileName", lambda *_: picked)
+    assert shown.buttons["white"].isEnabled()
+    shown.buttons["white"].click()
+    settle(page, qtbot)
+    assert page.settings.white == picked[0] and "measured in white.npy" in shown.status.text()
+    assert page.found is not None and np.abs(page.found.spatial.samples - before).max() > 0.01
+    weighted = editor_of(page, "weighted")
+    assert weighted.isEnabled()
+    weighted.click()
+    settle(page, qtbot)
+    assert page.found is not None and page.found.spatial.name == "Spatial, weighted"
