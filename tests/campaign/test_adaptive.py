@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -139,6 +140,27 @@ def test_a_model_that_does_not_suffice_ends_it(whole: Whole) -> None:
     found = adapted(whole.place, Goal(1e-3, first=6, unknowns=("iris",), candidates=40), resume=True)
     assert found.how == "incomplete" and not found.steps[-1].complete and "model incomplete" in str(found.steps[-1])
     assert len(found.steps) <= 3
+
+
+@pytest.mark.parametrize(
+    ("errors", "groups", "nothing"),
+    [
+        ((0.2,), "a", False),
+        ((0.2, 0.19), "aa", True),
+        ((0.2, 0.1), "aa", False),
+        ((0.2, 0.1, 0.03), "aaa", False),
+        ((0.2, 0.03, 0.03), "aaa", True),
+        ((0.2, 0.03, 0.03), "aab", False),
+        ((0.2, 0.03, 0.03), "baa", True),
+    ],
+)
+def test_patterns_gain_something_or_not(errors: tuple[float, ...], groups: str, nothing: bool) -> None:
+    """By the last two steps, whatever came before."""
+    steps = [
+        SimpleNamespace(left_out=ModelError(error**2, 1e-9, 0.0, 5), groups=(group,))
+        for error, group in zip(errors, groups, strict=True)
+    ]
+    assert _gained_nothing(steps) is nothing  # type: ignore[arg-type]
 
 
 def test_what_lies_in_the_model_is_not_reached() -> None:
