@@ -19,13 +19,15 @@ from lfcal.acquire.recording.verify import verify
 from lfcal.acquire.session import record
 from lfcal.acquire.session_file import SessionFile
 from lfcal.camera import ScanPlan
-from lfcal.campaign import Adapted, AdaptiveStep, Goal, iter_adaptive
+from lfcal.campaign import Adapted, AdaptiveStep, Goal, adaptive, iter_adaptive
 from lfcal.campaign.adaptive import _gained_nothing
 from lfcal.campaign.patterns import iter_session_patterns
+from lfcal.campaign.steps import FEWEST
 from lfcal.devices.protocols import Rig
 from lfcal.devices.registry import open_rig
 from lfcal.errors import InputError
 from lfcal.fit.judge import ModelError
+from lfcal.fit.nuisance import Spread
 from lfcal.fit.setup import described_effects
 from lfcal.frames.source import Position
 from lfcal.progress import Work, drain
@@ -161,6 +163,28 @@ def test_patterns_gain_something_or_not(errors: tuple[float, ...], groups: str, 
         for error, group in zip(errors, groups, strict=True)
     ]
     assert _gained_nothing(steps) is nothing  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("there", "added"), [(1, FEWEST), (12, 12), (30, 10)])
+def test_as_many_positions_are_added_as_there_are(monkeypatch: pytest.MonkeyPatch, there: int, added: int) -> None:
+    """No fewer than a step needs, and no more than are left of 40."""
+    asked: list[int] = []
+
+    def chosen(plan: ScanPlan, count: int, **_: object) -> Iterator[None]:
+        asked.append(count)
+        yield
+
+    class Patterns:
+        patterns = np.ones((1, 2, 2))
+
+        def __len__(self) -> int:
+            return there
+
+    monkeypatch.setattr(adaptive, "iter_next_positions", chosen)
+    monkeypatch.setattr(adaptive, "Earlier", SimpleNamespace(of=lambda fit: None))
+    own = SimpleNamespace(_most=40, _recorded=lambda: [None] * there, _plan=PLAN, _goal=GOAL, _workers=None)
+    list(adaptive._Campaign.choice(own, SimpleNamespace(spread=Spread()), Patterns()))  # type: ignore[arg-type]
+    assert asked == [added]
 
 
 def test_what_lies_in_the_model_is_not_reached() -> None:
