@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -74,7 +75,8 @@ class PassUnits:
         files = yield from iter_begun(units, self.out, run, title=f"simulate {self.out.name}, {name}")
         parts = dict(zip(computed, files, strict=True))
         clock = Clock("join planes", work.plan.shape[0])
-        with writing as writer:
+        # the earlier file is closed when the new one takes its name: Windows replaces none that is open
+        with writing as writer, nullcontext() if before is None else before:
             yield clock.at(0)
             for z in range(work.plan.shape[0]):
                 if z in parts:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -138,7 +139,8 @@ def _note(held: PSFMatrix | None) -> str:
 def _pass(work: Simulation, writing: PSFWriter, before: PSFMatrix | None) -> Work[None]:
     """Write every plane: computed, or copied from ``before`` where that keeps the tolerance already."""
     plan, errors = work.plan, kept_errors(before, work.budget.tolerance)
-    with writing as writer:
+    # the earlier file is closed when the new one takes its name: Windows replaces none that is open
+    with writing as writer, nullcontext() if before is None else before:
         plane = np.empty(plan.shape[1:], np.float32)
         for z in range(plan.shape[0]):
             if z in errors and before is not None:

@@ -43,6 +43,13 @@ def test_mistakes_are_questioned(camera: Camera, said: str) -> None:
     assert all("\n" not in line for line in found)
 
 
+def test_an_offset_up_to_the_edge_is_on_the_sensor() -> None:
+    edge = 160 * 5.5
+    assert doubts(changed("lattice", offset_um=(edge, -edge))) == ()
+    for beyond in ((1.01 * edge, 0.0), (0.0, -1.01 * edge)):
+        assert any("off the 320 x 320 px sensor" in line for line in doubts(changed("lattice", offset_um=beyond)))
+
+
 @pytest.mark.parametrize(
     "camera",
     [

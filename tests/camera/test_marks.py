@@ -30,6 +30,12 @@ def test_values_without_a_mark_are_stated() -> None:
     assert MARKED.marked(["sensor.pixel_um"], "measured").paths("assumed") == ()
 
 
+def test_marks_are_sorted_and_the_last_of_a_path_counts() -> None:
+    one = Marks((("b", "stated"), ("a", "stated"), ("a", "assumed")))
+    assert one.entries == (("a", "assumed"), ("b", "stated"))
+    assert one == Marks.of({"a": "assumed", "b": "stated"}) == Marks.of({"b": "stated", "a": "assumed"})
+
+
 def test_descriptions_of_version_1_are_read() -> None:
     data: dict[str, Any] = preset("r29").to_dict()
     old = {key: value for key, value in data.items() if key != "marks"} | {"version": 1}

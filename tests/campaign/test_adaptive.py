@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,13 +19,15 @@ from lfcal.acquire.recording.verify import verify
 from lfcal.acquire.session import record
 from lfcal.acquire.session_file import SessionFile
 from lfcal.camera import ScanPlan
-from lfcal.campaign import Adapted, AdaptiveStep, Goal, iter_adaptive
+from lfcal.campaign import Adapted, AdaptiveStep, Goal, adaptive, iter_adaptive
 from lfcal.campaign.adaptive import _gained_nothing
 from lfcal.campaign.patterns import iter_session_patterns
+from lfcal.campaign.steps import FEWEST
 from lfcal.devices.protocols import Rig
 from lfcal.devices.registry import open_rig
 from lfcal.errors import InputError
 from lfcal.fit.judge import ModelError
+from lfcal.fit.nuisance import Spread
 from lfcal.fit.setup import described_effects
 from lfcal.frames.source import Position
 from lfcal.progress import Work, drain
@@ -139,6 +142,49 @@ def test_a_model_that_does_not_suffice_ends_it(whole: Whole) -> None:
     found = adapted(whole.place, Goal(1e-3, first=6, unknowns=("iris",), candidates=40), resume=True)
     assert found.how == "incomplete" and not found.steps[-1].complete and "model incomplete" in str(found.steps[-1])
     assert len(found.steps) <= 3
+
+
+@pytest.mark.parametrize(
+    ("errors", "groups", "nothing"),
+    [
+        ((0.2,), "a", False),
+        ((0.2, 0.19), "aa", True),
+        ((0.2, 0.1), "aa", False),
+        ((0.2, 0.1, 0.03), "aaa", False),
+        ((0.2, 0.03, 0.03), "aaa", True),
+        ((0.2, 0.03, 0.03), "aab", False),
+        ((0.2, 0.03, 0.03), "baa", True),
+    ],
+)
+def test_patterns_gain_something_or_not(errors: tuple[float, ...], groups: str, nothing: bool) -> None:
+    """By the last two steps, whatever came before."""
+    steps = [
+        SimpleNamespace(left_out=ModelError(error**2, 1e-9, 0.0, 5), groups=(group,))
+        for error, group in zip(errors, groups, strict=True)
+    ]
+    assert _gained_nothing(steps) is nothing  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("there", "added"), [(1, FEWEST), (12, 12), (30, 10)])
+def test_as_many_positions_are_added_as_there_are(monkeypatch: pytest.MonkeyPatch, there: int, added: int) -> None:
+    """No fewer than a step needs, and no more than are left of 40."""
+    asked: list[int] = []
+
+    def chosen(plan: ScanPlan, count: int, **_: object) -> Iterator[None]:
+        asked.append(count)
+        yield
+
+    class Patterns:
+        patterns = np.ones((1, 2, 2))
+
+        def __len__(self) -> int:
+            return there
+
+    monkeypatch.setattr(adaptive, "iter_next_positions", chosen)
+    monkeypatch.setattr(adaptive, "Earlier", SimpleNamespace(of=lambda fit: None))
+    own = SimpleNamespace(_most=40, _recorded=lambda: [None] * there, _plan=PLAN, _goal=GOAL, _workers=None)
+    list(adaptive._Campaign.choice(own, SimpleNamespace(spread=Spread()), Patterns()))  # type: ignore[arg-type]
+    assert asked == [added]
 
 
 def test_what_lies_in_the_model_is_not_reached() -> None:

@@ -44,6 +44,14 @@ def record(folder: Path, *faults: Fault, plan: RegionPlan = PLAN, resume: bool =
     return outcome.acknowledged
 
 
+def test_progress_is_that_of_all_regions(tmp_path: Path) -> None:
+    work = iter_record_regions(tmp_path / "s", PLAN, rig_for(PLAN.scan), CAREFUL)
+    shown = [one for one in work if one.stage.startswith("record")]
+    assert {one.stage for one in shown} == {f"record {name}" for name in PLAN.names}
+    assert {one.total for one in shown} == {54} and shown[-1].done == 54
+    assert [one.done for one in shown] == sorted(one.done for one in shown)
+
+
 def test_every_region_is_recorded_at_its_place(tmp_path: Path) -> None:
     assert record(tmp_path / "s") == 54
     assert is_regions(tmp_path / "s") and read_regions(tmp_path / "s") == PLAN

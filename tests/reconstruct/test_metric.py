@@ -77,6 +77,10 @@ def test_a_cone_is_a_cone_again() -> None:
     widest = max(camera.step_um(float(z)) for z in plan.depths_um)
     assert cut.origin_um[0] - grid.origin_um[0] == pytest.approx(20 * widest)
     assert MetricGrid.for_matrix(H, shape, (3.0 - 20, 5.0 - 10)).origin_um == pytest.approx(grid.origin_um)
+    # with a row less it is a part of the sensor
+    part = (shape[0] - 1, shape[1])
+    here, there = (MetricGrid.for_matrix(H, part, anchor) for anchor in (None, (3.0 - 20, 5.0)))
+    assert there.origin_um[0] - here.origin_um[0] == pytest.approx(20 * widest)
 
 
 def test_what_cannot_be() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,13 +11,16 @@ import pytest
 
 from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
+from lfcal.progress import drain
 from lfcal.psf import PSFMatrix, open_psf
 from lfcal.simulate import progressive
 from lfcal.simulate.accuracy.planner import plan_effects
 from lfcal.simulate.progressive import Pass, iter_refine_psf, passes_for
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.simulate import simulate_psf
+from lfcal.work import RunChoice
 from tests.simulate.common import difference, small_camera
+from tests.windows_rules import keep_open_files
 
 
 @pytest.fixture
@@ -56,6 +60,23 @@ def test_every_pass_is_a_whole_h_labelled_with_its_error(plan: ScanPlan, tmp_pat
         for z in range(2):
             # a plane's label holds for what is in the file; estimates of what is left out within a factor of 2
             assert difference(found[z], truth[z]) <= 2 * errors[z] + 0.015
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="asks /proc what is open")
+@pytest.mark.parametrize("in_units", [False, True])
+def test_no_pass_is_open_when_the_next_takes_its_name(
+    plan: ScanPlan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, in_units: bool
+) -> None:
+    """As Windows asks; and none is left open."""
+    keep_open_files(monkeypatch, tmp_path)
+    passes: list[PSFMatrix] = []
+    run = RunChoice() if in_units else None
+    work = iter_refine_psf(plan.camera, plan, tolerance=0.3, out=tmp_path / "H.h5", on_pass=passes.append, run=run)
+    with drain(work) as last:
+        assert len(passes) == 2 and last is passes[-1] and np.isfinite(last[0, 0, 0]).all()
+        with pytest.raises(ValueError, match=r"."):
+            passes[0][0, 0, 0]
+    (tmp_path / "H.h5").unlink()
 
 
 def test_stopping_keeps_the_last_whole_pass(plan: ScanPlan, tmp_path: Path) -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from lfcal.errors import InputError
 from lfcal.targets import FoundPoints, Pose, Target, find_points
+from lfcal.targets.finding import _shown
 from tests.targets.common import bench, scan_of
 from tests.targets.drawn import drawn, places
 
@@ -40,6 +42,16 @@ def errors(points: FoundPoints, target: Target) -> np.ndarray:
             for h, at in zip(points.holes.tolist(), points.pixels.tolist(), strict=True)
         ]
     )
+
+
+def test_places_that_a_frame_shows_whole_are_counted_to_its_edges() -> None:
+    """A lattice of 20 px whose place (0, 0) is at row 70, column 90 of 100 x 120 px."""
+    indices = np.array([(0, 0), (0, 1), (1, 0), (-1, 0)])
+    pitch = np.diag([20.0, 20.0])
+    spots = SimpleNamespace(pixels=indices @ pitch + (70, 90))
+    whole, before = _shown(spots, indices, pitch, (100, 120), 3.0)  # type: ignore[arg-type]
+    shown = {(i - before[0], j - before[1]) for i, j in np.argwhere(whole).tolist()}
+    assert shown == {(i, j) for i in range(-3, 2) for j in range(-4, 2)}
 
 
 def test_a_target_as_described_is_found_whole() -> None:

@@ -122,6 +122,12 @@ def test_holes_lie_about_the_middle() -> None:
     assert hexagonal.nearest_um == pytest.approx(1000.0) and Target().nearest_um == math.inf
 
 
+def test_neighbours_of_one_row_or_column_are_along_it() -> None:
+    pitch = (700.0, 1000.0)
+    assert Target("square", (1, 5), pitch).nearest_um == 1000.0
+    assert Target("square", (5, 1), pitch).nearest_um == Target("square", (5, 5), pitch).nearest_um == 700.0
+
+
 def test_absent_holes_are_not_there() -> None:
     target = parse_target("array:2x3@1mm,absent=0:1")
     assert target.holes.tolist() == [[0, 0], [0, 2], [1, 0], [1, 1], [1, 2]]
