@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from gui.pages.acquire.model_recorder import RecordPicture, lamp_words, record_picture
 from lfcal.acquire.live_coverage import CoverageState
 from lfcal.acquire.live_quality import QualityState
+from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
 from lfcal.files import read_text
 from lfcal.frames.source import Position
@@ -19,7 +20,7 @@ from lfcal.units import format_share
 if TYPE_CHECKING:
     from lfcal.targets import TargetPlan
 
-__all__ = ["coverage_picture", "coverage_words", "picture_of", "points_px", "read_target_plan"]
+__all__ = ["coverage_picture", "coverage_words", "picture_of", "places_px", "points_px", "read_target_plan"]
 
 
 def read_target_plan(path: str) -> TargetPlan:
@@ -27,6 +28,18 @@ def read_target_plan(path: str) -> TargetPlan:
     from lfcal.targets import TargetPlan  # here: a page is shown before simulators are loaded
 
     return TargetPlan.from_json(read_text(Path(path)))
+
+
+def places_px(
+    plan: ScanPlan | TargetPlan, position: Position | None
+) -> tuple[tuple[float, float] | None, NDArray[np.float64] | None]:
+    """Return where a frame's image of the point is as planned, or else those of a target's points; None: not known."""
+    if position is None:
+        return None, None
+    if not isinstance(plan, ScanPlan):
+        return None, points_px(plan, position)
+    row, column = plan.image_px(position).tolist()
+    return (row, column), None
 
 
 def points_px(plan: TargetPlan, position: Position) -> NDArray[np.float64]:

@@ -31,7 +31,7 @@ from gui.pages.acquire.model_recorder import QUANTITIES, RecordPicture
 from gui.pages.acquire.model_until import ErrorCurve
 from gui.pages.acquire.record_pictures import RecordPictures
 from gui.theme import current_theme
-from gui.widgets.cards import card, choice_box, column_area, line
+from gui.widgets.cards import card, choice_box, column_area, heading, line
 from gui.widgets.form import Form
 from gui.widgets.naming import name_controls
 from gui.widgets.words import ElidedLabel
@@ -64,7 +64,7 @@ BUTTONS = (
 """Key, title and meaning of each button."""
 
 
-SINGLE = "Source: a single point"
+SINGLE = "a single point"
 
 
 class RecordPanel(QWidget):
@@ -141,7 +141,12 @@ class RecordPanel(QWidget):
 
     # -- building --------------------------------------------------------------------------------------
     def _session_card(self) -> QWidget:
-        frame, column = card("Session")
+        frame, column = card()
+        self.source, self.choose_target = ElidedLabel(SINGLE), QPushButton("Target …")
+        self.source.setProperty("role", "hint")
+        self.choose_target.clicked.connect(lambda: self.target_asked.emit())
+        column.addLayout(line(heading("Session"), self.source, self.choose_target, stretch=1))
+        self.show_target("")
         self.folder = QLineEdit()
         self.folder.setPlaceholderText("folder of the session")
         self.folder.setToolTip("A new or empty folder, or that of an interrupted session to resume it")
@@ -154,10 +159,6 @@ class RecordPanel(QWidget):
         self.folder_words.setProperty("role", "hint")
         self.folder_words.setWordWrap(True)
         column.addWidget(self.folder_words)
-        self.source, self.choose_target = ElidedLabel(SINGLE), QPushButton("Target …")
-        self.choose_target.clicked.connect(lambda: self.target_asked.emit())
-        column.addLayout(line(self.source, self.choose_target, stretch=0))
-        self.show_target("")
         self.extent = choice_box(
             EXTENTS,
             "Every position of the plan; or a few, then a fit of them, then the positions that help it most, and so on "
@@ -232,7 +233,7 @@ class RecordPanel(QWidget):
     # -- showing ---------------------------------------------------------------------------------------
     def show_target(self, name: str) -> None:
         """Say which target's plan is recorded; an empty name: the scan of a single point."""
-        self.source.setText(f"Target: {name}" if name else SINGLE)
+        self.source.setText(name or SINGLE)
         self.choose_target.setText("Single point" if name else "Target …")
         self.choose_target.setToolTip(
             "Record the scan of a single point again"

@@ -17,14 +17,13 @@ from gui.models.words import plane_words
 from gui.pages.acquire.after import Afterwards
 from gui.pages.acquire.model import AcquireSettings
 from gui.pages.acquire.model_recorder import FolderState, Recorder, RecordPicture, folder_state
-from gui.pages.acquire.model_target import picture_of, points_px
+from gui.pages.acquire.model_target import picture_of, places_px
 from gui.pages.acquire.model_until import check_goal, error_curve
 from gui.pages.acquire.record_panel import RecordPanel
 from gui.pages.acquire.setup_tab import SetupTab
-from gui.pages.acquire.status import asked_words, end_words, progress_words
+from gui.pages.acquire.status import advice_words, asked_words, end_words, progress_words
 from gui.pages.acquire.step import step
 from gui.pages.acquire.target_choice import TargetChoice
-from lfcal.camera import ScanPlan
 from lfcal.errors import LfcalError, StorageError
 from lfcal.units import format_length
 
@@ -67,7 +66,7 @@ class RecordTab(QObject):
         panel.extent_asked.connect(lambda key: self._field_edited("extent", key))
         panel.folder_edited.connect(self.set_folder)
         panel.folder_asked.connect(self._choose_folder)
-        panel.target_asked.connect(self._target_asked)
+        panel.target_asked.connect(lambda: self.target.ask(panel))
         panel.view_changed.connect(self._refresh_picture)
         panel.plane_asked.connect(self.after.open_plane)
         panel.pressed.connect(self._pressed)
@@ -124,14 +123,6 @@ class RecordTab(QObject):
         if state.plan is not None:
             settings, plan = AcquireSettings.of(state).changed(state.plan, key, value)
             self.context.project.merge(f"change of {key.replace('_', ' ')}", plan=plan, settings=settings.into(state))
-
-    # -- target ----------------------------------------------------------------------------------------
-    def _target_asked(self) -> None:
-        """Choose a target's plan, or go back to the single point."""
-        if AcquireSettings.of(self.context.state).target:
-            self.target.clear()
-        elif path := QFileDialog.getOpenFileName(self.panel, "Plan of a target", "", "Plans (*.json)")[0]:
-            self.target.take(path)
 
     def _target_read(self, words: str) -> None:
         """Show what the target covers, or why its plan cannot be read."""
@@ -196,38 +187,16 @@ class RecordTab(QObject):
         buttons["redo"].setText(f"Record again ({count})" if count else "Record again")
         buttons["redo"].setEnabled(free and bool(count) and complete)
         for key in ("assemble", "fit"):
-            buttons[key].setEnabled(there and not recording)
-        if many:
-            buttons["fit"].setEnabled(False)
+            buttons[key].setEnabled(there and not recording and not (many and key == "fit"))
         buttons["pack"].setEnabled(complete and not recording)
-        for widget in (
-            self.panel.choose_target,
-            self.panel.form,
-            self.panel.until,
-            self.panel.extent,
-            self.panel.folder,
-        ):
+        panel = self.panel
+        for widget in (panel.choose_target, panel.form, panel.until, panel.extent, panel.folder):
             widget.setEnabled(not recording)
         self._show_error()
-        self.panel.why.setText(self._advice())
+        backend = AcquireSettings.of(state).backend if self.setup.station is None else ""
+        words = advice_words(self.folder, recording=recording, backend=backend, measured="stage" in self.setup.found)
+        self.panel.why.setText(words)
         self.shown.emit()
-
-    def _advice(self) -> str:
-        if self.recording:
-            return "Recording continues while you use other pages."
-        if self.folder.complete and self.folder.target is not None:
-            return "Complete. Assemble H of the points that meet phases; lfcal fit takes all of them where they are."
-        if self.folder.complete and self.folder.chosen is not None:
-            return "Fit takes what was recorded to the page Fit; with a smaller error the session goes on."
-        if self.folder.complete:
-            return "Complete. Assemble H, or choose another folder for a new session."
-        if self.setup.station is None:
-            name = AcquireSettings.of(self.context.state).backend
-            name = "the simulator" if name == "sim" else name
-            return f"Start connects {name} and asks for a folder if there is none."
-        if "stage" not in self.setup.found:
-            return "The direction of the stage axes is not measured yet: Set up measures it in seconds."
-        return ""
 
     # -- recording -------------------------------------------------------------------------------------
     def _pressed(self, key: str) -> None:
@@ -328,17 +297,9 @@ class RecordTab(QObject):
             return
         frame = self.recorder.preview.latest()
         if frame is not None:
-            point, holes = None, None
-            if frame.position is not None and not isinstance(self.recorder.recorded, ScanPlan):
-                holes = points_px(self.recorder.recorded, frame.position)
-                if self.panel.follow.isChecked():
-                    self.panel.set_plane(frame.position.z)
-            elif frame.position is not None:
-                row, column = self.recorder.plan.image_px(frame.position).tolist()
-                point = (row, column)
-                if self.panel.follow.isChecked():
-                    self.panel.set_plane(frame.position.z)
-            self.panel.show_frame(frame, point, holes)
+            if frame.position is not None and self.panel.follow.isChecked():
+                self.panel.set_plane(frame.position.z)
+            self.panel.show_frame(frame, *places_px(self.recorder.recorded, frame.position))
             self.context.frame_seen.emit(frame.data, (frame.roi.row, frame.roi.column))
         self._show_error()
         self._refresh_picture()

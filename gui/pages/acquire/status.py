@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from gui.jobs import Job, JobState
-from gui.pages.acquire.model_recorder import Recorder
+from gui.pages.acquire.model_recorder import FolderState, Recorder
 from gui.pages.acquire.model_until import until_words
 from lfcal.acquire.control import Control
 from lfcal.progress import Progress
 from lfcal.units import format_seconds
 
-__all__ = ["asked_words", "end_words", "progress_words"]
+__all__ = ["advice_words", "asked_words", "end_words", "progress_words"]
 
 
 def progress_words(recorder: Recorder, record: Progress, lamp: str) -> tuple[str, str, float | None]:
@@ -49,3 +49,31 @@ def end_words(job: Job, ended: str, counted: str = "positions") -> tuple[str, fl
 
 def _joined(*parts: str) -> str:
     return ", ".join(part for part in parts if part)
+
+
+def advice_words(folder: FolderState, *, recording: bool, backend: str, measured: bool) -> str:
+    """Return what comes next, in words.
+
+    Parameters
+    ----------
+    folder
+        What the session's folder holds.
+    recording
+        Whether a session is being recorded.
+    backend
+        Name of the devices that are to be connected; empty: they are.
+    measured
+        Whether the stage's axes are.
+    """
+    if recording:
+        return "Recording continues while you use other pages."
+    if folder.complete and folder.target is not None:
+        return "Complete. Assemble H of the points that meet phases; lfcal fit takes all of them where they are."
+    if folder.complete and folder.chosen is not None:
+        return "Fit takes what was recorded to the page Fit; with a smaller error the session goes on."
+    if folder.complete:
+        return "Complete. Assemble H, or choose another folder for a new session."
+    if backend:
+        name = "the simulator" if backend == "sim" else backend
+        return f"Start connects {name} and asks for a folder if there is none."
+    return "" if measured else "The direction of the stage axes is not measured yet: Set up measures it in seconds."

@@ -7,6 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from PySide6.QtWidgets import QFileDialog, QWidget
+
 from gui.context import Context
 from gui.pages.acquire.model import AcquireSettings
 from gui.pages.acquire.model_recorder import FolderState
@@ -37,6 +39,13 @@ class TargetChoice:
         self.context, self._read = context, read
         self.plan: TargetPlan | None = None
         self._path = ""
+
+    def ask(self, parent: QWidget) -> None:
+        """Choose a target's plan, or go back to the single point."""
+        if AcquireSettings.of(self.context.state).target:
+            self.clear()
+        elif path := QFileDialog.getOpenFileName(parent, "Plan of a target", "", "Plans (*.json)")[0]:
+            self.take(path)
 
     def take(self, path: str) -> None:
         """Record the target of a plan's file; the project's scan and camera become those that it stands for."""

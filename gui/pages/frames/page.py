@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,11 +28,11 @@ from gui.pages.frames.model import (
     open_imported,
 )
 from gui.pages.frames.model_import import open_choice
-from gui.pages.frames.orientation import advice, other_sensor, refusal
+from gui.pages.frames.noticed import Noticed
+from gui.pages.frames.orientation import refusal
 from gui.pages.frames.panel import FramesPanel
 from gui.saving import ask_target
 from lfcal.frames.lists.table import TABLE_SUFFIXES
-from lfcal.frames.orientation import ORIENTATIONS
 from lfcal.frames.source import Position
 from lfcal.psf.orientation import FoundOrientation, find_orientation
 
@@ -58,6 +59,7 @@ class Page(BasePage):
         self.loaded: Loaded | None = None
         self.dialog: ImportDialog | None = None
         self.position = Position(0, 0, 0)
+        self.noticed = Noticed(context, self.notice, partial(self._set, "orientation"))
         self.filling = Filling()
         """H as it fills while it is assembled."""
         self._assembling = self._opening = False
@@ -229,18 +231,6 @@ class Page(BasePage):
         self.context.jobs.drop("frames open")
         self._failed("The frames were not opened: stopped")
 
-    def _tell_left_out(self, lines: tuple[str, ...]) -> None:
-        """Say which frames cannot be read and are not among these."""
-        for line in lines:
-            self.context.message.emit(f"left out: {line}")
-        if lines:
-            count = "1 damaged frame is" if len(lines) == 1 else f"{len(lines)} damaged frames are"
-            self.notice.tell(f"{count} left out; the log says which, and why")
-
-    def _offer_without(self, words: str) -> None:
-        """Offer to go on without frames that cannot be read."""
-        self.notice.offer(words, "Leave out damaged frames", lambda: self._correct("skip_damaged", True))
-
     def _failed(self, words: str) -> None:
         self._opening = False
         self.notice.clear()
@@ -258,7 +248,7 @@ class Page(BasePage):
         # these frames may have fewer planes than those before, and not all positions
         self.position = opened.recorded(self.position)
         self.panel.show_dark(opened.dark, wanted=opened.chosen.use_dark)
-        self._tell_left_out(opened.left_out)
+        self.noticed.tell_left_out(opened.left_out)
         self.panel.set_planes(opened.frames.shape[0])
         self._show_map()
         self.go_to(self.position)
@@ -275,27 +265,7 @@ class Page(BasePage):
             self._offer_turn()
 
     def _offer_turn(self, before: str = "") -> None:
-        """Say which way the frames lie, where that is not as was chosen, and offer what helps."""
-        advised = None if self.found is None else advice(self.found, self.settings.orientation)
-        if advised is None and self.opened is not None:
-            if words := other_sensor(self.opened.delivered.corrected, self.opened.plan):
-                self.context.message.emit(words)
-                self.notice.tell(words)
-        if advised is None:
-            return
-        said = advised.words
-        words = f"{before}{said[0].lower()}{said[1:]}." if before else f"{said}."
-        self.context.message.emit(words)
-        if advised.chosen:
-            self.notice.tell(words)
-            return
-        leave = (lambda: self._set("orientation", advised.leave)) if advised.leave else None
-        if advised.apply:
-            turning = advised.apply in ORIENTATIONS
-            button = f"Turn upright ({advised.apply})" if turning else "Do not turn them"
-            self.notice.offer(words, button, lambda: self._set("orientation", advised.apply), leave)
-        else:
-            self.notice.offer(words, "Plan", lambda: self.context.go.emit("plan", None), leave)
+        self.noticed.offer_turn(self.opened, self.found, self.settings.orientation, before)
 
     # -- stepping --------------------------------------------------------------------------------------
     def go_to(self, position: Position) -> None:
@@ -324,7 +294,7 @@ class Page(BasePage):
                 self.loaded = None
                 self.panel.show_missing(words)
                 if not opened.chosen.skip_damaged:
-                    self._offer_without(words)
+                    self.noticed.offer_without(words, lambda: self._correct("skip_damaged", True))
 
         self.context.jobs.compute("frames load", lambda: load_frame(opened, where), loaded, failed)
 
@@ -350,6 +320,7 @@ class Page(BasePage):
 
     def _loaded(self, loaded: Loaded) -> None:
         self.loaded = loaded
+        self.noticed.forget_damage()
         self.panel.show_frame(loaded)
         self._show_overlays()
 

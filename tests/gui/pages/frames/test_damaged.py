@@ -107,3 +107,17 @@ def test_what_is_subtracted_as_no_light_is_said(scan: Path, open_page: Any, cont
     box.setChecked(False)
     idle(context.jobs, qtbot)
     assert not box.isChecked() and box.isEnabled()
+
+
+def test_the_offer_goes_with_the_frame_that_it_is_of(
+    scan: Path, open_page: Any, context: Context, qtbot: QtBot
+) -> None:
+    page = open_page("frames")
+    page.open_folder(str(scan))
+    idle(context.jobs, qtbot)
+    page.go_to(Position(*DAMAGED))
+    idle(context.jobs, qtbot)
+    assert page.notice.isVisible()
+    page.go_to(Position(0, 0, 1))
+    idle(context.jobs, qtbot)
+    assert page.loaded is not None and not page.notice.isVisible()
