@@ -18,6 +18,7 @@ from lfcal.frames import (
     Position,
     corrected,
 )
+from lfcal.frames.oriented import oriented
 from tests.frames.test_orientation import NUMPY
 
 UPRIGHT = np.arange(3 * 6 * 8, dtype=np.uint16).reshape(3, 6, 8) * 7 + 100
@@ -108,3 +109,10 @@ def test_a_region_beyond_the_turned_frame_is_refused() -> None:
     assert source.read(0, np.s_[7:8, 0:6]).shape == (1, 6)
     with pytest.raises(InputError, match="region columns"):
         source.read(0, np.s_[0:2, 0:8])
+
+
+@pytest.mark.parametrize("k", range(3))
+def test_one_cutout_among_whole_frames_is_placed_on_the_sensor(k: int) -> None:
+    origins = [(2, 3) if n == k else (0, 0) for n in range(3)]
+    turned = oriented(ArraySource(UPRIGHT, POSITIONS, origins=origins), ORIENTATIONS["rot180"], (20, 30))
+    assert turned.info(k).origin == (20 - 6 - 2, 30 - 8 - 3)

@@ -41,6 +41,15 @@ def scene_frame(fit: LatticeFit, scene: Any, slope: float) -> NDArray[np.float32
     return np.asarray(scene(column, row), np.float32)
 
 
+@pytest.mark.parametrize("with_white", [False, True])
+def test_pixels_beyond_the_radius_have_no_weight(with_white: bool) -> None:
+    truth, fit = clean("square")
+    white = truth.frame if with_white else None
+    views = extract_views(truth.frame, fit, white=white, radius_px=4.0)
+    beyond = np.hypot(views.offsets[:, None], views.offsets[None, :]) > 4.0
+    assert beyond.any() and not views.weights[beyond].any() and (views.weights[~beyond] > 0).any(axis=(1, 2)).all()
+
+
 @pytest.mark.parametrize("axes", ["frame", "lattice"])
 @pytest.mark.parametrize("kind", ["square", "hexagonal"])
 def test_every_view_of_a_plane_in_the_lenslets_is_that_plane(kind: str, axes: str) -> None:

@@ -97,3 +97,20 @@ def test_a_solver_that_takes_no_weights_has_no_margin(monkeypatch: pytest.Monkey
     assert SolverChoice("plain").margin == 0
     with pytest.raises(InputError, match=r"cannot leave out what lies beside the frame, got 5; give 0"):
         SolverChoice("plain", margin=5)
+
+
+@pytest.mark.parametrize(
+    ("period", "cutout", "shape", "margin"),
+    [
+        ((2, 9), (101, 51), (800, 640), 18),
+        ((9, 2), (51, 101), (640, 800), 18),
+        ((40, 40), (9, 31), (800, 640), 15),
+        ((40, 40), (101, 101), (80, 96), 12),
+        ((40, 40), (1, 1), (80, 96), 0),
+    ],
+)
+def test_the_usual_margin_is_the_least_of_three(
+    period: tuple[int, int], cutout: tuple[int, int], shape: tuple[int, int], margin: int
+) -> None:
+    """Two periods, what patterns reach, an eighth of the frame; each of its longer side."""
+    assert usual_margin(period, cutout, shape) == margin

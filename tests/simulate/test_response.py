@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from lfcal.camera import ScanPlan
 from lfcal.progress import Unwanted, wanted_while
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.engines.wave import WavePlane
-from lfcal.simulate.response import at_wavelength
+from lfcal.simulate.response import PlaneResponse, at_wavelength
 from lfcal.simulate.scene import seidel
+from tests.simulate.common import small_camera
 from tests.simulate.scenes import camera_scene, relative_error
 
 
@@ -57,3 +61,14 @@ def test_it_is_left_within_a_block_of_rows(level: str) -> None:
     with wanted_while(wanted), pytest.raises(Unwanted):
         engine.rows(range(4), range(3), workers=1)
     assert len(rows) == 3 and rows[2] > rows[1] > rows[0] == 0
+
+
+def test_blocks_of_rows_make_the_whole() -> None:
+    plan = replace(ScanPlan.for_camera(small_camera(), virtual_depths=[3.0], cutout=15), period=(5, 3))
+    response = PlaneResponse(plan, 0, (), level="geometric")
+    whole = response.rows(range(5), range(3))
+    for block, steps in ((2, [2, 4, 5]), (3, [3, 5]), (5, [5])):
+        out = np.zeros_like(whole)
+        assert list(response.accumulate(out, np.arange(5), np.arange(3), block=block)) == steps
+        np.testing.assert_array_equal(out, whole)
+    assert whole.any()
