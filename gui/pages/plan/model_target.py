@@ -67,7 +67,7 @@ TARGET_FIELDS = (
         "How the target lies: rotation=1,tilt_right=2,tilt_down=0 (degrees), right=0.3mm,down=0,away=0. Measured "
         "from one frame it tells where the holes really are",
         kind="text",
-        empty="straight, in the middle",
+        empty="straight",
     ),
     Field(
         "regions",
@@ -223,10 +223,10 @@ class PlannedTarget:
         if not count:
             return
         half = max(1, count // 2) - 1
-        yield "Noise, all frames", format_share(found.error[-1]), format_share(found.single)
-        yield "  half of them", format_share(found.error[half]), ""
-        yield "Phases, all frames", format_share(found.shown[-1]), "100 %"
-        yield "  half of them", format_share(found.shown[half]), ""
+        yield "Noise, in all", format_share(found.error[-1]), format_share(found.single)
+        yield "  half-way", format_share(found.error[half]), ""
+        yield "Phases, in all", format_share(found.shown[-1]), "100 %"
+        yield "  half-way", format_share(found.shown[half]), ""
 
     def _regions(self, single: int) -> Iterator[tuple[str, str, str]]:
         count, fewest = self.regions

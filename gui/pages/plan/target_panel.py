@@ -60,6 +60,7 @@ class TargetPanel(QWidget):
         self.found: PlannedTarget | None = None
         self.form = Form(TARGET_FIELDS)
         self.form.own_line("source", 260)
+        self.form.own_line("pose", 260)
         self._build_images()
         self._build_map()
         self.table = RowsTable(TABLE, 0, range(1, len(TABLE)))

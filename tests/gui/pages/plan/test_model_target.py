@@ -61,8 +61,8 @@ def test_a_plan_is_the_library_s_and_its_drawing_tells_what_is_covered() -> None
     summary = {name: (ours, single) for name, ours, single in found.summary()}
     assert summary["Frames"] == ("12", "252")
     # what noise leaves, beside a single point
-    assert all(summary["Noise, all frames"]) and "For 3 regions" not in summary
-    assert summary["Phases, all frames"] == (f"{100 * plane.coverage:.2g} %", "100 %")
+    assert all(summary["Noise, in all"]) and "For 3 regions" not in summary
+    assert summary["Phases, in all"] == (f"{100 * plane.coverage:.2g} %", "100 %")
     lines = list(point_lines(plane, ","))
     assert lines[0] == "frame,row_px,column_px\n" and len(lines) == len(plane.points) + 1
     assert lines[1].startswith("1,") and lines[-1].startswith("12,")
