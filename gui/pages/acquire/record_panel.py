@@ -66,6 +66,11 @@ BUTTONS = (
 
 SINGLE = "a single point"
 
+EXTENT_TIP = (
+    "Every position of the plan; or a few, then a fit of them, then the positions that help it most, and so on until H "
+    "is known as well as wanted"
+)
+
 
 class RecordPanel(QWidget):
     """The tab of the session.
@@ -140,13 +145,17 @@ class RecordPanel(QWidget):
         self.folder_words.setVisible(bool(words))
 
     # -- building --------------------------------------------------------------------------------------
-    def _session_card(self) -> QWidget:
-        frame, column = card()
+    def _session_head(self) -> QHBoxLayout:
         self.source, self.choose_target = ElidedLabel(SINGLE), QPushButton("Target …")
         self.source.setProperty("role", "hint")
         self.choose_target.clicked.connect(lambda: self.target_asked.emit())
-        column.addLayout(line(heading("Session"), self.source, self.choose_target, stretch=1))
         self.show_target("")
+        return line(heading("Session"), self.source, self.choose_target, stretch=1)
+
+    def _session_card(self) -> QWidget:
+        frame, column = card()
+        column.setSpacing(4)
+        column.addLayout(self._session_head())
         self.folder = QLineEdit()
         self.folder.setPlaceholderText("folder of the session")
         self.folder.setToolTip("A new or empty folder, or that of an interrupted session to resume it")
@@ -159,11 +168,7 @@ class RecordPanel(QWidget):
         self.folder_words.setProperty("role", "hint")
         self.folder_words.setWordWrap(True)
         column.addWidget(self.folder_words)
-        self.extent = choice_box(
-            EXTENTS,
-            "Every position of the plan; or a few, then a fit of them, then the positions that help it most, and so on "
-            "until H is known as well as wanted",
-        )
+        self.extent = choice_box(EXTENTS, EXTENT_TIP)
         self.extent.setAccessibleName("positions to record")
         self.extent.currentIndexChanged.connect(lambda _: self.extent_asked.emit(self.extent.currentData()))
         column.addWidget(self.extent)

@@ -209,7 +209,7 @@ class Loaded:
 
 def open_imported(folder: str, settings: FrameSettings, plan: ScanPlan) -> Opened:
     """Open frames and corrections as the settings say; raises what opening raises."""
-    from lfcal.frames import CorrectionRecipe, corrected_view, iter_undamaged, open_frames
+    from lfcal.frames import corrected_view, iter_undamaged, open_frames
     from lfcal.frames.colour_scan import ThinnedSource, colour_scan
     from lfcal.frames.components import open_component
 
@@ -233,14 +233,7 @@ def open_imported(folder: str, settings: FrameSettings, plan: ScanPlan) -> Opene
     frames, own = source, plan
     if channel and (scan := colour_scan(source, plan, channel)) is not None:
         frames, own = ThinnedSource(source, scan), scan.plan
-    recipe = CorrectionRecipe(
-        dark=settings.dark if settings.use_dark else "none",
-        white=settings.white if settings.use_white else "",
-        defects=settings.use_defects,
-        background="border" if settings.use_background else "none",
-        shift=settings.shift,
-        channel=channel,
-    )
+    recipe = _recipe(settings, channel)
     corrected = corrected_view(frames, recipe, plan)
     delivered = Delivered(frames, corrected, recipe, plan, settings.orientation)
     # of one colour, and of samples moved down, the frames are shown as they go into the corrections
@@ -251,6 +244,19 @@ def open_imported(folder: str, settings: FrameSettings, plan: ScanPlan) -> Opene
     view = turned(corrected, own, settings.orientation)
     dark = _dark_words(corrected.chain)
     return Opened(raw, view, delivered, table, own, settings.interpolation, folder, settings, dark)
+
+
+def _recipe(settings: FrameSettings, channel: str) -> CorrectionRecipe:
+    from lfcal.frames import CorrectionRecipe
+
+    return CorrectionRecipe(
+        dark=settings.dark if settings.use_dark else "none",
+        white=settings.white if settings.use_white else "",
+        defects=settings.use_defects,
+        background="border" if settings.use_background else "none",
+        shift=settings.shift,
+        channel=channel,
+    )
 
 
 def _dark_words(chain: CorrectionChain) -> str:

@@ -108,7 +108,9 @@ def test_what_does_not_go_together_is_refused_in_a_line(
 ) -> None:
     context.project.update("plan", plan=replace(SCAN, exposure_s=0.5), recording=str(tmp_path / "s"))
     page.panel.setup.live.setChecked(False)
-    qtbot.mouseClick(page.panel.record.buttons["start"], Qt.MouseButton.LeftButton)
+    start = page.panel.record.buttons["start"]
+    qtbot.waitUntil(start.isEnabled, timeout=GUARD_MS)  # a live frame may be under way
+    qtbot.mouseClick(start, Qt.MouseButton.LeftButton)
     qtbot.waitUntil(lambda: "another scan" in page.panel.record.detail.text(), timeout=GUARD_MS)
     (tmp_path / "no.json").write_text("{}")
     page.record.target.take(str(tmp_path / "no.json"))
