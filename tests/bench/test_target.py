@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import json
+import sys
+from typing import Any
+
 import numpy as np
 import pytest
 
+from lfcal.bench import target as bench
 from lfcal.bench._target_scene import target_scene
 from lfcal.bench.target import compared, error_of, single_error
+from lfcal.cli import main
 from lfcal.fit.model import Fineness
 from lfcal.fit.setup import Setup
 from lfcal.simulate.effects import Distortion, FiniteSource, MechanicalVignetting, ReadNoise, ShotNoise
@@ -48,6 +54,47 @@ def test_the_true_camera_of_the_scene_is_a_setup(monkeypatch: pytest.MonkeyPatch
     (setup,) = seen
     assert setup.effect(MechanicalVignetting) == MechanicalVignetting(32e3, 1.03)
     assert setup.effect(FiniteSource) is None and setup.camera == scene.truth.setup.camera
+
+
+RESULT: dict[str, Any] = {
+    "holes": 141,
+    "frames": 8,
+    "few_frames": 2,
+    "positions": 627,
+    "single_error": 0.0788,
+    "described": 0.57,
+    "few": {"centre": 0.003, "worst": 0.012, "chi2": 1.14, "seconds": 9.0, "parts": {"part-0-0": 0.012}},
+    "many": {"centre": 0.002, "chi2": 1.1, "seconds": 12.0},
+    "modulo": {"camera_chi2": 44.0, "refused": True, "chi2": None, "says": "no such camera", "seconds": 1.0},
+}
+
+
+def test_the_command_asks_for_what_its_options_say(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked: list[Any] = []
+
+    def answer(*arguments: Any, **named: Any) -> dict[str, Any]:
+        asked.append((arguments, named))
+        return RESULT
+
+    def run(*words: str) -> str:
+        monkeypatch.setattr(sys, "argv", ["lfcal", "bench", "target", *words])
+        with pytest.raises(SystemExit) as stop:
+            main()
+        assert not stop.value.code
+        return capsys.readouterr().out
+
+    monkeypatch.setattr(bench, "compared", answer)
+    words = ("--frames", "8", "--few", "2", "--points", "27", "--unknowns", "geometry,iris", "--seed", "3")
+    told = run(*words, "--as-described", "--workers", "1")
+    ((frames, few, way), named), *_ = asked
+    assert (frames, few, named) == (8, 2, {"seed": 3, "wrong": False})
+    assert way == bench.Way(27, ("geometry", "iris"), 1, quiet=False)
+    for one in ("7.88 %", "0.20 %", "1.20 %", "44.00, refused", "part-0-0", "no such camera", "57.00 % off"):
+        assert one in told, one
+    assert json.loads(run("--unknowns", "auto", "--json")) == RESULT
+    assert asked[-1][0][2] == bench.Way(unknowns="auto", quiet=True)
 
 
 @pytest.mark.long

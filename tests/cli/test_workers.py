@@ -47,6 +47,7 @@ IDLE = {
     ("status",),
     ("trend",),
     ("doctor",),
+    ("install-desktop",),
     ("verify",),
     ("multiplex",),
     ("multiplex", "show"),
