@@ -14,6 +14,7 @@ from lfcal.multiplex.masks import MASKS, mask
 from lfcal.multiplex.matrix_file import MATRIX_SUFFIXES, load_modulator
 from lfcal.multiplex.modulator import Modulator
 from lfcal.multiplex.polarisation import polarisers
+from lfcal.multiplex.spectra import TABLES, Spectra, read_spectra, shipped_spectra
 from lfcal.multiplex.spectral_filters import spectral_array
 
 __all__ = ["GRAMMAR", "is_whole", "modulator_of"]
@@ -23,6 +24,9 @@ GRAMMAR = (
     "shutter:100,010/001,111, cameras:2x2, FILE.npy, FILE.json, or these joined by *"
 )
 """How modulators are written."""
+
+BAND_TABLES = ("filters", "efficiency", "illuminant")
+"""Tables of one's own that ``bands:`` takes: files of `read_spectra`, or what ships (silicon, A, D65)."""
 
 
 def is_whole(text: str) -> bool:
@@ -34,8 +38,9 @@ def modulator_of(text: str) -> Modulator:
     """Return the modulator written as `GRAMMAR` says: a name, a matrix file, or several of these joined by ``*``.
 
     ``nd:`` gives transmissions, ``polarisers:`` angles in degrees, by rows parted by slashes; ``bands:PATTERN:N`` the
-    shipped model filters over N bands of 400 … 700 nm behind silicon; ``shutter:`` for each pixel in which moments
-    it is open; ``cameras:2x2`` an array of cameras.
+    shipped model filters over N bands of 400 … 700 nm behind silicon, or with tables of one's own (`spectral_array`,
+    `read_spectra`) as in ``bands:RG/GB:3:filters=own.csv,efficiency=sensor.csv,illuminant=D65``; ``shutter:`` for
+    each pixel in which moments it is open; ``cameras:2x2`` an array of cameras.
     """
     if "*" in text:
         first, second = text.rsplit("*", 1)
@@ -67,12 +72,26 @@ def _table(what: str, text: str) -> Any:
 
 
 def _bands(text: str) -> Modulator:
-    from lfcal.multiplex.spectra import shipped_spectra
-
-    pattern, _, count = text.partition(":")
+    pattern, _, rest = text.partition(":")
+    count, _, given = rest.partition(":")
     if not is_whole(count):
         raise InputError.expected("bands", "a pattern and a number", repr(text)[:60], "write it like bands:RG/GB:3")
-    return spectral_array(pattern, int(count), efficiency=shipped_spectra("silicon"))
+    tables: dict[str, Spectra] = {"efficiency": shipped_spectra("silicon")}
+    for words in filter(None, given.split(",")):
+        what, _, table = (word.strip() for word in words.partition("="))
+        if what not in BAND_TABLES or not table:
+            wanted = " or ".join(f"{name}=FILE.csv" for name in BAND_TABLES)
+            raise InputError.expected("tables of the bands", wanted, repr(words)[:60], "part them by commas")
+        tables[what] = _spectra(table)
+    return spectral_array(pattern, int(count), **tables)
+
+
+def _spectra(text: str) -> Spectra:
+    """Return the table of a file, or by name one that ships or one of the illuminants."""
+    illuminants = shipped_spectra("illuminants")
+    if text.upper() in illuminants.names:
+        return illuminants.named(text.upper())
+    return shipped_spectra(text) if text in TABLES else read_spectra(text)
 
 
 def _shutter(text: str) -> Modulator:

@@ -338,6 +338,9 @@ def test_modulators_are_kept_in_files(tmp_path: Path, m: Modulator) -> None:
         "polarisers:0,45/90",
         "bands:RG/GB",
         "bands:RG/QB:3",
+        "bands:RG/GB:3:silicon",
+        "bands:RG/GB:3:filters=",
+        "bands:RG/GB:3:illuminant=illuminants",
         "shutter:10,0",
         "cameras:2",
         "cameras:0x2",
@@ -346,6 +349,25 @@ def test_modulators_are_kept_in_files(tmp_path: Path, m: Modulator) -> None:
 def test_bad_words(text: str) -> None:
     with pytest.raises(InputError):
         modulator_of(text)
+
+
+def test_bands_take_tables_of_ones_own_in_words(tmp_path: Path) -> None:
+    filters = bandpass_filters([450, 550, 650], 80)
+    own, bare = tmp_path / "own filters.csv", tmp_path / "bare.csv"
+    columns = np.vstack([filters.wavelengths_nm, filters.values]).T
+    rows = [",".join(repr(float(v)) for v in column) for column in columns]
+    own.write_text("\n".join(["# mine", "wavelength_nm,F0,F1,F2", *rows]) + "\n", encoding="utf-8")
+    bare.write_text("wavelength_nm,all\n300,1\n1100,1\n", encoding="utf-8")
+    words = f"bands:F0,F1/F1,F2:3:filters={own},efficiency={bare}, illuminant=d65"
+    d65 = shipped_spectra("illuminants").named("D65")
+    expected = spectral_array("F0,F1/F1,F2", 3, filters=filters, illuminant=d65)
+    np.testing.assert_allclose(modulator_of(words).matrix, expected.matrix, rtol=1e-12)
+    assert modulator_of(f"bands:RG/GB:3:efficiency={bare}").matrix.sum() > modulator_of("bands:RG/GB:3").matrix.sum()
+    np.testing.assert_array_equal(
+        modulator_of("bands:RG/GB:3:efficiency=silicon").matrix, modulator_of("bands:RG/GB:3").matrix
+    )
+    with pytest.raises(StorageError, match=r"none\.csv"):
+        modulator_of("bands:RG/GB:3:filters=none.csv")
 
 
 def test_words_of_each_basis() -> None:
