@@ -83,7 +83,8 @@ def _bands(text: str) -> Modulator:
             wanted = " or ".join(f"{name}=FILE.csv" for name in BAND_TABLES)
             raise InputError.expected("tables of the bands", wanted, repr(words)[:60], "part them by commas")
         tables[what] = _spectra(table)
-    return spectral_array(pattern, int(count), **tables)
+    filters, efficiency, illuminant = (tables.get(what) for what in BAND_TABLES)
+    return spectral_array(pattern, int(count), filters=filters, efficiency=efficiency, illuminant=illuminant)
 
 
 def _spectra(text: str) -> Spectra:

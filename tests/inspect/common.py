@@ -110,6 +110,8 @@ def compared() -> NDArray[np.intp]:
 
 
 def faults_of(values: Values, patterns: int = PATTERNS) -> dict[str, Finding]:
-    """Return the faults that are found, by name."""
+    """Return the faults that are found, by name; every picture says what it shows, in which unit."""
     found, _ = drain(iter_search(evidence_of(values, patterns)))
+    for one in found:
+        assert one.picture is None or (one.picture.unit and all(one.picture.axes)), f"units of {one.name}"
     return {one.name: one for one in found}

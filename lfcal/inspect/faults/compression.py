@@ -112,7 +112,7 @@ class Compression(Fault):
                 told,
                 float(np.sqrt(np.square(evidence.left).mean()) / max(float(np.abs(evidence.light).mean()), 1e-300)),
                 picture=Picture(
-                    100 * gone, "%", "finest structure that is gone, by where blocks begin", ("row", "column")
+                    100 * gone, "%", "finest structure that is gone, by where blocks begin", ("row (px)", "column (px)")
                 ),
                 put_in=lambda patch: patch.recorded,
             )

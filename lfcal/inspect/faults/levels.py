@@ -95,7 +95,7 @@ class Saturated(Fault):
             float(np.sqrt(at.sum())) * 3,
             float(np.clip(lost.sum() / max(float(light.sum()), 1e-300), 0, 1)),
             positions=evidence.index[some],
-            picture=place_map(evidence, at.sum((1, 2)).astype(np.float64), "", "samples at the ceiling"),
+            picture=place_map(evidence, at.sum((1, 2)).astype(np.float64), "samples", "samples at the ceiling"),
             redo=True,
             masked=lambda values: values >= level,
             put_in=lambda patch: np.minimum(patch.light, np.float32(ceiling)),

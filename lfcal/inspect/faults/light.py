@@ -92,7 +92,7 @@ class Exposure(Fault):
             float(abs(gains[worst]) / max(scatter, float(sigmas[worst]))),
             float(np.abs(gains[bad]).mean()) * evidence.extent(bad),
             positions=evidence.index[bad],
-            picture=place_map(evidence, 1 + gains, "", "light over that of the plane"),
+            picture=place_map(evidence, 1 + gains, "ratio", "light over that of the plane"),
             redo=True,
             put_in=only_recorded(evidence.index[bad]),
             extent=evidence.likely_extent(bad),

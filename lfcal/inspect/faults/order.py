@@ -161,7 +161,7 @@ class WrongOrder(Fault):
             told,
             len(turned) / len(np.unique(evidence.index[:, 0])),
             positions=evidence.index[np.isin(evidence.index[:, 0], list(turned))],
-            picture=place_map(evidence, evidence.alike, "", "correlation with the camera's pattern"),
+            picture=place_map(evidence, evidence.alike, "correlation", "correlation with the camera's pattern"),
             put_in=_turned({z: {**orders, **lines}[name] for z, name in turned.items()}),
         )
 

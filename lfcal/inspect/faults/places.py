@@ -48,4 +48,4 @@ def place_map(evidence: Evidence, values: F8, unit: str, title: str) -> Picture:
     found = np.full(evidence.plan.period, np.nan)
     own = z == worst
     found[evidence.index[own, 1], evidence.index[own, 2]] = values[own]
-    return Picture(found, unit, f"{title}, plane {worst}", ("position y", "position x"))
+    return Picture(found, unit, f"{title}, plane {worst}", ("position y (px)", "position x (px)"))

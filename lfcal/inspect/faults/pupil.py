@@ -107,7 +107,9 @@ class Pupil(Fault):
             f"of the middle of the pattern; {100 * scatter:.0f} % (rms) over it",
             told,
             scatter / 2,
-            picture=Picture(100 * lit[z], "%", f"light over that of the camera, plane {z}", ("row", "column")),
+            picture=Picture(
+                100 * lit[z], "%", f"light over that of the camera, plane {z}", ("row (px)", "column (px)")
+            ),
             repair=adding(evidence.index, now.left - replace(here, values=now.values).left),
             put_in=_shaded(lit),
         )

@@ -303,7 +303,7 @@ class Strangers(Fault):
             told,
             evidence.extent(bad),
             positions=evidence.index[bad],
-            picture=place_map(evidence, alike, "", "correlation with the camera's pattern"),
+            picture=place_map(evidence, alike, "correlation", "correlation with the camera's pattern"),
             redo=True,
             put_in=only_recorded(evidence.index[bad]),
             extent=evidence.likely_extent(bad),

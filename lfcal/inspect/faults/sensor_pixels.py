@@ -198,7 +198,7 @@ class Mosaic(Fault):
             f"pixels of two by two see {words} of the light",
             told,
             float(np.abs(gains).mean()),
-            picture=Picture(ratios, "", "light of the pixels of two by two", ("row modulo 2", "column modulo 2")),
+            picture=Picture(ratios, "ratio", "light of the pixels of two by two", ("row modulo 2", "column modulo 2")),
             repair=repair,
             put_in=lambda patch: patch.light * patch.seen(_tiled(ratios / ratios.mean(), total.weight.shape)),
         )
