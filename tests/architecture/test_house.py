@@ -102,6 +102,25 @@ def test_no_qt_where_the_window_keeps_its_models() -> None:
             assert not {m for m, _ in imports(path) if m.split(".")[0] in ("PySide6", "pyqtgraph")}, path
 
 
+def left_out_of_bundles() -> set[str]:
+    """Return the parts of other packages that the folder for machines without Python lacks."""
+    (found,) = (
+        node.value
+        for node in ast.parse((ROOT / "packaging" / "lfcal.spec").read_text(encoding="utf-8")).body
+        if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "LEFT_OUT"
+    )
+    # whole packages are those of extras, which are asked for before they are used
+    return {name for name in ast.literal_eval(found) if "." in name}
+
+
+def test_nothing_is_needed_that_bundles_lack() -> None:
+    lacked = left_out_of_bundles()
+    assert {"scipy.signal", "scipy.stats"} <= lacked
+    for path in FILES:
+        asked = {module for module, _ in imports(path)} | {f"{module}.{name}" for module, name in imports(path)}
+        assert not {m for m in asked if any(f"{m}.".startswith(f"{one}.") for one in lacked)}, path
+
+
 def functions() -> list[tuple[str, int, int]]:
     """Return name, lines without the docstring, and positional parameters (self left out) of every function."""
     found = []
