@@ -10,6 +10,7 @@ from collections.abc import Iterator
 
 import pytest
 
+from tests.importing import begin_at_the_end
 from tests.shuffling import header, shuffle
 
 # Workers and the programs that tests start find compiled modules on disk: without them each compiles numba and scipy
@@ -39,6 +40,11 @@ def pytest_cmdline_main(config: pytest.Config) -> None:
     asked = any(str(one).startswith("--dist") for one in config.invocation_params.args)
     if getattr(config.option, "dist", "no") == "load" and not asked:
         config.option.dist = "worksteal"
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection(session: pytest.Session) -> None:
+    begin_at_the_end(session.config)
 
 
 @pytest.fixture(scope="session", autouse=True)
