@@ -131,6 +131,7 @@ def test_what_no_pixel_measures_is_said() -> None:
 
 
 @pytest.mark.parametrize("m", [mask("MURA", 5), mask("lenslet", 5)], ids=lambda m: m.name)
+@pytest.mark.few(1)
 def test_the_told_deviation_is_measured_within_a_percent(m: Modulator) -> None:
     given, shape = lattice("square"), (60, 64)
     deviation = RNG(10).uniform(0.5, 2.0, shape)
