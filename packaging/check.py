@@ -30,8 +30,11 @@ LARGEST_MB = 600
 COMMANDS = 20
 """Commands that the list has at least."""
 
-PAGES = ("camera", "plan", "frames", "psf", "quality", "fit", "simulate", "reconstruct", "multiplex", "accuracy")
-"""Pages that the sample session shows with content."""
+PAGES = (
+    *("camera", "plan", "acquire", "frames", "psf", "quality"),
+    *("fit", "simulate", "reconstruct", "multiplex", "accuracy"),
+)
+"""Pages that the sample session, and one that is recorded, show with content."""
 
 STARTS_S, PATIENCE_S = 30, 900
 
@@ -150,8 +153,8 @@ def frame_of(here: Path) -> Path:
 
 
 def check_pages(screenshots: Sequence[str], here: Path) -> None:
-    """Let every page be shown with the sample session, and a picture taken of it."""
-    only = ("--scene", "sample", "--theme", "light", "--size", "1280x800")
+    """Let every page be shown with the sample session and a recording, and a picture taken of it."""
+    only = ("--scene", "sample", "--scene", "recording", "--theme", "light", "--size", "1280x800")
     run((*screenshots, str(here / "shots"), *only), here)
     there = {path.name.split("_light_")[0] for path in (here / "shots").glob("*.png") if path.stat().st_size > 10_000}
     if missing := set(PAGES) - {name.partition("_")[0] for name in there}:

@@ -4,6 +4,7 @@
   lfcal reads no videos: small libraries of the same names answer every call with nothing. The few functions of linear
   algebra are passed on to the OpenBLAS that scipy brings.
 - Symbols for debuggers.
+- Libraries that two packages bring are one file with two names.
 - ``lfcal-gui`` is the same file as ``lfcal``, which looks at its name.
 
 Wheels for Windows and macOS are put together differently; nothing is done there.
@@ -11,6 +12,7 @@ Wheels for Windows and macOS are put together differently; nothing is done there
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
 import shutil
@@ -55,6 +57,7 @@ def slim(folder: Path) -> None:
         _without_video(inside)
     if shutil.which("strip"):
         _without_symbols(inside)
+    _without_copies(inside)
     window = folder / "lfcal-gui"
     window.unlink()
     os.link(folder / "lfcal", window)
@@ -107,6 +110,16 @@ def _without_symbols(inside: Path) -> None:
         name = path.relative_to(inside).as_posix()
         if path.is_file() and not path.is_symlink() and not any(part in name for part in AS_THEY_ARE):
             subprocess.run(["strip", "--strip-unneeded", str(path)], check=False, stderr=subprocess.DEVNULL)
+
+
+def _without_copies(inside: Path) -> None:
+    first: dict[bytes, Path] = {}
+    for path in sorted(inside.rglob("*.so*")):
+        if not path.is_symlink() and path.is_file():
+            kept = first.setdefault(hashlib.sha256(path.read_bytes()).digest(), path)
+            if kept is not path:
+                path.unlink()
+                os.link(kept, path)
 
 
 def _said(*words: str) -> str:

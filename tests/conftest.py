@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 import zlib
@@ -10,6 +11,7 @@ from collections.abc import Iterator
 
 import pytest
 
+from tests.importing import begin_at_the_end
 from tests.shuffling import header, shuffle
 
 # Workers and the programs that tests start find compiled modules on disk: without them each compiles numba and scipy
@@ -39,6 +41,17 @@ def pytest_cmdline_main(config: pytest.Config) -> None:
     asked = any(str(one).startswith("--dist") for one in config.invocation_params.args)
     if getattr(config.option, "dist", "no") == "load" and not asked:
         config.option.dist = "worksteal"
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection(session: pytest.Session) -> None:
+    begin_at_the_end(session.config)
+
+
+def pytest_collection_finish() -> None:
+    """Let the collector of garbage leave out what stays until the end: half a million objects of modules and tests."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -54,7 +54,8 @@ def _along(strip: Float, weights: Float, line: Float) -> None:
         for k in range(n):
             line[k] = a * strip[k] + b * strip[k + 1]
     else:
-        line[:] = strip
+        for k in range(n):
+            line[k] = strip[k]
 
 
 @njit()

@@ -97,7 +97,9 @@ def blend_rows(one: Float, two: Float, half: int, out: Float, skip: int) -> None
         columns[:] = 0
         for d in range(2):
             for r in range(max(here - half - d, 0), min(here + half + 1, height)):
-                columns[d] += change[d, r]
+                line = change[d, r]
+                for x in range(width):  # not at once: for arrays whose lengths may differ far more is compiled
+                    columns[d, x] += line[x]
         for x in range(width):
             along, down = _window(columns[0], x - half - 1, x + half), _window(columns[1], x - half, x + half)
             share = 0.5

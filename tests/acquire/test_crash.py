@@ -16,7 +16,7 @@ PLAN = small_plan((16, 20), 3, cutout=(65, 65), shape=(110, 110))
 @pytest.mark.skipif(not hasattr(__import__("signal"), "SIGKILL"), reason="no kill -9 on this platform")
 def test_killed_and_resumed_equals_undisturbed(tmp_path: Path) -> None:
     undisturbed(tmp_path / "calm", PLAN)
-    tally = kill_and_resume(tmp_path / "killed", PLAN, 4, random.Random(3), 0.12)
+    tally = kill_and_resume(tmp_path / "killed", PLAN, 2, random.Random(3), 0.12)
     assert tally.crashes >= 1
     assert tally.lost == 0
     assert equal_matrices(tmp_path / "calm", tmp_path / "killed")

@@ -97,6 +97,7 @@ def test_a_fault_that_lasts_stops_with_reason_and_position(
 
 @pytest.mark.parametrize("kind", FAULTS)
 @pytest.mark.parametrize("times", [3, 10**6])
+@pytest.mark.few(10)
 def test_a_fault_that_lasts_is_named_where_the_session_goes_on(
     tmp_path: Path, undisturbed: dict[tuple[int, int, int], np.ndarray], kind: str, times: int
 ) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import statistics
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -24,11 +25,23 @@ def name_of(path: Path) -> str:
 MODULES = {name_of(path): path for path in FILES}
 
 
+def statements(tree: ast.Module) -> Iterator[ast.stmt]:
+    """Yield all statements; expressions, which most of a tree consists of, are not looked into."""
+    waiting: list[ast.AST] = [tree]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.stmt):
+            yield node
+        for part in ("body", "orelse", "finalbody", "handlers", "cases"):
+            inner = getattr(node, part, None)
+            waiting += inner if isinstance(inner, list) else []
+
+
 @cache
 def imports(path: Path) -> set[tuple[str, str]]:
     """Return (module, name) of every import anywhere in a file; the name is empty where a module is imported."""
     found: set[tuple[str, str]] = set()
-    for node in ast.walk(tree_of(path)):
+    for node in statements(tree_of(path)):
         if isinstance(node, ast.Import):
             found |= {(alias.name, "") for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
@@ -100,6 +113,25 @@ def test_no_qt_where_the_window_keeps_its_models() -> None:
     for path in (p for p in FILES if p.is_relative_to(ROOT / "gui")):
         if "models" in path.parts or path.stem.startswith("model"):
             assert not {m for m, _ in imports(path) if m.split(".")[0] in ("PySide6", "pyqtgraph")}, path
+
+
+def left_out_of_bundles() -> set[str]:
+    """Return the parts of other packages that the folder for machines without Python lacks."""
+    (found,) = (
+        node.value
+        for node in ast.parse((ROOT / "packaging" / "lfcal.spec").read_text(encoding="utf-8")).body
+        if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "LEFT_OUT"
+    )
+    # whole packages are those of extras, which are asked for before they are used
+    return {name for name in ast.literal_eval(found) if "." in name}
+
+
+def test_nothing_is_needed_that_bundles_lack() -> None:
+    lacked = left_out_of_bundles()
+    assert {"scipy.signal", "scipy.stats"} <= lacked
+    for path in FILES:
+        asked = {module for module, _ in imports(path)} | {f"{module}.{name}" for module, name in imports(path)}
+        assert not {m for m in asked if any(f"{m}.".startswith(f"{one}.") for one in lacked)}, path
 
 
 def functions() -> list[tuple[str, int, int]]:

@@ -61,6 +61,7 @@ CHANGES = {
 
 
 @pytest.mark.parametrize("case", CHANGES)
+@pytest.mark.few(8)
 def test_options_change_the_h_of_a_recorded_session(
     lfcal: Callable[..., Run], recorded: Path, tmp_path: Path, case: str
 ) -> None:

@@ -50,6 +50,7 @@ WORDS = ("assemble", "frames", "--dark", "dark", "--white", "white", "--white-mo
         pytest.param("float32", "dask", marks=pytest.mark.long),
     ],
 )
+@pytest.mark.few(2)
 def test_the_same_file_by_whoever(lfcal: Lfcal, scan: Path, dtype: str, executor: str) -> None:
     if executor == "dask":
         pytest.importorskip("distributed", reason="dask.distributed is not installed")
@@ -78,7 +79,7 @@ def test_the_same_file_by_whoever(lfcal: Lfcal, scan: Path, dtype: str, executor
     ],
     ids=["simulated", "turned", "listed"],
 )
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 def test_frames_that_are_opened_otherwise(
     lfcal: Lfcal, session: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...]
 ) -> None:

@@ -33,6 +33,7 @@ def two_planes() -> Fit:
 
 
 @pytest.mark.parametrize("executor", ["threads", "processes", pytest.param("dask", marks=pytest.mark.long)])
+@pytest.mark.few(1)
 def test_the_same_file_by_whoever(tmp_path: Path, executor: str) -> None:
     if executor == "dask":
         pytest.importorskip("distributed", reason="dask.distributed is not installed")

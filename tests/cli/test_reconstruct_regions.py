@@ -80,6 +80,7 @@ def test_an_anchor_and_a_margin_move_all_of_them(lfcal: Lfcal, place: Path) -> N
 
 
 @pytest.mark.parametrize("executor", ["threads", "processes"])
+@pytest.mark.few(1)
 def test_in_units(lfcal: Lfcal, place: Path, executor: str) -> None:
     words = (
         "reconstruct",

@@ -48,6 +48,7 @@ def test_json(lfcal: Lfcal, place: Path) -> None:
 
 
 @pytest.mark.parametrize("executor", ["threads", "processes"])
+@pytest.mark.few(1)
 def test_the_same_file_in_units(lfcal: Lfcal, place: Path, executor: str) -> None:
     assert lfcal("reduce", "H.h5", "-o", "one.h5").code == 0
     run = lfcal("reduce", "H.h5", "-o", "two.h5", "--executor", executor, "--workers", 2)

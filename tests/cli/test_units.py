@@ -55,6 +55,7 @@ def said(path: Path) -> Any:
 
 
 @pytest.mark.parametrize("executor", ["threads", "processes"])
+@pytest.mark.few(1)
 def test_simulate(lfcal: Lfcal, place: Path, executor: str) -> None:
     words = ("simulate", "plan.json", "--level", "geometric", "-o")
     assert lfcal(*words, "one.h5").code == 0
@@ -81,6 +82,7 @@ def test_transpose(lfcal: Lfcal, place: Path, method: str) -> None:
 
 @pytest.mark.parametrize("warm", [False, True])
 @pytest.mark.parametrize("executor", ["threads", "processes"])
+@pytest.mark.few(2)
 def test_reconstruct(lfcal: Lfcal, place: Path, executor: str, warm: bool) -> None:
     more = ("--warm",) if warm else ()
     words = ("reconstruct", "H.h5", "--batch", "frames.tif", "-n", 3, "--method", "direct", *more, "-o")

@@ -138,7 +138,7 @@ def test_colours(run: Run, files: tuple[Path, WhiteFrame], tmp_path: Path) -> No
         assert code == 2 and shown == "" and len(err.strip().splitlines()) == 1
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("pattern", ["RGGB", "BGGR", "GRBG", "GBRG"])
 @pytest.mark.parametrize("pitch", [12.0, 13.4])
 def test_each_colour_of_a_mosaic_has_the_lattice_of_the_sensor(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -13,6 +14,7 @@ import pytest
 
 from lfcal.psf import open_psf
 from tests.cli.conftest import SHAPE, Run, small_plan, true_frame
+from tests.psf.plain_report import undrawn
 from tests.windows_rules import OpenFileError, held_files, keep_open_files
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="asks /proc what is open")
@@ -67,18 +69,32 @@ AFTER = {
 }
 
 
+@pytest.fixture
+def matrices(here: Path, lfcal: Callable[..., Run], session: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with two H, which the first test that asks for them assembles, one of them twice."""
+    kept, names = tmp_path_factory.getbasetemp() / "windows_rules_matrices", ("H.h5", "other.h5")
+    if not kept.exists():
+        for name in ("H.h5", *names):
+            assembled(lfcal, session, name)
+        kept.mkdir()
+        for name in names:
+            shutil.copy(here / name, kept)
+    for name in names:
+        shutil.copy(kept / name, here)
+    return here
+
+
 @pytest.mark.parametrize("words", AFTER.values(), ids=list(AFTER))
 def test_what_is_written_twice_is_not_open(
-    lfcal: Callable[..., Run], session: Path, here: Path, words: tuple[str, ...]
+    lfcal: Callable[..., Run], matrices: Path, words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for name in ("H.h5", "H.h5", "other.h5"):
-        assembled(lfcal, session, name)
+    undrawn(monkeypatch)
     cv2.imwrite("frame.png", true_frame(0, 1, 1))
     force = ("--force",) if words[0] not in ("compare", "verify") else ()
     for _ in range(2):
         run = lfcal(*words, *force)
         assert run.code == 0, run.err
-    assert not [path for path in here.rglob(".*") if path.suffix in (".part", ".lock")]
+    assert not [path for path in matrices.rglob(".*") if path.suffix in (".part", ".lock")]
 
 
 def test_a_matrix_in_use_is_not_replaced_and_says_so(

@@ -124,6 +124,7 @@ def names_of(problem: Problem) -> list[str]:
     return [one.name for one in problem.vector.unknowns]
 
 
+@pytest.mark.long
 def test_what_stands_in_for_each_other_is_not_told_apart_by_the_curvature_in_derivatives() -> None:
     """By steps to one side a few percent of curvature are in them, which seems to tell defocus from distance."""
     _, setup, patterns = deep_in_water()

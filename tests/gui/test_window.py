@@ -257,8 +257,9 @@ def use(widget: QWidget, rng: random.Random) -> None:
         widget.click()
 
 
+@pytest.mark.parametrize("steps", [40, pytest.param(220, marks=pytest.mark.long)])
 def test_a_random_walk_over_all_controls(
-    window: MainWindow, qtbot: QtBot, recorded: Path, monkeypatch: pytest.MonkeyPatch
+    window: MainWindow, qtbot: QtBot, recorded: Path, monkeypatch: pytest.MonkeyPatch, steps: int
 ) -> None:
     """Boundary values in every control: nothing raises, the session stays valid."""
     from PySide6.QtWidgets import QFileDialog
@@ -272,7 +273,7 @@ def test_a_random_walk_over_all_controls(
     rng = random.Random(7)
     raised: list[Any] = []
     monkeypatch.setattr(sys, "excepthook", lambda *args: raised.append(args))
-    for step in range(220):
+    for step in range(steps):
         spec = rng.choice(window.specs)
         window.go(spec.key)
         page = window.page(spec.key)

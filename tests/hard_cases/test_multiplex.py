@@ -110,6 +110,7 @@ def test_a_single_super_pixel(filter: str) -> None:
 
 @pytest.mark.parametrize("shape", [(13, 15), (12, 13), (17, 12), (23, 31)])
 @pytest.mark.parametrize("name", ["Bayer", "X-Trans", "RGBW 4x4"])
+@pytest.mark.few(6)
 def test_frames_that_end_within_a_super_pixel(shape: tuple[int, int], name: str) -> None:
     m = cfa(name)
     light = np.array([3.0, 2.0, 1.0])[:, None, None] * np.ones(shape)

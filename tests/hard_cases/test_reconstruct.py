@@ -34,6 +34,7 @@ def test_voxels_no_pixel_sees_stay_zero(name):
 
 @pytest.mark.parametrize("name", SOLVERS.names())
 @pytest.mark.parametrize("case", ["all zero", "one photon", "huge range", "all masked", "holes"])
+@pytest.mark.few(20)
 def test_extreme_images_give_finite_volumes(name, case):
     P = Projector(lenslet_psf(2, 5, 15), (30, 31))
     image = np.zeros((30, 31))

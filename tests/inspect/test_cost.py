@@ -164,6 +164,7 @@ def test_costs_are_the_same_each_time() -> None:
     assert drain(iter_costs(cleaned, (one,), 1e-6)) == drain(iter_costs(cleaned, (one,), 1e-6))
 
 
+@pytest.mark.long
 def test_a_part_of_the_period_tells_about_the_same() -> None:
     (one,), cleaned = drain(iter_search(evidence_of(noisy(scaled(light(), line(1.0, 0.7))))))
     (whole,), (part,) = (drain(iter_costs(cleaned, (one,), seconds)).costs for seconds in (None, 1e-6))

@@ -42,6 +42,7 @@ def test_a_dead_column_is_named_with_its_place() -> None:
 
 
 @pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.few(1)
 def test_a_hot_line_is_no_step_of_the_stage(axis: int) -> None:
     image = sensor(0.0)
     image[(25, slice(None)) if axis == 0 else (slice(None), 25)] = 0.01 * PEAK
@@ -94,6 +95,7 @@ def test_a_mosaic_is_no_lamp() -> None:
 
 
 @pytest.mark.parametrize("power", [1.05, 1.2])
+@pytest.mark.few(1)
 def test_the_exponent_of_values_is_measured(power: float) -> None:
     values = noisy(light())
     found = faults_of((np.sign(values) * PEAK * (np.abs(values) / PEAK) ** power).astype(np.float32))
@@ -141,6 +143,7 @@ def test_frames_that_move_halfway_are_told_with_the_first() -> None:
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.few(1)
 def test_a_ghost_is_told_with_its_share_and_place(mirrored: bool) -> None:
     ghost = light()[..., ::-1, :] if mirrored else light()
     found = faults_of(noisy(light() + np.float32(0.02) * np.roll(ghost, (7, -5), (3, 4))))

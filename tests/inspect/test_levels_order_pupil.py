@@ -48,6 +48,7 @@ def test_an_anchor_that_is_wrong_for_all_frames() -> None:
 
 
 @pytest.mark.parametrize(("axis", "words"), [(1, "plane 0: rows of"), (2, "plane 0: columns of")])
+@pytest.mark.few(1)
 def test_a_mirrored_plane_is_named_with_its_axis(axis: int, words: str) -> None:
     values = clean()
     values[0] = np.flip(values[0], axis - 1)

@@ -175,6 +175,7 @@ def test_a_dead_pixel_costs_the_same_whatever_its_noise(seed: int) -> None:
     assert one.pixels.tolist() == [[36, 23]] and one.cost is not None and true / 2 < one.cost < 2 * true
 
 
+@pytest.mark.long
 def test_a_dead_column_costs_what_it_costs_at_the_border_too() -> None:
     """It reaches the image's border wherever it lies; amid the periods it was told to cost half of what it does."""
     image = sensor(1.0)

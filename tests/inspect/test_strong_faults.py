@@ -47,6 +47,7 @@ def test_signed_noise_and_a_background_are_not_cut_off() -> None:
     assert "cut_off" not in faults_of(light())
 
 
+@pytest.mark.long
 def test_a_strong_compression_costs_what_it_takes_away() -> None:
     values = put_in("JPEG", 30)
     found = inspected(matrix(values), FEWEST)
@@ -56,6 +57,7 @@ def test_a_strong_compression_costs_what_it_takes_away() -> None:
     assert true > 0.3 and true / 2 < one.cost < 2 * true
 
 
+@pytest.mark.long
 def test_patterns_of_other_places_cost_no_more_than_all_of_h() -> None:
     values = put_in("planes swapped", 0.2)
     found = inspected(matrix(values))

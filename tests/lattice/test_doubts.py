@@ -59,6 +59,7 @@ def fermi(distance: Any, width: float) -> Any:
     ],
     ids=["soft disc", "soft edge", "bell"],
 )
+@pytest.mark.few(2)
 def test_the_rim_of_the_light_bends_no_straight_lattice(light: Any, seed: int) -> None:
     truth = draw_white(SHAPE, dark=0.0, light=light, seed=seed)
     fit = fit_lattice(truth.frame)

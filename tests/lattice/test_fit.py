@@ -41,7 +41,7 @@ def check(fit: LatticeFit, truth: WhiteFrame, tolerance: float) -> None:
     assert truth.distance_to_lattice(fit.origin_px) < 0.05
 
 
-@pytest.mark.few(3)
+@pytest.mark.few(2)
 @pytest.mark.parametrize("name", FRAMES)
 def test_the_lattice_is_found_without_a_nominal_pitch(name: str) -> None:
     truth = draw_white(**FRAMES[name])

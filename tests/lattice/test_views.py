@@ -52,6 +52,7 @@ def test_pixels_beyond_the_radius_have_no_weight(with_white: bool) -> None:
 
 @pytest.mark.parametrize("axes", ["frame", "lattice"])
 @pytest.mark.parametrize("kind", ["square", "hexagonal"])
+@pytest.mark.few(2)
 def test_every_view_of_a_plane_in_the_lenslets_is_that_plane(kind: str, axes: str) -> None:
     """Slope 0: the light below a lenslet is one value. Linear scenes survive the resampling exactly."""
     _, fit = clean(kind, rotation=0.004)
@@ -89,6 +90,7 @@ def test_views_look_from_the_side_named() -> None:
 
 @pytest.mark.parametrize("kind", ["square", "hexagonal"])
 @pytest.mark.parametrize("slope", [-5.0, *(pytest.param(slope, marks=pytest.mark.long) for slope in (3.0, 6.5))])
+@pytest.mark.few(1)
 def test_refocusing_is_sharpest_at_the_scene_s_slope_and_in_its_place(kind: str, slope: float) -> None:
     _, fit = clean(kind, rotation=0.0)
     spot = fit.centres_px(1, 2) + np.array([4.0, -6.0])

@@ -214,7 +214,7 @@ def test_search_filters_and_pictures(lfcal, tmp_path: Path) -> None:  # noqa: F8
     assert f"no mask of this size gains more than {limit:+.3f} dB" in masks.err + masks.out
     few, many = (
         lfcal("multiplex", "search", "5", "--chi2", 10, "--starts", n, "--json").json["frontier"][0]["gain_db"]
-        for n in (0, 3)
+        for n in (0, 1)
     )
     assert few < many < mask_gain_bound(5, 10.0)
     assert masks.code == 0 and "pinhole" in masks.out

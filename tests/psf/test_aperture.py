@@ -63,7 +63,7 @@ def test_rows_and_columns_of_the_centre_are_not_confused():
     assert found.centre == pytest.approx((truth.centre[0], truth.centre[1] - 6), abs=0.05)
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("blades", "curvature", "snr"), [(5, 0.0, 1.0), (9, 0.0, 1.0), (7, 0.3, 2.0), (9, 0.6, 2.0), (10, 0.6, 5.0)]
 )

@@ -60,6 +60,7 @@ def contents(path: Path) -> dict[str, Any]:
 @pytest.mark.parametrize("dtype", ["float32", "uint16"])
 @pytest.mark.parametrize("compression", ["gzip", "zstd", "none"])
 @pytest.mark.parametrize("uncertain", [None, 1])
+@pytest.mark.few(6)
 def test_the_file_that_one_writer_would_have_written(
     tmp_path: Path, dtype: str, compression: str, uncertain: int | None
 ) -> None:

@@ -50,6 +50,7 @@ def path(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize("dtype", ["float32", "uint16", "uint8", "float64"])
 @pytest.mark.parametrize("compression", ["gzip", "none"])
+@pytest.mark.few(4)
 def test_what_is_written_is_as_specified(tmp_path: Path, dtype: str, compression: str) -> None:
     save(matrix(), tmp_path / "H.h5", dtype=dtype, compression=compression)
     assert verify(tmp_path / "H.h5").deviations == ()

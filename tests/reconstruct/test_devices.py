@@ -158,6 +158,7 @@ def test_a_solver_ends_at_the_same_volume():
 
 # -- memory ------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("method", ON_DEVICES)
+@pytest.mark.few(2)
 def test_planes_are_kept_there_or_moved_or_prepared_anew(method, monkeypatch):
     with_rates(monkeypatch, 1e10, 1e10, 1e9)
     H = np.tile(lenslet_psf(2, 7, 31).astype(np.float32), (12, 1, 1, 1, 1))

@@ -32,7 +32,7 @@ SHAPE = (330, 310)
 
 @pytest.mark.parametrize("name", [solver.name for solver in SOLVERS])
 @pytest.mark.parametrize("method", ["polyphase", "direct", "sparse", "reduced"])
-@pytest.mark.few(10)
+@pytest.mark.few(5)
 def test_what_is_foretold_is_taken(name, method):
     P = Projector(H, SHAPE, method=method, workers=1, tolerance=0.01 if method == "reduced" else 0)
     assert foretold_over_taken(P, SolverChoice(name, 3)) == pytest.approx(1, abs=0.2)

@@ -33,7 +33,7 @@ def threads(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("method", ["polyphase:3x2", "direct", "sparse", "reduced", "fft"])
 @pytest.mark.parametrize("problem", list(PROBLEMS))
-@pytest.mark.few(7)
+@pytest.mark.few(3)
 def test_any_number_of_workers(problem: str, method: str) -> None:
     ny, nx, side, shape = PROBLEMS[problem]
     H = RNG.random((2, ny, nx, side, side), np.float32)

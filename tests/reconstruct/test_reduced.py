@@ -51,6 +51,7 @@ def matrix_of(reduced, H, image):
 
 @pytest.mark.parametrize("anchor", [(0, 0), (-4, 3)])
 @pytest.mark.parametrize("signed", [False, True])
+@pytest.mark.few(2)
 def test_no_voxel_lacks_more_than_the_tolerance_and_the_pair_is_transposed(anchor, signed):
     H, image, tolerance = slow_psf(signed=signed), (21, 14), 0.05
     operand, ahead, back = matrix_of(engine(H, image, anchor, tolerance), H, image)

@@ -64,7 +64,7 @@ def test_what_is_left_out_is_not_fitted_and_is_foretold():
 
 
 @pytest.mark.parametrize("name", SOLVERS.names())
-@pytest.mark.few(4)
+@pytest.mark.few(2)
 def test_stops_near_the_least_error(noisy, name):
     """Every solver gets within 8 % of the least error it has on the way, whether that is the end or long before."""
     P, truth, image = noisy
@@ -162,7 +162,7 @@ def test_what_noise_alone_leaves_is_one(gain, read_noise):
 
 @pytest.mark.parametrize("name", ["rl", "sieve", "phase-space", "cg", "ems"])
 @pytest.mark.parametrize("margin", [0, 8])
-@pytest.mark.few(3)
+@pytest.mark.few(2)
 def test_stops_once_the_frame_is_met_to_within_its_noise(noisy, name, margin):
     P, truth, image = noisy
     wide = P if not margin else Projector(lenslet_psf(), (SHAPE[0] + 16, SHAPE[1] + 16), (1 + 8, 3 + 8))

@@ -53,7 +53,7 @@ def test_the_response_is_half_at_its_angle() -> None:
     assert effect.slope(outlook)[1] == pytest.approx(math.sin(math.atan(outlook.field_um[1] / b)), rel=1e-4)
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("v", "accept", "share"),
     [

@@ -28,7 +28,7 @@ def edge_plan(v: float) -> ScanPlan:
     return small_plan(v, small_camera(160, 3000), anchor=(70.0, 2800.0))
 
 
-@pytest.mark.few(3)
+@pytest.mark.few(2)
 @pytest.mark.parametrize("v", [4.0, -3.0, 2.2, 0.5])
 @pytest.mark.parametrize("tilt", [(0.0, 1e-3), (4e-3, -3e-3)])
 def test_estimate_is_honest(v: float, tilt: tuple[float, float]) -> None:

@@ -25,6 +25,7 @@ def wide(width: float = 0.1) -> Camera:
 
 @pytest.mark.parametrize("v", [4.0, *(pytest.param(v, marks=pytest.mark.long) for v in (-3.0, 2.2, 0.5))])
 @pytest.mark.parametrize("effect", [ChromaticFocus(800.0, 0.1), LensletDispersion(10.0, 0.2)])
+@pytest.mark.few(1)
 def test_estimate_is_honest(v: float, effect: Effect) -> None:
     """Against the same wavelengths, imaged alike."""
     plan, sampling = small_plan(v), Sampling(None, 4, 6, coherent=False)

@@ -86,6 +86,7 @@ def test_turned_arrays(name: str, turn_rad: float) -> None:
 
 
 @pytest.mark.parametrize("name", EVERY)
+@pytest.mark.few(1)
 def test_nodes_buy_accuracy_on_the_debye_path(name: str) -> None:
     """Light of lenslets beyond the geometric spill was left out: 0.3 % at any number of nodes."""
     for nodes, error in ((4, 1e-3), (6, 2e-4)):
@@ -116,7 +117,7 @@ def truth_of(name: str, z_um: float) -> np.ndarray:
     return np.stack([fields.response(scene, scene.source_um(y, x), (y, x)) for y, x in PLACES])
 
 
-@pytest.mark.few(3)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("level", ["grid", "debye"])
 @pytest.mark.parametrize(("name", "z_um"), DEPTHS)
 def test_the_error_that_is_stated_is_the_one_there_is(name: str, z_um: float, level: str) -> None:
@@ -129,7 +130,7 @@ def test_the_error_that_is_stated_is_the_one_there_is(name: str, z_um: float, le
         assert error < 3 * response.reached + 1e-4
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("name", "z_um"), DEPTHS)
 def test_patterns_of_a_fit(name: str, z_um: float) -> None:
     """Grids that ended five pixels beyond the shadow lost the light of a focus: 1 to 2 % off at any fineness."""

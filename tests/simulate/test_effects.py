@@ -113,7 +113,7 @@ def without() -> dict[float, np.ndarray]:
 CASES = [(v, e) for v in SCENES[:2] for e in EVERYWHERE] + SOMEWHERE
 
 
-@pytest.mark.few(16)
+@pytest.mark.few(8)
 @pytest.mark.parametrize(("v", "effect"), CASES, ids=[f"{v:g}-{label(e)}" for v, e in CASES])
 def test_estimate_is_honest(
     plans: dict[float, ScanPlan], without: dict[float, np.ndarray], v: float, effect: Effect

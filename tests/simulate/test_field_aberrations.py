@@ -18,6 +18,7 @@ LAW = FieldAberrations(0.4, 0.3, 0.05, -0.1, 0.2, 8e3)
 
 
 @pytest.mark.parametrize("anchor", [(100.0, 2800.0), (2200.0, 300.0)])
+@pytest.mark.few(1)
 def test_light_at_a_place_is_that_of_its_wavefront(anchor: tuple[float, float]) -> None:
     """Against a wavefront that is the same everywhere, its terms reckoned by hand."""
     plan = small_plan(3.0, CAMERA, anchor=anchor, cutout=31)
@@ -53,6 +54,7 @@ def test_coma_points_from_the_axis_and_turns_with_the_field() -> None:
 
 @pytest.mark.parametrize("v", [4.0, -3.0, 2.2])
 @pytest.mark.parametrize("effect", [FieldAberrations(0.1, 0.0), FieldAberrations(0.0, 0.1), FieldAberrations(0.2, 0.1)])
+@pytest.mark.few(4)
 def test_estimates_are_honest(v: float, effect: FieldAberrations) -> None:
     plan = small_plan(v, CAMERA, anchor=(100.0, 2800.0))
     measured = switched(plan, effect)

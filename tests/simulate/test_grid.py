@@ -29,7 +29,7 @@ def both(scene: Scene, at: tuple[float, float] = AT) -> tuple[np.ndarray, np.nda
     return found, ReferencePlane(scene, JUDGE).point(*at)
 
 
-@pytest.mark.few(5)
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     "v", [4.0, 0.0, 0.4, *(pytest.param(v, marks=pytest.mark.long) for v in (-0.7, 1.2, -3.0, 2.0))]
 )
@@ -39,7 +39,7 @@ def test_it_converges_to_the_reference(v: float, exact: bool) -> None:
     assert relative_error(*both(scene)) < 0.0015
 
 
-@pytest.mark.few(3)
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     "changes",
     [

@@ -25,7 +25,7 @@ def far_plan(v: float = 4.0, **options: object) -> ScanPlan:
     return small_plan(v, small_camera(160, 6000), anchor=(70.0, 5700.0), **options)
 
 
-@pytest.mark.few(6)
+@pytest.mark.few(3)
 @pytest.mark.parametrize("v", [4.0, -3.0, 2.2, 0.5])
 @pytest.mark.parametrize(
     "effect", [FieldCurvature(-900e3), FieldCurvature(500e3), Distortion(-0.0003), Distortion(0.001)]

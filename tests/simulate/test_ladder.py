@@ -89,6 +89,7 @@ def test_too_coarse_a_sampling_is_refused_by_its_energy() -> None:
 
 
 @pytest.mark.parametrize("case", ["microscope", "two planes"])
+@pytest.mark.few(1)
 def test_seconds_are_foretold(case: str) -> None:
     """Within 1.5 on a quiet machine (`lfcal bench accuracy --check`); here within 4, for processors are shared."""
     if case == "microscope":

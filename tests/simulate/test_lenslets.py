@@ -154,6 +154,7 @@ def one_type(**changes: Any) -> Scene:
 
 @pytest.mark.parametrize("aperture", ["circle", "cell"])
 @pytest.mark.parametrize("waves", [pytest.param(0.25, marks=pytest.mark.long), -1.0])
+@pytest.mark.few(1)
 def test_aberrated_lenslets_are_those_of_the_reference(aperture: str, waves: float) -> None:
     scene = one_type(aperture=aperture, lenslet_waves=waves)
     wave = engine_for(scene, "wave", Sampling(None, 6, 14, coherent=True)).rows([3], [20])[0, 0]

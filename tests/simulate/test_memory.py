@@ -31,6 +31,7 @@ def plan_of(name: str, where: float) -> ScanPlan:
         ("lfm_20x05", 5.0, "auto", 0.03),
     ],
 )
+@pytest.mark.few(4)
 def test_it_is_enough_and_not_many_times_too_much(name: str, where: float, level: str, tolerance: float) -> None:
     plan = plan_of(name, where)
     allowed = predict_bytes(plan, BASE, level, tolerance=tolerance, workers=1)

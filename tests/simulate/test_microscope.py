@@ -89,7 +89,7 @@ def test_paraxial_limit_is_the_focus_integral():
     assert np.abs(found / found.max() - wanted / wanted.max()).max() < 5e-4
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("z", "position"), [(0.0, (0, 0)), (0.0, (4, 4)), (6.0, (2, 3)), (-9.0, (0, 1))])
 def test_against_the_converged_reference(z, position):
     scene = microscope_scene(z, cutout=(51, 51))

@@ -201,6 +201,7 @@ FRAME_EFFECTS: list[tuple[FrameEffect, float]] = [
 
 @pytest.mark.parametrize("v", [4.0, -3.0])
 @pytest.mark.parametrize(("effect", "over"), FRAME_EFFECTS, ids=lambda p: repr(p))
+@pytest.mark.few(8)
 def test_frame_estimates_are_honest(
     scenes: dict[float, tuple[ScanPlan, np.ndarray]], v: float, effect: FrameEffect, over: float
 ) -> None:

@@ -38,6 +38,7 @@ def fast_scene(**changes: object) -> Scene:
 
 
 @pytest.mark.parametrize("v", [4.0, *(pytest.param(v, marks=pytest.mark.long) for v in (2.0, -3.0)), 0.4])
+@pytest.mark.few(1)
 def test_what_is_asked_is_kept_and_more_is_never_worse(v: float) -> None:
     scene = camera_scene(v, cutout=(45, 45))
     wanted = truth(scene, 6.0)

@@ -88,6 +88,7 @@ def computed(scene: Scene, samples: float = SAMPLES) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("name", "case"), EVERY)
+@pytest.mark.few(1)
 def test_reference_is_the_summed_integral_at_twelve_samples(name: str, case: tuple[Callable[[], Scene], float]) -> None:
     make, reach = case
     scene = make()

@@ -47,6 +47,7 @@ def test_against_the_reference(v, bound):
         pytest.param(4.0, True, 0.06, marks=pytest.mark.long),
     ],
 )
+@pytest.mark.few(1)
 def test_exact_rays_land_where_the_propagated_field_does(v, fast, bound):
     """Square f/2.8 lenslets behind F/2.2, and f/5 behind F/5; without exact angles 20 to 27 and 3 %."""
     gap = 132.46
@@ -65,7 +66,7 @@ def test_default_sampling_is_good_to_a_few_percent():
     assert relative_error(found, wanted) < 0.05
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     "change",
     [
@@ -85,6 +86,7 @@ def test_against_the_reference_with(change):
 
 
 @pytest.mark.parametrize("flag", ["exact_rays", "exact_defocus"])
+@pytest.mark.few(1)
 def test_exact_angles_follow_the_reference(flag):
     """A fast cone on long lenslets: sines and tangents part by more than the levels do."""
     pitch = 15 * PIXEL

@@ -100,7 +100,7 @@ def own(place: Path, tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("command", list(CASES))
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 def test_killed_twice(own: Path, command: str) -> None:
     killed(own, CASES[command], "processes", 2)
 
@@ -136,7 +136,7 @@ main()
 """
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("out", ["out", "out.h5", "out.ome.zarr"])
 def test_killed_while_a_series_is_written(own: Path, out: str) -> None:
     """Half of what it makes is there: ``--resume`` writes it again, and nothing is reconstructed twice."""

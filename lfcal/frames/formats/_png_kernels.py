@@ -36,7 +36,8 @@ def unfilter(raw: NDArray[np.uint8], pixel_bytes: int, out: NDArray[np.uint8]) -
         line = raw[start + 1 : start + 1 + stride]
         here = out[r]
         if kind == 0:
-            here[:] = line
+            for i in range(stride):  # not at once: for arrays whose lengths may differ far more is compiled
+                here[i] = line[i]
         elif kind == 1:
             for i in range(stride):
                 left = here[i - pixel_bytes] if i >= pixel_bytes else np.uint8(0)

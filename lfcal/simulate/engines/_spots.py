@@ -136,7 +136,8 @@ def _draw(p: Array, n: int, acc: Array, h: int) -> None:
 def _overlap(shapes: Shapes, dx: float, dy: float, a: Array, b: Array) -> int:
     """Leave in ``a`` the part of the subject inside the window, c - X0 = (dx, dy); return its number of vertices."""
     n: int = shapes.subject.shape[0]
-    a[:n] = shapes.subject
+    for i in range(n):  # not at once: for arrays whose shapes may differ numba compiles seconds longer
+        a[i, 0], a[i, 1] = shapes.subject[i, 0], shapes.subject[i, 1]
     if math.sqrt(dx * dx + dy * dy) <= shapes.inner - shapes.reach:
         return n  # wholly inside: nothing to clip
     for k in range(shapes.limits.size):

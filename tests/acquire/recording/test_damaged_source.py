@@ -49,6 +49,7 @@ def assemble(folder: Path, out: Path | None = None, skip: bool = False, dark: st
 
 @pytest.mark.parametrize("rot", ROTS)
 @pytest.mark.parametrize("how", ["in place", "packed"])
+@pytest.mark.few(4)
 def test_refused_with_the_position_or_left_out(sessions: dict[str, Path], tmp_path: Path, how: str, rot: str) -> None:
     folder = copy_of(sessions[how], tmp_path)
     ROTS[rot](folder / "recording.h5", 13)

@@ -63,6 +63,7 @@ def assert_same_h(one: Path, two: Path) -> None:
 
 @pytest.mark.parametrize("rot", ROTS)
 @pytest.mark.parametrize("how", ["in place", "packed"])
+@pytest.mark.few(4)
 def test_damaged_frames_are_taken_again(sessions: dict[str, Path], tmp_path: Path, how: str, rot: str) -> None:
     folder = copy_of(sessions[how], tmp_path)
     for file, slot in (("recording.h5", 0), ("recording.h5", 13), ("checks.h5", 3), ("checks.h5", 17)):

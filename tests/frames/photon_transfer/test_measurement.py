@@ -81,6 +81,7 @@ def found_of(case: str, seed: int) -> tuple[Truth, SensorMeasurement]:
 
 
 @pytest.mark.parametrize("case", GRID)
+@pytest.mark.few(6)
 def test_values_lie_within_their_stated_errors(case: str) -> None:
     """Of three sensors each; chi^2 of all values at once, and none farther off than chance makes of so many."""
     known, unknown = (text.split() for text in GRID[case][4:])

@@ -11,7 +11,7 @@ from scipy.special import j0, j1
 
 from lfcal.camera import ScanPlan, preset
 from lfcal.psf import PSFMatrix, inspect
-from lfcal.psf.quality.expected import expected_sum
+from lfcal.psf.quality.expected import _convolved, expected_sum
 from lfcal.psf.quality.sums import edge_light
 from lfcal.simulate import simulate_psf
 
@@ -33,6 +33,14 @@ def test_a_focused_pupil_has_the_tail_of_airy() -> None:
     means = [np.mean([beyond((r + d) * camera.sensor.pixel_um) for d in np.linspace(-4, 4, 41)]) for r in (80, 150)]
     assert shown[ring].sum() == pytest.approx(means[0] - means[1], rel=0.25)
     assert 0.9 < shown.sum() < 1.0001
+
+
+def test_a_convolution_is_as_large_as_its_pictures() -> None:
+    one, other = np.random.default_rng(0).random((2, 5, 9))
+    wide = np.pad(other, ((4, 4), (8, 8)))
+    # straight from the definition, about the middle pixel
+    wanted = [[(one * wide[2 + y : 7 + y, 4 + x : 13 + x][::-1, ::-1]).sum() for x in range(9)] for y in range(5)]
+    np.testing.assert_allclose(_convolved(one, other), wanted, rtol=1e-12)
 
 
 @functools.cache

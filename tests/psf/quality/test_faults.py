@@ -18,7 +18,7 @@ def test_there_are_faults_enough():
     assert len(FAULTS) >= 24
 
 
-@pytest.mark.few(3)
+@pytest.mark.few(2)
 @pytest.mark.parametrize("scene", [hexagonal, square, single], ids=lambda s: s.__name__)
 @pytest.mark.parametrize("kind", CLEAN)
 def test_nothing_clean_raises_an_alarm(scene, kind):
@@ -27,14 +27,14 @@ def test_nothing_clean_raises_an_alarm(scene, kind):
     assert report.redo() == []
 
 
-@pytest.mark.few(12)
+@pytest.mark.few(6)
 @pytest.mark.parametrize("name", FAULTS)
 def test_every_fault_is_named_by_its_metric(name):
     alarms = named(hexagonal(), name)
     assert set(alarms[:2]) & set(FAULTS[name].names), alarms
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", SQUARE)
 def test_a_square_array_is_judged_as_well(name):
     alarms = named(square(), name)

@@ -64,6 +64,7 @@ def test_a_transposed_view_is_judged_by_the_matrix_behind_it():
 
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.few(1)
 def test_other_types_give_the_same_answer(dtype):
     values = base(single())
     one, other = inspect(matrix(single(), values)), inspect(matrix(single(), values.astype(dtype)))

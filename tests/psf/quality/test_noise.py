@@ -26,7 +26,7 @@ def noisy(stated: float | None, slope: float = 1e-4) -> QualityReport:
     return inspect(PSFMatrix(values.astype(np.float32), depths=scene.depths, facts=facts))
 
 
-@pytest.mark.few(4)
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("stated", "ratio", "merit"), [(SIGMA, 1, "good"), (SIGMA / 4, 4, "bad"), (4 * SIGMA, 4, "bad")]
 )
