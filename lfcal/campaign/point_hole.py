@@ -11,7 +11,7 @@ from lfcal.fit.fit import Finished
 from lfcal.fit.judge import chi_square, covariance
 from lfcal.fit.normal import Columns
 from lfcal.fit.result import Fit
-from lfcal.fit.select import choose
+from lfcal.fit.select import Selection, gain_of
 from lfcal.progress import Work
 
 __all__ = ["HOLE", "hole_words", "is_told", "iter_called_for", "moved_far", "not_told", "without_hole"]
@@ -19,8 +19,8 @@ __all__ = ["HOLE", "hole_words", "is_told", "iter_called_for", "moved_far", "not
 HOLE = "hole"
 """Group of unknowns (`lfcal.fit.groups.light.Holes`)."""
 
-CALLED_FOR = 0.02
-"""Share of what is left of patterns that were never fitted, noise included, that another size must take away."""
+CALLED_FOR = 0.1
+"""Share of what is left beyond noise of patterns that were never fitted that another size must take away."""
 
 VAGUE = 0.5
 """Standard deviation of the squared diameter, over that of the description, from which on it is not told."""
@@ -45,7 +45,10 @@ def iter_called_for(finished: Finished) -> Work[bool]:
     found = yield from problem.columns(point, own, "size of the holes", own=False)
     shared = columns.shared.copy()
     shared[own] = found.shared[own]
-    return HOLE in choose(problem, point, Columns(shared, columns.own), groups, [HOLE], least=CALLED_FOR)
+    selection = Selection(problem, point, Columns(shared, columns.own))
+    gain, enough = gain_of(selection, groups, HOLE)
+    beyond = max(0.0, selection.left(groups) - selection.samples)
+    return gain > max(enough, CALLED_FOR * beyond)
 
 
 def is_told(finished: Finished) -> bool:

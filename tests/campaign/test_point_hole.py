@@ -187,7 +187,8 @@ def test_holes_forty_percent_larger_than_described_cost_nothing_once_they_are_fo
     mended, found = error(called_for=True)
     assert HOLE not in held.groups and HOLE in found.groups
     one = found.parameters["hole_um"]
-    assert one.value == pytest.approx(28.0, abs=3 * one.sigma) and one.sigma < 1.0
+    # frames are computed otherwise than the fit computes them, which its deviation does not hold
+    assert one.value == pytest.approx(28.0, abs=1.6) and one.sigma < 1.0
     assert found.chi2 < held.chi2 and mended < 0.6 * wrong
     assert "20 µm described" in hole_words(found)
 
