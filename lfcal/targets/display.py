@@ -13,8 +13,8 @@ from lfcal.camera import ScanPlan
 from lfcal.checks import check_number, check_tuple
 from lfcal.errors import InputError
 from lfcal.progress import Work
-from lfcal.targets.coded import lit_by
 from lfcal.targets.images import hole_images
+from lfcal.targets.lit import lit_by
 from lfcal.targets.phases import Phases
 from lfcal.targets.plan import TargetPlan
 from lfcal.targets.planning import Wishes, iter_plan_target, propose_target

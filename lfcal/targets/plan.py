@@ -16,8 +16,8 @@ from lfcal.camera.description import build
 from lfcal.checks import check_number, check_tuple, check_type
 from lfcal.errors import FileFormatError, InputError
 from lfcal.plain import parse_json
-from lfcal.targets.coded import checked_lit
 from lfcal.targets.images import HoleImages, hole_images
+from lfcal.targets.lit import Lit, checked_lit
 from lfcal.targets.phases import Phases
 from lfcal.targets.search import covered_by
 from lfcal.targets.target import Target
@@ -29,7 +29,6 @@ VERSION = 1
 MOST_OFFSETS = 10_000_000
 
 Offsets = tuple[tuple[tuple[float, float], ...], ...]
-Lit = tuple[tuple[tuple[int, ...], ...], ...]
 
 
 @dataclass(frozen=True, slots=True)
