@@ -12,7 +12,7 @@ from lfcal.errors import InputError
 from lfcal.frames.regions import Region
 from lfcal.frames.source import FrameInfo, FrameSource, Noise, Samples
 from lfcal.frames.view import SourceView
-from lfcal.targets.lit import lit_matrix
+from lfcal.targets.lit import lit_blocks, lit_matrix
 from lfcal.targets.plan import TargetPlan
 
 __all__ = ["DecodedFrames", "decoded"]
@@ -44,7 +44,10 @@ class DecodedFrames(SourceView):
         for z, plane in enumerate(plan.lit):
             shown = lit_matrix(plane, len(plan.offsets_px[z]))
             self._shown.append(shown)
-            self._weights.append(np.asarray(np.linalg.inv(shown), np.float64) if len(shown) else shown)
+            inverse = np.zeros_like(shown)
+            for rows, columns in lit_blocks(plane, len(shown)):
+                inverse[np.ix_(columns, rows)] = np.linalg.inv(shown[np.ix_(rows, columns)])
+            self._weights.append(inverse)
         self._frames = plan.frames
         self._first = {z: k for k, (z, at) in reversed(list(enumerate(plan.frames))) if at == 0}
 

@@ -7,11 +7,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from lfcal.checks import check_tuple, check_type
 from lfcal.errors import InputError
 
-__all__ = ["Lit", "checked_lit", "lit_by", "lit_matrix"]
+__all__ = ["Lit", "checked_lit", "lit_blocks", "lit_by", "lit_matrix"]
 
 Lit = tuple[tuple[tuple[int, ...], ...], ...]
 """Of each plane and frame, the numbers of the offsets."""
@@ -52,7 +54,7 @@ def checked_lit(lit: Any, counts: Sequence[int]) -> Lit:
         frames = tuple(check_tuple(what, one, len(one), integer=True, at_least=0, at_most=count - 1) for one in plane)
         if not all(frames) or any(len(set(one)) < len(one) for one in frames):
             raise InputError.expected(what, "one or more, each once", "none, or one twice", "correct them")
-        if np.linalg.matrix_rank(lit_matrix(frames, count)) < count:
+        if not _solvable(frames, count):
             raise InputError.expected(what, "frames from which every offset comes back", "fewer", "take an S-matrix")
         found.append(frames)
     return tuple(found)
@@ -64,3 +66,21 @@ def lit_matrix(frames: Sequence[Sequence[int]], count: int) -> NDArray[np.float6
     for row, one in zip(out, frames, strict=True):
         row[list(one)] = 1.0
     return out
+
+
+def lit_blocks(frames: Sequence[Sequence[int]], count: int) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
+    """Return frames and offsets that have to do with each other, group by group."""
+    rows = np.repeat(np.arange(len(frames)), [len(one) for one in frames])
+    columns = np.concatenate([np.asarray(one, np.intp) for one in frames]) if frames else np.zeros(0, np.intp)
+    graph = coo_array((np.ones(len(rows)), (rows, len(frames) + columns)), shape=(len(frames) + count,) * 2)
+    number, group = connected_components(graph, directed=False)
+    nodes = [np.flatnonzero(group == k) for k in range(number)]
+    return [(own[own < len(frames)], own[own >= len(frames)] - len(frames)) for own in nodes]
+
+
+def _solvable(frames: Sequence[Sequence[int]], count: int) -> bool:
+    whole = lit_matrix(frames, count)
+    return all(
+        len(rows) == len(columns) == np.linalg.matrix_rank(whole[np.ix_(rows, columns)])
+        for rows, columns in lit_blocks(frames, count)
+    )
