@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.campaign.point_hole import HOLE, is_told, iter_called_for, moved_far, not_told, without_hole
 from lfcal.campaign.point_optics import OwnOptics, iter_with_own_light
 from lfcal.campaign.point_parts import measured_points
 from lfcal.campaign.points import Points
@@ -33,7 +34,7 @@ MOST = 72
 """Points that are fitted: eight of each of nine parts of the field; what is left of the error is the computation's."""
 
 OTHERS = ("region_places", "region_depths", "stage_scale", "source")
-"""Groups of scans: a target's points have one lattice and one plane, each its own displacement, holes a known size."""
+"""Groups of scans: a target's points have one lattice and one plane, each its own displacement, sources are holes."""
 
 OWN = ("pitch", "plane_tilt")
 """Groups that are always found: over the field a small error of either shows."""
@@ -43,6 +44,9 @@ BESIDE_PX, BRIGHTNESS = 0.5, 0.05
 
 ROUNDS = 4
 """Of the fit that places the points."""
+
+RESIZED = 2
+"""How often the light of holes is computed anew at most, where another size was found than it was computed for."""
 
 
 def iter_fit_points(
@@ -60,7 +64,9 @@ def iter_fit_points(
     check_stage(stage)
     measured = measured_points(source, points, parts, most=most)
     core, candidates = groups_of(unknowns)
-    core = tuple(name for name in dict.fromkeys((*core, *OWN)) if name not in OTHERS)
+    # the source is a hole
+    asked = not isinstance(unknowns, str) and (HOLE in core or "source" in core)
+    core = tuple(name for name in dict.fromkeys((*core, *OWN, *((HOLE,) if asked else ()))) if name not in OTHERS)
     candidates = tuple(name for name in candidates if name not in (*core, *OTHERS))
     check_light(measured)
     check_described(measured)
@@ -68,14 +74,17 @@ def iter_fit_points(
     began = tuple(called_for(scan) if effects is None else effects)
     points, began = _with_hole(points, began)
     own = OwnOptics.of(points, measured)
-    setup = Setup(scan.camera, began, (0.0,) * scan.shape[0], regions=own.regions)
-    problem = problem_of(measured, setup, (*core, *candidates), workers)
+    hole = points.plan.target.hole_um
+    setup = Setup(scan.camera, began, (0.0,) * scan.shape[0], regions=own.regions, hole_um=hole)
+    problem = problem_of(measured, setup, tuple(dict.fromkeys((*core, *candidates, HOLE))), workers)
     problem, start = yield from _placed(problem, own, core, workers)
     local = Local(np.zeros((len(measured), 2)), BESIDE_PX, BRIGHTNESS)
     finished = yield from iter_retrieved(problem, core, candidates, stage=stage, start=start, local=local)
-    finished = yield from _settled(finished, points)
-    problem, point = finished[:2]
+    finished = yield from _settled(finished, points, asked=asked or bool(candidates))
+    problem, point, groups = finished[:3]
     fits = yield from iter_summarised(*finished, candidates)
+    if asked and HOLE not in groups:
+        fits = tuple(not_told(fit) for fit in fits)
     names = [measured.regions[k].name for _, _, k in problem.measured.parts()]
     # planes of H are where they were planned, however the target is tilted
     depths = problem.vector.setup_at(point.u).depth_errors_um
@@ -104,7 +113,8 @@ def fit_points(
     source, points
         The frames, with their dark level subtracted, and what was found in them.
     unknowns, effects, stage, workers
-        As of `lfcal.fit.fit_camera`; the array's pitch is always found.
+        As of `lfcal.fit.fit_camera`; the array's pitch is always found. ``hole`` is the diameter of the target's
+        holes, which is found besides wherever chi² calls for it.
     parts
         Parts of the sensor (rows, columns).
     most
@@ -160,17 +170,37 @@ def _placed(
     return placed, point.u
 
 
-def _settled(finished: Finished, points: Points) -> Work[Finished]:
-    """Return the best point where what each pattern has to itself is that of the camera as found."""
+def _settled(finished: Finished, points: Points, *, asked: bool) -> Work[Finished]:
+    """Return the best point where what each pattern has to itself is that of the camera as found.
+
+    Whether the size of the holes is among it was ``asked``; else the points may call for it.
+    """
+    assert isinstance(finished[0].measured, Regional)
+    own = OwnOptics.of(points, finished[0].measured)
+    finished = yield from _with_own_as_found(finished, own)
+    if HOLE in finished[2] and not is_told(finished):
+        return (yield from _with_own_as_found(without_hole(finished), own))
+    if not asked and (yield from iter_called_for(finished)):
+        problem, point, groups, columns, outliers = finished
+        finished = yield from _with_own_as_found((problem, point, (*groups, HOLE), columns, outliers), own)
+    # their light changes with the square of the diameter only nearly
+    for _ in range(RESIZED):
+        if not moved_far(finished):
+            break
+        finished = yield from _with_own_as_found(finished, own)
+    return finished
+
+
+def _with_own_as_found(finished: Finished, own: OwnOptics) -> Work[Finished]:
+    """Return the best point near another, what each pattern has to itself computed there."""
     problem, point, groups, columns, outliers = finished
-    assert isinstance(problem.measured, Regional)
-    own = OwnOptics.of(points, problem.measured)
     local, lamps = point.local, point.levels.lamps
     problem = yield from iter_with_own_light(
         problem, own, point.u, local.offsets_px, Fineness.fine, "points of the camera as found"
     )
     point = problem.point(point.u, local, Fineness.finest, lamps=lamps)
     which = problem.vector.of_groups(groups).tolist()
-    point, found = yield from descend(problem, point, which, "settled", most=2, columns=columns, enough=1e-4)
+    known = columns if columns.shared[which].any((1, 2)).all() else None
+    point, found = yield from descend(problem, point, which, "settled", most=2, columns=known, enough=1e-4)
     columns = found.beside(columns, which)
     return problem, own_steps(problem, point, columns, problem.measured.left_out), groups, columns, outliers

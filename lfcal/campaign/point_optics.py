@@ -38,7 +38,7 @@ class OwnOptics:
     farther_um
         How much farther away than the plane each hole is ``(n,)`` (µm).
     hole_um
-        Diameter of the holes (µm).
+        Diameter of the holes, where no unknown says another (µm).
     parts_um
         How much farther away the middle of each part of the field is (µm).
     """
@@ -108,7 +108,9 @@ def iter_with_own_light(
     assert isinstance(measured, Regional)  # points are those of parts of the field
     plain = replace(measured, beside=None)
     setup, offsets = problem.vector.setup_at(u), offsets_px + measured.places_px
+    holes = _Holes.of(setup, own)
     light = np.zeros(measured.patterns.shape, np.float32)
+    blur = np.zeros_like(light) if holes.told else None
     farther: F8 = own.farther_um + own.beyond(measured, setup)
     places = [(plan, setup.of_region(k), setup.regions[k].farther_um, own_of) for plan, own_of, k in plain.parts()]
     tasks = [(plan, at, away, j) for plan, at, away, which in places for j in which.tolist()]
@@ -120,9 +122,11 @@ def iter_with_own_light(
             place = np.array(plan.anchor) + measured.index[j, 1:]
             alone = replace(plan, period=(1, 1), anchor=(float(place[0]), float(place[1])))
             index = np.array([[measured.index[j, 0], 0, 0]])
-            light[j] = predict(
-                _own(at, float(farther[j]) - away, own.hole_um), alone, index, offsets[j : j + 1], sampling
-            )[0]
+            mine = _at_depth(at, float(farther[j]) - away)
+            light[j] = predict(holes.put(mine), alone, index, offsets[j : j + 1], sampling)[0]
+            if blur is not None:
+                other = predict(holes.put(mine, holes.other_um), alone, index, offsets[j : j + 1], sampling)[0]
+                blur[j] = (light[j] - other) / np.float32(holes.um**2 - holes.other_um**2)
 
     with one_blas_thread():
         for first in range(0, len(tasks), 4 * problem.workers):
@@ -130,11 +134,34 @@ def iter_with_own_light(
             for_each_chunk(lambda a, b, at=first: some(at + a, at + b), last - first, problem.workers)  # type: ignore[misc]
             yield clock.at(last)
     base = problem.with_measured(plain).model(u, offsets_px, sampling).reshape(light.shape)
-    return problem.with_measured(replace(measured, beside=light - base))
+    return problem.with_measured(replace(measured, beside=light - base, blur=blur, blurred_um=holes.um))
 
 
-def _own(setup: Setup, farther_um: float, hole_um: float) -> Setup:
-    """Return the setup of a part as it is for a hole so much farther away, and so large."""
-    depths = tuple(error + farther_um for error in setup.depth_errors_um)
-    found = replace(setup, depth_errors_um=depths)
-    return found.with_effect(FiniteSource(hole_um)) if hole_um > 0 else found
+def _at_depth(setup: Setup, farther_um: float) -> Setup:
+    """Return the setup of a part as it is for a hole so much farther away."""
+    return replace(setup, depth_errors_um=tuple(error + farther_um for error in setup.depth_errors_um))
+
+
+@dataclass(frozen=True, slots=True)
+class _Holes:
+    """Diameter of the holes, another by which its rate is told, and whether it is an unknown.
+
+    Light changes with the square of the diameter, and little beyond that: one other size gives the rate.
+    """
+
+    um: float
+    other_um: float
+    told: bool
+
+    @classmethod
+    def of(cls, setup: Setup, own: OwnOptics) -> _Holes:
+        if setup.hole_um is None:
+            return cls(own.hole_um, 0.0, told=False)
+        least = setup.camera.step_um(0.0)
+        # to the point source, which takes one run; a smaller hole hardly differs from that
+        return cls(setup.hole_um, 0.0 if setup.hole_um > 0.5 * least else least, told=True)
+
+    def put(self, setup: Setup, um: float | None = None) -> Setup:
+        """Return a setup with holes of this diameter, or another."""
+        size = self.um if um is None else um
+        return setup.with_effect(FiniteSource(size)) if size > 0 else setup

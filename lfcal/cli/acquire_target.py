@@ -50,7 +50,12 @@ def simulated_options(plan: ScanPlan | TargetPlan, path: Path, backend: str, opt
     """Return the options of the backend, the planned target before the simulator unless another is named."""
     from lfcal.camera import ScanPlan
 
-    if isinstance(plan, ScanPlan) or backend != "sim" or "target" in options:
+    if isinstance(plan, ScanPlan):
+        return options
+    if plan.lit is not None and backend != "sim":
+        remedy = "show its pictures (lfcal plan --patterns), and assemble the folder of frames"
+        raise InputError.expected(str(path), "a target that a stage moves", "frames of a display", remedy)
+    if backend != "sim" or "target" in options:
         return options
     return {**options, "target": str(path)}
 

@@ -40,6 +40,7 @@ def fit_target(
     from lfcal.campaign.point_facts import target_facts
     from lfcal.campaign.point_files import iter_write_points
     from lfcal.campaign.point_fit import MOST, iter_fit_points
+    from lfcal.campaign.point_hole import hole_words
     from lfcal.cli.console import print_json, print_table, report, run_work
     from lfcal.cli.target_frames import found_points, opened_target
     from lfcal.fit.files import fit_dict
@@ -56,6 +57,7 @@ def fit_target(
         )
         fit = run_work(work, quiet=json)
     known = target_facts(points)
+    holes = hole_words(fit.first)
     written = run_work(
         iter_write_points(fit, field, out, {"source": source.name, "target": known}, with_h=with_h, workers=workers),
         quiet=json,
@@ -77,6 +79,8 @@ def fit_target(
     ]
     print_table(["part of the field", "points", "error of the model", "χ²"], parts)
     typer.secho(first.verdict, fg=typer.colors.GREEN if first.complete else typer.colors.RED, bold=True)
+    if holes:
+        report(f"note: {holes}")
     for combination in first.unidentified:
         report(f"note: these points do not tell apart: {combination}")
     typer.echo(f"{out}: {', '.join(str(path.relative_to(out)) for path in written)}")

@@ -31,8 +31,10 @@ from lfcal.cli.plan_regions import RegionsOption, plan_regions
 from lfcal.cli.plan_target import (
     CrosstalkOption,
     MostFramesOption,
+    PatternsOption,
     PhaseOption,
     PoseOption,
+    SignalOption,
     SourceOption,
     TargetWanted,
     WithinOption,
@@ -245,6 +247,8 @@ def command(
     pose: PoseOption = "",
     pose_within: WithinOption = "",
     most_frames: MostFramesOption = None,
+    signal: SignalOption = None,
+    patterns: PatternsOption = None,
     out: Path | None = typer.Option(None, "-o", "--out", help="Write the plan as JSON."),
     workers: WorkersOption = None,
     force: ForceOption = False,
@@ -256,7 +260,7 @@ def command(
     """
     wanted = Wanted(for_fit, half_cell, chosen, earlier, unknowns, full, beside, candidates, draw, speed, workers)
     check_wanted(wanted, out, camera, positions, force=force)
-    aimed = TargetWanted(source, tolerance, crosstalk, pose, pose_within, most_frames, speed)
+    aimed = TargetWanted(source, tolerance, crosstalk, pose, pose_within, most_frames, speed, signal, patterns)
     if regions and (for_fit or half_cell or positions is not None):
         other = "--for-fit" if for_fit else "--half-cell" if half_cell else "--positions"
         raise InputError(f"{other}: is of one region or of the whole frame; leave it out beside --regions")

@@ -15,13 +15,16 @@ from lfcal.units import format_length, format_seconds, format_share
 
 if TYPE_CHECKING:
     from lfcal.camera import RegionPlan, ScanPlan
-    from lfcal.targets import Target, TargetPlan, Wishes
+    from lfcal.multiplex import CodingVerdict
+    from lfcal.targets import Display, Target, TargetPlan, Wishes
 
 __all__ = [
     "CrosstalkOption",
     "MostFramesOption",
+    "PatternsOption",
     "PhaseOption",
     "PoseOption",
+    "SignalOption",
     "SourceOption",
     "TargetWanted",
     "WithinOption",
@@ -33,7 +36,7 @@ SourceOption: TypeAlias = Annotated[
     typer.Option(
         "--source",
         help="Points of a target in one frame: array:12x12@1.2mm,hole=20um (hex; ROWxCOLUMN pitches), a target's .json "
-        "file, or array alone: the pitch that needs the fewest frames.",
+        "file, or array alone: the pitch that needs the fewest frames; display:2160x3840@8um: pixels of a display.",
     ),
 ]
 """What is put before the camera."""
@@ -68,6 +71,23 @@ MostFramesOption: TypeAlias = Annotated[
 """A session that must end."""
 
 
+SignalOption: TypeAlias = Annotated[
+    float | None,
+    typer.Option(
+        "--signal",
+        help="With --source: electrons of a point's brightest pixel in a frame, by which it is told whether showing "
+        "several frames of a target at once pays; 0.8 of the full well. A display is planned so where it does.",
+    ),
+]
+"""How bright points are."""
+
+PatternsOption: TypeAlias = Annotated[
+    Path | None,
+    typer.Option("--patterns", help="With --source display:…: folder for what it shows, frame_0000.png …"),
+]
+"""Where pictures for a display go."""
+
+
 @dataclass(frozen=True)
 class TargetWanted:
     """Which target is to be planned, by the options' words."""
@@ -79,6 +99,8 @@ class TargetWanted:
     within: str
     most_frames: int | None
     speed: float
+    signal_e: float | None = None
+    patterns: Path | None = None
 
     @property
     def path(self) -> Path | None:
@@ -93,14 +115,26 @@ class TargetWanted:
             "--pose": self.pose or None,
             "--pose-within": self.within or None,
             "--most-frames": self.most_frames,
+            "--signal": self.signal_e,
+            "--patterns": self.patterns,
         }
         names = [name for name, value in given.items() if value is not None]
         if not self.source and names:
             raise InputError(f"{names[0]}: is of a target of many points; name it with --source")
+        if self.patterns is not None and self.display() is None:
+            raise InputError("--patterns: is of a display; name it with --source display:ROWSxCOLUMNS@PITCH")
         beside = {"--for-fit": for_fit, "--half-cell": half_cell, "--positions": listed}
         if self.source and any(beside.values()):
             name = next(name for name, there in beside.items() if there)
             raise InputError(f"{name}: is of single points; leave it out beside --source")
+
+    def display(self) -> Display | None:
+        """Return the display whose pixels are the target; None where it is none."""
+        if not self.source.startswith("display"):
+            return None
+        from lfcal.targets import parse_display
+
+        return parse_display(self.source)
 
     def wishes(self) -> Wishes:
         """Return what the plan must keep."""
@@ -133,25 +167,36 @@ def plan_source(scan: ScanPlan, wanted: TargetWanted, regions: str, out: Path | 
     # a speed that makes no sense must not wait for the plan
     from lfcal.camera import Forecast, RegionPlan
     from lfcal.camera.regions import parse_regions
-    from lfcal.targets import iter_plan_target
+    from lfcal.cli.plan_coding import coding_facts, coding_verdict, planned_for_display, write_patterns
+    from lfcal.targets import iter_plan_display, iter_plan_target
     from lfcal.targets.planning import shown_within
 
     Forecast.of(scan, stage_um_per_s=wanted.speed)
     field = RegionPlan.spread(scan, parse_regions(regions)) if regions else None
-    plan = run_work(iter_plan_target(scan, wanted.target(scan), wanted.wishes()), quiet=json)
+    display = wanted.display()
+    if display is None:
+        plan = run_work(iter_plan_target(scan, wanted.target(scan), wanted.wishes()), quiet=json)
+    else:
+        plan = run_work(iter_plan_display(scan, display, wanted.wishes()), quiet=json)
+    verdict = coding_verdict(plan, signal_e=wanted.signal_e)
+    if display is not None:
+        plan = planned_for_display(plan, display, verdict)
     unsure = None
     if not plan.target.within.known:
         unsure = [shown_within(plan, z) for z in range(len(scan.depths_um))]
     if out is not None:
         with replace_whole(out) as part:
             part.write_text(plan.to_json(), encoding="utf-8")
-    facts = _facts(plan, wanted.speed, unsure) | {"expected_error": _expected(plan)}
+    facts = _facts(plan, wanted.speed, unsure) | {"expected_error": _expected(plan), "coding": coding_facts(verdict)}
+    if display is not None and wanted.patterns is not None:
+        facts["patterns"] = write_patterns(plan, display, wanted.patterns)
     if field is not None:
         facts["regions"] = _regions(plan, field, wanted.speed)
     if json:
         print_json(facts)
         return
     _show(plan, facts)
+    _show_coding(plan, verdict, display)
     if out is not None:
         typer.echo(f"written: {out}")
 
@@ -240,6 +285,16 @@ def _show_expected(found: dict[str, Any], depth_um: float) -> None:
     rows.append(["a single point", "100 %", format_share(found["single_point"])])
     title = f"expected error of a pattern by noise, plane {format_length(depth_um)}"
     print_table(["frames", "phases shown", "error of a pattern"], rows, title=title)
+
+
+def _show_coding(plan: TargetPlan, verdict: CodingVerdict | None, display: Display | None) -> None:
+    """Print whether showing several frames at once pays, and for a display what it shows."""
+    from lfcal.cli.plan_coding import coding_words, display_words
+
+    if verdict is not None:
+        typer.echo(coding_words(verdict))
+    if display is not None:
+        typer.echo(display_words(plan, display))
 
 
 def _show(plan: TargetPlan, facts: dict[str, Any]) -> None:

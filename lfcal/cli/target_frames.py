@@ -42,6 +42,7 @@ def opened_target(
     """Open the frames of a target with their dark level subtracted."""
     from lfcal.acquire.session_file import NAME
     from lfcal.frames import corrected_view, open_frames
+    from lfcal.targets.coded import decoded
     from lfcal.targets.frames import open_target_frames
 
     if (source / NAME).is_file():
@@ -49,7 +50,7 @@ def opened_target(
     else:
         frames = open_target_frames(source, plan, skip_damaged=skip_damaged)
     with frames:
-        yield corrected_view(frames, recipe, plan.scan)
+        yield decoded(corrected_view(frames, recipe, plan.scan), plan)
 
 
 def found_points(view: FrameSource, plan: TargetPlan, *, quiet: bool) -> Points:

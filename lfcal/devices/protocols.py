@@ -254,7 +254,8 @@ class Rig:
     """A camera, a stage, and a light where it can be switched; closes them as a context manager.
 
     ``others`` are devices that had to be opened along with these and are closed with them; ``grabber`` waits for the
-    camera's frames. ``gauges`` tell how the lab is, where there are any.
+    camera's frames. ``gauges`` tell how the lab is, where there are any. ``switches`` says that points of a display are
+    switched with the stage's moves, as a simulator does.
     """
 
     camera: CameraDevice
@@ -264,6 +265,7 @@ class Rig:
     others: tuple[CameraDevice | StageDevice, ...] = ()
     grabber: Grabber = field(default_factory=Grabber, compare=False)
     gauges: tuple[Gauge, ...] = ()
+    switches: bool = False
 
     def close(self) -> None:
         """Release all devices, each even if another fails; a camera whose driver still hangs is left to the system.

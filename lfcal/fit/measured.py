@@ -45,6 +45,11 @@ class Measured:
     beside
         Light ``(n, nt, ns)`` of unit gain that each pattern has beside what its plan's optics predict, held while the
         unknowns move: what is its own, and too dear for every derivative. None: none.
+    blur
+        Light ``(n, nt, ns)`` of unit gain that each pattern has more per µm² of the squared diameter of a target's
+        holes (`lfcal.fit.setup.Setup.hole_um`). None: no such size is told.
+    blurred_um
+        Diameter of the holes whose light ``beside`` holds (µm).
     """
 
     plan: ScanPlan
@@ -55,6 +60,8 @@ class Measured:
     valid: NDArray[np.bool_]
     left_out: NDArray[np.bool_]
     beside: NDArray[np.float32] | None = None
+    blur: NDArray[np.float32] | None = None
+    blurred_um: float = 0.0
 
     def __post_init__(self) -> None:
         """Check that everything belongs together."""
@@ -67,8 +74,7 @@ class Measured:
             "valid": (n, *cutout),
             "left_out": (n,),
         }
-        if self.beside is not None:
-            wanted["beside"] = (n, *cutout)
+        wanted |= {name: (n, *cutout) for name in ("beside", "blur") if getattr(self, name) is not None}
         for name, shape in wanted.items():
             if getattr(self, name).shape != shape:
                 raise InputError.expected(
@@ -119,9 +125,15 @@ class Measured:
 
     def _some(self, keep: NDArray[np.bool_]) -> dict[str, Any]:
         """Return what belongs to single patterns, of those that are kept."""
-        names = ("index", "patterns", "noise", "places_px", "valid", "left_out")
-        beside = None if self.beside is None else self.beside[keep]
-        return {name: getattr(self, name)[keep] for name in names} | {"beside": beside}
+        own = [name for name in ("beside", "blur") if getattr(self, name) is not None]
+        names = ["index", "patterns", "noise", "places_px", "valid", "left_out", *own]
+        return {name: getattr(self, name)[keep] for name in names} | {"blurred_um": self.blurred_um}
+
+    def more_light(self, hole_um: float | None) -> NDArray[np.float32] | None:
+        """Return the light ``(n, nt, ns)`` beside what is computed, of holes of such a diameter (µm); None: none."""
+        if self.beside is None or self.blur is None or hole_um is None:
+            return self.beside
+        return self.beside + np.float32(hole_um**2 - self.blurred_um**2) * self.blur
 
     def with_left_out(self, left_out: ArrayLike) -> Measured:
         """Return the same patterns with others kept aside."""

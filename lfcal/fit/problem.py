@@ -99,8 +99,9 @@ class Problem:
         found = np.empty((len(measured), *measured.plan.cutout), np.float32)
         for plan, own, k in measured.parts():
             found[own] = predict(setup.of_region(k), plan, measured.index[own], offsets[own], sampling)
-        if measured.beside is not None:
-            found += measured.beside
+        more = measured.more_light(setup.hole_um)
+        if more is not None:
+            found += more
         return found.reshape(len(measured), -1)
 
     def point(

@@ -119,7 +119,7 @@ def regional_of(patterns: Mapping[str, Measured], camera: Camera | None = None) 
                 wanted = f"{APART * max(first.cutout):.0f} px or more from {other.name!r}"
                 raise InputError.expected(f"region {name!r}", wanted, f"{apart:.0f} px", "scan it elsewhere")
         regions.append(Region(name, own.plan.period, own.plan.anchor))
-    joined = {
+    joined: dict[str, Any] = {
         key: np.concatenate([getattr(own, key) for own in parts])
         for key in ("index", "patterns", "noise", "places_px", "valid", "left_out")
     }

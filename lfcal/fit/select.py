@@ -18,7 +18,10 @@ F8 = NDArray[np.float64]
 
 
 class Selection:
-    """The sums of squares of fitted and left-out patterns as quadratic forms of all unknowns about a point."""
+    """The sums of squares of fitted and left-out patterns as quadratic forms of all unknowns about a point.
+
+    ``samples`` is the number of left-out ones: what noise alone makes of their sum.
+    """
 
     def __init__(self, problem: Problem, point: Point, columns: Columns) -> None:
         self.problem = problem
@@ -26,7 +29,7 @@ class Selection:
         aside = problem.measured.left_out if problem.measured.left_out.any() else problem.fitted
         self._aside: Normal = problem.normal(columns, point, aside)
         self._matrix, self._gradient = with_prior(problem, self._fitted, point.u)
-        self._n = float((point.seen.inverse[aside] > 0).sum())
+        self.samples = float((point.seen.inverse[aside] > 0).sum())
 
     def left(self, groups: Sequence[str]) -> float:
         """Return the sum of squares of left-out patterns after the best step of the groups' unknowns."""
@@ -40,7 +43,7 @@ class Selection:
         q unknowns that fit noise change it by 0 +- sqrt(q) or so: their own errors times the left-out noise.
         """
         q = len(self.problem.vector.of_groups(groups))
-        return (4.0 + 4.0 * math.sqrt(q)) * max(1.0, left / self._n)
+        return (4.0 + 4.0 * math.sqrt(q)) * max(1.0, left / self.samples)
 
 
 def gain_of(selection: Selection, chosen: Sequence[str], name: str) -> tuple[float, float]:

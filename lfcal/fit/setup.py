@@ -66,6 +66,9 @@ class Setup:
         Displacement (rows, columns) of all sources on the sensor from where they were planned (pixels).
     regions
         Of several regions of the field, what each has beside that; see `of_region`.
+    hole_um
+        Diameter of the holes of a target whose patterns hold their light beside what is computed here
+        (`lfcal.fit.measured.Measured.blur`) (µm); None: sources are what the effects say.
     """
 
     camera: Camera
@@ -74,6 +77,7 @@ class Setup:
     stage_scale: float = 0.0
     aside_px: tuple[float, float] = (0.0, 0.0)
     regions: tuple[RegionPlace, ...] = ()
+    hole_um: float | None = None
 
     def __post_init__(self) -> None:
         """Check every value."""

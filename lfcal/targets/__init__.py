@@ -10,6 +10,8 @@ the lenslet array. What is done with a target, and where:
    holes may be), ``planning`` (all of it), ``expected`` (what noise leaves),
    ``plan`` (`TargetPlan`, a file of its own beside the scan it stands for).
 4. Simulate its frames: ``camera`` (`TargetCamera`).
+   A target whose points are switched: ``display`` (planned on its pixels), ``subsets`` (which frames may be shown at
+   once), ``coded`` (what each shows alone, from frames that show several).
 5. Find its holes in a frame: ``spots`` (points of light), ``lattice_labels`` (places of one lattice), ``match`` (which
    hole each is), ``pose_fit`` (pose, pitch, distortion), ``mistakes`` (what is not as described), ``finding``.
 
@@ -17,6 +19,8 @@ A scan plan keeps its meaning: a `TargetPlan` holds one, whose positions it show
 """
 
 from lfcal.targets.camera import TargetCamera, uneven
+from lfcal.targets.coded import DecodedFrames, decoded
+from lfcal.targets.display import Display, coded_plan, display_image, iter_plan_display, parse_display
 from lfcal.targets.expected import ErrorForecast, error_forecast
 from lfcal.targets.finding import FoundPoints, find_points
 from lfcal.targets.parsing import parse_target, target_words
@@ -26,6 +30,8 @@ from lfcal.targets.pose import Pose
 from lfcal.targets.target import Target
 
 __all__ = [
+    "DecodedFrames",
+    "Display",
     "ErrorForecast",
     "FoundPoints",
     "Pose",
@@ -34,9 +40,14 @@ __all__ = [
     "TargetForecast",
     "TargetPlan",
     "Wishes",
+    "coded_plan",
+    "decoded",
+    "display_image",
     "error_forecast",
     "find_points",
+    "iter_plan_display",
     "iter_plan_target",
+    "parse_display",
     "parse_target",
     "plan_target",
     "propose_target",

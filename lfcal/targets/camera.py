@@ -154,14 +154,21 @@ class TargetCamera(Frames):
 
     # -- light -----------------------------------------------------------------------------------------
     def points(self, index: int) -> HoleImages:
-        """Return where the paraxial chief rays of all holes truly meet the plane of the sensor in frame ``index``."""
+        """Return where the paraxial chief rays of all holes truly meet the plane of the sensor in frame ``index``.
+
+        Of a plan whose frames show several offsets at once, those of the offset of that number alone.
+        """
         z, k = self._at(index)
         return self._moved(z, self.plan.offsets_px[z][k])
 
     def light(self, index: int) -> NDArray[np.float32]:
         """Return the photoelectrons of frame ``index`` before the sensor disturbs them, ``(rows, columns)``."""
         z, k = self._at(index)
-        return self.light_at(z, self.plan.offsets_px[z][k])
+        lit = self.plan.lit_in(z, k)
+        found = self.light_at(z, self.plan.offsets_px[z][lit[0]])
+        for other in lit[1:]:
+            found = found + self.light_at(z, self.plan.offsets_px[z][other])
+        return found
 
     def light_at(self, z: int, offset_px: tuple[float, float]) -> NDArray[np.float32]:
         """Return the photoelectrons of a frame of plane ``z`` at any offset of images (rows, columns) (pixels)."""
@@ -190,9 +197,10 @@ class TargetCamera(Frames):
         groups: dict[tuple[int, int, int, float], list[tuple[int, _Hole]]] = {}
         for n, index in enumerate(chosen):
             z, k = self._at(index)
-            for hole in self._seen_holes(z, self.plan.offsets_px[z][k]):
-                key = (z, *self._region_of(hole.pixel), hole.farther_um)
-                groups.setdefault(key, []).append((n, hole))
+            for offset in (self.plan.offsets_px[z][one] for one in self.plan.lit_in(z, k)):
+                for hole in self._seen_holes(z, offset):
+                    key = (z, *self._region_of(hole.pixel), hole.farther_um)
+                    groups.setdefault(key, []).append((n, hole))
         keys, lock = sorted(groups, key=lambda key: (key[0], key[3], key[1:3])), threading.Lock()
         for z in {key[0] for key in keys}:
             self._middle.at(z)

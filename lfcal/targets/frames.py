@@ -118,6 +118,10 @@ def frames_of(source: FrameSource, plan: TargetPlan) -> tuple[tuple[int, int], .
     InputError
         If it does not tell, and is not of as many frames as the plan.
     """
+    if plan.lit is not None and not source.metadata.get("decoded"):
+        wanted = "those that show one offset each"
+        remedy = "solve for them (lfcal.targets.decoded)"
+        raise InputError.expected("frames of a target", wanted, "sums of several offsets", remedy)
     told = source.metadata.get("target_frames")
     frames: tuple[tuple[int, int], ...] = plan.frames if told is None else tuple((int(z), int(k)) for z, k in told)
     if len(frames) != len(source):

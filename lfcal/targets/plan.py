@@ -17,6 +17,7 @@ from lfcal.checks import check_number, check_tuple, check_type
 from lfcal.errors import FileFormatError, InputError
 from lfcal.plain import parse_json
 from lfcal.targets.images import HoleImages, hole_images
+from lfcal.targets.lit import Lit, checked_lit
 from lfcal.targets.phases import Phases
 from lfcal.targets.search import covered_by
 from lfcal.targets.target import Target
@@ -71,6 +72,10 @@ class TargetPlan:
         For each plane, the largest share of neighbours' light in a cutout, of equally bright holes.
     tails
         How that was computed: ``"geometric"`` (rays: patterns end) or by waves.
+    lit
+        Of a target whose points are switched, a display's: for each plane, the numbers of the offsets whose points
+        are all lit in each recorded frame. There are as many frames as offsets, and what each offset shows alone comes
+        back by solving for it (`lfcal.targets.coded`). None: frame k shows offset k.
     """
 
     scan: ScanPlan
@@ -79,6 +84,7 @@ class TargetPlan:
     tolerance_px: float
     crosstalk: tuple[float, ...]
     tails: str
+    lit: Lit | None = None
 
     def __post_init__(self) -> None:
         """Check every value, and that the camera sees the target in every plane."""
@@ -97,6 +103,8 @@ class TargetPlan:
             for plane in self.offsets_px
         )
         object.__setattr__(self, "offsets_px", offsets)
+        if self.lit is not None:
+            object.__setattr__(self, "lit", checked_lit(self.lit, [len(plane) for plane in offsets]))
         for z in range(planes):
             self.images(z)
 
@@ -105,6 +113,10 @@ class TargetPlan:
     def frames(self) -> tuple[tuple[int, int], ...]:
         """All frames as (plane, number of its offset), in the order they are recorded."""
         return tuple((z, k) for z, plane in enumerate(self.offsets_px) for k in range(len(plane)))
+
+    def lit_in(self, z: int, k: int) -> tuple[int, ...]:
+        """Return the numbers of the offsets whose points recorded frame ``k`` of plane ``z`` shows."""
+        return (k,) if self.lit is None else self.lit[z][k]
 
     def images(self, z: int) -> HoleImages:
         """Return the images of all holes in plane ``z`` without an offset."""
@@ -191,6 +203,8 @@ class TargetPlan:
         del scan["format"]
         body = {name: getattr(self, name) for name in ("offsets_px", "tolerance_px", "crosstalk", "tails")}
         target = asdict(self.target)
+        if self.lit is not None:
+            body["lit"] = self.lit
         return {"format": FORMAT, "version": VERSION, "scan_version": version, **body, "target": target, "scan": scan}
 
     def to_json(self) -> str:
@@ -205,7 +219,7 @@ class TargetPlan:
             raise FileFormatError.expected(what, f'"format": "{FORMAT}"', "something else", "check the file")
         if data.get("version") != VERSION:
             raise FileFormatError.expected(what, f"version {VERSION}", data.get("version"), "update lfcal")
-        body = {k: v for k, v in data.items() if k not in ("format", "version", "scan_version")}
+        body = {"lit": None} | {k: v for k, v in data.items() if k not in ("format", "version", "scan_version")}
         if not isinstance(body.get("scan"), Mapping):
             raise FileFormatError.expected(what, "a scan", type(body.get("scan")).__name__, "check the file")
         whole = {"format": "lfcal-plan", "version": data.get("scan_version"), **body["scan"]}

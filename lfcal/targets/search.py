@@ -11,7 +11,7 @@ from lfcal.targets._kernels import add_squares
 from lfcal.targets.images import HoleImages, whole_at
 from lfcal.targets.phases import Phases
 
-__all__ = ["OffsetSearch", "covered_by"]
+__all__ = ["OffsetSearch", "asked_offsets", "covered_by"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -60,7 +60,7 @@ class OffsetSearch:
     def of(cls, phases: Phases, images: HoleImages, tolerance_px: float) -> OffsetSearch:
         """Return the search when nothing has been shown."""
         step = 2 * tolerance_px / SIDE
-        asked = _asked(phases, images)
+        asked = asked_offsets(phases, images)
         # half a period and a little: what is asked at its very end is met from either side
         first = -(np.abs(asked).max(axis=(0, 1)) + 2 * tolerance_px)
         size = np.ceil(-2 * first / step).astype(int) + SIDE
@@ -102,7 +102,7 @@ class OffsetSearch:
         return best, shown
 
 
-def _asked(phases: Phases, images: HoleImages) -> Array:
+def asked_offsets(phases: Phases, images: HoleImages) -> Array:
     """Return the offset ``(phases, holes, 2)`` that puts each hole on each phase, within half a period either way."""
     rates = phases.rates(images.pixels) * images.shift[:, None, None]
     away = phases.wanted()[:, None, :] - phases.at(images.pixels)[None]

@@ -24,11 +24,11 @@ from lfcal.camera import ScanPlan
 from lfcal.devices.protocols import Rig
 from lfcal.devices.simulated.backend import simulated_rig
 from lfcal.devices.simulated.faults import Fault
-from lfcal.devices.simulated.targets import TargetPattern
+from lfcal.devices.simulated.targets import SwitchedRenderer, TargetPattern
 from lfcal.errors import FileFormatError, InputError
 from lfcal.frames import open_frames
 from lfcal.frames.corrections.recipe import CorrectionRecipe, corrected_view
-from lfcal.targets import Pose, Target, TargetPlan, Wishes, plan_target
+from lfcal.targets import Pose, Target, TargetPlan, Wishes, decoded, plan_target
 from tests.acquire.rigs import CAREFUL, rig_for, small_plan
 from tests.acquire.rotting import rot_frame
 from tests.targets.common import small
@@ -224,3 +224,31 @@ def test_brackets_and_averages_make_floats(plan: TargetPlan, tmp_path: Path) -> 
     with TargetRecording(tmp_path / "s") as source:
         assert source.dtype == np.float32 and source.metadata["noise"]
     assert Options().plain
+
+
+def test_frames_of_a_display_are_recorded_where_its_points_are_switched(
+    plan: TargetPlan, session: Path, tmp_path: Path
+) -> None:
+    lit = ((0, 1), (1, 2), (0, 2))
+    coded = replace(plan, offsets_px=(plan.offsets_px[0][:3], plan.offsets_px[1][:3]), lit=(lit, lit))
+    optics = SwitchedRenderer(TargetPattern(plan.scan, plan.target, np.ones(len(plan.target.holes))), coded)
+    rig = simulated_rig(plan.scan, optics=optics)
+    still = replace(rig, switches=False)
+    with pytest.raises(InputError, match="frames of a display"):
+        record(tmp_path / "none", coded, still, CAREFUL)
+    assert not (tmp_path / "none").exists()
+    assert record(tmp_path / "session", coded, rig, FULL).acknowledged == 6
+    source = open_frames(tmp_path / "session")
+    assert isinstance(source, TargetRecording) and source.target == coded
+    for index, (z, k) in enumerate(coded.frames):
+        frame = source.read(index).astype(float)
+        points = [coded.points(z, one) for one in lit[k]]
+        assert len(source.info(index).points) == sum(map(len, points))
+        for row, column in np.rint(np.concatenate([one.pixels for one in points])).astype(int).tolist():
+            assert frame[row - 3 : row + 4, column - 3 : column + 4].max() > 4 * np.median(frame)
+    alone = decoded(corrected_view(source, CorrectionRecipe(), source.plan), coded)
+    # what an offset shows alone is the frame of a session that shows it alone
+    single = open_frames(session)
+    plain = corrected_view(single, CorrectionRecipe(), single.plan)
+    alike = [[np.corrcoef(alone.read(m).ravel(), plain.read(k).ravel())[0, 1] for k in range(3)] for m in range(3)]
+    assert np.argmax(alike, axis=1).tolist() == [0, 1, 2] and np.diag(alike).min() > 0.97

@@ -13,6 +13,7 @@ import pytest
 from lfcal.camera import preset
 from lfcal.psf import open_psf
 from lfcal.psf.opening import regions_of
+from lfcal.reconstruct import FieldProjector, Projector
 from tests.cli.conftest import Run
 
 Lfcal = Callable[..., Run]
@@ -55,3 +56,14 @@ def test_from_a_plan_to_h_of_two_regions(lfcal: Lfcal, tmp_path: Path, monkeypat
     np.save("frame.npy", frame)
     run = lfcal("reconstruct", "fit/H.h5", "frame.npy", "--region", "all", "--solver", "rl", "-n", 1, "-o", "v.npy")
     assert run.code == 0, run.err
+    volume = np.load("v.npy")
+    assert volume.shape[0] == 1 and np.isfinite(volume).all() and volume.max() > 0
+    # both regions are blended, and the blend has its adjoint
+    with open_psf("fit/H.h5", region="r1c1") as left, open_psf("fit/H.h5", region="r1c2") as right:
+        both, one = FieldProjector([left, right], (300, 300)), Projector(left, (300, 300))
+        rng = np.random.default_rng(0)
+        seen, lit = rng.random((300, 300)).astype(np.float32), rng.random(both.volume_shape).astype(np.float32)
+        forward, back = both.forward(lit), both.adjoint(seen)
+        sums = [float((a.astype(float) * b).sum()) for a, b in ((forward, seen), (back, lit))]
+        assert sums[0] == pytest.approx(sums[1], rel=1e-5)
+        assert np.abs(forward - one.forward(lit)).max() > 1e-3 * forward.max()

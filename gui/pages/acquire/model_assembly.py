@@ -53,7 +53,8 @@ def _iter_points(folder: Path, out: Path, recipe: CorrectionRecipe | None) -> Wo
     from lfcal.acquire.recording.whole_frames import TargetRecording
     from lfcal.campaign.point_assembly import iter_assemble_points
     from lfcal.frames import CorrectionRecipe, corrected_view
+    from lfcal.targets import decoded
 
     with TargetRecording(folder) as source:
         view = corrected_view(source, recipe or CorrectionRecipe(), source.plan)
-        return (yield from iter_assemble_points(view, source.target, out)).report
+        return (yield from iter_assemble_points(decoded(view, source.target), source.target, out)).report

@@ -194,12 +194,15 @@ class PlannedTarget:
         Of each plane, what noise is expected to leave of a pattern.
     regions
         How many regions of the field the same frames serve, and the fewest points that one of them has in a plane.
+    coding
+        Whether showing several frames at once would pay, in a line; empty where nothing is to be shown at once.
     """
 
     plan: TargetPlan
     planes: tuple[PlaneDrawing, ...]
     errors: tuple[ErrorForecast, ...] = ()
     regions: tuple[int, int] = (1, 0)
+    coding: str = ""
 
     def summary(self) -> list[tuple[str, str, str]]:
         """Return rows (what, by this target, by a single point)."""
@@ -256,7 +259,21 @@ def iter_drawn(plan: TargetPlan, regions: tuple[int, int] | None = None) -> Work
         yield clock.at(z)
         planes.append(_drawing(plan, z))
         errors.append(error_forecast(plan, z))
-    return PlannedTarget(plan, tuple(planes), tuple(errors), _served(plan, regions))
+    return PlannedTarget(plan, tuple(planes), tuple(errors), _served(plan, regions), _coding(plan))
+
+
+def _coding(plan: TargetPlan) -> str:
+    """Return whether showing several frames at once would pay, at the exposure of a session."""
+    from lfcal.cli.plan_coding import coding_verdict, coding_words  # a command line is slow to load
+
+    if plan.lit is not None:
+        return "Frames of a display that shows several subsets of points at once, by an S-matrix."
+    verdict = coding_verdict(plan)
+    return "" if verdict is None else f"{_capital(coding_words(verdict))}."
+
+
+def _capital(words: str) -> str:
+    return words[:1].upper() + words[1:]
 
 
 def _served(plan: TargetPlan, regions: tuple[int, int] | None) -> tuple[int, int]:

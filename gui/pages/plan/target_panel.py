@@ -273,4 +273,5 @@ def _note(found: PlannedTarget) -> str:
     words = target_words(found.plan.target)
     if missing:
         words += f". {missing} phases are not covered: allow more frames, or fit the optics to what is shown"
-    return words + (". Crosstalk is by rays, whose patterns end" if found.plan.tails == "geometric" else "") + "."
+    words += ". Crosstalk is by rays, whose patterns end" if found.plan.tails == "geometric" else ""
+    return f"{words}. {found.coding}".rstrip()

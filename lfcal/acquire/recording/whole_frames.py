@@ -81,7 +81,8 @@ class TargetRecording(RecordingSource):
 
         found = []
         for z, k in self.frames:
-            pixels: NDArray[np.float64] = self.target.points(z, k).pixels
+            lit = [self.target.points(z, one).pixels for one in self.target.lit_in(z, k)]
+            pixels: NDArray[np.float64] = np.concatenate(lit)
             index = nearest_positions(self._phases, pixels).positions
             found.append(tuple(Position(z, y, x) for y, x in index.tolist()))
         return found

@@ -62,7 +62,7 @@ def simulated_rig(
     else:
         renderer = FramesRenderer(plan, optics) if isinstance(optics, FrameSource) else optics
     camera = SimCamera(plan.camera, axes or plan.stage, stage, clock, light, renderer, faults=faults, seed=seed)
-    return Rig(camera, stage, light, clock, gauges=simulated_gauges(faults))
+    return Rig(camera, stage, light, clock, gauges=simulated_gauges(faults), switches=True)
 
 
 def inject(rig: Rig, fault: Fault) -> None:

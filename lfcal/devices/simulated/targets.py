@@ -17,7 +17,11 @@ from lfcal.files import read_text
 from lfcal.plain import parse_json
 from lfcal.targets import Target, TargetCamera, TargetPlan, uneven
 
-__all__ = ["TargetPattern", "TargetRenderer", "simulated_target"]
+__all__ = ["SwitchedRenderer", "TargetPattern", "TargetRenderer", "simulated_target"]
+
+
+SAME_PX = 0.01
+"""How far a stage stands from where it was sent at most (pixels in the image)."""
 
 
 class TargetPattern:
@@ -86,6 +90,34 @@ class TargetRenderer:
         return Patch(0, 0, self._light(z, offset) * np.float32(factor))
 
 
+class SwitchedRenderer:
+    """A display before the camera: where the stage would stand for an offset, the points of all that are lit in it.
+
+    Parameters
+    ----------
+    target
+        What makes the light of the target at one place.
+    plan
+        Of a target whose points are switched: which offsets each frame shows.
+    """
+
+    def __init__(self, target: Renderer, plan: TargetPlan) -> None:
+        self._target, self._plan = target, plan
+        self._offsets = [plan.offsets_um(z) for z in range(len(plan.scan.depths_um))]
+
+    def render(self, source_um: Point, exposure_s: float, roi: Roi) -> Patch:
+        """Return the light of the frame whose offset the stage stands at; elsewhere that of the target alone."""
+        z = int(np.argmin(np.abs(np.array(self._plan.scan.depths_um) - source_um[2])))
+        away = np.abs(self._offsets[z] - np.array(source_um[:2])).max(axis=1)
+        step = self._plan.scan.camera.step_um(self._plan.scan.depths_um[z])
+        if not len(away) or away.min() > SAME_PX * step:
+            return self._target.render(source_um, exposure_s, roi)
+        lit = self._plan.lit_in(z, int(np.argmin(away)))
+        places = [(float(x), float(y), source_um[2]) for x, y in self._offsets[z][list(lit)]]
+        patches = [self._target.render(place, exposure_s, roi) for place in places]
+        return Patch(patches[0].row, patches[0].column, sum((one.counts for one in patches[1:]), patches[0].counts))
+
+
 def simulated_target(
     plan: ScanPlan, path: str, level: str, effects: str = "", *, spread: float = 0.0, seed: int = 0
 ) -> Renderer:
@@ -102,21 +134,27 @@ def simulated_target(
     spread, seed
         Relative spread of the brightness of the holes, and of its draw.
     """
-    target = _target_in(Path(path))
+    target, stated = _target_in(Path(path))
     brightness = uneven(target, spread, seed)
     if level == "pattern":
         if effects:
             raise InputError.expected("option effects", "a level of the simulator", "pattern", "give optics=auto")
-        return TargetPattern(plan, target, brightness)
+        return _switched(TargetPattern(plan, target, brightness), stated)
     planes = len(plan.depths_um)
     stands = TargetPlan(plan, target, ((),) * planes, 0.1, (0.0,) * planes, "geometric")
     chosen = chosen_effects(plan, effects) if effects else ()
-    return TargetRenderer(TargetCamera(stands, chosen, brightness=brightness, level=level, tolerance=TOLERANCE))
+    frames = TargetCamera(stands, chosen, brightness=brightness, level=level, tolerance=TOLERANCE)
+    return _switched(TargetRenderer(frames), stated)
 
 
-def _target_in(path: Path) -> Target:
+def _switched(renderer: Renderer, plan: TargetPlan | None) -> Renderer:
+    return renderer if plan is None or plan.lit is None else SwitchedRenderer(renderer, plan)
+
+
+def _target_in(path: Path) -> tuple[Target, TargetPlan | None]:
     text = read_text(path)
     data = parse_json(text, str(path))
     if isinstance(data, dict) and data.get("format") == "lfcal-target-plan":
-        return TargetPlan.from_dict(data).target
-    return Target.from_dict(data)
+        plan = TargetPlan.from_dict(data)
+        return plan.target, plan
+    return Target.from_dict(data), None

@@ -5,7 +5,7 @@
 - ``iris``: size, rotation, curvature of the blades; the second stop of a cat's eye
 - ``depths``: how far away the planes are
 - ``wavefront``: Zernike terms of the main lens or objective
-- ``light``: size of the source, bandwidth
+- ``light``: size of the source, or of a target's holes; bandwidth
 - ``pixels``: crosstalk
 - ``stage``: length of the stage's steps
 - ``regions``: of several regions of the field, the wavefront over it, its curvature, places and depths of the sources

@@ -10,7 +10,11 @@ from lfcal.fit.parameters import Frame, Group, Unknown
 from lfcal.fit.setup import Setup
 from lfcal.simulate.effects import Bandwidth, FiniteSource
 
-__all__ = ["SourceSize", "Spectrum"]
+__all__ = ["Holes", "SourceSize", "Spectrum"]
+
+
+MOST_PX = 6.0
+"""Largest image of a source (pixels): larger ones take hundreds of source points."""
 
 
 class SourceSize(Group):
@@ -27,8 +31,7 @@ class SourceSize(Group):
         own, camera = setup.effect(FiniteSource), setup.camera
         start = 0.0 if own is None else float(own.magnitude("diameter_um", camera))
         step = camera.step_um(0.0)
-        # an image of six pixels: larger ones take hundreds of source points
-        most = max(6.0 * step, 1.5 * start)
+        most = max(MOST_PX * step, 1.5 * start)
         return (Unknown("source_um", self.name, "µm", start, 2.0 * step, None, 0.0, most, squared=True),)
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
@@ -38,6 +41,30 @@ class SourceSize(Group):
         if size == 0.0:
             return without(setup, FiniteSource)
         return setup.with_effect(FiniteSource(size))
+
+
+class Holes(Group):
+    """Diameter of a target's holes: they blur by its square."""
+
+    name = "hole"
+    title = "diameter of the target's holes"
+    rank = 61
+    late = True
+    needs = "frames of a target"
+
+    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+        """Return the diameter, one for all holes; none where sources are no target's."""
+        del frame
+        if setup.hole_um is None:
+            return ()
+        step = setup.camera.step_um(0.0)
+        most = max(MOST_PX * step, 2.0 * setup.hole_um)
+        return (Unknown("hole_um", self.name, "µm", setup.hole_um, step, None, 0.0, most, squared=True),)
+
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+        """Return the setup with such holes."""
+        del frame
+        return replace(setup, hole_um=values["hole_um"])
 
 
 class Spectrum(Group):
@@ -70,4 +97,4 @@ def without(setup: Setup, kind: type) -> Setup:
     return replace(setup, effects=tuple(one for one in setup.effects if type(one) is not kind))
 
 
-GROUPS = (SourceSize(), Spectrum())
+GROUPS = (SourceSize(), Holes(), Spectrum())

@@ -72,6 +72,7 @@ def test_what_is_planned_is_shown(planned: Any) -> None:
     assert target.stack.currentIndex() == 1 and target.save_button.isEnabled()
     assert len(plan.offsets_px[0]) == 12 and target.table.rowCount() == 1
     assert "<b>12</b></td><td>252" in target.costs.text() and "not covered" in target.note.text()
+    assert "coded: does not pay" in target.note.text()
     assert len(target.points.data) == sum(len(plan.points(0, k)) for k in range(12))
     assert len(target.map.missing.data) == (plan.shown(0) == 0).sum() > 0
     target.map.chosen.emit(2, 3)

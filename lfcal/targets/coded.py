@@ -1,0 +1,115 @@
+"""Frames that show points of several offsets at once, and what each offset shows alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import InputError
+from lfcal.frames.regions import Region
+from lfcal.frames.source import FrameInfo, FrameSource, Noise, Samples
+from lfcal.frames.view import SourceView
+from lfcal.targets.lit import lit_blocks, lit_matrix
+from lfcal.targets.plan import TargetPlan
+
+__all__ = ["DecodedFrames", "decoded"]
+
+F8 = NDArray[np.float64]
+
+
+class DecodedFrames(SourceView):
+    """What each offset of a coded plan shows alone, from frames that show several at once.
+
+    Frame k of plane z is the sum over recorded frames that solves for it, with their noise: of an S-matrix of order n
+    4n/(n + 1)² of the sensor's own variance, and 2/(n + 1) of the photons' of all patterns at a pixel.
+
+    Parameters
+    ----------
+    source
+        Recorded frames with their dark level subtracted, in the order of the plan.
+    plan
+        Of a target whose points are switched (`TargetPlan.lit`).
+    """
+
+    def __init__(self, source: FrameSource, plan: TargetPlan) -> None:
+        super().__init__(source)
+        if plan.lit is None or len(source) != len(plan.frames):
+            wanted = f"{len(plan.frames)} of a plan that shows several offsets at once"
+            raise InputError.expected("coded frames", wanted, len(source), "give all frames, and their plan")
+        self._weights: list[F8] = []
+        self._shown: list[F8] = []
+        for z, plane in enumerate(plan.lit):
+            shown = lit_matrix(plane, len(plan.offsets_px[z]))
+            self._shown.append(shown)
+            inverse = np.zeros_like(shown)
+            for rows, columns in lit_blocks(plane, len(shown)):
+                inverse[np.ix_(columns, rows)] = np.linalg.inv(shown[np.ix_(rows, columns)])
+            self._weights.append(inverse)
+        self._frames = plan.frames
+        self._first = {z: k for k, (z, at) in reversed(list(enumerate(plan.frames))) if at == 0}
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """float32: sums of frames."""
+        return np.dtype(np.float32)
+
+    @property
+    def metadata(self) -> Mapping[str, Any]:
+        """What is known of the frames; their range is no longer the sensor's."""
+        return {k: v for k, v in self.source.metadata.items() if k not in ("saturation", "bit_depth")} | {
+            "decoded": True
+        }
+
+    def info(self, index: int) -> FrameInfo:
+        """Return what is known of the frames that are summed."""
+        parts = [self.source.info(k) for k, _, _ in self._parts(index)]
+        masks = [one.mask for one in parts if one.mask is not None]
+        counts = [one.saturated for one in parts]
+        saturated = None if any(count is None for count in counts) else sum(filter(None, counts))
+        own = self.source.info(index)
+        z, k = self._frames[index]
+        label = f"offset {k} of plane {z}, of {len(parts)} frames"
+        mask = np.logical_and.reduce(masks) if masks else None
+        return FrameInfo((), own.origin, own.exposure_s, None, saturated, label, mask)
+
+    def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
+        """Return what an offset shows alone."""
+        parts = self._parts(index)
+        return sum(np.float32(w) * np.asarray(self.source.read(k, region), np.float32) for k, w, _ in parts)  # type: ignore[return-value]
+
+    def samples(self, index: int, region: Region | None = None) -> Samples:
+        """Return the same with its noise; a sample counts where it does in all frames that are summed."""
+        parts = [(self.source.samples(k, region), w, shown) for k, w, shown in self._parts(index)]
+        values = sum(w * np.asarray(one.values, np.float64) for one, w, _ in parts)
+        masks = [one.valid for one, _, _ in parts if one.valid is not None]
+        valid = np.logical_and.reduce(masks) if masks else None
+        counts = [one.saturated for one, _, _ in parts]
+        saturated = None if any(count is None for count in counts) else sum(filter(None, counts))
+        return Samples(np.asarray(values, np.float32), valid, _noise(parts, np.asarray(values)), saturated)
+
+    def _parts(self, index: int) -> list[tuple[int, float, float]]:
+        """Return the frames that are summed, each with its weight and whether it shows the offset."""
+        z, m = self._frames[index]
+        weights, shown, first = self._weights[z][m], self._shown[z][:, m], self._first[z]
+        # what rounding leaves of a frame of another group is none of this one's
+        used = np.flatnonzero(np.abs(weights) > 1e-9 * np.abs(weights).max())
+        return [(first + int(f), float(weights[f]), float(shown[f])) for f in used]
+
+
+def _noise(parts: Sequence[tuple[Samples, float, float]], values: F8) -> Noise | None:
+    """Return the variance of a sum of frames, as what there is without its own light, and what grows with that."""
+    total, slope = np.zeros(values.shape), 0.0
+    for one, w, shown in parts:
+        if one.noise is None:
+            return None
+        total += w * w * one.noise.variance(np.asarray(one.values, np.float64))
+        slope += w * w * shown * float(np.mean(one.noise.slope))
+    return Noise(np.maximum(total - slope * np.maximum(values, 0.0), 0.0), slope)
+
+
+def decoded(source: FrameSource, plan: TargetPlan) -> FrameSource:
+    """Return frames that show an offset each: those of a coded plan solved for, others as they are."""
+    return source if plan.lit is None else DecodedFrames(source, plan)

@@ -1,0 +1,159 @@
+"""A display as a target: nothing moves, its pixels are switched, and points of several offsets may be lit at once."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import ScanPlan
+from lfcal.checks import check_number, check_tuple
+from lfcal.errors import InputError
+from lfcal.progress import Work
+from lfcal.targets.images import hole_images
+from lfcal.targets.lit import lit_by
+from lfcal.targets.phases import Phases
+from lfcal.targets.plan import TargetPlan
+from lfcal.targets.planning import Wishes, iter_plan_target, propose_target
+from lfcal.targets.pose import length_um
+from lfcal.targets.target import Target
+from lfcal.targets.whole_offsets import iter_whole_offsets
+
+__all__ = ["Display", "coded_plan", "display_image", "iter_plan_display", "parse_display"]
+
+DISC = 2 / math.sqrt(3)
+"""Diameter over the side of a square pixel of the disc that blurs as much: of the same rms width."""
+
+EXAMPLE = "for example display:2160x3840@8um"
+
+
+@dataclass(frozen=True, slots=True)
+class Display:
+    """A display in the object space of a camera.
+
+    Attributes
+    ----------
+    shape
+        Rows and columns.
+    pixel_um
+        Pitch of its pixels, as they appear there (µm).
+    """
+
+    shape: tuple[int, int]
+    pixel_um: float
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        shape = check_tuple("display (rows, columns)", self.shape, 2, integer=True, at_least=2, at_most=20_000)
+        object.__setattr__(self, "shape", shape)
+        check_number("pitch of the display's pixels (µm)", self.pixel_um, above=0)
+
+
+def parse_display(text: str) -> Display | None:
+    """Return the display of ``"display:ROWSxCOLUMNS@PITCH"``, the pitch in µm unless it ends in mm; None: no display.
+
+    Raises
+    ------
+    InputError
+        If it begins like one and is none.
+    """
+    if not text.strip().startswith("display"):
+        return None
+    match = re.fullmatch(r"display:(\d{1,6})[x×](\d{1,6})@(.+)", text.strip())
+    if match is None:
+        raise InputError.expected("display", "display:ROWSxCOLUMNS@PITCH", repr(text), EXAMPLE)
+    return Display((int(match[1]), int(match[2])), length_um(match[3]))
+
+
+def iter_plan_display(scan: ScanPlan, display: Display, wishes: Wishes | None = None) -> Work[TargetPlan]:
+    """Plan which pixels of a display are lit in each frame so that they show all phases of a scan with few frames.
+
+    Points and offsets are whole pixels of the display: where these are wide in the image, phases are met as well as
+    they can be, and `TargetPlan.coverage` says how many are.
+
+    Raises
+    ------
+    InputError
+        If the display, or the sensor, has no room for two points.
+    """
+    wishes = wishes or Wishes()
+    proposed = propose_target(scan, wishes, hole_um=DISC * display.pixel_um)
+    target = _on_display(scan, display, proposed)
+    # a plan of one frame: that holes are seen, and far enough apart
+    plan = yield from iter_plan_target(scan, target, replace(wishes, most_frames=1))
+    phases, offsets = Phases.of(scan), []
+    for depth in scan.depths_um:
+        unit = display.pixel_um / scan.camera.step_um(depth)
+        images = hole_images(target, scan.camera, depth)
+        found = yield from iter_whole_offsets(phases, images, wishes.tolerance_px, unit, wishes.most_frames)
+        offsets.append(tuple((float(row), float(column)) for row, column in (found * unit).tolist()))
+    return replace(plan, offsets_px=tuple(offsets))
+
+
+def _on_display(scan: ScanPlan, display: Display, target: Target) -> Target:
+    """Return the target with whole pixels of the display between points, and no more points than the display has."""
+    pixel = display.pixel_um
+    pitch = [math.ceil(one / pixel - 1e-9) for one in target.pitch_um]
+    periods = [length * scan.camera.step_um(max(scan.depths_um)) / pixel for length in scan.camera.period_px]
+    room = [1 + int((n - 2 * period - 1) // p) for n, p, period in zip(display.shape, pitch, periods, strict=True)]
+    shape = [min(have, most) for have, most in zip(target.shape, room, strict=True)]
+    if min(shape) < 1 or max(shape) < 2:
+        need = " x ".join(f"{math.ceil(p + 2 * period + 1)}" for p, period in zip(pitch, periods, strict=True))
+        raise InputError.expected(
+            "display", f"room for two points and their way: {need} pixels", display.shape, "take a larger one"
+        )
+    return replace(target, shape=(shape[0], shape[1]), pitch_um=(pitch[0] * pixel, pitch[1] * pixel))
+
+
+def coded_plan(plan: TargetPlan, code: NDArray[np.float64], pixel_um: float) -> TargetPlan:
+    """Return the plan whose frames show several offsets at once; the last group is filled up by repeats.
+
+    Parameters
+    ----------
+    plan
+        A frame for each offset.
+    code
+        Square, of 0 and 1: which offsets of a group each of its frames shows; an S-matrix.
+    pixel_um
+        Of the display (µm): repeats are a period of the array away, in whole pixels.
+    """
+    offsets, lit, scan = [], [], plan.scan
+    for z, depth in enumerate(scan.depths_um):
+        own = list(plan.offsets_px[z])
+        unit = pixel_um / scan.camera.step_um(depth)
+        period = round(scan.camera.period_px[0] / unit) * unit
+        more = -len(own) % len(code)
+        own += [(row + (-period if row > 0 else period), column) for row, column in own[:more]]
+        if len(own) % len(code):
+            wanted = f"{math.ceil(len(code) / 2)} offsets or more in plane {z}"
+            raise InputError.expected("frames that are shown together", wanted, len(plan.offsets_px[z]), "take fewer")
+        offsets.append(tuple(own))
+        lit.append(lit_by(code, len(own)))
+    return replace(plan, offsets_px=tuple(offsets), lit=tuple(lit))
+
+
+def display_image(plan: TargetPlan, display: Display, z: int, k: int) -> NDArray[np.uint8]:
+    """Return what the display shows in frame ``k`` of plane ``z`` ``(rows, columns)``, as the camera sees it.
+
+    Pixels that are lit are 255.
+
+    Raises
+    ------
+    InputError
+        If a point lies beside the display.
+    """
+    out = np.zeros(display.shape, np.uint8)
+    flat = plan.target.flat_um(plan.target.holes)
+    for offset in plan.offsets_um(z)[list(plan.lit_in(z, k))]:
+        right, down = ((flat + offset) / display.pixel_um).T
+        middle = (np.array(display.shape) - 1) / 2
+        # an even number of points about an odd number of pixels: all of them lie half a pixel aside
+        rows, columns = (np.floor(np.stack([down, right]) + middle[:, None] + 0.5 + 1e-6)).astype(np.intp)
+        inside = (rows >= 0) & (columns >= 0) & (rows < display.shape[0]) & (columns < display.shape[1])
+        if not inside.all():
+            raise InputError.expected("points", f"within the display's {display.shape}", "some beside it", "plan again")
+        out[rows, columns] = 255
+    return out

@@ -1,0 +1,184 @@
+"""A display as a target: points on its pixels, several offsets lit at once, and what each shows alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lfcal.errors import FileFormatError, InputError
+from lfcal.frames import ArraySource, CorrectionRecipe, corrected_view
+from lfcal.frames.source import FrameSource, Noise, Samples
+from lfcal.frames.view import SourceView
+from lfcal.multiplex import s_matrix
+from lfcal.progress import drain
+from lfcal.targets import (
+    DecodedFrames,
+    Display,
+    TargetCamera,
+    TargetPlan,
+    Wishes,
+    coded_plan,
+    decoded,
+    display_image,
+    iter_plan_display,
+    parse_display,
+)
+from lfcal.targets.frames import TargetFrames, frames_of
+from lfcal.targets.lit import lit_by
+from lfcal.targets.subsets import group_order, subset_patterns
+from tests.targets.common import scan_of, small
+
+SCAN = scan_of(small(200))
+DISPLAY = Display((2000, 2000), 5.0)
+CODE = s_matrix(3)
+
+
+@pytest.fixture(scope="module")
+def plan() -> TargetPlan:
+    return drain(iter_plan_display(SCAN, DISPLAY, Wishes(0.3, 0.02, 3)))
+
+
+@pytest.fixture(scope="module")
+def coded(plan: TargetPlan) -> TargetPlan:
+    return coded_plan(plan, CODE, DISPLAY.pixel_um)
+
+
+def test_displays_in_words() -> None:
+    assert parse_display("display:2160x3840@8um") == Display((2160, 3840), 8.0)
+    assert parse_display("display:20x30@0.05mm") == Display((20, 30), 50.0)
+    assert parse_display("array:6x6@1mm") is None
+    for wrong in ("display", "display:20x30", "display:20@5um", "display:20x30@um", "display:1x30@5um"):
+        with pytest.raises(InputError):
+            parse_display(wrong)
+
+
+def test_points_and_offsets_are_whole_pixels_of_the_display(plan: TargetPlan) -> None:
+    pixel = DISPLAY.pixel_um
+    whole = np.concatenate([np.array(plan.target.pitch_um) / pixel, (plan.offsets_um(0) / pixel).ravel()])
+    np.testing.assert_allclose(whole, np.round(whole), atol=1e-6)
+    assert plan.lit is None and plan.target.hole_um == pytest.approx(pixel * 2 / np.sqrt(3))
+
+
+def test_all_phases_are_shown_where_its_pixels_are_small_enough() -> None:
+    found = drain(iter_plan_display(SCAN, DISPLAY, Wishes(0.25, 0.02)))
+    assert found.coverage(0) == 1.0
+    coarse = drain(iter_plan_display(SCAN, Display((200, 200), 70.0), Wishes(0.25, 0.02)))
+    assert 0 < coarse.coverage(0) < 1.0
+
+
+def test_no_plan_without_room() -> None:
+    with pytest.raises(InputError, match="room for two points"):
+        drain(iter_plan_display(SCAN, Display((60, 60), 5.0)))
+
+
+def test_what_a_display_shows(plan: TargetPlan, coded: TargetPlan) -> None:
+    one, count = [display_image(plan, DISPLAY, 0, k) for k in range(3)], len(plan.target.holes)
+    assert all(int((image > 0).sum()) == count for image in one)
+    # down and to the right, as the camera sees it
+    moved = np.argwhere(one[1])[0] - np.argwhere(one[0])[0]
+    assert moved.tolist() == np.rint((plan.offsets_um(0)[1] - plan.offsets_um(0)[0])[::-1] / 5.0).astype(int).tolist()
+    for k, lit in enumerate(coded.lit[0]):
+        assert np.array_equal(display_image(coded, DISPLAY, 0, k), np.maximum.reduce([one[m] for m in lit]))
+    with pytest.raises(InputError, match="beside it"):
+        display_image(plan, Display((100, 100), 5.0), 0, 0)
+
+
+def test_groups_are_filled_up_by_repeats(plan: TargetPlan) -> None:
+    four = replace(plan, offsets_px=((*plan.offsets_px[0], (0.0, 3.0)),))
+    more = coded_plan(four, CODE, DISPLAY.pixel_um)
+    assert len(more.frames) == 6 and more.lit[0][3:] == tuple(tuple(m + 3 for m in one) for one in more.lit[0][:3])
+    with pytest.raises(InputError, match="shown together"):
+        coded_plan(plan, s_matrix(7), DISPLAY.pixel_um)
+    with pytest.raises(InputError, match="groups of 3"):
+        lit_by(CODE, 4)
+
+
+def test_a_coded_plan_is_a_file(coded: TargetPlan, plan: TargetPlan) -> None:
+    assert TargetPlan.from_json(coded.to_json()) == coded
+    assert "lit" not in plan.to_dict() and TargetPlan.from_json(plan.to_json()) == plan
+    assert coded.lit_in(0, 1) == coded.lit[0][1] and plan.lit_in(0, 1) == (1,)
+
+
+@pytest.mark.parametrize(
+    "lit",
+    [
+        (((0, 1), (1, 2)),),
+        (((0, 1), (1, 2), (0, 3)),),
+        (((0, 1), (1, 1), (0, 2)),),
+        (((0, 1), (), (0, 2)),),
+        (((0, 1), (0, 1), (0, 2)),),
+        ((), ()),
+        "no",
+        ((0, 1, 2),),
+    ],
+)
+def test_frames_from_which_offsets_do_not_come_back_are_refused(plan: TargetPlan, lit: object) -> None:
+    with pytest.raises((InputError, FileFormatError)):
+        replace(plan, lit=lit)
+
+
+class Noisy(SourceView):
+    """Frames whose noise is known, one pixel of one of them not valid."""
+
+    def samples(self, index: int, region: object = None) -> Samples:
+        values = self.source.read(index, region)
+        valid = np.ones(values.shape, np.bool_)
+        valid[0, 0] = index != 1
+        return Samples(values, valid, Noise(9.0, 0.5), 1)
+
+
+def view_of(plan: TargetPlan, frames: np.ndarray) -> FrameSource:
+    source = ArraySource(frames, [(0, 0, k) for k in range(len(frames))])
+    return corrected_view(TargetFrames(source, plan), CorrectionRecipe(black_level=64.0), plan.scan)
+
+
+def test_what_each_offset_shows_comes_back_with_its_noise(plan: TargetPlan, coded: TargetPlan) -> None:
+    rng = np.random.default_rng(0)
+    alone = rng.uniform(0, 100, (3, 200, 200)).astype(np.float32)
+    sums = np.stack([sum(alone[m] for m in lit) for lit in coded.lit[0]]).astype(np.float32)
+    source = Noisy(ArraySource(sums, [(0, 0, k) for k in range(3)]))
+    found = DecodedFrames(source, coded)
+    region = (slice(0, 40), slice(10, 60))
+    for m in range(3):
+        assert np.allclose(found.read(m, region), alone[m][region], atol=1e-3)
+        seen = found.samples(m)
+        assert np.allclose(seen.values, alone[m], atol=1e-3)
+        assert not seen.valid[0, 0] and seen.valid.sum() == seen.valid.size - 1 and seen.saturated == 3
+        # of order 3: 4n/(n + 1)² of the additive variance, 2/(n + 1) of the photons' of all at a pixel
+        wanted = 12 / 16 * 9.0 + 0.5 * 2 / 4 * alone.sum(0)
+        np.testing.assert_allclose(seen.noise.variance(seen.values), wanted, rtol=1e-4)
+        assert "3 frames" in found.info(m).label
+    assert decoded(source, plan) is source and isinstance(decoded(source, coded), DecodedFrames)
+    with pytest.raises(InputError, match="coded frames"):
+        DecodedFrames(source, plan)
+
+
+def test_coded_frames_are_not_taken_for_single_ones(coded: TargetPlan) -> None:
+    view = view_of(coded, np.zeros((3, 200, 200), np.uint16))
+    with pytest.raises(InputError, match="sums of several offsets"):
+        frames_of(view, coded)
+    assert len(frames_of(decoded(view, coded), coded)) == 3
+
+
+def test_simulated_frames_show_what_is_lit(plan: TargetPlan, coded: TargetPlan) -> None:
+    alone, sums = (TargetCamera(one, (), level="geometric") for one in (plan, coded))
+    lights = alone.iter_lights(workers=1)
+    single = drain(lights)
+    np.testing.assert_allclose(sums.light(1), sum(single[m] for m in coded.lit[0][1]), rtol=1e-4, atol=1e-3)
+    np.testing.assert_allclose(drain(sums.iter_lights([1], workers=1))[0], sums.light(1), rtol=1e-4, atol=1e-3)
+
+
+def test_patterns_of_subsets_lie_where_they_are_shown(plan: TargetPlan) -> None:
+    found = subset_patterns(plan, 0, 3)
+    assert found.shape[0] == 3 and (np.isfinite(found).sum((1, 2)) == 31 * 31).all()
+    # at least a cutout, which neighbours may reach into
+    assert found.shape[1:] == (31, 31)
+    peaks = {int(np.nanargmax(one)) for one in found}
+    assert len(peaks) == 3, "each elsewhere"
+
+
+@pytest.mark.parametrize(("frames", "order"), [(1, 0), (2, 0), (3, 3), (6, 3), (7, 7), (9, 7), (11, 11), (200, 11)])
+def test_how_many_frames_are_shown_together(frames: int, order: int) -> None:
+    assert group_order(frames) == order
