@@ -86,9 +86,17 @@ def without_hole(finished: Finished) -> Finished:
     return problem, point, tuple(name for name in groups if name != HOLE), columns, outliers
 
 
-def hole_words(fit: Fit) -> str:
-    """Return what a fit of points says of the size of the holes, in a line; empty where it says nothing new."""
-    if HOLE in fit.unhelpful:
+def hole_words(fit: Fit, *, asked: bool = True) -> str:
+    """Return what a fit of points says of the size of the holes, in a line; empty where it says nothing new.
+
+    Parameters
+    ----------
+    fit
+        Of points.
+    asked
+        Whether the size was asked for by name: that it is not told is no news else.
+    """
+    if asked and HOLE in fit.unhelpful:
         stays = _described(fit.setup.hole_um or 0.0)
         return f"size of the holes: not told, their images are far smaller than the light's details; {stays} stay"
     found = fit.parameters.get("hole_um")

@@ -57,7 +57,7 @@ def fit_target(
         )
         fit = run_work(work, quiet=json)
     known = target_facts(points)
-    holes = hole_words(fit.first)
+    holes = hole_words(fit.first, asked=groups != "auto")
     written = run_work(
         iter_write_points(fit, field, out, {"source": source.name, "target": known}, with_h=with_h, workers=workers),
         quiet=json,

@@ -142,6 +142,9 @@ def test_what_is_told_of_the_holes() -> None:
     assert words(0.0, (28.3, 0.29)).endswith("points described")
     told = "size of the holes: not told, their images are far smaller than the light's details; 2 µm stay"
     assert words(2.0, None, (HOLE,)) == told
+    # with all groups tried, that one did not help is no news
+    tried = SimpleNamespace(parameters={}, unhelpful=(HOLE,), setup=None)
+    assert hole_words(tried, asked=False) == ""  # type: ignore[arg-type]
 
 
 def test_a_scan_of_single_points_has_no_holes() -> None:
