@@ -264,7 +264,7 @@ def command(
     if regions and (for_fit or half_cell or positions is not None):
         other = "--for-fit" if for_fit else "--half-cell" if half_cell else "--positions"
         raise InputError(f"{other}: is of one region or of the whole frame; leave it out beside --regions")
-    aimed.check(for_fit=bool(for_fit), half_cell=half_cell, listed=positions is not None)
+    aimed.check(for_fit=bool(for_fit), half_cell=half_cell, listed=positions is not None, force=force)
     if out is not None:
         check_output(out, camera, positions, frames, aimed.path, force=force)
     if for_fit and camera.endswith(".json") and (ready := ready_plan(Path(camera))) is not None:

@@ -18,6 +18,7 @@ __all__ = [
     "coding_verdict",
     "coding_words",
     "display_words",
+    "patterns_in",
     "planned_for_display",
     "write_patterns",
 ]
@@ -125,14 +126,24 @@ def display_words(plan: TargetPlan, display: Display) -> str:
     return f"display: {fit.words}; frames show {most} subsets of points at once, by an S-matrix"
 
 
+def patterns_in(folder: Path) -> list[Path]:
+    """Return the pictures of an earlier plan in a folder."""
+    return sorted(folder.glob("frame_[0-9][0-9][0-9][0-9].png"))
+
+
 def write_patterns(plan: TargetPlan, display: Display, folder: Path) -> list[Path]:
-    """Write what the display shows in each frame, in the order of the plan, as PNG; return the files."""
+    """Write what the display shows in each frame, in the order of the plan, as PNG; return the files.
+
+    Pictures of an earlier plan go: a program that shows all files would show those as well.
+    """
     import cv2
 
     from lfcal.targets import display_image
 
     with storage_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
+        for earlier in patterns_in(folder):
+            earlier.unlink()
     files = []
     for number, (z, k) in enumerate(plan.frames):
         path = folder / f"frame_{number:04d}.png"

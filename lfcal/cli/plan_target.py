@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 import typer
 
 from lfcal.cli.console import print_json, print_table, report, run_work
+from lfcal.cli.outputs import check_outputs
 from lfcal.errors import InputError
 from lfcal.files import read_text, replace_whole
 from lfcal.units import format_length, format_seconds, format_share
@@ -107,8 +108,8 @@ class TargetWanted:
         """The file that describes the target, where it is one."""
         return Path(self.source) if self.source.endswith(".json") else None
 
-    def check(self, *, for_fit: bool, half_cell: bool, listed: bool) -> None:
-        """Raise where options go without a target, or a target does not go with others."""
+    def check(self, *, for_fit: bool, half_cell: bool, listed: bool, force: bool) -> None:
+        """Raise where options go without a target, a target does not go with others, or pictures would be replaced."""
         given = {
             "--tolerance": self.tolerance,
             "--crosstalk": self.crosstalk,
@@ -121,8 +122,17 @@ class TargetWanted:
         names = [name for name, value in given.items() if value is not None]
         if not self.source and names:
             raise InputError(f"{names[0]}: is of a target of many points; name it with --source")
-        if self.patterns is not None and self.display() is None:
+        shown = self.display() is not None
+        if self.patterns is not None and not shown:
             raise InputError("--patterns: is of a display; name it with --source display:ROWSxCOLUMNS@PITCH")
+        moved = {"--pose": self.pose, "--pose-within": self.within}
+        if shown and any(moved.values()):
+            name = next(name for name, value in moved.items() if value)
+            raise InputError(f"{name}: is of a target that a stage moves; a display is planned straight, leave it out")
+        if self.patterns is not None:
+            from lfcal.cli.plan_coding import patterns_in
+
+            check_outputs([self.patterns / "frame_0000.png", *patterns_in(self.patterns)], force=force)
         beside = {"--for-fit": for_fit, "--half-cell": half_cell, "--positions": listed}
         if self.source and any(beside.values()):
             name = next(name for name, there in beside.items() if there)
@@ -179,6 +189,8 @@ def plan_source(scan: ScanPlan, wanted: TargetWanted, regions: str, out: Path | 
     else:
         plan = run_work(iter_plan_display(scan, display, wanted.wishes()), quiet=json)
     verdict = coding_verdict(plan, signal_e=wanted.signal_e)
+    if verdict is None and wanted.signal_e is not None:
+        raise InputError("--signal: is of frames shown at once; here are too few, or of one point: leave it out")
     if display is not None:
         plan = planned_for_display(plan, display, verdict)
     unsure = None

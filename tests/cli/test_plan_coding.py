@@ -96,6 +96,8 @@ def test_the_command_says_it_in_a_line(lfcal: Lfcal, place: Path) -> None:
         (("--source", "array:4x4@800um", "--patterns", "p"), "--patterns: is of a display"),
         (("--signal", "5"), "--signal: is of a target"),
         ((*SOURCE, "--most-frames", "7", "--signal", "0"), "--signal (electrons)"),
+        (("--source", "point", "--most-frames", "2", "--signal", "5"), "--signal: is of frames shown at once"),
+        ((*SOURCE, "--pose", "rotation=1"), "--pose: is of a target that a stage moves"),
     ],
 )
 def test_bad_input_ends_in_a_line(lfcal: Lfcal, place: Path, words: tuple[str, ...], said: str) -> None:
@@ -109,6 +111,11 @@ def test_a_display_from_its_plan_to_h(lfcal: Lfcal, place: Path) -> None:
     words = (*SOURCE, "--most-frames", 7, "--signal", 100, "--patterns", "shown", "-o", "plan.json")
     run = lfcal(*PLAN, *words)
     assert run.code == 0 and "frames show 4 subsets of points at once" in run.out, run.err
+    # pictures are replaced where that is asked for, and none of an earlier plan stays
+    (place / "shown" / "frame_0099.png").write_bytes(b"of an earlier plan")
+    again = lfcal(*PLAN, *words[:-1], "other.json")
+    assert again.code == 2 and "add --force" in again.err and not (place / "other.json").exists(), again.err
+    assert lfcal(*PLAN, *words, "--force").code == 0
     plan = TargetPlan.from_json((place / "plan.json").read_text())
     shown = [cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) for path in sorted((place / "shown").iterdir())]
     assert plan.lit is not None and len(shown) == 7 and shown[0].shape == (2000, 2000)
