@@ -54,7 +54,7 @@ class RecordTab(QObject):
         self.folder = FolderState()
         self.after = Afterwards(context, panel, lambda: self.recording)
         self.target = TargetChoice(context, self._target_read)
-        self._job, self._lamp = 0, ""
+        self._job, self._lamp, self._refused = 0, "", False
         self._under_way: Job | None = None
         """The recording as it was told last."""
         self.poll_timer = QTimer(self)
@@ -82,6 +82,7 @@ class RecordTab(QObject):
     def show_state(self, state: ProjectState, *, folder: bool) -> None:
         """Show plan, settings and folder; ``folder``: it changed."""
         self.panel.folder.setText(state.recording)
+        self._refused = False  # what was refused is asked beside something else now
         if folder:
             if not self.recording:
                 self._forget()
@@ -154,7 +155,8 @@ class RecordTab(QObject):
         self.context.jobs.load("acquire folder chosen", lambda: folder_state(path), seen, self._refuse)
 
     def _refuse(self, words: str) -> None:
-        """Say why something cannot be done."""
+        """Say why something cannot be done, until something else is asked."""
+        self._refused = True
         self.panel.show_status("Cannot begin.", words, 0.0)
         self.context.message.emit(words)
 
@@ -217,6 +219,7 @@ class RecordTab(QObject):
         state = self.context.state
         if state.plan is None or self.recording or not self.setup.free:
             return
+        self._refused = False
         if not state.recording:
             self._choose_folder(lambda: self.start(redo=redo))
             return
@@ -329,7 +332,7 @@ class RecordTab(QObject):
             return
         words = f"{plane_words(z, len(depths))}: z = {format_length(depths[z])}" + (", complete" * picture.complete)
         self.panel.show_picture(picture, words)
-        if self.recorder is None:
+        if self.recorder is None and not self._refused:
             self.panel.show_status("Not recording.", "", picture.done / max(1, picture.total))
         if picture.alarms and self.recording:
             self.context.attention.emit("acquire", True)

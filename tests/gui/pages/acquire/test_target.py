@@ -114,8 +114,12 @@ def test_what_does_not_go_together_is_refused_in_a_line(
     qtbot.waitUntil(lambda: "another scan" in page.panel.record.detail.text(), timeout=GUARD_MS)
     (tmp_path / "no.json").write_text("{}")
     page.record.target.take(str(tmp_path / "no.json"))
-    qtbot.waitUntil(lambda: "plan of a target" in page.panel.record.detail.text(), timeout=GUARD_MS)
+    qtbot.waitUntil(lambda: not context.jobs.busy, timeout=GUARD_MS)
+    # the picture that comes behind it leaves it there
+    assert "plan of a target" in page.panel.record.detail.text()
+    context.project.update("folder", recording=str(tmp_path / "t"))
     idle(context.jobs, qtbot)
+    assert page.panel.record.detail.text() == ""
 
 
 def test_points_are_those_of_the_plan(plan: TargetPlan) -> None:
