@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lfcal.errors import InputError
+from lfcal.errors import InputError, StorageError
 
 if TYPE_CHECKING:
     from lfcal.campaign.points import Points
@@ -25,7 +25,11 @@ def wanted_target(source: Path, plan: Path | None) -> TargetPlan | None:
     from lfcal.acquire.session_file import NAME
     from lfcal.targets.frames import read_target_plan
 
-    if source.suffix.lower() in (".h5", ".hdf5", ".mat", ".lfc") or not source.exists():
+    if source.suffix.lower() in (".h5", ".hdf5", ".mat", ".lfc"):
+        return None
+    if not source.exists():
+        if plan is not None and read_target_plan(source, plan) is not None:
+            raise StorageError(f"{source}: no such file or folder; check the path")
         return None
     if plan is None and (source / NAME).is_file():
         from lfcal.frames import open_frames

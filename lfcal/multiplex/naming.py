@@ -76,13 +76,14 @@ def _bands(text: str) -> Modulator:
     count, _, given = rest.partition(":")
     if not is_whole(count):
         raise InputError.expected("bands", "a pattern and a number", repr(text)[:60], "write it like bands:RG/GB:3")
-    tables: dict[str, Spectra] = {"efficiency": shipped_spectra("silicon")}
+    tables: dict[str, Spectra] = {}
     for words in filter(None, given.split(",")):
         what, _, table = (word.strip() for word in words.partition("="))
-        if what not in BAND_TABLES or not table:
+        if what not in BAND_TABLES or what in tables or not table:
             wanted = " or ".join(f"{name}=FILE.csv" for name in BAND_TABLES)
-            raise InputError.expected("tables of the bands", wanted, repr(words)[:60], "part them by commas")
+            raise InputError.expected("tables of the bands", wanted, repr(words)[:60], "name each once, with commas")
         tables[what] = _spectra(table)
+    tables.setdefault("efficiency", shipped_spectra("silicon"))
     filters, efficiency, illuminant = (tables.get(what) for what in BAND_TABLES)
     return spectral_array(pattern, int(count), filters=filters, efficiency=efficiency, illuminant=illuminant)
 

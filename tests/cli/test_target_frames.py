@@ -62,6 +62,14 @@ def test_options_of_a_scan_are_refused(
     assert not (tmp_path / "out").exists()
 
 
+def test_frames_of_a_target_that_are_not_there(lfcal: Lfcal, tmp_path: Path) -> None:
+    plan = tmp_path / "plan.json"
+    plan.write_text(plan_of([(0.0, 0.0)]).to_json())
+    for command in ("assemble", "fit"):
+        run = lfcal(command, tmp_path / "none", "--plan", plan, "-o", tmp_path / "out")
+        assert run.code == 2 and "none: no such file or folder" in run.err, run.err
+
+
 def test_frames_that_do_not_belong_to_the_plan_are_refused(lfcal: Lfcal, recorded: Path, tmp_path: Path) -> None:
     other = tmp_path / "other.json"
     other.write_text(plan_of([(0.0, 0.0), (3.0, -2.0), (1.0, 1.0)]).to_json())

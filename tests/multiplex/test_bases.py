@@ -340,6 +340,7 @@ def test_modulators_are_kept_in_files(tmp_path: Path, m: Modulator) -> None:
         "bands:RG/QB:3",
         "bands:RG/GB:3:silicon",
         "bands:RG/GB:3:filters=",
+        "bands:RG/GB:3:illuminant=A,illuminant=D65",
         "bands:RG/GB:3:illuminant=illuminants",
         "shutter:10,0",
         "cameras:2",

@@ -269,7 +269,8 @@ def _coding(plan: TargetPlan) -> str:
     if plan.lit is not None:
         return "Frames of a display that shows several subsets of points at once, by an S-matrix."
     verdict = coding_verdict(plan)
-    return "" if verdict is None else f"{_capital(coding_words(verdict))}."
+    # why stands in the handbook: in the smallest window the numbers above have no room to spare
+    return "" if verdict is None else f"{_capital(coding_words(verdict).rsplit(': ', 1)[0])}."
 
 
 def _capital(words: str) -> str:
