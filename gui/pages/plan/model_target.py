@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -204,6 +205,12 @@ class PlannedTarget:
     regions: tuple[int, int] = (1, 0)
     coding: str = ""
 
+    @property
+    def coding_briefly(self) -> str:
+        """Whether it pays, without at what light and why: in the smallest window there is no room for more."""
+        verdict, *reasons = re.split(r" at (?=\d)", self.coding, maxsplit=1)
+        return f"{verdict}." if reasons else verdict
+
     def summary(self) -> list[tuple[str, str, str]]:
         """Return rows (what, by this target, by a single point)."""
         ours, single = self.plan.forecast(), self.plan.single()
@@ -269,8 +276,7 @@ def _coding(plan: TargetPlan) -> str:
     if plan.lit is not None:
         return "Frames of a display that shows several subsets of points at once, by an S-matrix."
     verdict = coding_verdict(plan)
-    # why stands in the handbook: in the smallest window the numbers above have no room to spare
-    return "" if verdict is None else f"{_capital(coding_words(verdict).rsplit(': ', 1)[0])}."
+    return "" if verdict is None else f"{_capital(coding_words(verdict))}."
 
 
 def _capital(words: str) -> str:

@@ -176,6 +176,7 @@ class TargetPanel(QWidget):
         self.stack.setCurrentIndex(int(found is not None))
         self.costs.setText("" if found is None else _costs(found))
         self.note.setText("" if found is None else _note(found))
+        self.note.setToolTip("" if found is None else found.coding)
         if found is None:
             return
         self.table.show_rows(*table_rows(found))
@@ -274,4 +275,4 @@ def _note(found: PlannedTarget) -> str:
     if missing:
         words += f". {missing} phases are not covered: allow more frames, or fit the optics to what is shown"
     words += ". Crosstalk is by rays, whose patterns end" if found.plan.tails == "geometric" else ""
-    return f"{words}. {found.coding}".rstrip()
+    return f"{words}. {found.coding_briefly}".rstrip()
