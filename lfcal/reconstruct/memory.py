@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from lfcal.errors import InputError
 from lfcal.reconstruct.projectors.projector import Projector
 from lfcal.reconstruct.solvers.choice import SOLVERS, SolverChoice
+from lfcal.reconstruct.solvers.planes import UPDATING, plane_threads
 from lfcal.system import free_memory, memory_in_use
 from lfcal.units import format_bytes
 
@@ -15,8 +16,8 @@ __all__ = ["RunMemory", "room_for_projections", "run_memory"]
 FREE_SHARE = 0.8
 """Share of the memory that is free now which a reconstruction takes, where nothing else is said."""
 
-PROJECTING, UPDATING, FITTING = 3, 7, 17
-"""Images beside a volume's arrays: while it is projected, changed plane by plane, and compared with the frame."""
+PROJECTING, FITTING = 2, 9
+"""Images beside a volume's arrays: while it is projected, and compared with the frame."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +121,8 @@ def _solver_bytes(shape: tuple[int, int, int], choice: SolverChoice, itemsize: i
     nz, rows, columns = shape
     held, most = _held(choice, warm)
     # no result of a projection is held while model and frame are compared
-    images = held * nz + PROJECTING, max(most * nz + UPDATING, (held - 1) * nz + FITTING)
+    updating = UPDATING * plane_threads(nz, rows * columns * itemsize)
+    images = held * nz + PROJECTING, max(most * nz + updating, (held - 1) * nz + FITTING)
     return images[0] * rows * columns * itemsize, images[1] * rows * columns * itemsize
 
 

@@ -32,7 +32,7 @@ from lfcal.reconstruct.projectors.reduced import Reduced
 from lfcal.reconstruct.projectors.reduction import SPACINGS
 from lfcal.reconstruct.projectors.sparse import Sparse
 from lfcal.system import free_memory
-from lfcal.threads import worker_count
+from lfcal.threads import for_each_chunk, worker_count
 
 __all__ = ["Projector"]
 
@@ -305,7 +305,7 @@ class Projector:
         data = np.asarray(array, self.dtype)
         if data.shape != shape:
             raise InputError.expected(what, f"shape {shape}", data.shape, "crop or pad it to the projector's")
-        if not np.isfinite(data).all():
+        if not all(for_each_chunk(lambda a, b: bool(np.isfinite(data[a:b]).all()), len(data), self._workers)):
             raise InputError.expected(
                 what, "finite values", "NaN or infinity", "give such pixels weight 0 in the solver"
             )

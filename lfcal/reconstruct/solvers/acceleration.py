@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from lfcal.errors import InputError
 from lfcal.reconstruct.solvers.records import SolverState
+from lfcal.threads import for_each_chunk
 
 __all__ = ["ACCELERATIONS", "extrapolate", "remember"]
 
@@ -45,11 +46,18 @@ def extrapolate(state: SolverState, name: str) -> tuple[NDArray[Any], float]:
             step = min(max(step, 0.0), 0.999)
     if step == 0.0:
         return state.volume, 0.0
-    ahead = state.volume - previous
-    ahead *= state.volume.dtype.type(step)
-    ahead += state.volume
-    # A multiplicative update cannot come back from a negative value.
-    return np.maximum(ahead, 0, out=ahead), step
+    ahead = np.empty_like(state.volume)
+
+    def some(first: int, stop: int) -> None:
+        for plane, now, then in zip(ahead[first:stop], state.volume[first:stop], previous[first:stop], strict=True):
+            np.subtract(now, then, out=plane)
+            plane *= plane.dtype.type(step)
+            plane += now
+            # a multiplicative update cannot come back from a negative value
+            np.maximum(plane, 0, out=plane)
+
+    for_each_chunk(some, len(ahead))
+    return ahead, step
 
 
 def remember(

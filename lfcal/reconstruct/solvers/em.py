@@ -14,6 +14,7 @@ from lfcal.reconstruct.projectors.projector import Projector
 from lfcal.reconstruct.solvers.acceleration import check_acceleration, extrapolate, remember
 from lfcal.reconstruct.solvers.measurement import GoodnessOfFit, Measurement, no_light
 from lfcal.reconstruct.solvers.penalty import Penalty
+from lfcal.reconstruct.solvers.planes import plane_threads
 from lfcal.reconstruct.solvers.records import (
     Reconstruction,
     SolverProgress,
@@ -28,6 +29,7 @@ from lfcal.reconstruct.solvers.smoothing import DepthSmoothing
 from lfcal.reconstruct.solvers.solver import SolverRun
 from lfcal.reconstruct.solvers.stretch import Stretch, weaker
 from lfcal.reconstruct.solvers.subsets import Masks, check_partition
+from lfcal.threads import in_order
 
 __all__ = ["EmOptions", "iter_em", "iter_run"]
 
@@ -284,9 +286,9 @@ def _update(
         updated = above
     scale = below.max(initial=0) if options.rule == "isra" else top
     steep = None if options.penalty is None else options.penalty.gradient(volume)
-    light, longer = 0.0, 0.0
-    # plane by plane, into the array that is not needed again: volumes may fill the memory
-    for z in range(len(volume)):
+
+    def one(z: int) -> tuple[float, float]:
+        """Update a plane, into the array that is not needed again: volumes may fill the memory; return its light."""
         share = below[z]
         if steep is not None:
             # A steep gradient would turn the denominator negative or blow the voxel up: grow no more than tenfold.
@@ -295,14 +297,19 @@ def _update(
         factor = np.divide(np.maximum(above[z], 0), share, out=np.ones_like(volume[z]), where=seen)
         if options.repeating is not None:
             factor = options.repeating.without(z, factor, seen)
+        light = longer = 0.0
         if options.stretch is not None and strength > 0:
             weight = part.sensitivity[z] * volume[z]
-            light += float(np.vdot(weight, factor))
+            light = float(np.vdot(weight, factor))
             factor = options.stretch.apply(z, factor, seen, strength)
-            longer += float(np.vdot(weight, factor))
+            longer = float(np.vdot(weight, factor))
         if options.relaxation < 1:
             factor = 1 + options.relaxation * (factor - 1)
         np.multiply(volume[z], factor.astype(volume.dtype, copy=False), out=updated[z])
+        return light, longer
+
+    found = list(in_order(one, range(len(volume)), plane_threads(len(volume), volume[0].nbytes)))
+    light, longer = (sum(own) for own in zip(*found, strict=True))
     if longer > 0:
         # as much light in the image as the plain update has
         updated *= updated.dtype.type(light / longer)

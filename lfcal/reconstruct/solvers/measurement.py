@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from lfcal.errors import InputError
+from lfcal.threads import in_order
 
 __all__ = ["GoodnessOfFit", "Measurement", "foretold", "no_light"]
 
+
+BAND = 1 << 17
+"""Pixels that are compared with the model at a time."""
+
+NOTHING = np.zeros(0)
+
+TINY = float(np.finfo(np.float64).tiny)
 
 HALF_MEDIAN = 0.22747
 """Median of half of chi squared of one degree of freedom."""
@@ -136,26 +146,54 @@ class Measurement:
 
         The likelihood is ``-sum w (f log(f/m) - f + m)``, computed in float64, with m no less than ``floor``.
         """
-        share = np.asarray(1.0 if mask is None else mask, np.float64)
-        trust = np.broadcast_to(share if self.weights is None else share * self.weights, model.shape)
-        data, m = self.image.astype(np.float64), model.astype(np.float64)
-        norm = float(np.sqrt((trust * data**2).sum()))
-        miss = float(np.sqrt((trust * (data - m) ** 2).sum()))
-        # A model of 0 under a lit pixel would make the likelihood minus infinity.
-        m = np.maximum(m, max(floor, float(np.finfo(np.float64).tiny)))
-        lit = data > 0
-        terms = m - data
-        terms[lit] += data[lit] * (np.log(data[lit]) - np.log(m[lit]))
-        residual, likelihood = miss / norm if norm > 0 else float(miss > 0), -float((trust * terms).sum())
+        rows, columns = model.shape
+        step = max(1, BAND // columns)
+        work = partial(self._band, model, mask, max(floor, TINY))
+        bands = [slice(k, min(k + step, rows)) for k in range(0, rows, step)]
+        # bands are the same for any number of threads, and summed in order
+        found = list(map(work, bands) if len(bands) == 1 else in_order(work, bands))
+        square, miss, deviance = (math.fsum(one[k] for one in found) for k in (0, 1, 2))
+        residual = math.sqrt(miss / square) if square > 0 else float(miss > 0)
         if self.held is None:
-            return GoodnessOfFit(residual, likelihood)
-        return GoodnessOfFit(residual, likelihood, *foretold(terms, share * self.held))
+            return GoodnessOfFit(residual, -deviance)
+        terms, weights = (np.concatenate([one[k] for one in found]) for k in (3, 4))
+        return GoodnessOfFit(residual, -deviance, *foretold(terms, weights))
+
+    def _band(
+        self, model: NDArray[Any], mask: NDArray[Any] | None, least: float, band: slice
+    ) -> tuple[float, float, float, NDArray[np.float64], NDArray[np.float64]]:
+        """Return sums over some rows: of squares of the data, of the misses and of half the deviance.
+
+        And of pixels that are left out half the deviance, and the weight, of each.
+        """
+        data, m = self.image[band].astype(np.float64), model[band].astype(np.float64)
+        trust = None if mask is None else mask[band].astype(np.float64)
+        if self.weights is not None:
+            trust = self.weights[band] * (1.0 if trust is None else trust)
+
+        def total(values: NDArray[np.float64]) -> float:
+            return float(values.sum() if trust is None else np.vdot(values, trust))
+
+        square, miss = total(data**2), total((data - m) ** 2)
+        # a model of 0 under a lit pixel would make the likelihood minus infinity
+        np.maximum(m, least, out=m)
+        # dark pixels' terms are the model alone: any finite logarithm does for them
+        terms = np.log(np.maximum(data, TINY))
+        terms -= np.log(m)
+        terms *= data
+        terms += m
+        terms -= data
+        if self.held is None:
+            return square, miss, total(terms), NOTHING, NOTHING
+        held = self.held[band] if mask is None else self.held[band] * mask[band]
+        chosen = held > 0
+        return square, miss, total(terms), terms[chosen], held[chosen].astype(np.float64)
 
 
 def foretold(terms: NDArray[np.float64], held: NDArray[Any]) -> tuple[float, float]:
     """Return how well left-out pixels are foretold, and the standard deviation that noise alone gives to that.
 
-    ``terms`` are half the deviance of each pixel ``(Y, X)``, ``held`` the weights of those that are left out. Where the
+    ``terms`` are half the deviance of each pixel, ``held`` the weights of those that are left out. Where the
     model is right terms are spread as half of chi squared, whatever the gain: its median tells the scale, and what the
     model lacks in few pixels does not count as noise.
     """

@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.progress import Progress
+from lfcal.reconstruct.solvers.planes import plane_threads
+from lfcal.threads import in_order
 
 __all__ = [
     "Reconstruction",
@@ -146,8 +148,12 @@ def squares(volume: NDArray[Any], other: NDArray[Any] | None = None) -> float:
 
     Plane by plane: no second array of the size of the volume is made.
     """
-    planes = volume if other is None else (own - its for own, its in zip(volume, other, strict=True))
-    return float(sum(np.square(plane, dtype=np.float64).sum() for plane in planes))
+
+    def one(z: int) -> float:
+        plane = volume[z] if other is None else volume[z] - other[z]
+        return float(np.square(plane, dtype=np.float64).sum())
+
+    return sum(in_order(one, range(len(volume)), plane_threads(len(volume), volume[0].nbytes)))
 
 
 def without_state(record: SolverProgress) -> SolverProgress:

@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.reconstruct.solvers.planes import box_mean
+
 __all__ = ["Repeating"]
 
 STEEP = 0.7
@@ -52,12 +54,10 @@ class Repeating:
         down, across = -(-rows // ny), -(-columns // nx)
         if share <= 0 or down * across < FEWEST:
             return factor
-        from scipy.ndimage import uniform_filter  # slow to load
-
         logs, count = np.zeros((2, down * ny, across * nx), factor.dtype)
         np.log(np.maximum(factor, DARK), out=logs[:rows, :columns], where=seen)
         # where there is more or less light than thought is no pattern: beside the mean of a period around
-        logs[:rows, :columns] -= uniform_filter(logs[:rows, :columns], self.period, mode="nearest")
+        logs[:rows, :columns] -= box_mean(logs[:rows, :columns], self.period)
         np.clip(logs, -STEEP, STEEP, out=logs)
         count[:rows, :columns] = seen
         logs *= count

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.errors import InputError
+from lfcal.reconstruct.solvers.planes import separable
 from lfcal.threads import for_each_chunk
 
 __all__ = ["SIEVE", "DepthSmoothing", "Sieve", "coarseness", "lanczos_kernel", "smoothing_widths"]
@@ -149,22 +150,18 @@ class Sieve:
 def _blurred(plane: NDArray[Any], sigma: float) -> NDArray[Any]:
     if sigma < 1 / 3:
         return plane
-    from scipy.ndimage import convolve1d  # slow to load
-
     x = np.arange(-math.ceil(4 * sigma), math.ceil(4 * sigma) + 1)
     kernel = np.exp(-(x**2) / (2 * sigma**2))
     kernel /= kernel.sum()
-    return convolve1d(convolve1d(plane, kernel, axis=0, mode="constant"), kernel, axis=1, mode="constant")
+    return separable(plane, kernel)
 
 
 def _smooth(plane: NDArray[Any], kernel: NDArray[np.float64]) -> NDArray[Any]:
     if kernel.size == 1:
         return plane
-    from scipy.ndimage import convolve1d
-
+    plane = separable(plane, kernel)
     for axis in (0, 1):
-        norm = convolve1d(np.ones(plane.shape[axis]), kernel, mode="constant")
-        plane = convolve1d(plane, kernel, axis=axis, mode="constant")
+        norm = np.convolve(np.ones(plane.shape[axis]), kernel)[kernel.size // 2 :][: plane.shape[axis]]
         # A window cut by the border may sum to little: there the share of the kernel inside is at least a quarter.
         plane /= np.expand_dims(np.maximum(norm, 0.25), 1 - axis)
     return plane

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.reconstruct.solvers.measurement import Measurement
+from lfcal.reconstruct.solvers.planes import box_mean
 
 __all__ = ["Stretch", "weaker"]
 
@@ -65,15 +66,13 @@ class Stretch:
 
         ``seen``: which voxels have an update; the others stay as they are, and count as unchanged.
         """
-        from scipy.ndimage import uniform_filter  # slow to load
-
         logs = np.zeros_like(factor)
         np.log(np.maximum(factor, math.exp(-STEEPEST)), out=logs, where=seen)
-        beside = logs - uniform_filter(logs, self.window, mode="nearest")
+        beside = logs - box_mean(logs, self.window)
         share = self.shares[z] if self.shares else 0.0
         if share > 0:
             # the mean over a period has nothing of what repeats from lenslet to lenslet
-            beside -= logs.dtype.type(share) * (logs - uniform_filter(logs, self.period, mode="nearest"))
+            beside -= logs.dtype.type(share) * (logs - box_mean(logs, self.period))
         beside *= logs.dtype.type(strength)
         np.clip(beside, -STEEPEST, STEEPEST, out=beside)
         np.exp(beside, out=beside)
