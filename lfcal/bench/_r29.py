@@ -14,6 +14,7 @@ import typer
 from numpy.typing import NDArray
 
 from lfcal.reconstruct import Projector
+from lfcal.reconstruct.projectors.device import ArrayDevice, find_device
 from lfcal.system import peak_memory
 
 __all__ = ["R29Result", "run_r29"]
@@ -27,7 +28,8 @@ LIMIT = 12 * 10**9
 class R29Result:
     """What was forecast and what was measured, seconds for all 11 planes."""
 
-    side: int
+    shape: tuple[int, int]
+    device: str
     planes_measured: int
     density: float
     method: str
@@ -38,6 +40,8 @@ class R29Result:
     prepare_s: float
     forecast_bytes: int
     peak_bytes: int
+    forecast_device_bytes: int
+    peak_device_bytes: int
     all_planes: str
     whole_frame: str
 
@@ -54,12 +58,15 @@ class R29Result:
                 ("adjoint", self.forecast_adjoint_s, self.adjoint_s),
             )
         ]
-        memory = [format_bytes(self.forecast_bytes), format_bytes(self.peak_bytes)]
-        rows.append(["memory", *memory, f"{self.peak_bytes / self.forecast_bytes:.2f}"])
+        memory = [("memory", self.forecast_bytes, self.peak_bytes)]
+        if self.forecast_device_bytes:
+            memory.append(("memory of the device", self.forecast_device_bytes, self.peak_device_bytes))
+        rows += [[what, format_bytes(a), format_bytes(b), f"{b / a:.2f}"] for what, a, b in memory]
         print_table(
             ["R29, 11 planes", "forecast", "measured", "ratio"],
             rows,
-            title=f"{self.side} x {self.side} px, method {self.method}{scaled}, {100 * self.density:.3g} % of H filled",
+            title=f"{self.shape[0]} x {self.shape[1]} px, method {self.method} on {self.device}{scaled}, "
+            f"{100 * self.density:.3g} % of H filled",
         )
         typer.echo(f"all 11 planes, by forecast: {self.all_planes}")
         typer.echo(f"whole frame of 29 megapixels, by forecast: {self.whole_frame}")
@@ -83,26 +90,37 @@ class _Repeated:
         return self.data[(0, *key[1:])]
 
 
-def run_r29(side: int, density: float, full: bool, folder: Path | None, workers: int) -> R29Result:
+def run_r29(
+    shape: tuple[int, int],
+    density: float,
+    full: bool,
+    folder: Path | None,
+    workers: int,
+    device: str | ArrayDevice = "cpu",
+) -> R29Result:
     """Measure one forward and one back projection and hold them against the forecast.
 
     A synthetic uint16 plane (342 MB) is written to ``folder`` and read as a memory map, one plane at a time.
     ``full`` projects all 11 planes; else one is measured and scaled.
     """
+    found = find_device(device) if isinstance(device, str) else device
     place = Path(tempfile.mkdtemp(prefix="lfcal_r29_", dir=folder))
     try:
         _write_plane(place / "H.npy", density)
         stored = np.load(place / "H.npy", mmap_mode="r")
         planes = PLANES if full else 1
         before = peak_memory()
-        P = Projector(_Repeated(stored, planes), (side, side), workers=workers, memory_limit=LIMIT)
+        at = "cpu" if found is None else found
+        P = Projector(_Repeated(stored, planes), shape, workers=workers, memory_limit=LIMIT, device=at)
         # One after the other: the peak of memory is that of all three.
         seconds = _time(P)
         peak = max(0, peak_memory() - before)
         cost, scale = P.forecast().chosen, PLANES / planes
-        whole = [_forecast(stored, size, P.method, workers) for size in ((side, side), FRAME)]
+        whole = [_forecast(stored, size, P.method, workers, at) for size in (shape, FRAME)]
+        use = P.forecast().device
         return R29Result(
-            side=side,
+            shape=shape,
+            device="cpu" if P.device is None else P.device.name,
             planes_measured=planes,
             density=density,
             method=P.method,
@@ -113,6 +131,8 @@ def run_r29(side: int, density: float, full: bool, folder: Path | None, workers:
             prepare_s=scale * seconds[0],
             forecast_bytes=cost.memory_bytes,
             peak_bytes=peak,
+            forecast_device_bytes=0 if use is None else use.memory_bytes,
+            peak_device_bytes=0 if P.device is None else P.device.most_bytes(),
             all_planes=whole[0],
             whole_frame=whole[1],
         )
@@ -122,22 +142,28 @@ def run_r29(side: int, density: float, full: bool, folder: Path | None, workers:
 
 def _time(P: Projector) -> tuple[float, float, float]:
     """Return the seconds to prepare, to project forward, and to project back."""
-    nz, side, _ = P.volume_shape
+    nz = P.volume_shape[0]
     start = time.perf_counter()
     P.prepare()
-    prepared = time.perf_counter()
-    volume = np.random.default_rng(0).random((1, side, side), np.float32).repeat(nz, axis=0)
-    ready = time.perf_counter()
-    image = P.forward(volume)
-    projected = time.perf_counter()
-    P.adjoint(image)
-    return prepared - start, projected - ready, time.perf_counter() - projected
+    prepared = time.perf_counter() - start
+    volume = np.random.default_rng(0).random((1, *P.image_shape), np.float32).repeat(nz, axis=0)
+    forward = adjoint = np.inf
+    # an accelerator's first run loads what it needs, and others are short
+    for _ in range(1 if P.device is None else 3):
+        start = time.perf_counter()
+        image = P.forward(volume)
+        ahead = time.perf_counter()
+        P.adjoint(image)
+        forward, adjoint = min(forward, ahead - start), min(adjoint, time.perf_counter() - ahead)
+    return prepared, forward, adjoint
 
 
-def _forecast(stored: NDArray[Any], shape: tuple[int, int], method: str, workers: int) -> str:
+def _forecast(
+    stored: NDArray[Any], shape: tuple[int, int], method: str, workers: int, device: str | ArrayDevice
+) -> str:
     """Return the forecast of all 11 planes for an image of ``shape``, in words."""
     H = _Repeated(stored, PLANES)
-    return str(Projector(H, shape, method=method, workers=workers, memory_limit=LIMIT).forecast())
+    return str(Projector(H, shape, method=method, workers=workers, memory_limit=LIMIT, device=device).forecast())
 
 
 def _write_plane(path: Path, density: float) -> None:

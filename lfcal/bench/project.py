@@ -48,12 +48,16 @@ def command(
     r29: bool = typer.Option(False, "--r29", help="The R29 problem instead: 95 x 55 positions, 181 x 181, 11 planes."),
     full: bool = typer.Option(False, "--full", help="With --r29: all 11 planes instead of one, scaled."),
     side: int = typer.Option(2000, "--side", help="With --r29: side of the image region (px)."),
+    frame: bool = typer.Option(False, "--frame", help="With --r29: the whole frame, 4384 x 6576, instead of --side."),
     density: float = typer.Option(1.0, "--density", help="With --r29: share of H that is not zero."),
     tolerance: str = typer.Option(
         "", "--tolerance", help="With --r29: a simulated plane instead, exactly and within these shares: 0.002,0.005."
     ),
     device: str = typer.Option(
-        "auto", "--device", help="With --tolerance: what takes part beside the processor: cpu, cuda, cuda:1 or auto."
+        "",
+        "--device",
+        help="With --r29: what projects, cpu (the default), cuda, cuda:1 or auto; with --tolerance: beside the "
+        "processor, auto by default.",
     ),
     folder: FolderOption = None,
     workers: WorkersOption = None,
@@ -64,7 +68,7 @@ def command(
     pyolaf 0.2.1 takes part where it can be imported: `pip install --target DIR pyolaf==0.2.1 tqdm --no-deps`, then
     `PYTHONPATH=DIR lfcal bench project`. Example: `lfcal bench project --r29`
     """
-    from lfcal.bench._r29 import run_r29
+    from lfcal.bench._r29 import FRAME, run_r29
     from lfcal.cli.console import print_json
     from lfcal.cli.plan import parse_depths
     from lfcal.errors import InputError
@@ -76,11 +80,11 @@ def command(
 
         if not r29:
             raise InputError.expected("--tolerance", "the R29 problem", "another one", "give --r29, too")
-        within = run_reduced(side, parse_depths(tolerance, lengths=False), count, device)
+        within = run_reduced(side, parse_depths(tolerance, lengths=False), count, device or "auto")
         print_json({"side": side, "workers": count, "rows": within}) if json else show_reduced(within, side)
         return
     if r29:
-        found = run_r29(side, density, full, folder, count)
+        found = run_r29(FRAME if frame else (side, side), density, full, folder, count, device or "cpu")
         print_json(found) if json else found.show()
         return
     rows = measure(image, period, cutout, planes, repeats, count)

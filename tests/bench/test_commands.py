@@ -172,12 +172,16 @@ def test_projection_of_the_r29_on_a_small_copy(bench: Bench, monkeypatch: pytest
         monkeypatch.setattr(_r29, name, value)
     options = ("--r29", "--side", 64, "--folder", tmp_path, "--workers", 1)
     one = bench.json("project", *options, "--density", 0.1)
-    assert (one["side"], one["density"], one["planes_measured"]) == (64, 0.1, 1)
+    assert (one["shape"], one["density"], one["planes_measured"]) == ([64, 64], 0.1, 1)
     every = bench.json("project", *options, "--full")
     assert every["planes_measured"] == 11 and every["forward_s"] > 0 and every["forecast_forward_s"] > 0
     assert every["forecast_bytes"] > 0 and every["all_planes"] != every["whole_frame"]
     # how wide the times are decides where a line breaks
     assert "(1 measured, scaled)" in " ".join(bench("project", *options).split())
+    monkeypatch.setattr(_r29, "find_device", lambda text: ArrayDevice("numpy"))
+    there = bench.json("project", *options, "--frame", "--device", "cuda")
+    assert (there["shape"], there["device"], one["device"]) == ([200, 300], "cpu (numpy)", "cpu")
+    assert there["forecast_device_bytes"] > 0 == one["forecast_device_bytes"]
     assert list(tmp_path.iterdir()) == [], "the synthetic plane is gone"
 
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from lfcal.errors import InputError
 from lfcal.system import free_memory
 
-__all__ = ["DEVICES", "ArrayDevice", "check_arithmetic", "device_count", "find_device"]
+__all__ = ["DEVICES", "ArrayDevice", "check_arithmetic", "device_count", "driver_present", "find_device"]
 
 DEVICES = "auto, cpu, cuda or cuda:NUMBER"
 """What `find_device` takes."""
@@ -89,6 +89,15 @@ class ArrayDevice:
             free = free_memory()
         return free if self.room is None else min(free, self.room)
 
+    def most_bytes(self) -> int:
+        """Return the most memory of the accelerator that this process has held, with the library's reserve."""
+        if self.library == "torch" and self.index is not None:
+            return int(importlib.import_module("torch").cuda.max_memory_reserved(self.index))
+        if self.library == "cupy":
+            with self.active():
+                return int(self.xp.get_default_memory_pool().total_bytes())
+        return 0
+
     # -- arrays ----------------------------------------------------------------------------------------
     def dtype(self, dtype: Any) -> Any:
         """Return the library's type of that name."""
@@ -103,13 +112,29 @@ class ArrayDevice:
         """Return zeros of the numpy type ``dtype`` on the device."""
         return self.xp.zeros(shape, dtype=self.dtype(dtype), device=self.place)
 
-    def fetched(self, array: Any) -> NDArray[Any]:
-        """Return an array of the device as numpy's, one that may be written to."""
+    def buffer(self, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
+        """Return an array of the processor's memory that `fetched` fills quickest: page-locked, for accelerators."""
+        if self.index is None:
+            return np.empty(shape, dtype)
         if self.library == "torch":
-            return np.array(array.cpu().numpy())
-        if self.library == "cupy":
-            return np.asarray(array.get())
-        return np.array(np.from_dlpack(array))
+            torch = importlib.import_module("torch")
+            return np.asarray(torch.empty(shape, dtype=self.dtype(dtype), pin_memory=True).numpy())
+        return np.asarray(importlib.import_module("cupyx").empty_pinned(shape, np.dtype(dtype)))
+
+    def fetched(self, array: Any, out: NDArray[Any] | None = None) -> NDArray[Any]:
+        """Return an array of the device as numpy's, one that may be written to; ``out``, where it is given."""
+        found = np.empty(array.shape, _numpy_type(array)) if out is None else out
+        if self.library == "torch":
+            importlib.import_module("torch").from_numpy(found).copy_(array)
+        elif self.library == "cupy":
+            array.get(out=found)
+        else:
+            np.copyto(found, np.from_dlpack(array))
+        return found
+
+
+def _numpy_type(array: Any) -> np.dtype[Any]:
+    return np.dtype(str(array.dtype).rpartition(".")[2])
 
 
 @lru_cache(maxsize=8)
@@ -151,7 +176,7 @@ def find_device(text: str, *, worker: int = 0) -> ArrayDevice | None:
     if kind not in ("auto", "cpu", "cuda") or (number and kind != "cuda") or (":" in text and not number.isdecimal()):
         raise InputError.expected("device", DEVICES, repr(text), "choose one")
     # a library of this size is not loaded for nothing
-    if kind == "cpu" or (kind == "auto" and not _driver_present()):
+    if kind == "cpu" or (kind == "auto" and not driver_present()):
         return None
     for library in LIBRARIES:
         if count := device_count(library):
@@ -212,7 +237,7 @@ def _trusted(device: ArrayDevice, *, must: bool) -> ArrayDevice | None:
     return device
 
 
-def _driver_present() -> bool:
+def driver_present() -> bool:
     """Return whether this machine has what accelerators are reached through; they may still be of no use."""
     if sys.platform == "win32":
         return Path(r"C:\Windows\System32\nvcuda.dll").exists()

@@ -104,12 +104,14 @@ class DeviceEngine(ABC):
             return self.device.fetched(self.image(total))
 
     def adjoint(self, image: NDArray[Any], operands: Iterable[DeviceOperand]) -> Iterator[NDArray[Any]]:
-        """Yield the back projection of ``image`` for each operand."""
+        """Yield the back projection of ``image`` for each operand; it holds until the next one is asked for."""
         with self.device.active():
             seen = self.seen(self.device.moved(image))
+            # a new array for each plane takes the processor several times as long as the way from the device
+            plane = self.device.buffer(self.grid.image_shape, self.dtype)
         for operand in operands:
             with self.device.active():
-                plane = self.device.fetched(self.back(seen, self._there(operand)))
+                self.device.fetched(self.back(seen, self._there(operand)), out=plane)
             yield plane
 
     # -- steps -----------------------------------------------------------------------------------------
