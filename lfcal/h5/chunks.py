@@ -140,16 +140,19 @@ class ChunkTable:
 
         For one thread at a time; a chunk is valid until the next is asked for.
         """
-        first, held = 0, memoryview(b"")
-        for start in starts:
-            place = tuple(k // length for k, length in zip(start, self._chunk, strict=True))
-            at, size = int(self._at[place]), int(self._size[place])
+        asked = list(starts)
+        # for all at once: of small chunks the look-up takes as long as reading them
+        places = tuple((np.array(asked, np.intp).reshape(-1, len(self._chunk)) // self._chunk).T)
+        columns = (column[places].tolist() for column in (self._at, self._size, self._left_out))
+        first, last, held = 0, 0, memoryview(b"")
+        for start, at, size, left_out in zip(asked, *columns, strict=True):
             if at < 0:
                 continue
-            if at < first or at + size > first + len(held):
+            if at < first or at + size > last:
                 with storage_errors(self._path):
                     first, held = at, memoryview(read_at(self._open(), max(size, READ_AHEAD), at))
-            yield start, int(self._left_out[place]), held[at - first : at - first + size]
+                last = first + len(held)
+            yield start, left_out, held[at - first : at - first + size]
 
     def _open(self) -> int:
         """Return a descriptor of the file: HDF5's own must not be moved under its feet."""

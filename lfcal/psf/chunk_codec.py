@@ -179,9 +179,10 @@ def copy_plane(source: H5Data, dataset: Any, z: int) -> None:
     theirs = (source.dtype, source.chunks, source.filters)
     if theirs != (dataset.dtype, tuple(dataset.chunks), filters) or source.table is None:
         raise InputError.expected(source.where, f"{dataset.dtype} stored as the others", str(theirs), "write it anew")
-    places = ((0, y, x, 0, 0) for y, x in np.ndindex(*source.shape[1:3]))
-    for (_, *place), left_out, stored in source.table.each_stored(places):
-        dataset.id.write_direct_chunk((z, *place), stored, left_out)
+    places = [(0, y, x, 0, 0) for y, x in np.ndindex(*source.shape[1:3])]
+    write = dataset.id.write_direct_chunk
+    for (_, y, x, t, s), left_out, stored in source.table.each_stored(places):
+        write((z, y, x, t, s), stored, left_out)
 
 
 def _in_threads(function: Any, batches: Iterator[Any], workers: int) -> Iterator[Any]:

@@ -210,8 +210,9 @@ class _Run:
                     yield self._progress(event, began, kept)
                 if any(event.what is What.DONE for event in events):
                     self._check_room()
-                if self.following is not None and not any(event.what in Ended for event in events):
-                    # workers that are free have been given another unit by now
+                # where workers wait for their next unit they are given it before
+                idle = not self.executor.ahead and any(event.what in Ended for event in events)
+                if self.following is not None and not idle:
                     self.following.advance(self.files, self._there())
                 if not events:  # a window that stops the work is heard here
                     yield self._progress(None, began, kept)

@@ -73,11 +73,14 @@ class Executor(Protocol):
         Units or threads at work at a time.
     place
         Where its workers can be watched, an address; empty where they cannot.
+    ahead
+        Whether workers have their next unit before one has ended; else they get it in the next call of `events`.
     """
 
     name: str
     workers: int
     place: str
+    ahead: bool
 
     def __enter__(self) -> Self:
         """Start."""

@@ -64,7 +64,7 @@ class Dask:
         If dask.distributed is not installed, the address is none, or no scheduler answers there.
     """
 
-    name = "dask"
+    name, ahead = "dask", True
 
     def __init__(self, workers: int | None = None, address: str = "") -> None:
         try:
@@ -125,7 +125,9 @@ class Dask:
 
     def submit(self, job: Job) -> None:
         """Take a unit."""
-        future = self._client.submit(do, job, pure=False, key=f"{job.unit.name}-{next(self._count)}-{job.out}")
+        # in order, as parts are joined while others are made; of equal ones the last given would be done first
+        key, first = f"{job.unit.name}-{next(self._count)}-{job.out}", -job.number
+        future = self._client.submit(do, job, pure=False, key=key, priority=first)
         future.add_done_callback(lambda done: self._news.put((job, done)))
         self._begun.append(job)
 

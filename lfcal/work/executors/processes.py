@@ -110,7 +110,7 @@ class _Worker:
 class Processes:
     """See `lfcal.work.executors.base.Executor`; a worker that ends is replaced, and its unit told as lost."""
 
-    name, place = "processes", ""
+    name, place, ahead = "processes", "", False
 
     def __init__(self, workers: int | None = None) -> None:
         self.workers = worker_count(workers)

@@ -89,7 +89,7 @@ class Threads:
     done one after the other, with all threads, in the caller's.
     """
 
-    name, place = "threads", ""
+    name, place, ahead = "threads", "", False
 
     def __init__(self, workers: int | None = None) -> None:
         self.workers = worker_count(workers)

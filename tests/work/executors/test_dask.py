@@ -12,10 +12,11 @@ from typing import Any
 import pytest
 
 from lfcal.errors import InputError
-from lfcal.progress import drain
+from lfcal.progress import Clock, Work, drain
 from lfcal.work import RunChoice, iter_run, read_run
 from lfcal.work.executors.dask import Dask
 from lfcal.work.executors.threads import Threads
+from lfcal.work.following import Following
 from tests.work.tasks import unit
 
 distributed: Any = pytest.importorskip("distributed", reason="dask.distributed is not installed")
@@ -39,6 +40,26 @@ def test_the_same_files_as_in_one_process(scheduler: str, tmp_path: Path) -> Non
     state = read_run(tmp_path / "there")
     assert (state.executor, state.workers, state.count("done")) == ("dask", 2, 5)
     assert all(u.worker.startswith("tcp://") and u.seconds >= 0 for u in state.units)
+
+
+def test_units_are_done_in_order_and_joined_meanwhile(scheduler: str, tmp_path: Path) -> None:
+    """The last given came first, so that no part could be joined before all were there."""
+    units = [unit(f"plane {k:02d}", text=f"{k}") for k in range(30)]
+    taken: list[int] = []
+
+    def join(parts: tuple[Path, ...]) -> Work[None]:
+        clock = Clock("joining", len(parts))
+        yield clock.at(0)
+        for k, part in enumerate(parts):
+            assert part.read_text() == f"{k}"
+            taken.append(k)
+            yield clock.at(k + 1)
+
+    following = Following(join)
+    drain(iter_run(units, tmp_path / "run", Dask(None, scheduler), following=following))
+    # the last ones may all be told of at once
+    assert taken == list(range(len(taken))) and len(taken) > 15
+    following.close()
 
 
 @pytest.mark.long
