@@ -7,6 +7,7 @@ import pytest
 from scipy.ndimage import convolve1d, uniform_filter
 
 from lfcal.reconstruct import Projector, SolverChoice, reconstruct
+from lfcal.reconstruct.projectors import projector
 from lfcal.reconstruct.solvers import measurement, planes
 from lfcal.reconstruct.solvers.measurement import Measurement
 from lfcal.reconstruct.solvers.planes import UPDATING, box_mean, plane_threads, separable
@@ -47,11 +48,17 @@ def test_separable_filter_is_that_of_scipy(shape, size, dtype, off):
 @pytest.mark.parametrize("name", ["sieve", "rl-biggs", "ems", "cg"])
 def test_threads_change_no_bit_of_a_reconstruction(name, monkeypatch):
     H, image = lenslet_psf(3, 5, 15), np.random.default_rng(1).random((41, 37))
-    monkeypatch.setattr(measurement, "BAND", 100)
+    for module, limit, value in (
+        (measurement, "BAND", 100),
+        (measurement, "LARGE", 0),
+        (planes, "LEAST", 0),
+        (projector, "LARGE", 0),
+    ):
+        monkeypatch.setattr(module, limit, value)
     volumes, ends = [], []
     for workers in ("1", "3"):
         monkeypatch.setenv("LFCAL_WORKERS", workers)
-        found = reconstruct(Projector(H, image.shape, workers=1), image, SolverChoice(name, 4))
+        found = reconstruct(Projector(H, image.shape, workers=int(workers)), image, SolverChoice(name, 4))
         volumes.append(found.volume)
         ends.append([(one.residual, one.change, str(one.likelihood)) for one in found.history])
     np.testing.assert_array_equal(*volumes)
@@ -88,6 +95,8 @@ def test_fit_is_the_deviance_by_its_definition(weighted, held, masked, monkeypat
 
 def test_as_many_planes_at_once_as_memory_allows(monkeypatch):
     monkeypatch.setenv("LFCAL_WORKERS", "16")
+    assert plane_threads(11, 10**5) == 1, "small planes"
+    monkeypatch.setattr(planes, "LEAST", 0)
     monkeypatch.setattr(planes, "free_memory", lambda: 10 * 1000 * UPDATING)
     assert plane_threads(11, 100) == 10
     assert plane_threads(3, 1) == 3

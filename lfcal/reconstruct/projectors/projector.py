@@ -36,6 +36,9 @@ from lfcal.threads import for_each_chunk, worker_count
 
 __all__ = ["Projector"]
 
+LARGE = 1 << 22
+"""Values from which on threads look through them quicker than one alone."""
+
 SMALL_S = 3e-3
 """Below these seconds per plane and pair a projection stays on one thread."""
 
@@ -305,7 +308,8 @@ class Projector:
         data = np.asarray(array, self.dtype)
         if data.shape != shape:
             raise InputError.expected(what, f"shape {shape}", data.shape, "crop or pad it to the projector's")
-        if not all(for_each_chunk(lambda a, b: bool(np.isfinite(data[a:b]).all()), len(data), self._workers)):
+        workers = self._workers if data.size >= LARGE else 1
+        if not all(for_each_chunk(lambda a, b: bool(np.isfinite(data[a:b]).all()), len(data), workers)):
             raise InputError.expected(
                 what, "finite values", "NaN or infinity", "give such pixels weight 0 in the solver"
             )

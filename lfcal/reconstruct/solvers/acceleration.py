@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.errors import InputError
+from lfcal.reconstruct.solvers.planes import plane_threads
 from lfcal.reconstruct.solvers.records import SolverState
 from lfcal.threads import for_each_chunk
 
@@ -56,7 +57,7 @@ def extrapolate(state: SolverState, name: str) -> tuple[NDArray[Any], float]:
             # a multiplicative update cannot come back from a negative value
             np.maximum(plane, 0, out=plane)
 
-    for_each_chunk(some, len(ahead))
+    for_each_chunk(some, len(ahead), plane_threads(len(ahead), ahead[0].nbytes))
     return ahead, step
 
 

@@ -19,6 +19,9 @@ __all__ = ["GoodnessOfFit", "Measurement", "foretold", "no_light"]
 BAND = 1 << 17
 """Pixels that are compared with the model at a time."""
 
+LARGE = 1 << 20
+"""Pixels of an image from which on threads do that quicker than one alone."""
+
 NOTHING = np.zeros(0)
 
 TINY = float(np.finfo(np.float64).tiny)
@@ -151,7 +154,7 @@ class Measurement:
         work = partial(self._band, model, mask, max(floor, TINY))
         bands = [slice(k, min(k + step, rows)) for k in range(0, rows, step)]
         # bands are the same for any number of threads, and summed in order
-        found = list(map(work, bands) if len(bands) == 1 else in_order(work, bands))
+        found = list(in_order(work, bands, None if model.size >= LARGE else 1))
         square, miss, deviance = (math.fsum(one[k] for one in found) for k in (0, 1, 2))
         residual = math.sqrt(miss / square) if square > 0 else float(miss > 0)
         if self.held is None:

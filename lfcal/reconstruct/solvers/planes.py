@@ -15,12 +15,17 @@ __all__ = ["UPDATING", "box_mean", "plane_threads", "separable"]
 UPDATING = 4
 """Images that a plane takes while it is changed."""
 
+LEAST = 1 << 21
+"""Bytes of a plane below which a thread of its own costs more than it saves."""
+
 SHARE = 0.1
 """Share of the free memory that planes which are changed at once may take."""
 
 
 def plane_threads(planes: int, plane_bytes: int) -> int:
-    """Return how many planes are changed at once: one for each thread, where memory allows."""
+    """Return how many planes are changed at once: one for each thread, where planes are large and memory allows."""
+    if plane_bytes < LEAST:
+        return 1
     room = int(SHARE * free_memory()) // max(1, UPDATING * plane_bytes)
     return max(1, min(worker_count(), planes, room))
 
