@@ -27,7 +27,7 @@ from PySide6.QtWidgets import (
 
 from gui.pages.multiplex.figures_view import FiguresView
 from gui.pages.multiplex.matrix_view import MatrixView
-from gui.pages.multiplex.model import ModulatorPicture
+from gui.pages.multiplex.model import ModulatorPicture, MultiplexSettings, used_by, why_unused
 from gui.pages.multiplex.model_compare import Comparison, number
 from gui.pages.multiplex.model_fields import FIELDS, ROUTE_FIELDS
 from gui.pages.multiplex.pictures import MultiplexPictures
@@ -84,6 +84,7 @@ class MultiplexPanel(QWidget):
                 form.editor(key).setMinimumWidth(56)
         self.pictures = MultiplexPictures()
         self.figures, self.search = FiguresView(), SearchView()
+        self.forms = (self.form, self.scene_form, self.search.form, *self.pictures.forms)
         self.tabs = QTabWidget()
         tabs = (self._modulator_tab(), "Modulator and gain", GAIN), (self.pictures, "Reconstruction", PICTURES)
         tabs = (*tabs, (self.figures, "Figures of the paper", FIGURES), (self.search, "Search", SEARCH))
@@ -201,6 +202,15 @@ class MultiplexPanel(QWidget):
         column.addWidget(self.curve, 1)
         column.addWidget(self.curve_hint)
         return frame
+
+    def show_used(self, settings: MultiplexSettings, *, colour: bool) -> None:
+        """Offer what matters with these settings; ``colour``: the opened image is in colour."""
+        for form in self.forms:
+            for key in form.fields:
+                why = why_unused(settings, key, colour=colour)
+                form.set_enabled(key, used_by(settings, key, colour=colour), why)
+        for key, button in self.pictures.buttons.items():
+            button.setEnabled(used_by(settings, key))
 
     # -- compared --------------------------------------------------------------------------------------
     def ticked(self) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from PySide6.QtWidgets import QApplication
@@ -304,6 +305,41 @@ def test_clipped_pixels_of_a_live_frame_have_no_say(page: Page, context: Context
     settle(page, qtbot)
     np.testing.assert_allclose(page.found.spatial.samples, light, rtol=2e-3)
     assert "weighted" in page.panel.pictures.heads[0].text()
+
+
+def test_no_filter_is_offered_where_weights_make_it_linear(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
+    page.panel.tabs.setCurrentIndex(1)
+    images = {"frame": np.full((24, 30), 300.0, np.float32), "colours": np.full((24, 30, 3), 300, np.uint16)}
+    np.save(tmp_path / "frame.npy", images["frame"])
+    cv2.imwrite(str(tmp_path / "colours.png"), images["colours"])
+    page.open_image(str(tmp_path / "frame.npy"))
+    settle(page, qtbot)
+    box, weighted = editor_of(page, "filter"), editor_of(page, "weighted")
+    tip = box.toolTip()
+    assert box.isEnabled() and weighted.isEnabled() and "theorem 1" in tip
+    weighted.click()
+    settle(page, qtbot)
+    assert not box.isEnabled() and "switch Leave out clipped off" in box.toolTip()
+    page.open_image(str(tmp_path / "colours.png"))  # a scene, whose frame has no clipped pixels
+    settle(page, qtbot)
+    assert box.isEnabled() and box.toolTip() == tip and not weighted.isEnabled()
+    page.open_image(str(tmp_path / "frame.npy"))
+    settle(page, qtbot)
+    assert not box.isEnabled()
+    weighted.click()
+    assert box.isEnabled() and box.toolTip() == tip
+
+
+def test_a_coloured_scene_of_a_project_is_known_by_what_is_made_of_it(
+    page: Page, context: Context, qtbot: QtBot, tmp_path: Path
+) -> None:
+    cv2.imwrite(str(tmp_path / "colours.png"), np.full((24, 30, 3), 300, np.uint16))
+    settings = MultiplexSettings(scene="image", image=str(tmp_path / "colours.png"), weighted=True)
+    context.project.update("opened", settings=settings.into(context.state))
+    page.panel.tabs.setCurrentIndex(1)
+    settle(page, qtbot)
+    assert page.found is not None and page.found.spatial.name == "Spatial, cubic"
+    assert editor_of(page, "filter").isEnabled() and not editor_of(page, "weighted").isEnabled()
 
 
 def test_the_general_route_and_dead_pixels(
