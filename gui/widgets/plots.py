@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from gui.widgets.blank import Blank
 from gui.widgets.picture_menu import offer_menu, save_picture
 from gui.widgets.pixel_axis import PixelAxis
 
-__all__ = ["LINES", "DecadeAxis", "LinePlot", "line_px", "shown_tone", "style_axes", "theme_plot"]
+__all__ = ["LINES", "DecadeAxis", "LinePlot", "UprightAxis", "line_px", "shown_tone", "style_axes", "theme_plot"]
 
 LINES = ("#2a8fc4", "#d9772b", "#2aa37b", "#c76aa0", "#8b97a8", "#c9a227")
 """Line colours that stay apart for colour-blind readers, on light and on dark."""
@@ -100,11 +101,46 @@ class DecadeAxis(pg.AxisItem):
         return [f"{10**value:g}" for value in values]
 
 
-def _counted() -> dict[str, pg.AxisItem]:
-    """Return the lower axis of a plot over whole numbers: half an iteration has no tick."""
-    axis = PixelAxis("bottom")
-    axis.cover(0, MANY)
-    return {"bottom": axis}
+NUMBER_PX = 14.0
+"""Room from one number to the next, one above the other (px)."""
+
+
+class UprightAxis(pg.AxisItem):
+    """An upright axis whose numbers do not lie over each other, however low it is."""
+
+    def tickValues(self, minVal: float, maxVal: float, size: float) -> list[tuple[float, list[float]]]:
+        """Return where ticks are: pairs of their distance and their places."""
+        found: list[tuple[float, list[float]]] = super().tickValues(minVal, maxVal, size)
+        evenly = found[:1] if self.logMode else found
+        places = sorted(value for _, values in evenly for value in values)
+        if len(places) < 2:
+            return found
+        scale = size / max(abs(maxVal - minVal), 1e-300)
+        half = NUMBER_PX / 2 / scale  # a number that reaches out is not drawn at all
+        low, high = min(minVal, maxVal) + half, max(minVal, maxVal) - half
+        step = min(b - a for a, b in pairwise(places))
+        thinned = [(each * step, [v for v in places if round(v / step) % each == 0]) for each in (1, 2, 5, 10, 20, 50)]
+        widest = sorted(found[0][1])
+        for fewest in (2, 1):
+            if _roomy(widest, scale) and sum(low <= value <= high for value in widest) >= fewest:
+                return found
+            for apart, kept in thinned:
+                if _roomy(kept, scale) and sum(low <= value <= high for value in kept) >= fewest:
+                    return [(apart, kept)]
+        return [(step, places[len(places) // 2 :][:1])]
+
+
+def _roomy(places: list[float], scale: float) -> bool:
+    return all((b - a) * scale >= NUMBER_PX for a, b in pairwise(places))
+
+
+def _axes(*, counted: bool) -> dict[str, pg.AxisItem]:
+    """Return the axes of a plot; ``counted``: the lower one has whole numbers, half an iteration has no tick."""
+    if not counted:
+        return {"left": UprightAxis("left")}
+    below = PixelAxis("bottom")
+    below.cover(0, MANY)
+    return {"left": UprightAxis("left"), "bottom": below}
 
 
 class LinePlot(QWidget):
@@ -119,7 +155,7 @@ class LinePlot(QWidget):
         self.graphics = pg.GraphicsLayoutWidget()
         self.graphics.setMinimumSize(120, 110)
         layout.addWidget(self.graphics)
-        self.plot: pg.PlotItem = self.graphics.addPlot(enableMenu=False, axisItems=_counted() if counted else None)
+        self.plot: pg.PlotItem = self.graphics.addPlot(enableMenu=False, axisItems=_axes(counted=counted))
         self.plot.hideButtons()
         self.plot.showGrid(x=True, y=True, alpha=0.15)
         if legend:

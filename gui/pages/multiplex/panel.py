@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from html import escape
+from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
@@ -36,6 +37,7 @@ from gui.theme import current_theme
 from gui.widgets.cards import card, column_area
 from gui.widgets.form import Form
 from gui.widgets.plots import LINES, LinePlot, shown_tone
+from gui.widgets.words import set_role
 
 __all__ = ["MultiplexPanel"]
 
@@ -127,11 +129,22 @@ class MultiplexPanel(QWidget):
         column.addWidget(self.file)
         return frame
 
+    def _make_views(self) -> tuple[MatrixView, ...]:
+        self.pattern = MatrixView(xlabel="column", ylabel="row", value_label="transmission (1)", bar_below=True)
+        self.spectrum = MatrixView(xlabel="u", ylabel="v", value_label="magnitude (1)", unit="1/period", bar_below=True)
+        basis: dict[str, Any] = {
+            "value_label": "weight (1)",
+            "unit": "index",
+            "bar_below": True,
+            "signed": True,
+            "square": False,
+        }
+        self.sigma = MatrixView(xlabel="j", ylabel="pixel k", **basis)
+        self.pi = MatrixView(xlabel="j", ylabel="sample n", **basis)
+        return self.pattern, self.spectrum, self.sigma, self.pi
+
     def _modulator_tab(self) -> QWidget:
-        self.pattern = MatrixView(xlabel="column", ylabel="row", bar_below=True)
-        self.spectrum = MatrixView(xlabel="u", ylabel="v", unit="1/period", bar_below=True)
-        self.sigma = MatrixView(xlabel="j", ylabel="pixel k", unit="index", bar_below=True, signed=True, square=False)
-        self.pi = MatrixView(xlabel="j", ylabel="sample n", unit="index", bar_below=True, signed=True, square=False)
+        views = self._make_views()
         widget = QWidget()
         row = QHBoxLayout(widget)
         row.setContentsMargins(0, 8, 0, 0)
@@ -139,11 +152,9 @@ class MultiplexPanel(QWidget):
         grid = QGridLayout()
         grid.setSpacing(8)
         self.titles = []
-        views = (self.pattern, self.spectrum, self.sigma, self.pi)
-        for k, (view, tip, title) in enumerate(
-            zip(views, TIPS, ("Pattern", "Spectrum, magnitude (1)", SIGMA, PI), strict=True)
-        ):
+        for k, (view, tip, title) in enumerate(zip(views, TIPS, ("Pattern", "Spectrum", SIGMA, PI), strict=True)):
             label = QLabel(title)
+            label.setWordWrap(True)
             label.setMinimumWidth(60)  # names of modulators may be long: they do not widen the window
             frame, column = card(label)
             for part in (view, label):
@@ -186,6 +197,7 @@ class MultiplexPanel(QWidget):
 
     def _curve_card(self) -> QWidget:
         self.curve_title = QLabel("Gain of signal to noise")
+        self.curve_title.setWordWrap(True)
         self.curve_title.setMinimumWidth(60)
         frame, column = card(self.curve_title)
         self.curve = LinePlot("χ² = photon / additive noise variance (1)", "gain (dB)")
@@ -263,7 +275,8 @@ class MultiplexPanel(QWidget):
         self.curve.clear()
         self._drawn = []
         self.marker.hide()
-        self.curve_hint.setText(f"<span style='color:{current_theme().bad}'>{escape(words)}</span>")
+        set_role(self.curve_hint, "error")
+        self.curve_hint.setText(escape(words))
 
     def show_comparison(self, found: Comparison, camera: str) -> None:
         """Show numbers and curves."""
@@ -278,6 +291,7 @@ class MultiplexPanel(QWidget):
         self.curve.clear()
         self._drawn = []
         self.marker.hide()
+        set_role(self.curve_hint, "hint")
         if found.curves is None:
             self.curve_title.setText("Gain of signal to noise")
             self.curve_hint.setText(f"No gains: {escape(found.reason)}")

@@ -20,6 +20,7 @@ from lfcal.multiplex.noise import camera_chi2
 from lfcal.multiplex.paper import paper_figure
 from lfcal.multiplex.scenes import colour_edges
 from tests.gui.conftest import OpenPage
+from tests.gui.layout_colours import of_other_themes
 from tests.gui.waiting import idle
 
 
@@ -427,3 +428,21 @@ def test_a_mask_on_the_lattice_of_a_white_image(
     weighted.click()
     settle(page, qtbot)
     assert page.found is not None and page.found.spatial.name == "Spatial, weighted"
+
+
+def test_what_is_said_keeps_to_the_theme(page: Page, qapp: QApplication, qtbot: QtBot) -> None:
+    """Words stayed as pale as they are on dark."""
+    page.panel.tabs.setCurrentIndex(1)
+    page.panel.pictures.show_status("made of light", bad=False)
+    page._refused("no such pattern")
+    for theme in (DARK, LIGHT):
+        apply_theme(qapp, theme)
+        page.take_theme()
+        assert not list(of_other_themes(page))
+    assert page.panel.curve_hint.property("role") == "error"
+    page.panel.pictures.show_status("no <b>light</b>", bad=True)
+    status = page.panel.pictures.status
+    assert status.property("role") == "error" and status.text() == "no <b>light</b>"
+    choose(page, "cfa", "Bayer")
+    settle(page, qtbot)
+    assert page.panel.curve_hint.property("role") == "hint"
