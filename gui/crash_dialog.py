@@ -116,6 +116,8 @@ class CrashDialog(QDialog):
         needs = lines_px(self.details) + margins.left() + margins.right() if on else 0
         self.setMinimumWidth(max(WIDTH, needs))
         self.adjustSize()
+        # Qt stops at two thirds of the screen, where buttons would lie over the text
+        self.resize(self.width(), max(self.height(), self.layout().totalHeightForWidth(self.width())))
 
 
 def _wrapped(role: str) -> QLabel:

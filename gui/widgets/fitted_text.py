@@ -7,7 +7,7 @@ from PySide6.QtWidgets import QPlainTextEdit, QTextBrowser, QWidget
 
 __all__ = ["FittedBrowser", "lines_px"]
 
-BESIDE = 24
+BESIDE = 42
 """Margins, frame and an upright scroll bar beside lines of text (px)."""
 
 WIDEST = 1180

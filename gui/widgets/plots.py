@@ -101,7 +101,7 @@ class DecadeAxis(pg.AxisItem):
         return [f"{10**value:g}" for value in values]
 
 
-NUMBER_PX = 14.0
+NUMBER_PX = 12.5
 """Room from one number to the next, one above the other (px)."""
 
 

@@ -93,12 +93,11 @@ def _last(view: QAbstractItemView) -> QModelIndex:
 def _rows(view: QAbstractItemView) -> Iterator[str]:
     needs, last = rows_px(view)
     has = view.viewport().height()
-    if not less(has, needs):
-        return
-    if not view.verticalScrollBar().isVisible():
+    if view.verticalScrollBar().isVisible():
+        if needs - has < last:
+            yield f"a scroll bar for {needs - has} px, less than a row"
+    elif less(has, needs):
         yield f"its rows need {needs} px, it has {has} and no scroll bar"
-    elif needs - has < last:
-        yield f"a scroll bar for {needs - has} px, less than a row"
 
 
 def _page(area: QTextEdit | QPlainTextEdit) -> Iterator[str]:

@@ -151,5 +151,5 @@ def test_numbers_of_a_low_plot_do_not_lie_over_each_other(qtbot: QtBot, top: flo
         seen = [tick for tick in ticks if low < tick < high]
         assert len(seen) > (height > 70), "one number tells no scale"
         apart = np.diff(ticks) * axis.height() / (high - low)
-        assert not apart.size or apart.min() > 13
+        assert not apart.size or apart.min() > 12
     assert not flaws(plot)
