@@ -118,20 +118,20 @@ class UprightAxis(pg.AxisItem):
         scale = size / max(abs(maxVal - minVal), 1e-300)
         half = NUMBER_PX / 2 / scale  # a number that reaches out is not drawn at all
         low, high = min(minVal, maxVal) + half, max(minVal, maxVal) - half
+
+        def legible(chosen: list[float]) -> bool:
+            apart = all((b - a) * scale >= NUMBER_PX for a, b in pairwise(chosen))
+            return apart and sum(low <= value <= high for value in chosen) > 1
+
+        if legible(sorted(found[0][1])):
+            return found
         step = min(b - a for a, b in pairwise(places))
-        thinned = [(each * step, [v for v in places if round(v / step) % each == 0]) for each in (1, 2, 5, 10, 20, 50)]
-        widest = sorted(found[0][1])
-        for fewest in (2, 1):
-            if _roomy(widest, scale) and sum(low <= value <= high for value in widest) >= fewest:
-                return found
-            for apart, kept in thinned:
-                if _roomy(kept, scale) and sum(low <= value <= high for value in kept) >= fewest:
-                    return [(apart, kept)]
-        return [(step, places[len(places) // 2 :][:1])]
-
-
-def _roomy(places: list[float], scale: float) -> bool:
-    return all((b - a) * scale >= NUMBER_PX for a, b in pairwise(places))
+        for each in (1, 2, 3, 4, 5, 10, 20, 50):
+            kept = [value for value in places if round(value / step) % each == 0]
+            if legible(kept):
+                return [(each * step, kept)]
+        middle = (minVal + maxVal) / 2
+        return [(step, [min(places, key=lambda value: abs(value - middle))])]
 
 
 def _axes(*, counted: bool) -> dict[str, pg.AxisItem]:
