@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from PySide6.QtWidgets import QLabel, QTableWidget, QWidget
+from PySide6.QtWidgets import QGraphicsView, QLabel, QTableWidget, QWidget
 
 from gui.theme import THEMES, Theme, current_theme
 
@@ -30,6 +30,8 @@ def of_other_themes(root: QWidget) -> Iterator[str]:
             told += widget.text()
         elif isinstance(widget, QTableWidget):
             told += "".join(_cells(widget))
+        elif isinstance(widget, QGraphicsView):
+            told += widget.backgroundBrush().color().name()
         for colour in sorted(set(COLOUR.findall(told.lower())) & others):
             yield f"{type(widget).__name__} {told[-80:]!r} has {colour}, which is none of {current_theme().name}'s"
 
