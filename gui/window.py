@@ -36,7 +36,6 @@ from gui.scripts import Scripts
 from gui.theme import DARK, LIGHT, THEMES, apply_theme, current_theme, style_sheet
 from gui.tools import Tools
 from gui.widgets.enlarging import toggle_in
-from gui.widgets.measuring import Measuring
 from gui.widgets.naming import name_controls
 from gui.window_size import fit_screen
 from gui.workers import LOG
@@ -284,8 +283,9 @@ class MainWindow(QMainWindow):
         for part in (self.menuBar(), self.statusBar(), self.rail, *docks, self._manual, *dialogs):
             if part is not None:
                 part.setStyleSheet(style_sheet())
-            if isinstance(part, Measuring):  # a page redraws its own pictures only
-                part.apply_theme()
+            redraw = getattr(part, "apply_theme", None)  # of a window with plots: a page redraws its own only
+            if redraw is not None:
+                redraw()
 
     def copy_page(self) -> None:
         """Put a picture of the page on the clipboard."""
