@@ -21,6 +21,7 @@ from PySide6.QtWidgets import (
 from gui.log import system_line
 from gui.models.mishaps import Mishap
 from gui.theme import style_sheet
+from gui.widgets.fitted_text import lines_px
 
 __all__ = ["CrashDialog", "open_folder"]
 
@@ -111,7 +112,12 @@ class CrashDialog(QDialog):
 
     def _show_details(self, on: bool) -> None:
         self.details.setVisible(on)
+        margins = self.layout().contentsMargins()
+        needs = lines_px(self.details) + margins.left() + margins.right() if on else 0
+        self.setMinimumWidth(max(WIDTH, needs))
         self.adjustSize()
+        # Qt stops at two thirds of the screen, where buttons would lie over the text
+        self.resize(self.width(), max(self.height(), self.layout().totalHeightForWidth(self.width())))
 
 
 def _wrapped(role: str) -> QLabel:

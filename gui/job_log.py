@@ -12,6 +12,7 @@ from gui.models.job_log import JobLog
 from gui.saving import ask_target, write_file
 from gui.theme import style_sheet
 from gui.widgets.cards import line
+from gui.widgets.fitted_text import lines_px
 
 __all__ = ["EVERY_MS", "JobLogView"]
 
@@ -52,7 +53,11 @@ class JobLogView(QDialog):
     def showEvent(self, event: QShowEvent) -> None:
         """Follow the job while the log is seen."""
         self.setStyleSheet(style_sheet())
+        first = not self._shown
         self.refresh()
+        if first:  # later it is as wide as the user made it
+            margins = self.layout().contentsMargins()
+            self.resize(max(self.width(), lines_px(self.view) + margins.left() + margins.right()), self.height())
         self._timer.start()
         super().showEvent(event)
 

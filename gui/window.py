@@ -283,6 +283,9 @@ class MainWindow(QMainWindow):
         for part in (self.menuBar(), self.statusBar(), self.rail, *docks, self._manual, *dialogs):
             if part is not None:
                 part.setStyleSheet(style_sheet())
+            redraw = getattr(part, "apply_theme", None)  # of a window with plots: a page redraws its own only
+            if redraw is not None:
+                redraw()
 
     def copy_page(self) -> None:
         """Put a picture of the page on the clipboard."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from gui.scenes.dialogs import dialogs
 from gui.scenes.faults import faults
 from gui.scenes.large import large
+from gui.scenes.parts import parts
 from gui.scenes.recording import recording
 from gui.scenes.sample import sample
 from gui.scenes.stage import Scene
@@ -17,6 +18,7 @@ __all__ = ["SCENES"]
 SCENES: dict[str, Scene] = {
     "empty": empty,
     "sample": sample,
+    "parts": parts,
     "dialogs": dialogs,
     "trouble": trouble,
     "faults": faults,

@@ -27,8 +27,12 @@ def large(stage: Stage) -> Iterator[Shot]:
     window = stage.window
     window.project.update("R29", camera=preset("r29"), plan=None, frames="", psf="", reference="")
     stage.page("plan").make_default()
+    stage.page("camera").panel.tabs.setCurrentIndex(1)
+    stage.tidy()
+    yield Shot("camera_r29_assumed")
     for key in ("camera", "plan"):
-        stage.page(key)
+        page = stage.page(key)
+        page.panel.tabs.setCurrentIndex(0)
         stage.tidy()
         yield Shot(f"{key}_r29")
     window.context.matrices.put(f"/data/psf/{NAME}.h5", _matrix())

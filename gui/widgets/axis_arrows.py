@@ -28,6 +28,7 @@ class AxisArrows(QWidget):
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)
         self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        self.setProperty("overlay", True)  # lies over the picture on purpose
         self.setFixedSize(WIDTH, HEIGHT)
         parent.installEventFilter(self)
         self.arrows: tuple[tuple[str, float, float], ...] = ()

@@ -42,6 +42,7 @@ class Enlarged(QFrame):
         self.part, self._page = part, page
         self.setAutoFillBackground(True)
         self.setProperty("role", "card")
+        self.setProperty("overlay", True)
         self._limits: tuple[QSize, QSize] = (part.minimumSize(), part.maximumSize())
         self._kept = QWidget()
         self._kept.setSizePolicy(part.sizePolicy())

@@ -150,11 +150,11 @@ class Form(QWidget):
             blocker.unblock()
         self._show_error()
 
-    def set_enabled(self, key: str, enabled: bool) -> None:
-        """Enable or disable one field with its label."""
-        editor = self._editors[key]
-        editor.setEnabled(enabled)
-        self._labels[key].setEnabled(enabled)
+    def set_enabled(self, key: str, enabled: bool, why: str = "") -> None:
+        """Enable or disable one field with its label; ``why`` it is disabled is said in its tip meanwhile."""
+        for widget in (self._editors[key], self._labels[key]):
+            widget.setEnabled(enabled)
+            widget.setToolTip(why or self.fields[key].tip)
 
     def own_line(self, key: str, width: int) -> None:
         """Give a field that needs ``width`` pixels a line of its own, below its label, where the form is narrower."""

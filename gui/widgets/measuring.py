@@ -153,6 +153,11 @@ class Measuring(QDialog):
         self.view.set_contrast(None)
         self._show_levels()
 
+    def apply_theme(self) -> None:
+        """Take the colours of the theme in use."""
+        for plot in (self.histogram, self.profile):
+            plot.apply_theme()
+
     def closeEvent(self, event: QCloseEvent) -> None:
         """Take line and rectangle from the picture."""
         self._take_away()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from gui.widgets.blank import Blank
 from gui.widgets.picture_menu import offer_menu, save_picture
 from gui.widgets.pixel_axis import PixelAxis
 
-__all__ = ["LINES", "DecadeAxis", "LinePlot", "line_px", "shown_tone", "style_axes", "theme_plot"]
+__all__ = ["LINES", "DecadeAxis", "LinePlot", "UprightAxis", "line_px", "shown_tone", "style_axes", "theme_plot"]
 
 LINES = ("#2a8fc4", "#d9772b", "#2aa37b", "#c76aa0", "#8b97a8", "#c9a227")
 """Line colours that stay apart for colour-blind readers, on light and on dark."""
@@ -100,11 +101,46 @@ class DecadeAxis(pg.AxisItem):
         return [f"{10**value:g}" for value in values]
 
 
-def _counted() -> dict[str, pg.AxisItem]:
-    """Return the lower axis of a plot over whole numbers: half an iteration has no tick."""
-    axis = PixelAxis("bottom")
-    axis.cover(0, MANY)
-    return {"bottom": axis}
+NUMBER_PX = 12.5
+"""Room from one number to the next, one above the other (px)."""
+
+
+class UprightAxis(pg.AxisItem):
+    """An upright axis whose numbers do not lie over each other, however low it is."""
+
+    def tickValues(self, minVal: float, maxVal: float, size: float) -> list[tuple[float, list[float]]]:
+        """Return where ticks are: pairs of their distance and their places."""
+        found: list[tuple[float, list[float]]] = super().tickValues(minVal, maxVal, size)
+        evenly = found[:1] if self.logMode else found
+        places = sorted(value for _, values in evenly for value in values)
+        if len(places) < 2:
+            return found
+        scale = size / max(abs(maxVal - minVal), 1e-300)
+        half = NUMBER_PX / 2 / scale  # a number that reaches out is not drawn at all
+        low, high = min(minVal, maxVal) + half, max(minVal, maxVal) - half
+
+        def legible(chosen: list[float]) -> bool:
+            apart = all((b - a) * scale >= NUMBER_PX for a, b in pairwise(chosen))
+            return apart and sum(low <= value <= high for value in chosen) > 1
+
+        if legible(sorted(found[0][1])):
+            return found
+        step = min(b - a for a, b in pairwise(places))
+        for each in (1, 2, 3, 4, 5, 10, 20, 50):
+            kept = [value for value in places if round(value / step) % each == 0]
+            if legible(kept):
+                return [(each * step, kept)]
+        middle = (minVal + maxVal) / 2
+        return [(step, [min(places, key=lambda value: abs(value - middle))])]
+
+
+def _axes(*, counted: bool) -> dict[str, pg.AxisItem]:
+    """Return the axes of a plot; ``counted``: the lower one has whole numbers, half an iteration has no tick."""
+    if not counted:
+        return {"left": UprightAxis("left")}
+    below = PixelAxis("bottom")
+    below.cover(0, MANY)
+    return {"left": UprightAxis("left"), "bottom": below}
 
 
 class LinePlot(QWidget):
@@ -119,7 +155,7 @@ class LinePlot(QWidget):
         self.graphics = pg.GraphicsLayoutWidget()
         self.graphics.setMinimumSize(120, 110)
         layout.addWidget(self.graphics)
-        self.plot: pg.PlotItem = self.graphics.addPlot(enableMenu=False, axisItems=_counted() if counted else None)
+        self.plot: pg.PlotItem = self.graphics.addPlot(enableMenu=False, axisItems=_axes(counted=counted))
         self.plot.hideButtons()
         self.plot.showGrid(x=True, y=True, alpha=0.15)
         if legend:

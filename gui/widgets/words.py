@@ -11,7 +11,7 @@ from PySide6.QtCore import QSize, Qt
 from PySide6.QtGui import QContextMenuEvent, QKeyEvent, QKeySequence, QResizeEvent
 from PySide6.QtWidgets import QApplication, QLabel, QMenu, QWidget
 
-__all__ = ["ElidedLabel", "WrappedLabel", "breakable"]
+__all__ = ["ElidedLabel", "WrappedLabel", "breakable", "set_role"]
 
 BREAK = "\u200b"
 """Is not seen, and a line may end there."""
@@ -31,6 +31,14 @@ def breakable(text: str) -> str:
         return BREAK.join(RUNS.sub(rf"\1{BREAK}", part) for part in JOINTS.split(word))
 
     return "".join(part if part.isspace() else broken(part) for part in re.split(r"(\s+)", text))
+
+
+def set_role(widget: QWidget, role: str) -> None:
+    """Give a widget the look of a role, which follows the theme: of ``"error"``, ``"hint"``, or ``""`` of none."""
+    if widget.property("role") != role:
+        widget.setProperty("role", role)
+        widget.style().unpolish(widget)
+        widget.style().polish(widget)
 
 
 class WrappedLabel(QLabel):

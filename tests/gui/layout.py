@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-import pyqtgraph as pg
 from PySide6.QtCore import QRect, Qt
 from PySide6.QtGui import QFontMetrics, QTextDocument
 from PySide6.QtWidgets import (
@@ -28,11 +27,10 @@ from PySide6.QtWidgets import (
 )
 
 from gui.widgets.words import ElidedLabel
+from tests.gui.layout_plots import of_plots
+from tests.gui.layout_room import SLACK, less, squeezed
 
 __all__ = ["flaws"]
-
-SLACK = 2
-"""Pixels that are no flaw."""
 
 NEARLY = 16
 """A scroll bar for less than this is one too many (px)."""
@@ -46,11 +44,26 @@ def flaws(root: QWidget) -> list[str]:
     """Return what is wrong below ``root``, a line each: which widget, and what of it."""
     found = []
     for widget in (root, *root.findChildren(QWidget)):
-        if not widget.isVisible() or widget.visibleRegion().isEmpty():
+        if not _seen(widget):
             continue
         for words in _of(widget):
             found.append(f"{_path(widget)}: {words}")
     return found
+
+
+def _seen(widget: QWidget) -> bool:
+    """Return whether a part of a widget is inside all that it lies in.
+
+    Not its visible region: that of a plot is empty, as its viewport covers it.
+    """
+    if not widget.isVisible():
+        return False
+    inside, at = widget.rect(), widget
+    while not at.isWindow():
+        above = at.parentWidget()
+        inside = inside.translated(at.pos()).intersected(above.rect())
+        at = above
+    return not inside.isEmpty()
 
 
 def _path(widget: QWidget) -> str:
@@ -66,7 +79,7 @@ def _of(widget: QWidget) -> Iterator[str]:
     if isinstance(widget, QLabel):
         yield from _label(widget)
     elif isinstance(widget, BUTTONS):
-        if widget.text() and _less(widget.width(), widget.sizeHint().width()):
+        if widget.text() and less(widget.width(), widget.sizeHint().width()):
             yield f"{widget.text()!r} needs {widget.sizeHint().width()} px, has {widget.width()}"
     elif isinstance(widget, QComboBox):
         yield from _box(widget)
@@ -76,11 +89,8 @@ def _of(widget: QWidget) -> Iterator[str]:
         yield from _tabs(widget)
     elif isinstance(widget, QAbstractScrollArea):
         yield from _area(widget)
+    yield from squeezed(widget)
     yield from _siblings(widget)
-
-
-def _less(has: int, needs: int) -> bool:
-    return has + SLACK < needs
 
 
 def _label(label: QLabel) -> Iterator[str]:
@@ -91,11 +101,11 @@ def _label(label: QLabel) -> Iterator[str]:
         return
     short = text[:60]
     if not label.wordWrap():
-        if _less(label.width(), label.sizeHint().width()):
+        if less(label.width(), label.sizeHint().width()):
             yield f"{short!r} needs {label.sizeHint().width()} px, has {label.width()}"
         return
     needs = label.heightForWidth(label.width())
-    if _less(label.height(), needs):
+    if less(label.height(), needs):
         yield f"{short!r} needs a height of {needs} px, has {label.height()}"
     page = QTextDocument()
     page.setDefaultFont(label.font())
@@ -103,14 +113,14 @@ def _label(label: QLabel) -> Iterator[str]:
     rich = label.textFormat() != Qt.TextFormat.PlainText and "<" in text
     (page.setHtml if rich else page.setPlainText)(text)
     page.setTextWidth(label.contentsRect().width())
-    if _less(label.contentsRect().width(), int(page.idealWidth())):
+    if less(label.contentsRect().width(), int(page.idealWidth())):
         yield f"{short!r} has a word of {page.idealWidth():.0f} px in {label.contentsRect().width()}"
 
 
 def _box(box: QComboBox) -> Iterator[str]:
     needs = QFontMetrics(box.font()).horizontalAdvance(box.currentText())
     has = box.width() - 24  # the arrow
-    if _less(has, needs):
+    if less(has, needs):
         yield f"chosen {box.currentText()!r} needs {needs} px, has {has}"
 
 
@@ -118,7 +128,7 @@ def _edit(edit: QLineEdit) -> Iterator[str]:
     text = edit.text() or edit.placeholderText()
     needs = QFontMetrics(edit.font()).horizontalAdvance(text)
     has = edit.width() - 12
-    if "/" not in text and _less(has, needs):
+    if "/" not in text and less(has, needs):
         yield f"text {text!r} needs {needs} px, has {has}"
 
 
@@ -139,14 +149,14 @@ def _area(area: QAbstractScrollArea) -> Iterator[str]:
     if isinstance(area, QAbstractItemView | QTextEdit) and area.horizontalScrollBar().isVisible():
         yield "a horizontal scroll bar"
     if isinstance(area, QGraphicsView):
-        yield from _axes(area)
+        yield from of_plots(area)
 
 
 def _cells(table: QTableView) -> Iterator[str]:
     model, top = table.model(), table.horizontalHeader()
     for column in range(model.columnCount()):
         title = str(model.headerData(column, Qt.Orientation.Horizontal) or "")
-        if top.isVisible() and _less(top.sectionSize(column), QFontMetrics(top.font()).horizontalAdvance(title) + 8):
+        if top.isVisible() and less(top.sectionSize(column), QFontMetrics(top.font()).horizontalAdvance(title) + 8):
             yield f"title {title!r} needs more than {top.sectionSize(column)} px"
         for row in range(model.rowCount()):
             index = model.index(row, column)
@@ -156,27 +166,8 @@ def _cells(table: QTableView) -> Iterator[str]:
             if column in getattr(table, "brief", ()) and model.data(index, Qt.ItemDataRole.ToolTipRole) == text:
                 continue  # told in full beside the table
             needs = max(QFontMetrics(table.font()).horizontalAdvance(line) for line in text.split("\n")) + 6
-            if not table.wordWrap() and _less(table.columnWidth(column), needs):
+            if not table.wordWrap() and less(table.columnWidth(column), needs):
                 yield f"cell {text!r} needs {needs} px, has {table.columnWidth(column)}"
-
-
-def _axes(view: QGraphicsView) -> Iterator[str]:
-    """Names of axes that are longer than the axis, or not in its middle."""
-    for item in view.scene().items() if view.scene() is not None else ():
-        if not isinstance(item, pg.AxisItem) or not item.isVisible() or not item.label.isVisible():
-            continue
-        along = item.orientation in ("left", "right")
-        length = item.size().height() if along else item.size().width()
-        needs = item.label.boundingRect().width()
-        text = item.label.toPlainText().strip()
-        if not text:
-            continue
-        if needs > length + 12:
-            yield f"axis {text!r} needs {needs:.0f} px, has {length:.0f}"
-        centre = item.label.mapToParent(item.label.boundingRect().center())
-        off = (centre.y() if along else centre.x()) - length / 2
-        if abs(off) > 6:
-            yield f"axis {text!r} is named {off:+.0f} px from its middle"
 
 
 def _siblings(parent: QWidget) -> Iterator[str]:

@@ -20,7 +20,9 @@ from gui.app import safe_now
 from gui.crash import CrashGuard
 from gui.crash_dialog import CrashDialog
 from gui.log import FAULTS, NAME, Log, log_folder
+from gui.models.mishaps import Mishap
 from gui.window import MainWindow
+from tests.gui.layout import flaws
 from tests.gui.waiting import GUARD_MS
 
 
@@ -78,6 +80,21 @@ def test_errors_that_repeat_do_not_stack_dialogs(window: MainWindow, guard: Cras
     guard.tell()
     assert dialogs[0].isVisible() and "another" in dialogs[0].words.text()
     assert len([w for w in QApplication.topLevelWidgets() if isinstance(w, CrashDialog) and w.parent() is window]) == 1
+
+
+def test_details_have_the_room_they_need_whatever_the_screen(qapp: QApplication, qtbot: QtBot) -> None:
+    """Their lines were cut, and on a low screen the buttons lay over them."""
+    dialog = CrashDialog(Path("/var/log/lfcal/lfcal.log"))
+    qtbot.addWidget(dialog)
+    trace = "\n".join(f'  File "lfcal/module.py", line {k}, in a_function_with_a_long_name' for k in range(6))
+    mishap = Mishap("ValueError: no light", trace, "MainThread", ("ValueError",))
+    dialog.show_mishaps([mishap] * 2, ["What was done is safe, and told in as many words as a line can hold. " * 3] * 3)
+    narrow = dialog.width()
+    for on in (True, False, True):
+        dialog.more.setChecked(on)
+        qapp.processEvents()
+        assert not flaws(dialog) and dialog.details.isVisible() is on
+    assert dialog.width() > narrow
 
 
 def test_an_error_of_a_thread_is_told_by_the_windows_thread(guard: CrashGuard, qtbot: QtBot) -> None:

@@ -62,6 +62,7 @@ def test_a_job_s_log_is_read_copied_and_saved(jobs: Jobs, qtbot: QtBot, tmp_path
     view = row.show_log()
     qtbot.addWidget(view)
     text = view.view.toPlainText()
+    assert not view.view.horizontalScrollBar().isVisible(), "as wide as its lines"
     for words in (
         "command  lfcal assemble frames",
         "stage    read: 2 of 2 in ",

@@ -1,11 +1,14 @@
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from PySide6.QtGui import QIcon
 from PySide6.QtWidgets import QApplication
 
 from gui.theme import DARK, LIGHT, apply_theme, current_theme, style_sheet
+from gui.widgets.image_view import ImageView
 from gui.window import MainWindow
+from tests.gui.layout_colours import of_other_themes
 
 
 def test_another_theme_leaves_the_style(qapp: QApplication, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -69,3 +72,18 @@ def test_a_dialog_that_is_open_takes_another_theme(window: MainWindow) -> None:
     dialog.theme.setCurrentIndex(dialog.theme.findData("dark"))
     assert DARK.text in dialog.styleSheet() and LIGHT.text not in dialog.styleSheet()
     dialog.close()
+
+
+def test_a_window_that_measures_takes_the_theme(window: MainWindow) -> None:
+    """Its plots stayed dark."""
+    window.go("camera")
+    view = ImageView()
+    view.setParent(window)
+    view.set_image(np.ones((8, 8)))
+    view.show()
+    measuring = view.measure()
+    for theme in ("dark", "light"):
+        window.set_theme(theme)
+        QApplication.processEvents()
+        assert not list(of_other_themes(measuring))
+    measuring.close()

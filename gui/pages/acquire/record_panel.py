@@ -30,7 +30,6 @@ from gui.pages.acquire.model import EXTENTS, FIELDS, UNTIL
 from gui.pages.acquire.model_recorder import QUANTITIES, RecordPicture
 from gui.pages.acquire.model_until import ErrorCurve
 from gui.pages.acquire.record_pictures import RecordPictures
-from gui.theme import current_theme
 from gui.widgets.cards import card, choice_box, column_area, heading, line
 from gui.widgets.form import Form
 from gui.widgets.naming import name_controls
@@ -213,6 +212,7 @@ class RecordPanel(QWidget):
         column.addWidget(self.bar)
         self.alarms = QLabel("")
         self.alarms.setWordWrap(True)
+        self.alarms.setProperty("role", "error")
         self.alarms.hide()
         column.addWidget(self.alarms)
         self.plane = QSlider(Qt.Orientation.Horizontal)
@@ -279,13 +279,12 @@ class RecordPanel(QWidget):
 
     def show_picture(self, picture: RecordPicture, plane_words: str) -> None:
         """Show map, sum, curves and alarms."""
-        theme = current_theme()
         self.plane_label.setText(plane_words)
         self._picture = picture
         if self._drawn is not None:
             self._drawn.show_picture(picture)
         words = "<br>".join(picture.alarms)
-        self.alarms.setText(f"<b style='color:{theme.bad}'>{words}</b>" if words else "")
+        self.alarms.setText(f"<b>{words}</b>" if words else "")
         self.alarms.setVisible(bool(words))
         self.told.emit()
         self.open_plane.setEnabled(picture.complete)

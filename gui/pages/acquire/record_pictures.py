@@ -75,18 +75,17 @@ class RecordPictures(QWidget):
         grid.setSpacing(8)
         titles = [QLabel(title) for title in (MAP, "Current frame", SUM)]
         self.map_title, self.frame_title, self.third_title = titles
+        for picture in (self.map, self.frame, self.depth_sum):
+            picture.graphics.setMinimumSize(120, 90)
         for k, (title, view) in enumerate(zip(titles, (self.map, self.frame, self.third), strict=True)):
             panel, column = card(title)
-            view.setMinimumSize(120, 90)
             column.addWidget(view, 1)
             grid.addWidget(panel, 0, k)
         for k, (key, plot) in enumerate(self.curves.items()):
             panel, column = card(ElidedLabel(f"{CURVES[key]} by frame"))
-            plot.setMinimumSize(120, LOW)
-            plot.graphics.setMinimumHeight(LOW)
+            plot.graphics.setMinimumSize(120, LOW)
             for side in ("left", "bottom"):  # in a low window names beside the axes would be cut
                 plot.plot.getAxis(side).showLabel(False)
-            plot.plot.getAxis("left").setTickDensity(0.5)  # else numbers lie over each other there
             column.addWidget(plot)
             grid.addWidget(panel, 1, k)
         grid.setRowStretch(0, 5)
@@ -99,6 +98,7 @@ class RecordPictures(QWidget):
         """The error of H; made for a session that ends by it."""
         view = ErrorView()
         name_controls(view)
+        view.graphics.setMinimumSize(120, 90)
         self.third.addWidget(view)
         return view
 

@@ -115,7 +115,7 @@ class SetupPanel(QWidget):
         near.clicked.connect(self._zoom)
         column.addLayout(line(self.live, self.exposure, self.lattice, self.cutout, self.axes, self.log))
         column.addWidget(self.view, 1)
-        self.readout = ElidedLabel("Connect devices, then switch the live view on.")
+        self.readout = ElidedLabel()
         self.readout.setProperty("role", "hint")
         column.addLayout(line(self.readout, whole, near, stretch=0))
         self._window: tuple[int, int, int, int] | None = None
@@ -219,7 +219,7 @@ class SetupPanel(QWidget):
             view.plot.hideAxis("left")
             view.plot.hideAxis("bottom")
             view.graphics.removeItem(view.bar)
-            view.setMinimumHeight(90)
+            view.graphics.setMinimumHeight(90)
             half.addWidget(view, 1)
             pictures.addLayout(half)
         column.addLayout(pictures, 1)

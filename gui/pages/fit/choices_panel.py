@@ -89,7 +89,7 @@ class ChoicesPanel(QWidget):
         column.addWidget(self.way)
         column.addWidget(self.groups, 100)
         column.addWidget(self.legend)
-        column.addStretch(1)
+        column.addStretch()  # without a share of the room: the list has all that it can fill
         return frame
 
     # -- showing ---------------------------------------------------------------------------------------

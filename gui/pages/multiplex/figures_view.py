@@ -14,10 +14,10 @@ from gui.pages.multiplex.matrix_view import MatrixView
 from gui.theme import current_theme
 from gui.widgets.cards import card, choice_box, line
 from gui.widgets.naming import name_controls
-from gui.widgets.plots import LINES, LinePlot, shown_tone
+from gui.widgets.plots import LINES, LinePlot, shown_tone, style_axes
 from lfcal.multiplex.gains import GainMap
 from lfcal.multiplex.noise import GainCurves
-from lfcal.multiplex.paper import FIGURES, PaperFigure
+from lfcal.multiplex.paper import FIGURES, PaperFigure, PaperPanel
 
 __all__ = ["MAP", "FiguresView"]
 
@@ -187,8 +187,16 @@ class FiguresView(QWidget):
             self.grid.setRowStretch(k // found.columns, 1)
             self.heads[k].setText(panel.title)
             self.numbers[k].setText(panel.numbers)
-            self.views[k].show_array(panel.image, name=panel.title, levels=panel.levels)
+            self._show_panel(self.views[k], panel)
             self.cards[k].show()
+
+    def _show_panel(self, view: MatrixView, panel: PaperPanel) -> None:
+        """Draw a picture, or a spectrum with zero frequency in the middle."""
+        spectral = panel.title == "spectrum"
+        first = tuple(-(n // 2) for n in panel.image.shape[:2]) if spectral else (0, 0)
+        style_axes(view.plot, *(("u (1/frame)", "v (1/frame)") if spectral else ("column (px)", "row (px)")))
+        view.set_value_label("log₁₀ magnitude (1)" if spectral else "intensity (1)")
+        view.show_array(panel.image, name=panel.title, levels=panel.levels, origin=(first[0], first[1]))
 
     def _show_curves(self, k: int, title: str, curves: GainCurves) -> None:
         plot, named = self.curves[k], []

@@ -21,8 +21,8 @@ class MatrixView(ImageView):
         *,
         xlabel: str,
         ylabel: str,
+        value_label: str,
         unit: str = "px",
-        value_label: str = "intensity (counts)",
         signed: bool = False,
         bar_below: bool = False,
         square: bool = True,
@@ -32,7 +32,7 @@ class MatrixView(ImageView):
         self.plot.setAspectLocked(square)
         if bar_below:
             self.graphics.removeItem(self.bar)
-            self.bar = ColourBar(width=10, below=True)
+            self.bar = ColourBar(width=10, below=True, label=value_label)
             self.graphics.addItem(self.bar, row=1, col=0)
             self.apply_theme()
 

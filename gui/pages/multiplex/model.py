@@ -24,6 +24,8 @@ __all__ = [
     "choices_to_compare",
     "picture",
     "used_by",
+    "weighs",
+    "why_unused",
 ]
 
 RANGES = {"search_size": (2, 13), "levels": (2, 16), "kinds": (1, 6), "crosstalk": (0, 0.4), "least_light": (0, 0.99)}
@@ -44,8 +46,6 @@ _USES = {
     "search_size": lambda s: s.sought == "mask",
     "levels": lambda s: s.sought == "mask",
     "kinds": lambda s: s.sought != "mask",
-    "weighted": lambda s: s.scene in ("image", "live"),
-    "filter": lambda s: s.route != "general",
     "dead": lambda s: s.scene in ("image", "live"),
     "white": lambda s: s.scene in ("image", "live") and s.route == "lattice",
     "transmissions": lambda s: s.route == "general",
@@ -55,9 +55,32 @@ _USES = {
 }
 
 
-def used_by(settings: MultiplexSettings, key: str) -> bool:
-    """Return whether the field ``key`` matters."""
+LINEAR = (
+    "Pixels that are clipped or dead have no say: the spatial route then interpolates linearly. To choose a filter, "
+    "take all pixels alike: switch Leave out clipped off, and name no dead pixels"
+)
+"""Why there is no filter to choose."""
+
+
+def used_by(settings: MultiplexSettings, key: str, *, colour: bool = False) -> bool:
+    """Return whether the field ``key`` matters; ``colour``: the opened image is in colour, a scene and no frame."""
+    if key == "weighted":
+        return settings.scene == "live" or (settings.scene == "image" and not colour)
+    if key == "filter":
+        return settings.route != "general" and not weighs(settings, colour=colour)
     return key not in _USES or _USES[key](settings)
+
+
+def weighs(settings: MultiplexSettings, *, colour: bool = False) -> bool:
+    """Return whether pixels of the frame have weights; ``colour`` as in `used_by`."""
+    clipped = settings.weighted and used_by(settings, "weighted", colour=colour)
+    return clipped or (bool(settings.dead) and used_by(settings, "dead"))
+
+
+def why_unused(settings: MultiplexSettings, key: str, *, colour: bool = False) -> str:
+    """Return why a field that `used_by` refuses cannot be chosen, where its own tip does not say it."""
+    linear = key == "filter" and settings.route != "general" and weighs(settings, colour=colour)
+    return LINEAR if linear else ""
 
 
 @dataclass(frozen=True)

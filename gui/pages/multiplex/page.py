@@ -66,8 +66,9 @@ class Page(BasePage):
         self._live: tuple[Any, tuple[int, int]] | None = None
         self._live_busy = False
         self._search_job = 0
+        self._in_colour = ""
         self.set_panel(self.panel)
-        self.forms = (self.panel.form, self.panel.scene_form, self.panel.search.form, *self.panel.pictures.forms)
+        self.forms = self.panel.forms
         for form in self.forms:
             form.check = self._check
             form.edited.connect(self._edited)
@@ -107,10 +108,7 @@ class Page(BasePage):
         settings = MultiplexSettings.of(state)
         for form in self.forms:
             form.set_values({key: getattr(settings, key) for key in form.fields})
-            for key in form.fields:
-                form.set_enabled(key, view.used_by(settings, key))
-        for key, button in self.panel.pictures.buttons.items():
-            button.setEnabled(view.used_by(settings, key))
+        self._show_used(settings)
         self.panel.show_choices(view.choices_to_compare(settings.family), settings.compared)
         self.panel.pictures.show_right(settings.right)
         self.panel.figures.show_choice(settings.figure, settings.own_camera)
@@ -125,6 +123,15 @@ class Page(BasePage):
             self._refused,
         )
         self._tab_changed()
+
+    def _show_used(self, settings: MultiplexSettings) -> None:
+        self.panel.show_used(settings, colour=bool(settings.image) and settings.image == self._in_colour)
+
+    def _take_kind(self, path: str, *, colour: bool) -> None:
+        """Keep whether an opened image is in colour, which decides what is asked for."""
+        if colour != (path == self._in_colour):
+            self._in_colour = path if colour else ""
+            self._show_used(self.settings)
 
     def _tab_changed(self) -> None:
         self._reconstruct()
@@ -174,7 +181,8 @@ class Page(BasePage):
     def open_image(self, path: str) -> None:
         """Take an image as recorded frame or as scene, once it is known to be good."""
 
-        def read(_: object) -> None:
+        def read(found: tuple[Any, Any, str]) -> None:
+            self._take_kind(path, colour=found[0] is not None)
             settings = self.settings.changed("image", path).changed("scene", "image")
             self.context.project.update("open image", settings=settings.into(self.context.state))
             self.panel.tabs.setCurrentIndex(1)
@@ -236,6 +244,8 @@ class Page(BasePage):
     def _reconstructed(self, request: int, found: Reconstructions) -> None:
         if request == self._request:
             self.found = found
+            if self.settings.scene == "image":
+                self._take_kind(self.settings.image, colour=found.truth is not None)
             self._show_found()
 
     def _show_found(self) -> None:

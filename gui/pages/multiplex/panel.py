@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from html import escape
+from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
@@ -27,7 +28,7 @@ from PySide6.QtWidgets import (
 
 from gui.pages.multiplex.figures_view import FiguresView
 from gui.pages.multiplex.matrix_view import MatrixView
-from gui.pages.multiplex.model import ModulatorPicture
+from gui.pages.multiplex.model import ModulatorPicture, MultiplexSettings, used_by, why_unused
 from gui.pages.multiplex.model_compare import Comparison, number
 from gui.pages.multiplex.model_fields import FIELDS, ROUTE_FIELDS
 from gui.pages.multiplex.pictures import MultiplexPictures
@@ -36,6 +37,7 @@ from gui.theme import current_theme
 from gui.widgets.cards import card, column_area
 from gui.widgets.form import Form
 from gui.widgets.plots import LINES, LinePlot, shown_tone
+from gui.widgets.words import set_role
 
 __all__ = ["MultiplexPanel"]
 
@@ -84,6 +86,7 @@ class MultiplexPanel(QWidget):
                 form.editor(key).setMinimumWidth(56)
         self.pictures = MultiplexPictures()
         self.figures, self.search = FiguresView(), SearchView()
+        self.forms = (self.form, self.scene_form, self.search.form, *self.pictures.forms)
         self.tabs = QTabWidget()
         tabs = (self._modulator_tab(), "Modulator and gain", GAIN), (self.pictures, "Reconstruction", PICTURES)
         tabs = (*tabs, (self.figures, "Figures of the paper", FIGURES), (self.search, "Search", SEARCH))
@@ -126,11 +129,22 @@ class MultiplexPanel(QWidget):
         column.addWidget(self.file)
         return frame
 
+    def _make_views(self) -> tuple[MatrixView, ...]:
+        self.pattern = MatrixView(xlabel="column", ylabel="row", value_label="transmission (1)", bar_below=True)
+        self.spectrum = MatrixView(xlabel="u", ylabel="v", value_label="magnitude (1)", unit="1/period", bar_below=True)
+        basis: dict[str, Any] = {
+            "value_label": "weight (1)",
+            "unit": "index",
+            "bar_below": True,
+            "signed": True,
+            "square": False,
+        }
+        self.sigma = MatrixView(xlabel="j", ylabel="pixel k", **basis)
+        self.pi = MatrixView(xlabel="j", ylabel="sample n", **basis)
+        return self.pattern, self.spectrum, self.sigma, self.pi
+
     def _modulator_tab(self) -> QWidget:
-        self.pattern = MatrixView(xlabel="column", ylabel="row", bar_below=True)
-        self.spectrum = MatrixView(xlabel="u", ylabel="v", unit="1/period", bar_below=True)
-        self.sigma = MatrixView(xlabel="j", ylabel="pixel k", unit="index", bar_below=True, signed=True, square=False)
-        self.pi = MatrixView(xlabel="j", ylabel="sample n", unit="index", bar_below=True, signed=True, square=False)
+        views = self._make_views()
         widget = QWidget()
         row = QHBoxLayout(widget)
         row.setContentsMargins(0, 8, 0, 0)
@@ -138,11 +152,9 @@ class MultiplexPanel(QWidget):
         grid = QGridLayout()
         grid.setSpacing(8)
         self.titles = []
-        views = (self.pattern, self.spectrum, self.sigma, self.pi)
-        for k, (view, tip, title) in enumerate(
-            zip(views, TIPS, ("Pattern", "Spectrum, magnitude (1)", SIGMA, PI), strict=True)
-        ):
+        for k, (view, tip, title) in enumerate(zip(views, TIPS, ("Pattern", "Spectrum", SIGMA, PI), strict=True)):
             label = QLabel(title)
+            label.setWordWrap(True)
             label.setMinimumWidth(60)  # names of modulators may be long: they do not widen the window
             frame, column = card(label)
             for part in (view, label):
@@ -185,6 +197,7 @@ class MultiplexPanel(QWidget):
 
     def _curve_card(self) -> QWidget:
         self.curve_title = QLabel("Gain of signal to noise")
+        self.curve_title.setWordWrap(True)
         self.curve_title.setMinimumWidth(60)
         frame, column = card(self.curve_title)
         self.curve = LinePlot("χ² = photon / additive noise variance (1)", "gain (dB)")
@@ -201,6 +214,15 @@ class MultiplexPanel(QWidget):
         column.addWidget(self.curve, 1)
         column.addWidget(self.curve_hint)
         return frame
+
+    def show_used(self, settings: MultiplexSettings, *, colour: bool) -> None:
+        """Offer what matters with these settings; ``colour``: the opened image is in colour."""
+        for form in self.forms:
+            for key in form.fields:
+                why = why_unused(settings, key, colour=colour)
+                form.set_enabled(key, used_by(settings, key, colour=colour), why)
+        for key, button in self.pictures.buttons.items():
+            button.setEnabled(used_by(settings, key))
 
     # -- compared --------------------------------------------------------------------------------------
     def ticked(self) -> tuple[str, ...]:
@@ -253,7 +275,8 @@ class MultiplexPanel(QWidget):
         self.curve.clear()
         self._drawn = []
         self.marker.hide()
-        self.curve_hint.setText(f"<span style='color:{current_theme().bad}'>{escape(words)}</span>")
+        set_role(self.curve_hint, "error")
+        self.curve_hint.setText(escape(words))
 
     def show_comparison(self, found: Comparison, camera: str) -> None:
         """Show numbers and curves."""
@@ -268,6 +291,7 @@ class MultiplexPanel(QWidget):
         self.curve.clear()
         self._drawn = []
         self.marker.hide()
+        set_role(self.curve_hint, "hint")
         if found.curves is None:
             self.curve_title.setText("Gain of signal to noise")
             self.curve_hint.setText(f"No gains: {escape(found.reason)}")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from html import escape
-
 import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
@@ -13,9 +11,9 @@ from gui.models.form import Field
 from gui.pages.multiplex.matrix_view import MatrixView
 from gui.pages.multiplex.model_fields import FIELDS, ROUTE_FIELDS
 from gui.pages.multiplex.model_scene import Reconstructions, shown
-from gui.theme import current_theme
 from gui.widgets.cards import card, line
 from gui.widgets.form import Form
+from gui.widgets.words import set_role
 
 __all__ = ["MultiplexPictures"]
 
@@ -66,6 +64,7 @@ class MultiplexPictures(QWidget):
         outer.addLayout(self._route())
         outer.addLayout(self._pictures(), 1)
         self.status = QLabel("")
+        self.status.setTextFormat(Qt.TextFormat.PlainText)
         self.status.setWordWrap(True)
         outer.addWidget(self.status)
 
@@ -194,8 +193,8 @@ class MultiplexPictures(QWidget):
 
     def show_status(self, text: str, *, bad: bool = False) -> None:
         """Say what is shown, or why nothing is."""
-        colour = current_theme().bad if bad else current_theme().muted
-        self.status.setText(f"<span style='color:{colour}'>{escape(text, quote=False)}</span>")
+        set_role(self.status, "error" if bad else "hint")
+        self.status.setText(text)
 
     def _hovered(self, row: int, column: int, _: float) -> None:
         if row < 0:

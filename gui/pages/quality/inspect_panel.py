@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QTextBrowser, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
 from gui.pages.quality.evidence_view import EvidenceView
 from gui.pages.quality.model import FaultRow, MetricRow, QualitySettings, camera_choices
 from gui.theme import current_theme
 from gui.widgets.cards import card, heading
+from gui.widgets.fitted_text import FittedBrowser
 from gui.widgets.form import Form
 from gui.widgets.rows_table import RowsTable
 from gui.widgets.splitting import split
@@ -104,10 +105,9 @@ class InspectPanel(QWidget):
             table.verticalHeader().setDefaultSectionSize(ROW)
             table.setSelectionMode(RowsTable.SelectionMode.SingleSelection)
             table.itemSelectionChanged.connect(lambda t=table, s=signal: self._chosen(t, s))
-        self.words = QTextBrowser()
+        self.words = FittedBrowser(108, 170)
         self.words.setOpenLinks(False)
         self.words.anchorClicked.connect(lambda link: self.fault_asked.emit(link.path()))
-        self.words.setFixedHeight(108)
         self.words.setAccessibleName("what it means, and what to do")
         column.addWidget(heading("Faults by the camera's model"))
         column.addWidget(self.no_faults)

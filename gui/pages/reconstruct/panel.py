@@ -27,13 +27,12 @@ from gui.models.words import unbroken
 from gui.pages.reconstruct.model import FIELDS, ReconstructSettings, used_by
 from gui.pages.reconstruct.model_device import DEVICE, NO_DEVICE
 from gui.pages.reconstruct.volume_view import VolumeView
-from gui.theme import current_theme
 from gui.widgets.cards import card, column_area, line
 from gui.widgets.form import Form
 from gui.widgets.image_view import ImageView
 from gui.widgets.plots import LinePlot, line_px
 from gui.widgets.splitting import split
-from gui.widgets.words import ElidedLabel, WrappedLabel
+from gui.widgets.words import ElidedLabel, WrappedLabel, set_role
 from lfcal.reconstruct.phantoms import PHANTOMS
 from lfcal.reconstruct.solvers.choice import SOLVERS
 
@@ -188,7 +187,7 @@ class ReconstructPanel(QWidget):
         top, inner = card(self.pixel)
         self.light_field.graphics.removeItem(self.light_field.bar)
         self.light_field.hovered.connect(self._hovered)
-        self.light_field.setMinimumSize(150, 110)
+        self.light_field.graphics.setMinimumSize(150, 110)
         inner.addWidget(self.light_field, 1)
         column.addWidget(top, 5)
         below, inner = card()
@@ -213,7 +212,7 @@ class ReconstructPanel(QWidget):
         column = QVBoxLayout(frame)
         column.setContentsMargins(0, 4, 0, 0)
         for plot in (self.residual, self.likelihood):
-            plot.setMinimumSize(150, 80)
+            plot.graphics.setMinimumSize(150, 80)
             column.addWidget(plot, 1)
         return frame
 
@@ -288,8 +287,8 @@ class ReconstructPanel(QWidget):
 
     def show_status(self, words: str, fraction: float | None, *, bad: bool = False) -> None:
         """Show how far it is; None: not known."""
-        colour = current_theme().bad
-        self.status.setText(f"<span style='color:{colour}'>{words}</span>" if bad else words)
+        set_role(self.status, "error" if bad else "")
+        self.status.setText(words)
         self.bar.setRange(0, 0 if fraction is None else 1000)
         if fraction is not None:
             self.bar.setValue(round(1000 * fraction))

@@ -11,6 +11,7 @@ from pytestqt.qtbot import QtBot
 
 from gui.theme import DARK, LIGHT, NIGHT, apply_theme
 from gui.widgets.plots import LINES, LinePlot
+from tests.gui.layout import flaws
 from tests.gui.waiting import GUARD_MS
 
 
@@ -130,3 +131,25 @@ def test_what_is_counted_has_no_ticks_between(qtbot: QtBot) -> None:
         ticks = [v for _, values in axis.tickValues(0.8, last + 0.2, 400.0) for v in values]
         assert ticks and all(float(v).is_integer() and v >= 0 for v in ticks)
     assert axis.labelText == "iteration"
+
+
+@pytest.mark.parametrize("top", [0.1, 1.0, 35_000.0, 7e6])
+def test_numbers_of_a_low_plot_do_not_lie_over_each_other(qtbot: QtBot, top: float) -> None:
+    plot = LinePlot("frame", "energy (counts)")
+    qtbot.addWidget(plot)
+    plot.graphics.setMinimumHeight(50)
+    for side in ("left", "bottom"):
+        plot.plot.getAxis(side).showLabel(False)
+    plot.set_curve("energy", [0, 1, 2], [0, top, top / 2])
+    plot.show()
+    axis = plot.plot.getAxis("left")
+    for height in (200, 110, 80, 70):
+        plot.resize(300, height)
+        QApplication.processEvents()
+        low, high = axis.range
+        ticks = sorted(axis.tickValues(low, high, axis.height())[0][1])
+        seen = [tick for tick in ticks if low < tick < high]
+        assert len(seen) > (height > 70), "one number tells no scale"
+        apart = np.diff(ticks) * axis.height() / (high - low)
+        assert not apart.size or apart.min() > 12
+    assert not flaws(plot)

@@ -11,7 +11,7 @@ import pytest
 
 from gui.models.project import ProjectState
 from gui.pages.frames.model import FrameSettings
-from gui.pages.multiplex.model import MultiplexSettings, choices_to_compare, picture, used_by
+from gui.pages.multiplex.model import MultiplexSettings, choices_to_compare, picture, used_by, why_unused
 from gui.pages.multiplex.model_compare import compare, number
 from gui.pages.multiplex.model_frames import noisy, opened, scene_of
 from gui.pages.multiplex.model_routes import measured_in, white_of
@@ -112,6 +112,17 @@ def test_only_what_matters_is_offered() -> None:
     one = MultiplexSettings()
     assert used_by(one, "cfa") and not used_by(one, "pattern") and not used_by(one, "mask") and used_by(one, "gain")
     assert used_by(replace(one, cfa="typed"), "pattern") and used_by(replace(one, family="both"), "size")
+    for scene in ("image", "live"):
+        seen = replace(one, scene=scene)
+        assert used_by(seen, "filter") and not why_unused(seen, "filter")
+        for weighed in (replace(seen, weighted=True), replace(seen, dead="dead.npy")):
+            assert not used_by(weighed, "filter") and "linear" in why_unused(weighed, "filter")
+    assert used_by(replace(one, weighted=True, dead="dead.npy"), "filter"), "built-in scenes have no weights"
+    coloured = replace(one, scene="image", weighted=True)
+    assert used_by(coloured, "filter", colour=True) and not used_by(coloured, "weighted", colour=True)
+    assert not used_by(replace(coloured, dead="dead.npy"), "filter", colour=True)
+    general = replace(one, scene="live", weighted=True, route="general")
+    assert not used_by(general, "filter") and not why_unused(general, "filter")
     assert "Bayer" in choices_to_compare("cfa") and "MURA" in choices_to_compare("both")
 
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from PySide6.QtWidgets import QApplication
@@ -19,6 +20,7 @@ from lfcal.multiplex.noise import camera_chi2
 from lfcal.multiplex.paper import paper_figure
 from lfcal.multiplex.scenes import colour_edges
 from tests.gui.conftest import OpenPage
+from tests.gui.layout_colours import of_other_themes
 from tests.gui.waiting import idle
 
 
@@ -306,6 +308,41 @@ def test_clipped_pixels_of_a_live_frame_have_no_say(page: Page, context: Context
     assert "weighted" in page.panel.pictures.heads[0].text()
 
 
+def test_no_filter_is_offered_where_weights_make_it_linear(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
+    page.panel.tabs.setCurrentIndex(1)
+    images = {"frame": np.full((24, 30), 300.0, np.float32), "colours": np.full((24, 30, 3), 300, np.uint16)}
+    np.save(tmp_path / "frame.npy", images["frame"])
+    cv2.imwrite(str(tmp_path / "colours.png"), images["colours"])
+    page.open_image(str(tmp_path / "frame.npy"))
+    settle(page, qtbot)
+    box, weighted = editor_of(page, "filter"), editor_of(page, "weighted")
+    tip = box.toolTip()
+    assert box.isEnabled() and weighted.isEnabled() and "theorem 1" in tip
+    weighted.click()
+    settle(page, qtbot)
+    assert not box.isEnabled() and "switch Leave out clipped off" in box.toolTip()
+    page.open_image(str(tmp_path / "colours.png"))  # a scene, whose frame has no clipped pixels
+    settle(page, qtbot)
+    assert box.isEnabled() and box.toolTip() == tip and not weighted.isEnabled()
+    page.open_image(str(tmp_path / "frame.npy"))
+    settle(page, qtbot)
+    assert not box.isEnabled()
+    weighted.click()
+    assert box.isEnabled() and box.toolTip() == tip
+
+
+def test_a_coloured_scene_of_a_project_is_known_by_what_is_made_of_it(
+    page: Page, context: Context, qtbot: QtBot, tmp_path: Path
+) -> None:
+    cv2.imwrite(str(tmp_path / "colours.png"), np.full((24, 30, 3), 300, np.uint16))
+    settings = MultiplexSettings(scene="image", image=str(tmp_path / "colours.png"), weighted=True)
+    context.project.update("opened", settings=settings.into(context.state))
+    page.panel.tabs.setCurrentIndex(1)
+    settle(page, qtbot)
+    assert page.found is not None and page.found.spatial.name == "Spatial, cubic"
+    assert editor_of(page, "filter").isEnabled() and not editor_of(page, "weighted").isEnabled()
+
+
 def test_the_general_route_and_dead_pixels(
     page: Page, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -391,3 +428,21 @@ def test_a_mask_on_the_lattice_of_a_white_image(
     weighted.click()
     settle(page, qtbot)
     assert page.found is not None and page.found.spatial.name == "Spatial, weighted"
+
+
+def test_what_is_said_keeps_to_the_theme(page: Page, qapp: QApplication, qtbot: QtBot) -> None:
+    """Words stayed as pale as they are on dark."""
+    page.panel.tabs.setCurrentIndex(1)
+    page.panel.pictures.show_status("made of light", bad=False)
+    page._refused("no such pattern")
+    for theme in (DARK, LIGHT):
+        apply_theme(qapp, theme)
+        page.take_theme()
+        assert not list(of_other_themes(page))
+    assert page.panel.curve_hint.property("role") == "error"
+    page.panel.pictures.show_status("no <b>light</b>", bad=True)
+    status = page.panel.pictures.status
+    assert status.property("role") == "error" and status.text() == "no <b>light</b>"
+    choose(page, "cfa", "Bayer")
+    settle(page, qtbot)
+    assert page.panel.curve_hint.property("role") == "hint"
