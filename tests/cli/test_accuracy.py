@@ -59,6 +59,12 @@ def test_a_curve_of_h_as_json_and_drawn(lfcal: Lfcal, h: Path, tmp_path: Path) -
     assert picked["cost"] == min(good) and picked["error"] <= 0.005
     again = lfcal("accuracy", h, "--place", "storage", "--draw", chart)
     assert again.code == 2 and "a.png: exists; add --force" in again.err
+
+
+@pytest.mark.long
+def test_a_curve_is_drawn_again_where_that_is_asked_for(lfcal: Lfcal, h: Path, tmp_path: Path) -> None:
+    chart = tmp_path / "a.png"
+    chart.write_text("an earlier one")
     assert lfcal("accuracy", h, "--place", "storage", "--draw", chart, "--force").code == 0
 
 

@@ -43,6 +43,7 @@ def test_a_deep_range_of_the_preset_is_simulated(lfcal: Lfcal, tmp_path: Path) -
     assert all(0.98 < part.min() <= part.max() <= 1.005 for part in light)
 
 
+@pytest.mark.long
 @pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("name", "side", "planes", "cutout", "bound"),

@@ -74,6 +74,7 @@ def test_the_reference_is_the_sum(name: str) -> None:
     assert relative_error(found, wanted(name)) < 1e-4
 
 
+@pytest.mark.long
 @pytest.mark.few(1)
 @pytest.mark.parametrize("turn_rad", [0.01, 0.3])
 @pytest.mark.parametrize("name", QUICK[1:])

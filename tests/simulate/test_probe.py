@@ -65,6 +65,7 @@ def test_fringes_between_fast_lenslets_are_sampled(share: float) -> None:
     assert large[-1].sampling.nodes_per_px >= Fringes.of(scene).nodes == 7
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("v", [2.0, pytest.param(0.0, marks=pytest.mark.long)])
 @pytest.mark.parametrize("share", [0.03, pytest.param(0.005, marks=pytest.mark.long)])
 def test_rays_too_steep_for_windows_are_followed_on_a_grid(v: float, share: float) -> None:
