@@ -78,8 +78,7 @@ def test_a_plan_as_a_table(lfcal: Lfcal, scan: Path) -> None:
 def test_a_camera_needs_planes(lfcal: Lfcal) -> None:
     run = lfcal("accuracy", "bench", "--place", "bases")
     assert run.code == 2 and "give --depths (µm) or --virtual-depths" in run.err
-    for planes in (("--virtual-depths", "3,4"), ("--depths", "-20mm", "--cutout", "31")):
-        assert lfcal("accuracy", "bench", *planes, "--place", "bases", "--json").code == 0
+    assert lfcal("accuracy", "bench", "--depths", "-20mm", "--cutout", "31", "--place", "bases", "--json").code == 0
 
 
 @pytest.mark.parametrize("options", [("--depths", "1,2"), ("--virtual-depths", "3"), ("--cutout", "31")])

@@ -35,6 +35,7 @@ def succeeded(run: Run) -> Run:
     return run
 
 
+@pytest.mark.long
 def test_a_deep_range_of_the_preset_is_simulated(lfcal: Lfcal, tmp_path: Path) -> None:
     out = tmp_path / "H.h5"
     succeeded(lfcal("simulate", "lfm_20x05", "--depths", "-30:30:30", "-o", out))
