@@ -34,6 +34,7 @@ def until(lfcal: Lfcal, *more: str) -> Run:
     return lfcal("acquire", "plan.json", "-o", "s", "--unknowns", "geometry", "--workers", "1", *SIMULATED, *more)
 
 
+@pytest.mark.long
 def test_a_session_ends_by_the_error_of_h(lfcal: Lfcal, place: Path) -> None:
     run = until(lfcal, "--until-error", "0.3%")
     assert run.code == 0, run.err
