@@ -7,7 +7,7 @@ import pytest
 from lfcal.simulate import predict_bytes
 from tests.fuzz.cameras import random_trial, verdict
 
-SEEDS = 12
+SEEDS = 6
 LONG_SEEDS = 400
 
 
