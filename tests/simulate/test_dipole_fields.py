@@ -131,6 +131,7 @@ def test_the_error_that_is_stated_is_the_one_there_is(name: str, z_um: float, le
     assert error < 3 * response.reached + 1e-4
 
 
+@pytest.mark.long
 @pytest.mark.few(1)
 @pytest.mark.parametrize(("name", "z_um"), DEPTHS)
 def test_patterns_of_a_fit(name: str, z_um: float) -> None:

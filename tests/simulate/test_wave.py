@@ -38,6 +38,7 @@ def test_against_the_reference(v, bound):
     assert relative_error(shifted, wanted) > 5 * bound
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("v", "fast", "bound"),
     [
