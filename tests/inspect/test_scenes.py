@@ -51,6 +51,7 @@ def test_patterns_without_light_are_all_wrong() -> None:
     assert trial(40, 0).error(light()) == pytest.approx(0, abs=1e-6)
 
 
+@pytest.mark.long
 def test_several_scenes_err_by_their_root_mean_square() -> None:
     both = SceneTrial(light(), 40, (0, 1))
     each = [trial(40, seed).error(clean()) for seed in (0, 1)]

@@ -133,6 +133,7 @@ def test_a_single_lenslet_is_the_fresnel_pattern_of_its_aperture():
     assert relative_error(found[inner, inner], wanted[inner, inner]) < 6e-3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("v", [4.0, pytest.param(0.4, marks=pytest.mark.long)])
 def test_single_precision_is_enough(v):
     scene = camera_scene(v)
