@@ -63,6 +63,18 @@ def _same_speeds() -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _plain_layouts(pytestconfig: pytest.Config) -> Iterator[None]:
+    """Draw figures without measuring their labels; with --long as for users."""
+    if pytestconfig.getoption("--long"):
+        yield
+        return
+    from tests.pictures import not_laid_out
+
+    with not_laid_out():
+        yield
+
+
 OTHER_KERNELS = ("lattice", "multiplex", "reconstruct", "psf")
 """Folders whose tests need other kernels than those of simulations, which `accuracy` begins with."""
 

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from lfcal.figures import LINES, figure, save_figure
+from tests.pictures import laid_out, not_laid_out
 
 
 def test_few_colours_make_a_smaller_file_of_the_same_picture(tmp_path: Path) -> None:
@@ -22,3 +23,16 @@ def test_few_colours_make_a_smaller_file_of_the_same_picture(tmp_path: Path) -> 
     assert len(np.unique(few.reshape(-1, 3), axis=0)) <= 64 < len(np.unique(whole.reshape(-1, 3), axis=0))
     assert np.abs(few - whole).mean() < 1 and np.abs(few - whole).max() < 80
     assert (tmp_path / "few.png").stat().st_size < 0.5 * (tmp_path / "all.png").stat().st_size
+
+
+def test_what_is_drawn_fits_into_the_figure(tmp_path: Path) -> None:
+    """Long labels are inside: without a layout the sheet's border cuts them."""
+    borders = []
+    for how in (laid_out, not_laid_out):
+        with how(), figure(3, 2) as fig:
+            axes = fig.subplots()
+            axes.set_ylabel("light of the pattern\nin thousands of electrons\nbeyond the background")
+            save_figure(fig, tmp_path / "a.png")
+        picture = cv2.imread(str(tmp_path / "a.png"))
+        borders.append(float((picture[:, :2] < 250).mean()))
+    assert borders[0] == 0 < borders[1]

@@ -286,6 +286,7 @@ def acknowledged(folder: Path) -> int:
         return int(recording.taken.sum())
 
 
+@pytest.mark.few(1)
 @pytest.mark.skipif(os.name != "posix", reason="interrupted by a signal")
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", pytest.param("SIGHUP", marks=pytest.mark.long)])
 def test_ctrl_c_stops_in_order_and_the_session_resumes(

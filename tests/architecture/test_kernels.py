@@ -177,15 +177,11 @@ REGION = (
 )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("file", "fields", "code"),
     [
-        pytest.param(
-            "reconstruct/projectors/_kernels.py",
-            ("    period_y: int", "    period_x: int"),
-            WINDOWS,
-            marks=pytest.mark.long,
-        ),
+        ("reconstruct/projectors/_kernels.py", ("    period_y: int", "    period_x: int"), WINDOWS),
         ("frames/corrections/_kernels.py", ("    per_row: float", "    per_column: float"), REGION),
     ],
 )

@@ -123,6 +123,10 @@ def test_lattice(bench: Bench) -> None:
     (found,) = bench.json("lattice", "--cameras", 1, "--workers", 1)
     assert found["form"] == found["called"] == "radial" and found["kind"] == "hexagonal"
     assert found["rms_px"] < 0.01 and found["largest_px"] < 0.05 and 0.1 < found["pull"] < 2 and found["seconds"] > 0
+
+
+@pytest.mark.long
+def test_lattice_in_words(bench: Bench) -> None:
     assert "1 of 1 in the form drawn" in bench("lattice", "--cameras", 1)
 
 
@@ -350,6 +354,16 @@ def test_forecast(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "description/taken" in bench("forecast", "lfm_20x05", "--rows", "1")
 
 
+def test_work_by_threads(bench: Bench, tmp_path: Path) -> None:
+    options = ("--planes", 2, "--rows", 2, "--cutout", 21, "--tolerance", 0.3, "--rounds", 1, "--folder", tmp_path)
+    found = bench.json("work", "bench", *options, "--executors", "threads", "--many", 64)
+    assert set(found["seconds"]) == {"threads 1", "threads 2"} and set(found["scaling"]) == {"threads"}
+    assert found["forecast"]["units"] == 2 and found["forecast"]["workers"] == 64
+    assert "dask or processes or threads" in bench("work", "bench", "--executors", "magic", code=2)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.long
 def test_work_by_executors(bench: Bench, tmp_path: Path) -> None:
     options = ("--planes", 2, "--rows", 2, "--cutout", 21, "--tolerance", 0.3, "--rounds", 1, "--folder", tmp_path)
     found = bench.json("work", "bench", *options, "--executors", "threads,processes", "--many", 64)
@@ -360,14 +374,22 @@ def test_work_by_executors(bench: Bench, tmp_path: Path) -> None:
     assert found["forecast"]["units"] == 2 and found["forecast"]["workers"] == 64
     said = bench("work", "bench", *options, "--executors", "threads")
     assert "2 units" in said and "64 workers by forecast: 2 units of " in said
-    assert "dask or processes or threads" in bench("work", "bench", "--executors", "magic", code=2)
     assert not list(tmp_path.iterdir())
 
 
-def test_storage(bench: Bench, tmp_path: Path) -> None:
+def test_storage_wants_shares_and_a_free_name(bench: Bench, tmp_path: Path) -> None:
     (tmp_path / "old.png").write_bytes(b"old")
     assert "exists" in bench("storage", "--chart", tmp_path / "old.png", code=2)
     assert "a share above 0 and below 1" in bench("storage", "--tolerances", "2", code=2)
+
+
+@pytest.mark.long
+def test_storage_in_words(bench: Bench, tmp_path: Path) -> None:
+    options = ("--virtual-depths", "2,2.5", "--tolerances", "0.02,0.005", "--repeats", 1, "--folder", tmp_path)
+    assert "11 planes, within 2 %" in bench("storage", "bench", *options, "--planes", 11, "--workers", 1)
+
+
+def test_storage(bench: Bench, tmp_path: Path) -> None:
     options = ("--virtual-depths", "2,2.5", "--tolerances", "0.02,0.005", "--repeats", 1, "--folder", tmp_path)
     found = bench.json("storage", "bench", *options, "--planes", 11, "--chart", tmp_path / "storage.png")
     rows = found["rows"]
@@ -384,5 +406,4 @@ def test_storage(bench: Bench, tmp_path: Path) -> None:
     assert small < exact / 3
     (many,) = (row["bytes"] for row in rows if row["depth"] == 2.5 and row["tolerance"] == 0.005)
     assert small < 11 * many, "planes of less light take less"
-    assert "11 planes, within 2 %" in bench("storage", *options, "--planes", 11, "--force", "--workers", 1)
-    assert {path.name for path in tmp_path.iterdir()} == {"old.png", "storage.png"}, "no H is left"
+    assert {path.name for path in tmp_path.iterdir()} == {"storage.png"}, "no H is left"

@@ -11,11 +11,13 @@ import pytest
 from lfcal.bench import _fault_costs, faults
 from lfcal.bench._fault_list import FAULTS, Injected
 from lfcal.bench._fault_recordings import CAMERAS, Recording
+from lfcal.bench.faults import Tried
 from tests.bench.test_commands import Bench, bench
 
 __all__ = ["bench"]
 
 
+@pytest.mark.long
 def test_a_fault_is_tried_with_its_costs_and_what_was_tried_is_kept(
     bench: Bench, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -33,6 +35,20 @@ def test_a_fault_is_tried_with_its_costs_and_what_was_tried_is_kept(
     with file.open("a") as more:
         more.write("none\n")
     assert "line 2 of tried.jsonl" in bench("faults", *part, "--keep", file, code=2)
+
+
+def test_what_was_tried_is_kept(bench: Bench, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    once = Tried("bench", FAULTS[0].name, FAULTS[0].strengths[2], FAULTS[0].unit, 0.2, 0.15, 1, ("a 0.150",), 1.0)
+    answers = iter([once])
+    monkeypatch.setattr(faults, "_truth", lambda recording: None)
+    monkeypatch.setattr(faults, "tried", lambda *_: next(answers))
+    part = ("--cameras", "bench", "--faults", 1, "--strengths", "3", "--patterns", 24, "--keep", tmp_path / "kept")
+    found = bench.json("faults", *part)
+    assert found["faults"][0]["told"] == 0.15 and found["first_or_second"] == 1
+    assert bench.json("faults", *part) == found, "nothing is done again"
+    with (tmp_path / "kept").open("a") as more:
+        more.write("none\n")
+    assert "line 2 of kept" in bench("faults", *part, code=2)
 
 
 def test_cameras_without_a_fault(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from lfcal.campaign.point_assembly import iter_assemble_points
 from lfcal.campaign.point_parts import measured_points
@@ -29,6 +30,7 @@ def view_of(plan: TargetPlan, frames: np.ndarray) -> FrameSource:
     return decoded(corrected_view(TargetFrames(source, plan), level, plan.scan), plan)
 
 
+@pytest.mark.long
 def test_at_low_light_h_of_sums_is_better_at_equal_time(tmp_path: Path) -> None:
     plan = drain(iter_plan_display(SCAN, Display((2000, 2000), 5.0), Wishes(0.3, 0.02, 7)))
     coded = coded_plan(plan, s_matrix(7), 5.0)

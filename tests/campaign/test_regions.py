@@ -108,6 +108,7 @@ def test_from_the_plan_to_h_of_all_regions(
     assert sorted(p.name for p in tmp_path.iterdir()) == ["H.h5", "again.h5", "plan.json", "s"]
 
 
+@pytest.mark.long
 def test_the_loss_between_regions_is_that_of_their_patterns(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -34,6 +34,7 @@ def until(lfcal: Lfcal, *more: str) -> Run:
     return lfcal("acquire", "plan.json", "-o", "s", "--unknowns", "geometry", "--workers", "1", *SIMULATED, *more)
 
 
+@pytest.mark.long
 def test_a_session_ends_by_the_error_of_h(lfcal: Lfcal, place: Path) -> None:
     run = until(lfcal, "--until-error", "0.3%")
     assert run.code == 0, run.err
@@ -41,7 +42,12 @@ def test_a_session_ends_by_the_error_of_h(lfcal: Lfcal, place: Path) -> None:
     assert "12 positions: error of H 0." in run.err
     session = SessionFile.read(place / "s")
     assert len(session.redo[0]) == 12 and session.kept_aside
-    # further with a smaller error, within some positions
+    assert lfcal("verify", "s").code == 0
+
+
+@pytest.mark.long
+def test_a_session_goes_on_to_a_smaller_error_within_some_positions(lfcal: Lfcal, place: Path) -> None:
+    assert until(lfcal, "--until-error", "0.3%").code == 0
     more = until(lfcal, "--resume", "--until-error", "0.0007", "--most", "18", "--json")
     assert more.code == 0 and isinstance(more.json, dict), more.err
     assert more.json["ended"] == "used up" and more.json["steps"][-1]["positions"] == 18

@@ -42,15 +42,14 @@ WORDS = ("assemble", "frames", "--dark", "dark", "--white", "white", "--white-mo
 @pytest.mark.parametrize(
     ("dtype", "executor"),
     [
-        ("uint16", "threads"),
         ("float32", "processes"),
-        ("uint16", "dask"),
+        pytest.param("uint16", "threads", marks=pytest.mark.long),
+        pytest.param("uint16", "dask", marks=pytest.mark.long),
         pytest.param("float32", "threads", marks=pytest.mark.long),
         pytest.param("uint16", "processes", marks=pytest.mark.long),
         pytest.param("float32", "dask", marks=pytest.mark.long),
     ],
 )
-@pytest.mark.few(2)
 def test_the_same_file_by_whoever(lfcal: Lfcal, scan: Path, dtype: str, executor: str) -> None:
     if executor == "dask":
         pytest.importorskip("distributed", reason="dask.distributed is not installed")
@@ -103,7 +102,7 @@ def test_one_file_of_each_colour(lfcal: Lfcal, session: Path, monkeypatch: pytes
     (session / "rgb" / "manifest.csv").write_text((session / "frames" / "manifest.csv").read_text())
     words = ("assemble", "rgb", "--channel", "each", "--keep-pedestal")
     assert lfcal(*words, "-o", "one.h5").code == 0
-    run = lfcal(*words, "-o", "two.h5", "--executor", "processes", "--workers", 1)
+    run = lfcal(*words, "-o", "two.h5", "--executor", "threads", "--workers", 1)
     assert run.code == 0, run.err
     for colour in "RGB":
         assert contents(session / f"one_{colour}.h5") == contents(session / f"two_{colour}.h5")

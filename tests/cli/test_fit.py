@@ -182,6 +182,7 @@ def test_withheld_points_are_predicted(lfcal: Lfcal, place: Path, fitted: list[M
     assert again.code == 2 and "exists; add --force" in again.err
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("plain_pages")
 def test_a_plane_without_patterns_is_told(lfcal: Lfcal, place: Path) -> None:
     few = few_patterns()

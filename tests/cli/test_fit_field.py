@@ -58,17 +58,9 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-WORDS: tuple[object, ...] = (
-    "--unknowns",
-    "field_wavefront",
-    "--positions",
-    "4",
-    "--hybrid",
-    "--validate",
-    "--validate-on",
-    "there.h5",
-)
-WORDS += ("--object", "points.tif", "--scene", "points.npy", "--noise", "64,1", "--black-level", 50)
+WORDS: tuple[object, ...] = ("--unknowns", "field_wavefront", "--positions", "4")
+MORE: tuple[object, ...] = ("--hybrid", "--validate", "--validate-on", "there.h5")
+MORE += ("--object", "points.tif", "--scene", "points.npy", "--noise", "64,1", "--black-level", 50)
 
 
 def known_object(read: float = 8.0) -> tuple[np.ndarray, np.ndarray]:
@@ -93,12 +85,22 @@ def known_object(read: float = 8.0) -> tuple[np.ndarray, np.ndarray]:
 def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
     """Return the folder in which two regions were fitted, and what was said."""
     folder = tmp_path_factory.mktemp("regions")
+    for name in ("centre", "edge"):
+        save(region(name), folder / f"{name}.h5")
+    said, _ = typed(folder, "fit", "centre.h5", "edge.h5", *WORDS, "--workers", 1, "--json", pictures=False)
+    return folder, json.loads(said)
+
+
+@pytest.fixture(scope="module")
+def judged(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    """Return such a folder and what was said, where the fit was also held against points, a place and an object."""
+    folder = tmp_path_factory.mktemp("judged")
     for name, of in (("centre", "centre"), ("edge", "edge"), ("there", "corner")):
         save(region(of), folder / f"{name}.h5")
     volume, frame = known_object()
     np.save(folder / "points.npy", volume)
     cv2.imwrite(str(folder / "points.tif"), frame)
-    said, _ = typed(folder, "fit", "centre.h5", "edge.h5", *WORDS, "--workers", 1, "--json", pictures=False)
+    said, _ = typed(folder, "fit", "centre.h5", "edge.h5", *WORDS, *MORE, "--workers", 1, "--json", pictures=False)
     return folder, json.loads(said)
 
 
@@ -140,8 +142,9 @@ def test_a_fit_of_regions_is_told_in_words(place: Path, lfcal: Lfcal) -> None:
     assert "wavefront (waves)" in run.out and "field_coma" in run.out
 
 
-def test_hybrid_and_validation_are_each_regions_own(whole: tuple[Path, dict[str, Any]]) -> None:
-    place, told = whole
+@pytest.mark.long
+def test_hybrid_and_validation_are_each_regions_own(judged: tuple[Path, dict[str, Any]]) -> None:
+    place, told = judged
     assert set(told["hybrid"]) == {"centre", "edge"} and set(told["validation"]) == {"centre", "edge", "there"}
     for name in ("centre", "edge"):
         folder = place / "fit" / name
@@ -180,8 +183,9 @@ def test_the_field_as_a_whole_has_a_page(whole: tuple[Path, dict[str, Any]]) -> 
     assert min(picture.shape[:2]) > 300 and (apart > 80).any() and (apart < -80).any()
 
 
-def test_each_point_of_an_object_is_seen_by_h_of_the_nearest_region(whole: tuple[Path, dict[str, Any]]) -> None:
-    place, told = whole
+@pytest.mark.long
+def test_each_point_of_an_object_is_seen_by_h_of_the_nearest_region(judged: tuple[Path, dict[str, Any]]) -> None:
+    place, told = judged
     found = told["object"]
     assert found["frame"] == "points.tif"
     # 4.8 million dark pixels hide what the points' 450 have

@@ -93,7 +93,14 @@ def test_missing_positions_are_filled_and_marked(lfcal: Lfcal, place: Path, scan
         assert noise is None or np.all(noise > 0)
     plain = lfcal(*words, "-o", "H2.h5", "--json")
     assert isinstance(plain.json, dict) and plain.json["filled"] == 5 and len(plain.json["missing"]) == 5
-    # the model is no measurement: a fit of the filled H takes what was recorded
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("plain_pages")
+def test_a_fit_of_a_filled_h_takes_what_was_recorded(lfcal: Lfcal, place: Path, scan: Path) -> None:
+    """The model is no measurement."""
+    words = ("assemble", "scan/frames", *CORRECTED, "--fill", "fit", "--dtype", "float32", "--workers", 1)
+    assert lfcal(*words, "-o", "H.h5").code == 0
     again = lfcal("fit", "H.h5", *FIT, "--noise", "100,1", "--positions", 0, "--no-h", "-o", "again", "--json")
     assert again.code == 0 and isinstance(again.json, dict), again.err
     assert again.json["patterns"] + len(again.json["outliers"]) == 15

@@ -135,6 +135,24 @@ def test_folders_without_frames_plan_or_positions_end_in_one_line(lfcal: Lfcal, 
         assert not any(o in mine for o in ("--manifest", "--order", "--pattern")) and not (tmp_path / "fit").exists()
 
 
+def test_the_command_that_does_what_is_missing_is_named(
+    lfcal: Lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    plan = replace(small_plan(15, (2.2,)), period=(2, 4))
+    (tmp_path / "plan.json").write_text(plan.to_json())
+    assert lfcal("simulate", "plan.json", "--frames", "my scan", "--level", "grid").code == 0
+    assert "type lfcal fit 'my scan/frames' --dark 'my scan/dark'" in lfcal("fit", "my scan").err
+    # names of which some are like none of the others
+    (tmp_path / "my scan" / "frames" / "manifest.csv").unlink()
+    cv2.imwrite("my scan/frames/lamp.png", np.zeros((120, 120), np.uint16))
+    said = lfcal("fit", "my scan/frames").err
+    assert "type lfcal assemble 'my scan/frames' --pattern 'z0_y{y}_x{x}.png' -o H.h5, then lfcal fit H.h5" in said
+    typed = said.partition("type lfcal ")[2].partition(", then lfcal ")
+    assert lfcal(*shlex.split(typed[0]), "--orientation", "as-is").code == 0
+
+
+@pytest.mark.long
 def test_the_command_that_is_named_does_what_is_missing(
     lfcal: Lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -32,8 +32,9 @@ def two_planes() -> Fit:
     return replace(fit, planned=planned, setup=setup, levels=replace(fit.levels, gains=gains))
 
 
-@pytest.mark.parametrize("executor", ["threads", "processes", pytest.param("dask", marks=pytest.mark.long)])
-@pytest.mark.few(1)
+@pytest.mark.parametrize(
+    "executor", ["processes", *(pytest.param(e, marks=pytest.mark.long) for e in ("threads", "dask"))]
+)
 def test_the_same_file_by_whoever(tmp_path: Path, executor: str) -> None:
     if executor == "dask":
         pytest.importorskip("distributed", reason="dask.distributed is not installed")
@@ -68,7 +69,7 @@ def test_the_command(lfcal: Lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPat
     undrawn(monkeypatch)
     words = ("fit", "few.h5", "--unknowns", "geometry", "--workers", 1, "-o")
     assert lfcal(*words, "one").code == 0
-    run = lfcal(*words, "two", "--executor", "processes")
+    run = lfcal(*words, "two", "--executor", "threads")
     assert run.code == 0, run.err
     assert contents(tmp_path / "one" / "H.h5") == contents(tmp_path / "two" / "H.h5")
     assert not parts_folder(tmp_path / "two" / "H.h5").exists()

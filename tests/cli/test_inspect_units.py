@@ -61,6 +61,7 @@ def test_the_same_report_by_whoever(lfcal: Lfcal, H: Path, executor: str) -> Non
     assert (H.parent / "one" / "redo.json").read_text() == (H.parent / "two" / "redo.json").read_text()
 
 
+@pytest.mark.long
 def test_with_control_frames(lfcal: Lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     undrawn(monkeypatch)

@@ -40,7 +40,7 @@ def test_a_lattice_comes_back(fit: LatticeFit, tmp_path: Path) -> None:
     assert load_lattice(tmp_path / "lattice.json").distortion is None
 
 
-@pytest.mark.few(5)
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     "change",
     [

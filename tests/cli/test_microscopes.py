@@ -35,6 +35,7 @@ def succeeded(run: Run) -> Run:
     return run
 
 
+@pytest.mark.long
 def test_a_deep_range_of_the_preset_is_simulated(lfcal: Lfcal, tmp_path: Path) -> None:
     out = tmp_path / "H.h5"
     succeeded(lfcal("simulate", "lfm_20x05", "--depths", "-30:30:30", "-o", out))
@@ -43,6 +44,7 @@ def test_a_deep_range_of_the_preset_is_simulated(lfcal: Lfcal, tmp_path: Path) -
     assert all(0.98 < part.min() <= part.max() <= 1.005 for part in light)
 
 
+@pytest.mark.long
 @pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("name", "side", "planes", "cutout", "bound"),

@@ -79,8 +79,7 @@ def test_an_anchor_and_a_margin_move_all_of_them(lfcal: Lfcal, place: Path) -> N
     np.testing.assert_allclose(np.load("wide.npy"), wide, rtol=1e-4, atol=1e-3)
 
 
-@pytest.mark.parametrize("executor", ["threads", "processes"])
-@pytest.mark.few(1)
+@pytest.mark.parametrize("executor", ["threads", pytest.param("processes", marks=pytest.mark.long)])
 def test_in_units(lfcal: Lfcal, place: Path, executor: str) -> None:
     words = (
         "reconstruct",

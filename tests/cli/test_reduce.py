@@ -47,8 +47,7 @@ def test_json(lfcal: Lfcal, place: Path) -> None:
     assert found["bytes"] == (place / "small.h5").stat().st_size > 2 * 2 * 25 * 225
 
 
-@pytest.mark.parametrize("executor", ["threads", "processes"])
-@pytest.mark.few(1)
+@pytest.mark.parametrize("executor", ["threads", pytest.param("processes", marks=pytest.mark.long)])
 def test_the_same_file_in_units(lfcal: Lfcal, place: Path, executor: str) -> None:
     assert lfcal("reduce", "H.h5", "-o", "one.h5").code == 0
     run = lfcal("reduce", "H.h5", "-o", "two.h5", "--executor", executor, "--workers", 2)

@@ -54,8 +54,7 @@ def said(path: Path) -> Any:
         return json.loads(file.imagej_metadata["lfcal"])
 
 
-@pytest.mark.parametrize("executor", ["threads", "processes"])
-@pytest.mark.few(1)
+@pytest.mark.parametrize("executor", ["threads", pytest.param("processes", marks=pytest.mark.long)])
 def test_simulate(lfcal: Lfcal, place: Path, executor: str) -> None:
     words = ("simulate", "plan.json", "--level", "geometric", "-o")
     assert lfcal(*words, "one.h5").code == 0
@@ -80,9 +79,15 @@ def test_transpose(lfcal: Lfcal, place: Path, method: str) -> None:
             np.testing.assert_array_equal(H2[:], H[:])
 
 
-@pytest.mark.parametrize("warm", [False, True])
-@pytest.mark.parametrize("executor", ["threads", "processes"])
-@pytest.mark.few(2)
+@pytest.mark.parametrize(
+    ("executor", "warm"),
+    [
+        ("threads", False),
+        ("processes", True),
+        pytest.param("threads", True, marks=pytest.mark.long),
+        pytest.param("processes", False, marks=pytest.mark.long),
+    ],
+)
 def test_reconstruct(lfcal: Lfcal, place: Path, executor: str, warm: bool) -> None:
     more = ("--warm",) if warm else ()
     words = ("reconstruct", "H.h5", "--batch", "frames.tif", "-n", 3, "--method", "direct", *more, "-o")
@@ -255,7 +260,10 @@ def test_long_work_is_kept_without_being_asked(lfcal: Lfcal, place: Path, monkey
     assert run.code == 0 and "kept plane by plane in out.h5.parts: --resume goes on after a stop" in run.err
 
 
-def test_memory_is_that_of_all_planes_under_way(lfcal: Lfcal, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("executor", ["threads", pytest.param("processes", marks=pytest.mark.long)])
+def test_memory_is_that_of_all_planes_under_way(
+    lfcal: Lfcal, place: Path, monkeypatch: pytest.MonkeyPatch, executor: str
+) -> None:
     def told(*more: object) -> float:
         run = lfcal("simulate", "plan.json", "--level", "geometric", "-o", "out.h5", "--force", *more)
         found = re.search(r"at most ([\d.]+) MB of memory", run.err)
@@ -264,8 +272,7 @@ def test_memory_is_that_of_all_planes_under_way(lfcal: Lfcal, place: Path, monke
 
     one = told("--workers", 1)
     assert told("--executor", "threads", "--workers", 1) == one
-    assert told("--executor", "processes", "--workers", 2) == pytest.approx(2 * one, rel=0.05)
-    assert told("--executor", "threads", "--workers", 2) == pytest.approx(2 * one, rel=0.05)
+    assert told("--executor", executor, "--workers", 2) == pytest.approx(2 * one, rel=0.05)
     monkeypatch.setattr("lfcal.work.executors.threads.free_memory", lambda: 0)  # then one after the other
     assert told("--executor", "threads", "--workers", 2) == pytest.approx(one, rel=0.05)
 

@@ -64,7 +64,7 @@ AFTER = {
     "numpy": ("export", "H.h5", "-o", "H.npy"),
     "compare": ("compare", "H.h5", "other.h5"),
     "verify": ("verify", "H.h5"),
-    "inspect": ("inspect", "H.h5", "--report", "report"),
+    "inspect": ("inspect", "H.h5", "--report", "report", "--seconds", "0"),
     "reconstruct": ("reconstruct", "H.h5", "frame.png", "-o", "volume.tif", "--iterations", "1"),
 }
 

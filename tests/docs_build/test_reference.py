@@ -5,18 +5,24 @@ from __future__ import annotations
 import importlib
 import pkgutil
 import types
+from functools import cache
 from pathlib import Path
 
 import lfcal.camera
 import lfcal.psf
-from docs_build.reference import packages, page_of
+from docs_build.reference import Package, packages, page_of
 
 ROOT = Path(__file__).parents[2]
-FOUND = {one.name: one for one in packages(ROOT)}
+
+
+@cache
+def found() -> dict[str, Package]:
+    """Return the packages by name: not while tests are collected, which every worker does."""
+    return {one.name: one for one in packages(ROOT)}
 
 
 def test_every_public_module_is_on_the_page_of_its_package() -> None:
-    listed = {module.name for one in FOUND.values() for module in one.modules}
+    listed = {module.name for one in found().values() for module in one.modules}
     for package in (lfcal.camera, lfcal.psf):
         for module in pkgutil.iter_modules(package.__path__, f"{package.__name__}."):
             if not module.name.rpartition(".")[2].startswith("_") and not module.ispkg:
@@ -29,13 +35,13 @@ def test_what_a_package_exports_is_documented_where_it_is_defined() -> None:
         for name in package.__all__:
             value = getattr(package, name)
             if isinstance(value, type | types.FunctionType):
-                home = FOUND[value.__module__.rpartition(".")[0]]
+                home = found()[value.__module__.rpartition(".")[0]]
                 module = next(m for m in home.modules if m.name == value.__module__)
                 assert name in module.public, (value.__module__, name)
 
 
 def test_a_page_names_modules_and_what_they_make_public() -> None:
-    page = page_of(FOUND["lfcal.psf"])
+    page = page_of(found()["lfcal.psf"])
     assert page.startswith("# lfcal.psf\n") and "::: lfcal.psf.transpose\n" in page
     assert '"transpose"' in page and "`open_psf`" in page and "._" not in page
-    assert FOUND["lfcal.psf"].page == "reference/lfcal.psf.md" and FOUND["lfcal.psf"].summary == "The PSF matrix H."
+    assert found()["lfcal.psf"].page == "reference/lfcal.psf.md" and found()["lfcal.psf"].summary == "The PSF matrix H."

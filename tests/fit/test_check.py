@@ -86,9 +86,22 @@ def test_a_frame_of_the_same_camera_is_found_and_h_holds(camera: bool, offset: t
     assert camera or any("no camera is known" in note for note in found.notes)
 
 
-@pytest.mark.few(1)
-@pytest.mark.parametrize("offset", [(0.2, -0.1), (0.0, 0.0)])
-def test_what_has_changed_is_named_with_its_size(offset: tuple[float, float]) -> None:
+SLOW = pytest.mark.long
+
+
+@pytest.mark.parametrize(
+    ("name", "offset"),
+    [
+        ("gap of the array", (0.2, -0.1)),
+        pytest.param("gap of the array", (0.0, 0.0), marks=SLOW),
+        *(
+            pytest.param(name, offset, marks=SLOW)
+            for name in ("array displaced", "distance of all planes")
+            for offset in ((0.2, -0.1), (0.0, 0.0))
+        ),
+    ],
+)
+def test_what_has_changed_is_named_with_its_size(name: str, offset: tuple[float, float]) -> None:
     lattice = plan_of().camera.lattice
     pixel = plan_of().camera.sensor.pixel_um
     moved = (lattice.offset_um[0] + 0.3 * pixel, lattice.offset_um[1])
@@ -97,17 +110,18 @@ def test_what_has_changed_is_named_with_its_size(offset: tuple[float, float]) ->
         "array displaced": (changed(offset_um=moved), "offset_x", 0.3),
         "distance of all planes": (replace(setup_of(plan_of()), depth_errors_um=(300.0,)), "distance_um", 300.0),
     }
-    for name, (setup, unknown, size) in cases.items():
-        found = check(old_h(), new_frame(setup, offset), noise=NOISE)
-        assert found.holds is False and found.verdict.startswith("does not hold: error")
-        best = found.explanations[0]
-        assert best.name == name and best.left < 0.4 * found.error.value
-        by = next((value, sigma) for own, value, sigma, _ in best.values if own == unknown)
-        assert abs(by[0] - size) < 3 * by[1] + 0.01 * size and 4 * by[1] < 0.4 * size
-        # without a camera no change is taken for a place of the source
-        assert check(old_h(camera=False), new_frame(setup, offset), noise=NOISE).holds is not True
+    setup, unknown, size = cases[name]
+    found = check(old_h(), new_frame(setup, offset), noise=NOISE)
+    assert found.holds is False and found.verdict.startswith("does not hold: error")
+    best = found.explanations[0]
+    assert best.name == name and best.left < 0.4 * found.error.value
+    by = next((value, sigma) for own, value, sigma, _ in best.values if own == unknown)
+    assert abs(by[0] - size) < 3 * by[1] + 0.01 * size and 4 * by[1] < 0.4 * size
+    # without a camera no change is taken for a place of the source
+    assert check(old_h(camera=False), new_frame(setup, offset), noise=NOISE).holds is not True
 
 
+@pytest.mark.long
 @pytest.mark.few(1)
 @pytest.mark.parametrize("offset", [(0.2, -0.1), (0.0, 0.0)])
 def test_large_changes_are_followed_to_where_they_are(offset: tuple[float, float]) -> None:

@@ -57,6 +57,7 @@ def test_what_is_left_is_that_of_left_out_patterns() -> None:
     assert math.isnan(wrong[-1].left_out)
 
 
+@pytest.mark.long
 def test_without_left_out_patterns_nothing_is_said_of_them() -> None:
     measured = measured_of(few_patterns(), left_out=0.0)
     found = rounds_of(measured)

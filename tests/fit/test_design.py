@@ -159,7 +159,8 @@ def fitted(seed: int) -> tuple[Fit, float]:
     return fit, measured_error(fit, truth, 40)["error_l2"]
 
 
-@pytest.mark.parametrize("cameras", [1, pytest.param(5, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("cameras", [1, 5])
 def test_the_expected_error_is_what_fits_reach(cameras: int) -> None:
     reached = np.sqrt(np.mean([fitted(seed)[1] ** 2 for seed in range(cameras)]))
     assert small_design().curve[-1].error / 1.3 < reached < 1.3 * small_design().curve[-1].error

@@ -133,6 +133,7 @@ def test_an_outlier_is_left_to_the_model_and_marked() -> None:
     np.testing.assert_array_equal(H[0, 4, 7], modelled()[0, 4, 7])
 
 
+@pytest.mark.long
 def test_what_belongs_to_single_patterns_is_no_part_of_it() -> None:
     """Lamp and displaced sources differ from position to position; the ghost that all share stays."""
     rng = np.random.default_rng(9)

@@ -143,6 +143,7 @@ def fitted() -> Fit:
     return fit_camera(measured, unknowns=["geometry"], stage=0.0, workers=1)
 
 
+@pytest.mark.long
 def test_a_fit_finds_it_and_says_a_limit() -> None:
     fit = fitted()
     assert fit.spread.response == pytest.approx(0.01, rel=0.15)

@@ -24,7 +24,7 @@ def check(seeds: range, allowed: float = 0.5) -> None:
 
 
 def test_a_few_cameras() -> None:
-    check(range(SEEDS))
+    check(range(1, SEEDS))
 
 
 @pytest.mark.parametrize("seed", [112, 302, *(pytest.param(seed, marks=pytest.mark.long) for seed in (202, 272, 307))])
@@ -42,7 +42,7 @@ def test_dim_cutouts_may_try_every_step() -> None:
 
 @pytest.mark.long
 def test_many_cameras() -> None:
-    check(range(SEEDS, LONG_SEEDS))
+    check(range(LONG_SEEDS))
 
 
 @pytest.mark.long

@@ -155,6 +155,23 @@ def test_a_reconstruction_under_way(
     assert page.solving is None and page._job == 0 and page.panel.status.text() == ""
 
 
+def test_a_frame_of_other_choices(window: MainWindow, qtbot: QtBot) -> None:
+    """It stayed without a word."""
+    plan = small_plan((3, 4), 2)
+    window.project.update("plan", plan=plan, camera=plan.camera)
+    window.go("simulate")
+    page: Any = window.page("simulate")
+    idle(window.jobs, qtbot)
+    page.make_frame()
+    idle(window.jobs, qtbot)
+    frame = page.panel.frame
+    assert frame.view.measured() is not None
+    page._set_tolerance(0.3)
+    idle(window.jobs, qtbot)
+    assert frame.view.measured() is None and "changed since" in frame.words.text()
+
+
+@pytest.mark.long
 def test_charts_and_frames_of_another_plan(window: MainWindow, qtbot: QtBot) -> None:
     """The ladder of the plan before, and a frame made with other choices, stayed without a word."""
     plan = small_plan((3, 4), 2)

@@ -21,7 +21,7 @@ def marked(mutant: Mutant) -> object:
     return pytest.param(mutant, marks=marks, id=f"{mutant.row}: {mutant.naive}")
 
 
-@pytest.mark.few(6)
+@pytest.mark.few(3)
 @pytest.mark.hard_case
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("mutant", [marked(m) for m in MUTANTS])

@@ -58,6 +58,7 @@ def test_aperture_area():
     return worst(*errors)
 
 
+@pytest.mark.long  # kernels in double precision take seconds to compile
 @hard_case(
     "Single precision in the far field",
     wrong="phases of thousands of radians in single precision",

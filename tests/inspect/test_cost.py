@@ -92,7 +92,6 @@ KINDS: dict[str, Callable[[], Values]] = {
     "backlash": lambda: displaced(0 * y, np.where(rows == 1, 0.25, -0.25) + 0 * y, everywhere=True),
     "jitter": lambda: displaced(*np.random.default_rng(5).normal(0, 0.1, (2, *plan().period)), everywhere=True),
 }
-SHORT = ("lamp",)
 
 
 @cache
@@ -113,9 +112,8 @@ def costs_of(values: Values) -> tuple[tuple[Finding, ...], Costs]:
     return found, drain(iter_costs(cleaned, found, None))
 
 
-@pytest.mark.parametrize(
-    "name", [name if name in SHORT else pytest.param(name, marks=pytest.mark.long) for name in KINDS]
-)
+@pytest.mark.long
+@pytest.mark.parametrize("name", KINDS)
 def test_costs_are_those_of_a_large_reconstruction(name: str) -> None:
     values = KINDS[name]()
     found, costs = costs_of(values)
@@ -149,6 +147,8 @@ def test_two_faults_have_each_its_cost() -> None:
     told = dict(zip((one.name for one in found), costs.costs, strict=True))
     alone, fading = map(true_cost, ("dead_line", "lamp"))
     assert told["dead_line"] == pytest.approx(alone, rel=0.5) and told["lamp"] == pytest.approx(fading, rel=0.5)
+    assert costs.clean is not None and costs.as_it_is is not None
+    assert truth().clean / 2 < costs.clean and costs.as_it_is - costs.clean > 0.5 * max(alone, fading)
 
 
 def test_no_finding_costs_nothing_and_one_that_nothing_is_known_of_has_no_cost() -> None:
@@ -171,6 +171,7 @@ def test_a_part_of_the_period_tells_about_the_same() -> None:
     assert whole is not None and part is not None and whole / 3 < part < 3 * whole
 
 
+@pytest.mark.long
 def test_frames_that_were_not_looked_at_cost_what_those_do_that_were() -> None:
     """Three rows in two planes run the other way: 192 patterns, of which 48 are compared for being odd."""
     values = clean()

@@ -85,6 +85,7 @@ def test_two_frames_far_apart_that_were_swapped_are_both_listed() -> None:
     assert {tuple(place) for place in strangers.positions.tolist()} <= {place for place, _ in found.redo()}
 
 
+@pytest.mark.long
 def test_rows_that_were_swapped_are_no_displaced_frames() -> None:
     found = inspected(matrix(put_in("rows swapped", 3)), FEWEST)
     assert found.findings[0].name == "strangers" and found.bad

@@ -61,6 +61,7 @@ def test_none_costs_more_than_what_h_costs_beside_its_named_faults(quality: Qual
         assert unknown.cost == 0.3 and not unknown.measured
 
 
+@pytest.mark.long
 def test_light_beyond_the_cutouts_costs_what_larger_ones_show(quality: QualityReport) -> None:
     """Of a cutout that is a third of the shadow most is cut off."""
     found = evidence_of(np.ascontiguousarray(clean()[..., 12:-12, 12:-12]))

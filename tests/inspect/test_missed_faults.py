@@ -81,13 +81,20 @@ def test_a_lamp_that_jumps_in_every_plane() -> None:
 
 
 def test_light_that_follows_the_pattern_is_told_with_its_power() -> None:
+    found = faults_of(put_in("automatic exposure", 1.0))
+    assert set(found) == {"auto_exposure"} and "power of -1.0" in found["auto_exposure"].detail
+
+
+@pytest.mark.long
+def test_light_that_follows_the_pattern_costs_what_it_costs_a_large_reconstruction() -> None:
     found = inspected(matrix(put_in("automatic exposure", 1.0)))
     (one,) = found.findings
     assert one.name == "auto_exposure" and "power of -1.0" in one.detail
     assert one.cost is not None and 0.05 < one.cost < 0.19, "what it costs a large reconstruction is 0.094"
 
 
-@pytest.mark.parametrize("part", [0.6, pytest.param(0.3, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("part", [0.6, 0.3])
 def test_a_blade_far_in_is_explained(part: float) -> None:
     found, cleaned = drain(iter_search(evidence_of(put_in("blade stuck", part))))
     assert [one.name for one in found] == ["pupil"] and cleaned.misfit < EXPLAINED / 2
@@ -102,6 +109,7 @@ def test_a_blade_far_in_is_explained_before_bent_values_of_a_microscope() -> Non
     assert found[0].name == "pupil" and cleaned.misfit < EXPLAINED / 2
 
 
+@pytest.mark.long
 def test_planes_with_each_other_s_depth_are_told() -> None:
     """They lie farther off than depths beside the stated one that are tried."""
     evidence = evidence_of_microscope("planes swapped", 1.0)
@@ -133,6 +141,7 @@ def test_frames_that_a_metric_names_cost_what_they_cost_here() -> None:
     assert 0.025 < duplicates.cost < 0.1, "0.049 in a large reconstruction, 0.21 by the table"
 
 
+@pytest.mark.long
 def test_a_lens_type_far_out_of_focus_is_no_bent_values() -> None:
     """Of so different a camera the model is off everywhere: bent values, bad pixels and a ghost explain some of it."""
     found, cleaned = drain(iter_search(evidence_of(put_in("lens type out of focus", 0.15))))
@@ -164,7 +173,8 @@ def test_the_frames_that_flicker_most_do_not_tell_by_how_much_all_do() -> None:
     assert float(one.detail.split()[0]) == pytest.approx(20, rel=0.1)
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.long), pytest.param(2, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(3))
 def test_a_dead_pixel_costs_the_same_whatever_its_noise(seed: int) -> None:
     """Where all that a pixel at the image's border sees has it dead, light is divided by noise: 0.07 to 0.5."""
     image = sensor(1.0)

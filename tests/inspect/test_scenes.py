@@ -24,13 +24,21 @@ def trial(side: int, seed: int) -> SceneTrial:
     return SceneTrial(light(), side, (seed,))
 
 
-@pytest.mark.parametrize("row", [31, *(pytest.param(row, marks=pytest.mark.long) for row in (20, 40))])
-def test_a_dead_pixel_costs_the_same_wherever_the_image_ends_and_by_whatever_noise(row: int) -> None:
+@pytest.mark.parametrize(
+    ("row", "images"),
+    [
+        (31, ((40, 0), (60, 2))),
+        *(pytest.param(row, ((40, 0), (40, 1), (60, 2)), marks=pytest.mark.long) for row in (20, 31, 40)),
+    ],
+)
+def test_a_dead_pixel_costs_the_same_wherever_the_image_ends_and_by_whatever_noise(
+    row: int, images: tuple[tuple[int, int], ...]
+) -> None:
     """Its row lies at the border of one image and amid another: light that is divided by noise cost .01 or .3."""
     image = sensor(1.0)
     image[row, 33] = 0.0
     costs = []
-    for side, seed in ((40, 0), (40, 1), (60, 2)):
+    for side, seed in images:
         one = trial(side, seed)
         alone = one.error(noisy(light(), seed))
         costs.append(one.error(noisy(scaled(light(), image), seed)) - alone)
@@ -43,6 +51,7 @@ def test_patterns_without_light_are_all_wrong() -> None:
     assert trial(40, 0).error(light()) == pytest.approx(0, abs=1e-6)
 
 
+@pytest.mark.long
 def test_several_scenes_err_by_their_root_mean_square() -> None:
     both = SceneTrial(light(), 40, (0, 1))
     each = [trial(40, seed).error(clean()) for seed in (0, 1)]

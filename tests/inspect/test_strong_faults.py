@@ -12,6 +12,7 @@ from tests.inspect.test_inspection import inspected
 from tests.inspect.test_levels_order_pupil import put_in
 
 
+@pytest.mark.long
 def test_bent_values_are_straightened_before_lines_are_looked_for() -> None:
     found = faults_of(put_in("gamma below 1", 0.4), FEWEST)
     assert next(iter(found)) == "not_linear" and not {"line_offsets", "mosaic", "depth_label"} & set(found)
@@ -19,6 +20,7 @@ def test_bent_values_are_straightened_before_lines_are_looked_for() -> None:
     assert told == pytest.approx(0.4, rel=0.03)
 
 
+@pytest.mark.long
 def test_bent_values_are_told_where_dark_samples_have_no_noise() -> None:
     """Dark samples, of next to no noise, have all the say in what fits a pattern best."""
     peak = float(light().max())
@@ -27,6 +29,7 @@ def test_bent_values_are_told_where_dark_samples_have_no_noise() -> None:
     assert told == pytest.approx(2.2, rel=0.01)
 
 
+@pytest.mark.long
 def test_a_ceiling_that_most_light_ends_at_is_no_hot_pixel() -> None:
     assert next(iter(faults_of(put_in("saturation", 0.02), FEWEST))) == "saturated"
 

@@ -37,7 +37,7 @@ WHITE: dict[str, dict[str, Any]] = {
 }
 
 
-@pytest.mark.few(3)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", WHITE)
 def test_white_images_of_all_sorts_are_not_doubted(name: str) -> None:
     truth = draw_white(SHAPE, dark=0.0, **WHITE[name])

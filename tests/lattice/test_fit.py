@@ -48,6 +48,7 @@ def test_the_lattice_is_found_without_a_nominal_pitch(name: str) -> None:
     check(fit_lattice(truth.frame), truth, 0.005)
 
 
+@pytest.mark.long
 @pytest.mark.few(1)
 @pytest.mark.parametrize("kind", ["square", "hexagonal"])
 @pytest.mark.parametrize("wrong", [0.97, 1.03])
@@ -114,7 +115,7 @@ def test_a_dark_frame_or_level_is_subtracted() -> None:
 
 
 def test_one_thread_and_several_agree() -> None:
-    frame = draw_white().frame
+    frame = draw_white((200, 260)).frame
     one, three = fit_lattice(frame, workers=1), fit_lattice(frame, workers=3)
     assert one.pitch_px == pytest.approx(three.pitch_px, abs=1e-9)
     assert np.allclose(one.measured_px, three.measured_px, equal_nan=True)

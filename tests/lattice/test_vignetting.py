@@ -10,6 +10,7 @@ from lfcal.lattice.vignetting import vignetting_map
 from tests.lattice.white_frames import draw_white
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("kind", ["square", "hexagonal"])
 def test_the_fall_of_light_is_recovered(kind: str) -> None:
     truth = draw_white(kind=kind, falloff=0.4)
@@ -28,6 +29,7 @@ def test_the_fall_of_light_is_recovered(kind: str) -> None:
     assert np.array_equal(np.isnan(fall.lenslets), fit.dead)
 
 
+@pytest.mark.long
 def test_the_smooth_frame_serves_as_white_frame() -> None:
     truth = draw_white(falloff=0.4, dead=0.0)
     fall = vignetting_map(fit_lattice(truth.frame, dark=100.0))

@@ -36,7 +36,10 @@ def transpose_into(H: np.ndarray, out: np.ndarray, batch: int, parts: list[int])
         _kernels.transpose_batches(source, out, batches, start, stop)
 
 
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.uint32, np.uint64])
+OTHER_SIZES = [pytest.param(size, marks=pytest.mark.long) for size in (np.uint8, np.uint64)]
+
+
+@pytest.mark.parametrize("dtype", [np.uint16, np.uint32, *OTHER_SIZES])
 @settings(max_examples=40, derandomize=True, deadline=None)
 @given(
     shape=st.tuples(

@@ -130,6 +130,7 @@ def test_inspection_and_comparison(tmp_path: Path) -> None:
         assert found.max_shift_px < 0.05
 
 
+@pytest.mark.long
 def test_fit(tmp_path: Path) -> None:
     """A recorded H within a tolerance below its noise is fitted as it is."""
     with open_psf(save(few_patterns(), tmp_path / "fit.h5", store_tolerance=0.002)) as small:

@@ -106,8 +106,9 @@ def test_a_gradient_made_plane_by_plane_is_the_gradient(monkeypatch, kind, z_wei
     np.testing.assert_array_equal(found, kind(0.1, z_weight).gradient(volume))
 
 
-@pytest.mark.parametrize("name", ["rl", "phase-space", "rl-biggs"])
-@pytest.mark.few(1)
+@pytest.mark.parametrize(
+    "name", ["rl", *(pytest.param(n, marks=pytest.mark.long) for n in ("phase-space", "rl-biggs"))]
+)
 def test_a_run_that_stops_by_itself_keeps_more(name):
     P = Projector(H, SHAPE, method="direct", workers=1)
     assert foretold_over_taken(P, SolverChoice(name, 5, auto=True)) == pytest.approx(1, abs=0.2)

@@ -31,7 +31,10 @@ def threads(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lfcal.reconstruct.projectors.projector.SMALL_S", 0.0)
 
 
-@pytest.mark.parametrize("method", ["polyphase:3x2", "direct", "sparse", "reduced", "fft"])
+LONG_FFT = pytest.param("fft", marks=pytest.mark.long)
+
+
+@pytest.mark.parametrize("method", ["polyphase:3x2", "direct", "sparse", "reduced", LONG_FFT])
 @pytest.mark.parametrize("problem", list(PROBLEMS))
 @pytest.mark.few(3)
 def test_any_number_of_workers(problem: str, method: str) -> None:

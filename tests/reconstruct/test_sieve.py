@@ -243,6 +243,7 @@ def test_no_lenslets_and_no_rings_in_the_native_plane(microscope):
     assert lattice_excess(ours[1], period) < 0.05 * lattice_excess(plain[1], period)
 
 
+@pytest.mark.long
 def test_a_bead_is_as_narrow_as_in_plain_richardson_lucy(microscope):
     """In every plane, the median over places behind a lenslet: rl has spikes at some of them in the native plane."""
     P = Projector(microscope, (99, 99), workers=1)

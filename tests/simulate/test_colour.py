@@ -23,6 +23,7 @@ def wide(width: float = 0.1) -> Camera:
     return replace(small_camera(), bandwidth_um=width)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("v", [4.0, *(pytest.param(v, marks=pytest.mark.long) for v in (-3.0, 2.2, 0.5))])
 @pytest.mark.parametrize("effect", [ChromaticFocus(800.0, 0.1), LensletDispersion(10.0, 0.2)])
 @pytest.mark.few(1)
@@ -31,7 +32,7 @@ def test_estimate_is_honest(v: float, effect: Effect) -> None:
     plan, sampling = small_plan(v), Sampling(None, 4, 6, coherent=False)
     on, off = (PlaneResponse(plan, 0, effects, sampling=sampling) for effects in ((*BASE, effect), BASE))
     off.samples = on.samples
-    measured = difference(off.rows([4], [5, 20]), on.rows([4], [5, 20]))
+    measured = difference(off.rows([4], [5]), on.rows([4], [5]))
     assert 0.5 * measured <= effect.estimate(outlook_of(plan, 0)).error <= 2 * measured
 
 

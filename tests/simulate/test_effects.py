@@ -333,8 +333,8 @@ def test_a_large_source_is_no_ring_of_seven_points(v: float, diameter: float) ->
     plan = small_plan(v)
     source = FiniteSource(diameter)
     found = PlaneResponse(plan, 0, (*BASE, source), sampling=FAST)
-    places = some_positions(plan, 2, 2)
-    radius, count = source.image_px(outlook_of(plan, 0)) / 2, 200
+    places = some_positions(plan, 1, 1)
+    radius, count = source.image_px(outlook_of(plan, 0)) / 2, 120
     k = np.arange(count)
     r, turn = radius * np.sqrt((k + 0.5) / count), k * math.pi * (3 - math.sqrt(5))
     found_h = found.rows(*places)
@@ -343,7 +343,7 @@ def test_a_large_source_is_no_ring_of_seven_points(v: float, diameter: float) ->
         for a, b in zip(r, turn, strict=True)
     )
     spiral = found.rows(*places)
-    assert difference(found_h, spiral) < 0.02
+    assert difference(found_h, spiral) < 0.03
     found.samples = tuple(LightSample(radius * y, radius * x, plan.camera.wavelength_um, w) for y, x, w in disc_rule(5))
     assert difference(found.rows(*places), spiral) > 0.1
 

@@ -87,7 +87,7 @@ def test_extremes_are_computed_or_refused(effect: Effect, side: bool) -> None:
             assert found.sum(dtype=np.float64) <= 1.005
 
 
-@pytest.mark.few(4)
+@pytest.mark.few(2)
 @pytest.mark.parametrize("name", sorted(NOMINAL))
 def test_an_effect_that_is_not_called_for_costs_nothing(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Not planned, not asked; and of no size, the engines do the same work, call by call, on the same scene."""

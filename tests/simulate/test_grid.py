@@ -29,7 +29,7 @@ def both(scene: Scene, at: tuple[float, float] = AT) -> tuple[np.ndarray, np.nda
     return found, ReferencePlane(scene, JUDGE).point(*at)
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     "v", [4.0, 0.0, 0.4, *(pytest.param(v, marks=pytest.mark.long) for v in (-0.7, 1.2, -3.0, 2.0))]
 )
@@ -39,7 +39,7 @@ def test_it_converges_to_the_reference(v: float, exact: bool) -> None:
     assert relative_error(*both(scene)) < 0.0015
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     "changes",
     [
@@ -106,7 +106,8 @@ def test_displaced_sources_share_the_table() -> None:
     assert relative_error(far.rows([4], [7])[0, 0], ReferencePlane(beside, JUDGE).rows([4], [7])[0, 0]) < 0.004
 
 
-@pytest.mark.parametrize("vectorial", [False, pytest.param(True, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("vectorial", [False, True])
 def test_a_microscope_and_its_dipoles(vectorial: bool) -> None:
     scene = microscope_scene(4.0, cutout=(31, 31), vectorial=vectorial)
     found = engine_for(scene, "grid", Sampling(samples_per_px=8, margin_px=40)).rows([2], [3])[0, 0]

@@ -61,6 +61,7 @@ def test_the_same_file_in_units_and_without(plan: ScanPlan, tmp_path: Path) -> N
     assert {path.name for path in tmp_path.iterdir()} == {"one.h5", "two.h5"}
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("fails_from", range(6))
 def test_it_goes_on_wherever_it_was_stopped(
     plan: ScanPlan, tmp_path: Path, computed: Computed, fails_from: int

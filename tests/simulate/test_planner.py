@@ -208,6 +208,7 @@ def test_estimates_near_the_native_plane(v: float, effect: Effect) -> None:
     assert found.on == (found.estimate.error > 0.015) or found.estimate.error > 0.005
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("v", [0.0, pytest.param(0.5, marks=pytest.mark.long)])
 def test_exact_angles_are_estimated_by_what_follows_them(v: float) -> None:
     """Near the native plane the wave level does not: its own difference would be a tenth of the true one."""

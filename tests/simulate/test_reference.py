@@ -39,6 +39,7 @@ def test_exact_transfer_is_paraxial_for_small_angles_and_never_nan():
     assert steep[32, 32] == 0  # evanescent
 
 
+@pytest.mark.long
 def test_finer_grids_come_to_the_same():
     scene = camera_scene(2.5, cutout=(45, 45))
     coarse, fine = (ReferencePlane(scene, Sampling(n)).point(3.0, 5.0) for n in (6.0, 9.0))

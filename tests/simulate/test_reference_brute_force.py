@@ -116,6 +116,7 @@ def test_lenslets_lie_as_the_lattice_says() -> None:
         assert (kinds[order] == types[near][other]).all()
 
 
+@pytest.mark.long
 def test_a_wrong_gap_shows() -> None:
     """A gap off by a hundredth of itself is far outside the bound."""
     scene = hexagonal(2.0)

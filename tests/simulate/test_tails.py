@@ -50,6 +50,7 @@ def test_narrow_windows_have_the_light_of_wide_ones(scene: Scene, monkeypatch: p
     assert relative_error(narrow, wide) < 0.6 * relative_error(cut, wide)
 
 
+@pytest.mark.long
 def test_against_the_grid_they_do_most_of_what_wide_windows_do(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = camera_scene(4.0, cutout=(91, 91))
     truth = GridPlane(scene, Sampling(samples_per_px=6, margin_px=40)).point(*AT)

@@ -40,7 +40,7 @@ def direct(plan: ScanPlan, tmp_path_factory: pytest.TempPathFactory) -> dict[str
     return contents(path)
 
 
-@pytest.mark.parametrize("executor", ["threads", "processes"])
+@pytest.mark.parametrize("executor", ["threads", pytest.param("processes", marks=pytest.mark.long)])
 def test_bit_for_bit(plan: ScanPlan, direct: dict[str, Any], tmp_path: Path, executor: str) -> None:
     out = tmp_path / "H.h5"
     run = RunChoice(executor, workers=2)

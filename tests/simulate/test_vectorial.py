@@ -72,6 +72,7 @@ def test_dipoles_on_the_array_against_sums_over_the_pupil(na, index, specimen, z
     assert np.abs(scalar - wanted).max() > 1e-2 * wanted.max()
 
 
+@pytest.mark.long
 @pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("z", "na", "specimen", "position"),

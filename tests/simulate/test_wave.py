@@ -38,6 +38,7 @@ def test_against_the_reference(v, bound):
     assert relative_error(shifted, wanted) > 5 * bound
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("v", "fast", "bound"),
     [
@@ -132,6 +133,7 @@ def test_a_single_lenslet_is_the_fresnel_pattern_of_its_aperture():
     assert relative_error(found[inner, inner], wanted[inner, inner]) < 6e-3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("v", [4.0, pytest.param(0.4, marks=pytest.mark.long)])
 def test_single_precision_is_enough(v):
     scene = camera_scene(v)

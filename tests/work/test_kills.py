@@ -99,8 +99,12 @@ def own(place: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(place, tmp_path / "own"))
 
 
-@pytest.mark.parametrize("command", list(CASES))
-@pytest.mark.few(1)
+QUICK = "transpose"
+
+
+@pytest.mark.parametrize(
+    "command", [QUICK, *(pytest.param(one, marks=pytest.mark.long) for one in CASES if one != QUICK)]
+)
 def test_killed_twice(own: Path, command: str) -> None:
     killed(own, CASES[command], "processes", 2)
 

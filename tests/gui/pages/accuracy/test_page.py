@@ -20,7 +20,7 @@ from gui.models.project import ProjectState
 from gui.pages.accuracy import PAGE
 from gui.pages.accuracy.page import Page
 from gui.theme import DARK, apply_theme
-from lfcal.accuracy import Place, Rung, Step, Truth
+from lfcal.accuracy import PLACES, Place, Rung, Step, Subject, Truth
 from lfcal.psf import PSFMatrix, save
 from tests.acquire.rigs import small_plan
 from tests.gui.conftest import OpenPage
@@ -36,6 +36,30 @@ def state() -> ProjectState:
 def page(open_page: OpenPage) -> Page:
     made: Page = open_page("accuracy", height=640)
     return made
+
+
+MEASURED: list[Any] = []
+"""What measuring the place `bases` yields, once it was measured."""
+
+
+@pytest.fixture(autouse=True)
+def _measured_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the place `bases` be measured by the first test that asks for it; to the others its course is told again."""
+    real = PLACES.get("bases")
+
+    def measure(subject: Subject, tolerance: float) -> Iterator[Any]:
+        if MEASURED:
+            yield from MEASURED
+            return
+        course = []
+        for record in real.measure(subject, tolerance):
+            course.append(record)
+            yield record
+        MEASURED[:] = course
+
+    told = replace(real, measure=measure)
+    places = SimpleNamespace(get=lambda name: told if name == "bases" else PLACES.get(name))
+    monkeypatch.setattr("gui.pages.accuracy.model.PLACES", places)
 
 
 def look_at(page: Page, name: str) -> None:

@@ -121,6 +121,7 @@ def ended(page: Page, qtbot: QtBot) -> None:
     qtbot.waitUntil(lambda: page.record.folder.chosen is not None, timeout=GUARD_MS)
 
 
+@pytest.mark.long
 def test_from_start_to_the_page_fit(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
     panel, folder = page.panel.record, tmp_path / "s"
     shown = panel.pictures

@@ -374,7 +374,7 @@ def test_the_black_level_that_a_file_states_is_taken_off_place_by_place(
 ) -> None:
     import lfcal.frames.formats.opening as opening
 
-    frame = np.random.default_rng(1).integers(300, 4000, (1600, 1601)).astype(np.uint16)
+    frame = np.random.default_rng(1).integers(300, 4000, (240, 241)).astype(np.uint16)
     files, open_image = saved(tmp_path, image=frame), opening.open_image
 
     def stating(*args: Any, **options: Any) -> Any:
@@ -384,10 +384,12 @@ def test_the_black_level_that_a_file_states_is_taken_off_place_by_place(
         return image
 
     monkeypatch.setattr(opening, "open_image", stating)
+    # a larger frame is worked on in its middle
+    monkeypatch.setattr("gui.pages.multiplex.model_frames.LARGEST", 176)
     settings = MultiplexSettings(cfa="typed", pattern="GRBG", scene="image", weighted=True, **files)
     found = reconstruct(settings)
-    light = frame - np.tile([[10.0, 20.0], [30.0, 40.0]], (800, 801))[:, :1601]
-    middle = np.s_[32 : 32 + 1536, 32 : 32 + 1536]
+    light = frame - np.tile([[10.0, 20.0], [30.0, 40.0]], (120, 121))[:, :241]
+    middle = np.s_[32 : 32 + 176, 32 : 32 + 176]
     np.testing.assert_array_equal(found.frame, light[middle])
     level = (10.0, 20.0, 30.0, 40.0)
     weights = pixel_weights(frame, SENSOR, black_level=level)[middle]

@@ -15,7 +15,7 @@ from gui.pages.multiplex.model import MultiplexSettings
 from gui.pages.multiplex.page import Page
 from gui.theme import DARK, LIGHT, apply_theme
 from lfcal.lattice import lattice_of
-from lfcal.multiplex import cfa, demultiplex, demultiplex_generally, gain_map, mask, modulator_of, multiplex
+from lfcal.multiplex import cfa, demultiplex, demultiplex_generally, gain_map, mask, modulator_of, multiplex, paper
 from lfcal.multiplex.noise import camera_chi2
 from lfcal.multiplex.paper import paper_figure
 from lfcal.multiplex.scenes import colour_edges
@@ -191,7 +191,11 @@ def test_any_modulator_as_written(page: Page, qtbot: QtBot) -> None:
     assert page.panel.pictures.names == ("t0", "t1", "t2") and page.panel.pictures.views[0].image is not None
 
 
-def test_figures_of_the_paper(page: Page, context: Context, qtbot: QtBot, qapp: QApplication) -> None:
+def test_figures_of_the_paper(
+    page: Page, context: Context, qtbot: QtBot, qapp: QApplication, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, value in (("SIDE", 5), ("UPSAMPLED", 3)):
+        monkeypatch.setattr(paper, name, value)
     page.panel.tabs.setCurrentIndex(2)
     settle(page, qtbot)
     shown = page.panel.figures

@@ -199,6 +199,15 @@ def test_a_fit_found_later_is_offered(page: Page, qtbot: QtBot) -> None:
     assert stamp is not None and "Choices changed" not in page.panel.inspect.summary.text()
     page.context.set_fitted(FittedCamera(stamp, Setup(plan().camera, called_for(plan()), (0.0, 0.0))))
     assert "Choices changed" in page.panel.inspect.summary.text()
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("known")
+def test_a_fit_found_later_is_compared_with(page: Page, qtbot: QtBot) -> None:
+    found_by(page, qtbot)
+    stamp = stamp_of(page.context.state.psf)
+    assert stamp is not None
+    page.context.set_fitted(FittedCamera(stamp, Setup(plan().camera, called_for(plan()), (0.0, 0.0))))
     page.measure(force=True)
     idle(page.context.jobs, qtbot)
     assert page.inspection is not None and page.inspection.compared

@@ -395,7 +395,22 @@ def test_frames_of_a_session_that_is_stopped_are_kept_and_it_goes_on_to_the_same
         return {str(path.relative_to(of)): path.read_bytes() for path in of.rglob("*") if path.is_file()}
 
     assert contents(folder) == contents(tmp_path / "whole") and not (folder / session.UNFINISHED).exists()
-    full, written[:] = True, written[:2]
+
+
+def test_frames_of_a_session_that_failed_are_discarded_on_request(
+    page: Any, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    context, real = page.context, session._write_png
+    written: list[Path] = []
+
+    def write(path: Path, frame: Any) -> None:
+        if len(written) == 1:
+            raise StorageError(f"{path}: the disk is full; make room")
+        real(path, frame)
+        written.append(path)
+
+    monkeypatch.setattr(session, "_write_png", write)
+    count = context.state.plan.n_positions
     page.simulate_frames(str(tmp_path / "third"))
     idle(context.jobs, qtbot)
     job = context.jobs.jobs()[0]
@@ -403,6 +418,7 @@ def test_frames_of_a_session_that_is_stopped_are_kept_and_it_goes_on_to_the_same
     context.jobs.discard(job.number)
     idle(context.jobs, qtbot)
     assert not list((tmp_path / "third").iterdir())
+    written[:] = [tmp_path]
     page.simulate_frames(str(tmp_path / "third"))
     idle(context.jobs, qtbot)
     assert not context.jobs.jobs()[0].kept and not list((tmp_path / "third").iterdir()), "nothing was written"
