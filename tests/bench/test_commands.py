@@ -328,6 +328,7 @@ def test_solvers_longer(bench: Bench, tmp_path: Path, small_cameras: None, monke
     assert asked == [132] and "wins or ties after 2 iterations of rl" in said
 
 
+@pytest.mark.long
 def test_scenes_are_not_made_by_what_is_inverted() -> None:
     """Light between the planes and beside the voxels: the coarse H meets the frame to its noise, and not beyond."""
     few = replace(CAMERAS["bench"], depths=(2.6, 2.9, 3.2), cutout=41, side=60)

@@ -68,6 +68,7 @@ def test_a_curve_is_drawn_again_where_that_is_asked_for(lfcal: Lfcal, h: Path, t
     assert lfcal("accuracy", h, "--place", "storage", "--draw", chart, "--force").code == 0
 
 
+@pytest.mark.long
 def test_a_plan_as_a_table(lfcal: Lfcal, scan: Path) -> None:
     run = lfcal("accuracy", scan, "--place", "bases", "--place", "averaging", "--seconds", 600, "--error", "20 %")
     assert run.code == 0, run.err

@@ -16,7 +16,7 @@ UNCHECKED = "import lfcal.files; lfcal.files.require_space = lambda *_, **__: No
 """The free space is not looked at beforehand, as where another program fills the disk meanwhile."""
 
 NAMES = [pytest.param(name, marks=pytest.mark.long) if name in LONG else name for name in WRITERS]
-SOME = {"plan", "transpose", "export npy", "reconstruct h5", "multiplex demosaic"}
+SOME = {"plan", "transpose", "reconstruct h5"}
 A_FEW = [name if name in SOME else pytest.param(name, marks=pytest.mark.long) for name in WRITERS]
 
 Mount = Callable[[str], Path]
@@ -77,7 +77,7 @@ def check(answer: Answer, folder: Path, name: str, before: dict[str, bytes], *wh
     assert {k: v for k, v in after.items() if k not in others} == {k: before[k] for k in before if k not in others}
 
 
-@pytest.mark.few(6)
+@pytest.mark.few(3)
 @pytest.mark.skipif(os.name == "nt", reason="this system has no limits on file sizes")
 @pytest.mark.parametrize("name", NAMES)
 def test_writes_refused_in_the_middle(shell: Shell, source: Path, tmp_path: Path, name: str) -> None:

@@ -42,6 +42,7 @@ def test_what_is_left_falls_from_round_to_round() -> None:
     assert found[-1].note == f"χ² {found[-1].chi2:.3g}, left-out patterns {less}"
 
 
+@pytest.mark.long
 def test_what_is_left_is_that_of_left_out_patterns() -> None:
     """Against a left-out pattern that is another one's: it is as wrong as two patterns differ."""
     measured = measured_of(few_patterns())

@@ -152,16 +152,16 @@ def test_positions_are_left_out_by_turns_all_over_the_plane() -> None:
 
 def test_large_cutouts_are_solved_in_tiles() -> None:
     """As they are at once, where the residual is of one part alone."""
-    model = np.tile(spots(6, 6, 15), (1, 1, 3, 3))
+    model = np.tile(spots(6, 6, 15), (1, 1, 3, 1))
     beyond = Field([Moving(-0.5, 1.5, 0.5)], [0.1 * amplitudes(model)[0]], around=False).sample(
         np.random.default_rng(0)
     )
     data, truth, patterns = plane(model, beyond, np.ones((6, 6), bool))
     work = iter_leftover(data, "plane", workers=1)
-    assert next(work).total == 5
+    assert next(work).total == 3
     left = drain(work)
     every = np.ones((6, 6), bool)
     assert off(model + left.value, truth, every) < min(off(model, truth, every), off(patterns, truth, every))
-    for part in (np.s_[:, :, :30, :30], np.s_[:, :, 30:, 30:], np.s_[:, :, 30:34, 30:34]):
+    for part in (np.s_[:, :, :30], np.s_[:, :, 30:], np.s_[:, :, 30:34]):
         # no seam is worse than the rest
         assert off((model + left.value)[part], truth[part], every) < 1.3 * off(model + left.value, truth, every)

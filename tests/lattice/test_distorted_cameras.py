@@ -39,7 +39,8 @@ def true_terms(camera: DistortedCamera, fit: LatticeFit) -> np.ndarray:
     return answer[3:].T.ravel()
 
 
-@pytest.mark.parametrize("number", [1, pytest.param(2, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("number", [1, 2])
 def test_two_of_the_distorted_cameras(number: int) -> None:
     trial = measure(number, workers=1)
     assert trial.form == trial.called and trial.rms_px < 0.01 and trial.pull < 2

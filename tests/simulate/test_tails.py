@@ -60,6 +60,7 @@ def test_against_the_grid_they_do_most_of_what_wide_windows_do(monkeypatch: pyte
     assert narrow - wide < 0.45 * (cut - wide)
 
 
+@pytest.mark.long
 @pytest.mark.few(1)
 @pytest.mark.parametrize("change", [{"pixel_fill": 0.7}, {"accept": (4.0, 0.0, 0.0)}], ids=["fill", "angles"])
 def test_pixels_take_their_share_of_tails(change: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -140,6 +140,7 @@ main()
 """
 
 
+@pytest.mark.long
 @pytest.mark.few(1)
 @pytest.mark.parametrize("out", ["out", "out.h5", "out.ome.zarr"])
 def test_killed_while_a_series_is_written(own: Path, out: str) -> None:
