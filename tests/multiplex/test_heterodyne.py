@@ -78,7 +78,7 @@ def test_even_periods_and_whole_pixels_are_the_plain_routes() -> None:
         np.testing.assert_allclose(found, plain, atol=1e-9 * np.abs(plain).max())
 
 
-def test_the_mask_of_the_review() -> None:
+def test_a_mask_that_is_turned_and_no_whole_number_of_pixels_wide() -> None:
     """5.3 px, turned by 0.2 degrees, MURA 5 x 5: views of 0.6 … 1.4 were 0.51 … 1.48 by cubic interpolation."""
     angle, pitch = np.radians(0.2), 5.3
     along = (pitch * np.cos(angle), pitch * np.sin(angle))
