@@ -211,6 +211,9 @@ class Offer:
                 return f"H has no camera of its own: make a plan of its shape {self.shape} on the Plan page.", "error"
             return f"H has no camera of its own: takes camera, depths and anchor of the plan, {window.name}.", "hint"
         if settings.camera == "window":
+            _, refused = self._by_window(window)
+            if refused:
+                return f"H does not fit {window.name}, the camera of this window: {refused}.", "error"
             return f"Starts from {window.name}, the camera of this window.", "hint"
         return f"Starts from {self.camera}, as H was made with.", "hint"
 
@@ -223,8 +226,16 @@ class Offer:
         if own is None:
             own = plan if plan is not None and plan.shape == self.shape else None
         elif settings.camera == "window":
-            own = replace(own, camera=window)
+            own, _ = self._by_window(window)
         return {} if own is None else lacking_of(own)
+
+    def _by_window(self, window: Camera) -> tuple[ScanPlan | None, str]:
+        """Return the plan of H with the camera of the window; None, and why, where its sensor has no room for it."""
+        assert self.plan is not None
+        try:
+            return replace(self.plan, camera=window), ""
+        except InputError as error:
+            return None, str(error)
 
 
 def lacking_of(plan: ScanPlan) -> dict[str, str]:

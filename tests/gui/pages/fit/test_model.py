@@ -122,6 +122,11 @@ def test_an_h_says_what_it_has() -> None:
         "Starts from mine, the camera of this window.",
         "hint",
     )
+    small = replace(mine, sensor=replace(mine.sensor, shape=(10, 12)))
+    words, role = offer.camera_words(FitSettings("window"), small, None)
+    assert role == "error" and words.startswith("H does not fit mine, the camera of this window: cutout of position")
+    assert offer.lacking(FitSettings("window"), small, None) == {}
+    assert offer.lacking(FitSettings("window"), mine, None) == offer.lacking(FitSettings(), small, None)
     words, role = offer.noise_words(FitSettings(constant=0.0, slope=0.0))
     assert role == "error" and "above 0" in words
 
