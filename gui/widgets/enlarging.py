@@ -26,6 +26,20 @@ def whole_page(widget: QWidget) -> None:
     widget.setProperty(PAGE, True)
 
 
+class _Kept(QWidget):
+    """Keeps the place of what is enlarged: as large as it is now where there is room, and as small as it can be."""
+
+    def __init__(self, part: QWidget) -> None:
+        super().__init__()
+        self._size = part.size()
+        self.setSizePolicy(part.sizePolicy())
+        self.setMinimumSize(part.minimumSizeHint().expandedTo(part.minimumSize()))
+
+    def sizeHint(self) -> QSize:
+        """Return the size that the part had."""
+        return self._size
+
+
 class Enlarged(QFrame):
     """Lies over a page and holds one part of it, which goes on as before; Esc or a button puts it back.
 
@@ -44,9 +58,7 @@ class Enlarged(QFrame):
         self.setProperty("role", "card")
         self.setProperty("overlay", True)
         self._limits: tuple[QSize, QSize] = (part.minimumSize(), part.maximumSize())
-        self._kept = QWidget()
-        self._kept.setSizePolicy(part.sizePolicy())
-        self._kept.setMinimumSize(part.size())
+        self._kept = _Kept(part)
         _exchange(part, self._kept)
         part.setMaximumSize(UNLIMITED, UNLIMITED)
         self.back = QPushButton("Back (Esc)")

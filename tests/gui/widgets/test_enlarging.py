@@ -62,6 +62,22 @@ def test_a_picture_in_a_grid_fills_its_page_and_goes_back(page: QWidget, qtbot: 
     assert grid.itemAtPosition(0, 1).widget() is views[1]
 
 
+def test_a_page_gets_smaller_while_something_is_enlarged(page: QWidget, qtbot: QtBot) -> None:
+    """The place that was kept for it had its size as the least: the window could not be made smaller."""
+    row, views = QVBoxLayout(page), [picture() for _ in range(2)]
+    row.addWidget(split(*views, sizes=(800, 800)))
+    page.resize(1600, 900)
+    shown(page, qtbot)
+    holder = enlarge(views[0])
+    page.resize(700, 500)
+    QApplication.processEvents()
+    assert (page.width(), page.height()) == (700, 500) and holder is not None and holder.geometry() == page.rect()
+    assert views[1].parentWidget().width() <= 700
+    enlarge(views[0])
+    QApplication.processEvents()
+    assert views[0].width() > 100 and views[1].width() > 100
+
+
 def test_a_card_goes_with_its_only_picture(page: QWidget, qtbot: QtBot) -> None:
     left, column = card("Profile")
     plot = LinePlot("x (px)", "counts")
