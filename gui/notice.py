@@ -7,7 +7,7 @@ from collections.abc import Callable
 from PySide6.QtCore import Qt, QTimer
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QPushButton, QWidget
 
-from gui.widgets.words import WrappedLabel
+from gui.widgets.words import WrappedLabel, set_role
 
 __all__ = ["Notice"]
 
@@ -102,9 +102,7 @@ class Notice(QFrame):
         self.button.setText(button)
         self.button.setAccessibleName(button)
         self.button.setToolTip(tip)
-        self.label.setProperty("role", role)
-        self.label.style().unpolish(self.label)
-        self.label.style().polish(self.label)
+        set_role(self.label, role)
 
     def _pressed(self) -> None:
         cancel = self._cancel

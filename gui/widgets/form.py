@@ -17,6 +17,7 @@ from PySide6.QtWidgets import (
 )
 
 from gui.models.form import Field, parse, text_of
+from gui.widgets.words import set_look
 from lfcal.errors import InputError
 
 __all__ = ["Form"]
@@ -117,10 +118,7 @@ class Form(QWidget):
             label.setToolTip(tip)
             # screen readers read the description after the name
             self._editors[key].setAccessibleDescription(tip)
-            if label.property("mark") != word:
-                label.setProperty("mark", word)
-                label.style().unpolish(label)
-                label.style().polish(label)
+            set_look(label, "mark", word)
 
     # -- values ----------------------------------------------------------------------------------------
     def editor(self, key: str) -> QWidget:
@@ -185,10 +183,7 @@ class Form(QWidget):
             self.edited.emit(key, value)
 
     def _mark(self, editor: QWidget, error: str) -> None:
-        if bool(editor.property("invalid")) != bool(error):
-            editor.setProperty("invalid", bool(error))
-            editor.style().unpolish(editor)
-            editor.style().polish(editor)
+        set_look(editor, "invalid", bool(error))
         editor.setProperty("reason", error)
 
     def _show_error(self) -> None:

@@ -11,7 +11,7 @@ from PySide6.QtCore import QSize, Qt
 from PySide6.QtGui import QContextMenuEvent, QKeyEvent, QKeySequence, QResizeEvent
 from PySide6.QtWidgets import QApplication, QLabel, QMenu, QWidget
 
-__all__ = ["ElidedLabel", "WrappedLabel", "breakable", "set_role"]
+__all__ = ["ElidedLabel", "WrappedLabel", "breakable", "set_look", "set_role"]
 
 BREAK = "\u200b"
 """Is not seen, and a line may end there."""
@@ -35,8 +35,13 @@ def breakable(text: str) -> str:
 
 def set_role(widget: QWidget, role: str) -> None:
     """Give a widget the look of a role, which follows the theme: of ``"error"``, ``"hint"``, or ``""`` of none."""
-    if widget.property("role") != role:
-        widget.setProperty("role", role)
+    set_look(widget, "role", role)
+
+
+def set_look(widget: QWidget, name: str, value: object) -> None:
+    """Set a property that the style sheet looks at: Qt looks at it again only where it is told to."""
+    if (widget.property(name) or None) != (value or None):
+        widget.setProperty(name, value)
         widget.style().unpolish(widget)
         widget.style().polish(widget)
 

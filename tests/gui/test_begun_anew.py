@@ -15,7 +15,7 @@ from pytestqt.qtbot import QtBot
 import lfcal.psf
 from gui.models.project import ProjectState
 from gui.window import MainWindow
-from lfcal.camera import preset
+from lfcal.camera import ScanPlan, preset
 from lfcal.psf import PSFMatrix, save
 from tests.acquire.rigs import small_plan
 from tests.gui.waiting import GUARD_MS, idle
@@ -155,13 +155,18 @@ def test_a_reconstruction_under_way(
     assert page.solving is None and page._job == 0 and page.panel.status.text() == ""
 
 
-def test_a_frame_of_other_choices(window: MainWindow, qtbot: QtBot) -> None:
-    """It stayed without a word."""
+def simulated(window: MainWindow, qtbot: QtBot) -> tuple[ScanPlan, Any]:
+    """Return a small plan, and the page Simulate with it."""
     plan = small_plan((3, 4), 2)
     window.project.update("plan", plan=plan, camera=plan.camera)
     window.go("simulate")
-    page: Any = window.page("simulate")
     idle(window.jobs, qtbot)
+    return plan, window.page("simulate")
+
+
+def test_a_frame_of_other_choices(window: MainWindow, qtbot: QtBot) -> None:
+    """It stayed without a word."""
+    _, page = simulated(window, qtbot)
     page.make_frame()
     idle(window.jobs, qtbot)
     frame = page.panel.frame
@@ -174,11 +179,7 @@ def test_a_frame_of_other_choices(window: MainWindow, qtbot: QtBot) -> None:
 @pytest.mark.long
 def test_charts_and_frames_of_another_plan(window: MainWindow, qtbot: QtBot) -> None:
     """The ladder of the plan before, and a frame made with other choices, stayed without a word."""
-    plan = small_plan((3, 4), 2)
-    window.project.update("plan", plan=plan, camera=plan.camera)
-    window.go("simulate")
-    page: Any = window.page("simulate")
-    idle(window.jobs, qtbot)
+    plan, page = simulated(window, qtbot)
     page.ladder()
     page.make_frame()
     idle(window.jobs, qtbot)
@@ -198,11 +199,7 @@ def test_charts_and_frames_of_another_plan(window: MainWindow, qtbot: QtBot) -> 
 
 
 def test_measuring_a_plan_that_is_no_more_is_stopped(window: MainWindow, qtbot: QtBot) -> None:
-    plan = small_plan((3, 4), 2)
-    window.project.update("plan", plan=plan, camera=plan.camera)
-    window.go("simulate")
-    page: Any = window.page("simulate")
-    idle(window.jobs, qtbot)
+    plan, page = simulated(window, qtbot)
     page.ladder()
     number = page._measuring
     window.project.update("planes", plan=replace(plan, depths_um=plan.depths_um[:1], exposure_s=0.02))

@@ -11,6 +11,7 @@ from PySide6.QtGui import QStandardItemModel
 from PySide6.QtWidgets import QComboBox, QFormLayout, QLabel, QLineEdit, QPushButton, QVBoxLayout, QWidget
 
 from gui.widgets.cards import card, line
+from gui.widgets.words import set_role
 
 __all__ = ["DevicePanel"]
 
@@ -122,9 +123,7 @@ class DevicePanel(QWidget):
         self._connected = connected
         self.button.setText("Disconnect" if connected else "Connecting …" if busy else "Connect")
         self.button.setToolTip(LET_GO if connected else CONNECT)
-        self.button.setProperty("role", "" if connected else "primary")
-        self.button.style().unpolish(self.button)
-        self.button.style().polish(self.button)
+        set_role(self.button, "" if connected else "primary")
         for widget in (self.backend, self.stage, self.options_box):
             widget.setEnabled(not connected and not busy)
         self._show_reason()
@@ -140,9 +139,7 @@ class DevicePanel(QWidget):
 
     # -- inside ----------------------------------------------------------------------------------------
     def _say(self, words: str, *, bad: bool) -> None:
-        self.reason.setProperty("role", "error" if bad else "hint")
-        self.reason.style().unpolish(self.reason)
-        self.reason.style().polish(self.reason)
+        set_role(self.reason, "error" if bad else "hint")
         self.reason.setText(words)
 
     def _show_reason(self) -> None:

@@ -13,7 +13,7 @@ from gui.models.words import typeset
 from gui.pages.fit.model import FIELDS, FitSettings, Offer, group_rows
 from gui.widgets.cards import card, choice_box
 from gui.widgets.form import Form
-from gui.widgets.words import WrappedLabel
+from gui.widgets.words import WrappedLabel, set_role
 from lfcal.fit import Fit
 
 __all__ = ["ChoicesPanel"]
@@ -176,10 +176,7 @@ def _legend(settings: FitSettings, *, told: bool) -> str:
 
 def _say(label: QLabel, words: str, role: str) -> None:
     label.setText(words)
-    if label.property("role") != role:
-        label.setProperty("role", role)
-        label.style().unpolish(label)
-        label.style().polish(label)
+    set_role(label, role)
 
 
 def _wrapped() -> QLabel:

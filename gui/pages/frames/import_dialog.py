@@ -28,6 +28,7 @@ from gui.pages.frames.import_previews import ImportPreviews
 from gui.pages.frames.model_import import ImportChoice, Survey, survey
 from gui.pages.frames.orientation import CHOICES
 from gui.widgets.cards import choice_box, clear
+from gui.widgets.words import set_role
 from lfcal.camera import Camera, ScanPlan
 
 __all__ = ["ImportDialog"]
@@ -242,9 +243,7 @@ class ImportDialog(QDialog):
         _offer(self.channel, self._colours(found), self.choice.channel)
         lines = dict.fromkeys(map(said_in_window, found.notes))  # what list and plan both say is said once
         self.words.setText(said_in_window(found.problem) or "\n".join(lines) or "Nothing had to be guessed.")
-        self.words.setProperty("role", "error" if found.problem else "")
-        self.words.style().unpolish(self.words)
-        self.words.style().polish(self.words)
+        set_role(self.words, "error" if found.problem else "")
         self.open_button.setEnabled(found.imported is not None)
         self.previews.show_frames(found.shown)
 

@@ -10,6 +10,7 @@ from PySide6.QtWidgets import QComboBox, QGridLayout, QLabel, QLineEdit, QVBoxLa
 from gui.pages.simulate.model import GIVEN
 from gui.pages.simulate.model_effects import EffectRow, refused
 from gui.pages.simulate.terms_table import TermsTable
+from gui.widgets.words import set_look
 from lfcal.simulate.effects.magnitudes import Magnitude
 
 __all__ = ["MagnitudeForm"]
@@ -134,10 +135,7 @@ class MagnitudeEditor(QWidget):
     def _say(self, why: str) -> None:
         self.error.setText(why)
         self.error.setVisible(bool(why))
-        if bool(self.value.property("invalid")) != bool(why):
-            self.value.setProperty("invalid", bool(why))
-            self.value.style().unpolish(self.value)
-            self.value.style().polish(self.value)
+        set_look(self.value, "invalid", bool(why))
 
 
 class MagnitudeForm(QWidget):
