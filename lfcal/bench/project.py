@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -14,6 +14,10 @@ from lfcal.cli.options import FolderOption, JsonOption, WorkersOption
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+
+IMAGE, PERIOD, CUTOUT, REPEATS, SIDE = 1001, 11, 111, 5, 2000
+"""What is projected where nothing else is said."""
 
 
 def register(bench: typer.Typer) -> None:
@@ -40,14 +44,14 @@ class Row:
 
 def command(
     *,
-    image: int = typer.Option(1001, min=32, help="Side of the image (px)."),
-    period: int = typer.Option(11, min=1, help="Period (px), odd."),
-    cutout: int = typer.Option(111, min=3, help="Side of the cutout (px), odd."),
+    image: int = typer.Option(IMAGE, min=32, help="Side of the image (px)."),
+    period: int = typer.Option(PERIOD, min=1, help="Period (px), odd."),
+    cutout: int = typer.Option(CUTOUT, min=3, help="Side of the cutout (px), odd."),
     planes: int = typer.Option(1, min=1, help="Depth planes."),
-    repeats: int = typer.Option(5, min=1, help="Runs of lfcal's methods; the fastest counts."),
+    repeats: int = typer.Option(REPEATS, min=1, help="Runs of lfcal's methods; the fastest counts."),
     r29: bool = typer.Option(False, "--r29", help="The R29 problem instead: 95 x 55 positions, 181 x 181, 11 planes."),
     full: bool = typer.Option(False, "--full", help="With --r29: all 11 planes instead of one, scaled."),
-    side: int = typer.Option(2000, "--side", help="With --r29: side of the image region (px)."),
+    side: int = typer.Option(SIDE, "--side", help="With --r29: side of the image region (px)."),
     frame: bool = typer.Option(False, "--frame", help="With --r29: the whole frame, 4384 x 6576, instead of --side."),
     density: float = typer.Option(1.0, "--density", help="With --r29: share of H that is not zero."),
     tolerance: str = typer.Option(
@@ -71,15 +75,21 @@ def command(
     from lfcal.bench._r29 import FRAME, run_r29
     from lfcal.cli.console import print_json
     from lfcal.cli.plan import parse_depths
-    from lfcal.errors import InputError
     from lfcal.threads import worker_count
 
     count = worker_count(workers)
+    dense = {"--image": image != IMAGE, "--period": period != PERIOD, "--cutout": cutout != CUTOUT}
+    dense |= {"--planes": planes != 1, "--repeats": repeats != REPEATS}
+    sampled = {"--full": full, "--frame": frame, "--density": density != 1}
+    if not r29:
+        _refuse(sampled | {"--side": side != SIDE, "--device": bool(device), "--tolerance": bool(tolerance)}, "--r29")
+    else:
+        _refuse(dense, "no --r29")
+        _refuse({"--side": frame and side != SIDE}, "no --frame")
+        _refuse({name: bool(tolerance) and given for name, given in sampled.items()}, "no --tolerance")
     if tolerance:
         from lfcal.bench._reduced import run_reduced, show_reduced
 
-        if not r29:
-            raise InputError.expected("--tolerance", "the R29 problem", "another one", "give --r29, too")
         within = run_reduced(side, parse_depths(tolerance, lengths=False), count, device or "auto")
         print_json({"side": side, "workers": count, "rows": within}) if json else show_reduced(within, side)
         return
@@ -98,6 +108,15 @@ def command(
         f"image {image} x {image}, period {period} x {period}, cutout {cutout} x {cutout}, {planes} plane(s), "
         f"{count} threads",
     )
+
+
+def _refuse(given: Mapping[str, bool], beside: str) -> None:
+    """Raise `InputError` for the first option that was given and would be ignored: it wants ``beside`` beside it."""
+    from lfcal.errors import InputError
+
+    for option in (name for name, said in given.items() if said):
+        got = "it" if beside.startswith("no ") else "none"
+        raise InputError.expected(option, f"{beside} beside it", got, f"leave {option} out, or change that")
 
 
 def measure(image: int, period: int, cutout: int, planes: int, repeats: int, workers: int) -> list[Row]:

@@ -183,7 +183,7 @@ def test_projection_of_the_r29_on_a_small_copy(bench: Bench, monkeypatch: pytest
     # how wide the times are decides where a line breaks
     assert "(1 measured, scaled)" in " ".join(bench("project", *options).split())
     monkeypatch.setattr(_r29, "find_device", lambda text: ArrayDevice("numpy"))
-    there = bench.json("project", *options, "--frame", "--device", "cuda")
+    there = bench.json("project", "--r29", "--frame", "--device", "cuda", "--folder", tmp_path, "--workers", 1)
     assert (there["shape"], there["device"], one["device"]) == ([200, 300], "cpu (numpy)", "cpu")
     assert there["forecast_device_bytes"] > 0 == one["forecast_device_bytes"]
     assert list(tmp_path.iterdir()) == [], "the synthetic plane is gone"
@@ -207,8 +207,23 @@ def test_projection_within_tolerances(bench: Bench, monkeypatch: pytest.MonkeyPa
     assert [row["device"] for row in rows] == ["cpu"] * 3 + ["cpu (numpy)"] * 3
     assert rows[3]["error"][0] < 1e-6 and rows[5]["error"] == pytest.approx(rows[2]["error"], rel=1e-2)
     assert "no accelerator" not in bench(*options, "--device", "cuda")
-    assert "expected the R29 problem" in bench("project", "--tolerance", "0.005", code=2)
     assert "tolerance of the projection" in bench("project", "--r29", "--tolerance", "2", code=2)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--frame",), "--frame: expected --r29 beside it, got none"),
+        (("--device", "cpu"), "--device: expected --r29 beside it"),
+        (("--tolerance", "0.005"), "--tolerance: expected --r29 beside it"),
+        (("--r29", "--image", 300), "--image: expected no --r29 beside it, got it"),
+        (("--r29", "--frame", "--side", 100), "--side: expected no --frame beside it"),
+        (("--r29", "--tolerance", "0.01", "--full"), "--full: expected no --tolerance beside it"),
+    ],
+)
+def test_options_of_another_projection_are_refused(bench: Bench, options: tuple[object, ...], said: str) -> None:
+    """They were ignored."""
+    assert said in bench("project", *options, code=2)
 
 
 @pytest.fixture
