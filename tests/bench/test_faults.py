@@ -51,10 +51,11 @@ def test_what_was_tried_is_kept(bench: Bench, monkeypatch: pytest.MonkeyPatch, t
     assert "line 2 of kept" in bench("faults", *part, code=2)
 
 
-def test_cameras_without_a_fault(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(faults, "CLEAN", 1)
+@pytest.mark.parametrize("names", [["bench"], pytest.param(["bench", "bench, 1 % PRNU"], marks=pytest.mark.long)])
+def test_cameras_without_a_fault(bench: Bench, monkeypatch: pytest.MonkeyPatch, names: list[str]) -> None:
+    monkeypatch.setattr(faults, "CLEAN", len(names))
     found = bench.json("faults", "--clean", "--patterns", 24)
-    assert [one["camera"] for one in found["cameras"]] == ["bench"]
+    assert [one["camera"] for one in found["cameras"]] == names
     assert found["bad"] == 0
 
 

@@ -150,18 +150,27 @@ def test_positions_are_left_out_by_turns_all_over_the_plane() -> None:
         assert all(quarter.any() for quarter in quarters)
 
 
-def test_large_cutouts_are_solved_in_tiles() -> None:
+@pytest.mark.parametrize(
+    ("across", "steps", "parts"),
+    [
+        (1, 3, (np.s_[:, :, :30], np.s_[:, :, 30:], np.s_[:, :, 30:34])),
+        pytest.param(
+            3, 5, (np.s_[:, :, :30, :30], np.s_[:, :, 30:, 30:], np.s_[:, :, 30:34, 30:34]), marks=pytest.mark.long
+        ),
+    ],
+)
+def test_large_cutouts_are_solved_in_tiles(across: int, steps: int, parts: tuple[tuple[slice, ...], ...]) -> None:
     """As they are at once, where the residual is of one part alone."""
-    model = np.tile(spots(6, 6, 15), (1, 1, 3, 1))
+    model = np.tile(spots(6, 6, 15), (1, 1, 3, across))
     beyond = Field([Moving(-0.5, 1.5, 0.5)], [0.1 * amplitudes(model)[0]], around=False).sample(
         np.random.default_rng(0)
     )
     data, truth, patterns = plane(model, beyond, np.ones((6, 6), bool))
     work = iter_leftover(data, "plane", workers=1)
-    assert next(work).total == 3
+    assert next(work).total == steps
     left = drain(work)
     every = np.ones((6, 6), bool)
     assert off(model + left.value, truth, every) < min(off(model, truth, every), off(patterns, truth, every))
-    for part in (np.s_[:, :, :30], np.s_[:, :, 30:], np.s_[:, :, 30:34]):
+    for part in parts:
         # no seam is worse than the rest
         assert off((model + left.value)[part], truth[part], every) < 1.3 * off(model + left.value, truth, every)
