@@ -31,7 +31,7 @@ def _multiplexing(stage: Stage) -> Iterator[Shot]:
     yield Shot("multiplex_search_empty")
     for sought in ("filters", "mask"):
         page._edited("sought", sought)
-        page.search()
+        page.searching.search()
         stage.done()
         stage.tidy()
         yield Shot(f"multiplex_search_{sought}")

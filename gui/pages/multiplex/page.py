@@ -19,18 +19,15 @@ from gui.pages.multiplex import takes
 from gui.pages.multiplex.figures_view import MAP
 from gui.pages.multiplex.model import ModulatorPicture, MultiplexSettings
 from gui.pages.multiplex.model_compare import Comparison, compare
-from gui.pages.multiplex.model_fields import TYPED
 from gui.pages.multiplex.model_frames import opened
 from gui.pages.multiplex.model_routes import white_of
 from gui.pages.multiplex.model_scene import Reconstructions, iter_reconstruct
-from gui.pages.multiplex.model_search import iter_search
 from gui.pages.multiplex.panel import MultiplexPanel
+from gui.pages.multiplex.searching import Searching
 from lfcal.camera import Camera
 from lfcal.errors import LfcalError
 from lfcal.frames.formats.opening import image_suffixes
-from lfcal.multiplex.colour_filters import parse_pattern
 from lfcal.multiplex.gains import gain_map
-from lfcal.multiplex.matrix_file import save_modulator
 from lfcal.multiplex.noise import camera_chi2
 from lfcal.multiplex.paper import paper_figure
 from lfcal.progress import drain
@@ -38,7 +35,6 @@ from lfcal.progress import drain
 __all__ = ["Page"]
 
 IMAGES = f"Images ({' '.join('*' + suffix for suffix in sorted(image_suffixes()))});;All files (*)"
-DESIGNS = "With views and colours (*.json);;Transmissions alone (*.npy)"
 CHOSEN = ("family", "cfa", "pattern", "mask", "size", "written", "scene", "filter", "weighted", "noise", "image")
 CHOSEN += ("route", "dead", "white", "transmissions", "spacing", "smoothness")
 MODULATORS = ("family", "cfa", "pattern", "mask", "size", "written")
@@ -65,7 +61,6 @@ class Page(BasePage):
         self._figure_asked: tuple[Any, ...] = ()
         self._live: tuple[Any, tuple[int, int]] | None = None
         self._live_busy = False
-        self._search_job = 0
         self._in_colour = ""
         self.set_panel(self.panel)
         self.forms = self.panel.forms
@@ -80,9 +75,8 @@ class Page(BasePage):
         self.panel.tabs.currentChanged.connect(lambda _: self._tab_changed())
         self.panel.figures.figure_chosen.connect(lambda number: self._edited("figure", number))
         self.panel.figures.camera_chosen.connect(lambda own: self._edited("own_camera", own))
-        self.panel.search.search_asked.connect(self.search)
-        self.panel.search.use_asked.connect(self.use_found)
-        self.panel.search.save_asked.connect(self.save_found)
+        self.searching = Searching(context, self.panel.search)
+        self.searching.used.connect(lambda: self.panel.tabs.setCurrentIndex(0))
         context.frame_seen.connect(self._frame_seen)
         context.jobs.finished.connect(self._job_finished)
         self.theme_changed.connect(self._apply_theme)
@@ -319,61 +313,7 @@ class Page(BasePage):
             self.panel.figures.show_status,
         )
 
-    # -- search ----------------------------------------------------------------------------------------
-    def search(self) -> None:
-        """Search as a job."""
-        settings, sensor = self.settings, self.context.state.camera.sensor
-        if self._search_job:
-            self.context.jobs.cancel(self._search_job)
-        self.panel.search.show_found(None)
-        self.panel.search.show_status("searching …")
-        self._search_job = self.context.jobs.start(
-            "Search filters and masks",
-            "multiplex",
-            lambda: iter_search(settings, sensor),
-            self.panel.search.show_found,
-            at_once=True,
-        )
-
-    def use_found(self) -> None:
-        """Take the found filters as the own pattern; a mask is written to a file and named."""
-        found = self.panel.search.found
-        if found is None:
-            return
-        name = found.design.modulator.name
-        if self.panel.search.found is not None and found.design.modulator.colours:
-            pattern = "/".join(parse_pattern(name))
-            settings = replace(self.settings, family="cfa", cfa=TYPED, pattern=pattern)
-            self.context.project.update("use the search's filters", settings=settings.into(self.context.state))
-            self.panel.tabs.setCurrentIndex(0)
-            return
-        self.save_found(use=True)
-
-    def save_found(self, use: bool = False) -> None:
-        """Ask where to, and write the design."""
-        found = self.panel.search.found
-        path = QFileDialog.getSaveFileName(self, "Save design", "design.json", DESIGNS)[0] if found else ""
-        if found is None or not path:
-            return
-        try:
-            save_modulator(found.design.modulator, path)
-        except LfcalError as error:
-            self.context.message.emit(str(error))
-            self.panel.search.show_status(str(error))
-            return
-        self.panel.search.show_status(f"written to {path}")
-        if use:
-            hole = f"pinhole:{found.design.modulator.side[0]}"
-            settings = replace(self.settings, family="written", written=path, reference_written=hole)
-            self.context.project.update("use the search's mask", settings=settings.into(self.context.state))
-            self.panel.tabs.setCurrentIndex(0)
-
     def _job_finished(self, job: Job) -> None:
-        if job.number == self._search_job:
-            self._search_job = 0
-            if job.state is not JobState.DONE:
-                self.panel.search.show_status(job.error or "stopped")
-            return
         if job.number != self._job:
             return
         self._job = 0

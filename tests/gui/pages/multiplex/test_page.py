@@ -262,7 +262,7 @@ def test_search_and_use(page: Page, qtbot: QtBot, tmp_path: Path, monkeypatch: p
     settle(page, qtbot)
     assert search.found is not None and search.found.design.modulator.views == (3, 3)
     target = str(tmp_path / "mask.json")
-    monkeypatch.setattr("gui.pages.multiplex.page.QFileDialog.getSaveFileName", lambda *_: (target, ""))
+    monkeypatch.setattr("gui.pages.multiplex.searching.QFileDialog.getSaveFileName", lambda *_: (target, ""))
     search.buttons["Use"].click()
     settle(page, qtbot)
     assert page.settings.written == target and cells(page)["Samples N"] == "9"

@@ -1,0 +1,89 @@
+"""The search for filters and masks: a job, and what becomes of what it finds."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from PySide6.QtCore import QObject, Signal
+from PySide6.QtWidgets import QFileDialog
+
+from gui.context import Context
+from gui.jobs import Job, JobState
+from gui.pages.multiplex.model import MultiplexSettings
+from gui.pages.multiplex.model_fields import TYPED
+from gui.pages.multiplex.model_search import iter_search
+from gui.pages.multiplex.search_view import SearchView
+from lfcal.errors import LfcalError
+from lfcal.multiplex.colour_filters import parse_pattern
+from lfcal.multiplex.matrix_file import save_modulator
+
+__all__ = ["Searching"]
+
+DESIGNS = "With views and colours (*.json);;Transmissions alone (*.npy)"
+
+
+class Searching(QObject):
+    """What the buttons of the search do; ``used`` is sent when the project has taken what was found."""
+
+    used = Signal()
+
+    def __init__(self, context: Context, view: SearchView) -> None:
+        super().__init__(view)
+        self.context, self.view = context, view
+        self._job = 0
+        view.search_asked.connect(self.search)
+        view.use_asked.connect(self.use_found)
+        view.save_asked.connect(self.save_found)
+        context.jobs.finished.connect(self._finished)
+
+    def search(self) -> None:
+        """Search as a job; one at work is stopped."""
+        settings, sensor = MultiplexSettings.of(self.context.state), self.context.state.camera.sensor
+        if self._job:
+            self.context.jobs.cancel(self._job)
+        self.view.show_found(None)
+        self.view.show_status("searching …")
+        self._job = self.context.jobs.start(
+            "Search filters and masks",
+            "multiplex",
+            lambda: iter_search(settings, sensor),
+            self.view.show_found,
+            at_once=True,
+        )
+
+    def use_found(self) -> None:
+        """Take the found filters as the own pattern; a mask is written to a file and named."""
+        found = self.view.found
+        if found is None:
+            return
+        modulator = found.design.modulator
+        if modulator.colours:
+            self._take("filters", family="cfa", cfa=TYPED, pattern="/".join(parse_pattern(modulator.name)))
+        elif path := self.save_found():
+            self._take("mask", family="written", written=path, reference_written=f"pinhole:{modulator.side[0]}")
+
+    def save_found(self) -> str:
+        """Ask where to, and write the design; return its path, empty where none was written."""
+        found = self.view.found
+        path = QFileDialog.getSaveFileName(self.view, "Save design", "design.json", DESIGNS)[0] if found else ""
+        if found is None or not path:
+            return ""
+        try:
+            save_modulator(found.design.modulator, path)
+        except LfcalError as error:
+            self.context.message.emit(str(error))
+            self.view.show_status(str(error))
+            return ""
+        self.view.show_status(f"written to {path}")
+        return path
+
+    def _take(self, what: str, **changes: str) -> None:
+        settings = replace(MultiplexSettings.of(self.context.state), **changes)
+        self.context.project.update(f"use the search's {what}", settings=settings.into(self.context.state))
+        self.used.emit()
+
+    def _finished(self, job: Job) -> None:
+        if job.number == self._job:
+            self._job = 0
+            if job.state is not JobState.DONE:
+                self.view.show_status(job.error or "stopped")
