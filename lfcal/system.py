@@ -7,6 +7,7 @@ menu entries, drivers).
 from __future__ import annotations
 
 import errno
+import functools
 import math
 import os
 import sys
@@ -230,6 +231,7 @@ def processors(root: Path = Path("/")) -> int:
     return max(1, math.ceil(min(count, _quota(root))))
 
 
+@functools.cache
 def _quota(root: Path) -> float:
     """Return the processors that the control groups of this process allow, infinite without a limit.
 

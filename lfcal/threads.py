@@ -12,10 +12,10 @@ import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack, contextmanager
 from contextvars import copy_context
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
 from lfcal.errors import InputError
 from lfcal.system import processors
@@ -30,6 +30,12 @@ __all__ = [
     "one_blas_thread",
     "worker_count",
 ]
+
+MOST = 1024
+"""Threads that may run at once, whoever asked for them: calls within calls have threads of their own."""
+
+HELPER = "helper"
+"""What the names of threads that stay begin with."""
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -103,6 +109,33 @@ def _set_environment(values: dict[str, str | None] | dict[str, str]) -> None:
             os.environ[name] = value
 
 
+class _Helpers:
+    """Threads that stay: starting some for each call would take small problems longer than their work.
+
+    There are as many as ever ran at once; those that wait for work cost nothing.
+    """
+
+    def __init__(self) -> None:
+        self.lock = threading.Lock()
+        self.pool: ThreadPoolExecutor | None = None
+        if hasattr(os, "register_at_fork"):
+            os.register_at_fork(after_in_child=self.forget)
+
+    def forget(self) -> None:
+        """Begin anew in a forked process, which has none of the threads."""
+        self.lock, self.pool = threading.Lock(), None
+
+    def submit(self, function: Callable[..., R], *args: Any) -> Future[R]:
+        """Let a thread that has nothing to do, or a new one, call ``function``."""
+        with self.lock:
+            if self.pool is None:
+                self.pool = ThreadPoolExecutor(MOST, thread_name_prefix=HELPER)
+            return self.pool.submit(function, *args)
+
+
+_HELPERS = _Helpers()
+
+
 def chunks(n: int, parts: int) -> list[tuple[int, int]]:
     """Split ``range(n)`` into at most ``parts`` nearly equal ``(start, stop)`` ranges."""
     parts = max(1, min(parts, n))
@@ -129,17 +162,47 @@ def for_each_chunk(
     """
     count = worker_count(workers)
     ranges = chunks(n, count * parts_per_worker if count > 1 else 1)
-    # without a pool an error keeps its short traceback, and nothing is spent on threads
+    # an error keeps its short traceback, and nothing is spent on threads
     if count == 1 or len(ranges) <= 1:
         return [function(a, b) for a, b in ranges]
-    with ThreadPoolExecutor(count) as pool:
+    return _Shared(function, ranges).done(min(count, len(ranges)))
+
+
+class _Shared(Generic[R]):
+    """Chunks that threads take in turn, the caller among them: it never waits for a thread that has not begun."""
+
+    def __init__(self, function: Callable[[int, int], R], ranges: list[tuple[int, int]]) -> None:
+        self.function, self.ranges = function, ranges
+        self.lock, self.turns = threading.Lock(), iter(range(len(ranges)))
+        self.results: dict[int, R] = {}
+        self.errors: dict[int, BaseException] = {}
+
+    def done(self, count: int) -> list[R]:
+        """Return the results in order, worked out by ``count`` threads; the first error in order is raised."""
         # in the caller's context, a copy for each: where nobody waits for the caller any more, what helps it ends, too
-        waiting = [pool.submit(copy_context().run, function, a, b) for a, b in ranges]
+        helping = [_HELPERS.submit(copy_context().run, self.take) for _ in range(count - 1)]
         try:
-            return [one.result() for one in waiting]
+            self.take()
         finally:
-            for one in waiting:
-                one.cancel()
+            wait([one for one in helping if not one.cancel()])
+        if self.errors:
+            try:
+                raise self.errors[min(self.errors)]
+            finally:
+                self.errors.clear()  # an error and its traceback would else hold each other
+        return [self.results[k] for k in range(len(self.ranges))]
+
+    def take(self) -> None:
+        """Work out chunks until none is left, or one of them failed."""
+        while not self.errors:
+            with self.lock:
+                k = next(self.turns, None)
+            if k is None:
+                return
+            try:
+                self.results[k] = self.function(*self.ranges[k])
+            except BaseException as error:
+                self.errors[k] = error
 
 
 def for_each_block(function: Callable[[int, int], object], n: int, step: int, workers: int | None = None) -> None:
@@ -162,11 +225,22 @@ def in_order(function: Callable[[T], R], items: Iterable[T], workers: int | None
     if count == 1:
         yield from map(function, waiting)
         return
-    with ThreadPoolExecutor(count) as pool:
-        under_way = deque(pool.submit(function, item) for item in itertools.islice(waiting, count + 1))
+    room = threading.Semaphore(count)
+
+    def one(item: T) -> R:
+        with room:
+            return function(item)
+
+    under_way: deque[tuple[T, Future[R]]] = deque()
+    try:
+        under_way.extend((item, _HELPERS.submit(one, item)) for item in itertools.islice(waiting, count + 1))
         while under_way:
-            yield under_way.popleft().result()
-            under_way.extend(pool.submit(function, item) for item in itertools.islice(waiting, 1))
+            item, result = under_way.popleft()
+            # whoever asks does what no thread has begun
+            yield one(item) if result.cancel() else result.result()
+            under_way.extend((item, _HELPERS.submit(one, item)) for item in itertools.islice(waiting, 1))
+    finally:
+        wait([result for _, result in under_way if not result.cancel()])
 
 
 class _BlasGate:

@@ -141,3 +141,78 @@ def test_results_in_order_few_at_a_time(workers: int) -> None:
 def test_an_error_among_results_in_order() -> None:
     with pytest.raises(ZeroDivisionError):
         list(in_order(lambda k: 1 / k, [1, 2, 0, 3], 2))
+
+
+def test_threads_stay(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A call begins no thread where one of an earlier call has nothing to do."""
+    begun = []
+    start = threading.Thread.start
+    monkeypatch.setattr(threading.Thread, "start", lambda thread: (begun.append(thread), start(thread)))
+    for _ in range(20):
+        meet = threading.Barrier(3)
+        assert len(for_each_chunk(lambda a, b, meet=meet: meet.wait(), 3, 3)) == 3
+        assert list(in_order(lambda k: k, range(9), 3)) == list(range(9))
+    assert len(begun) < 20
+
+
+@pytest.fixture
+def few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave one thread to help, whoever asks."""
+    monkeypatch.setattr(threads, "MOST", 1)
+    monkeypatch.setattr(threads, "_HELPERS", threads._Helpers())
+
+
+@pytest.mark.usefixtures("few")
+def test_calls_within_calls_never_wait_for_each_other() -> None:
+    def inner(k: int) -> int:
+        return sum(in_order(lambda j: j * k, range(5), 3)) + sum(for_each_chunk(lambda a, b: b - a, 8, 4))
+
+    assert list(in_order(inner, range(6), 3)) == [10 * k + 8 for k in range(6)]
+    assert for_each_chunk(lambda a, b: sum(map(inner, range(a, b))), 6, 3, parts_per_worker=2) == [
+        10 * k + 8 for k in range(6)
+    ]
+
+
+def test_the_first_error_of_chunks_is_raised_and_no_chunk_runs_on() -> None:
+    begun = threading.Barrier(2)
+    ended = []
+
+    def work(start: int, stop: int) -> None:
+        if start < 2:
+            begun.wait()
+        if start == 0:
+            raise KeyError(start)
+        if start == 1:
+            ended.append(start)
+            raise ValueError(start)
+        raise AssertionError("nothing is begun after an error")
+
+    with pytest.raises(KeyError) as caught:
+        for_each_chunk(work, 50, 2, parts_per_worker=25)
+    assert ended == [1] and caught.value.__context__ is None
+
+
+def test_results_that_nobody_takes_are_waited_for() -> None:
+    done = []
+    found = in_order(lambda k: done.append(k) or k, range(100), 2)
+    assert next(found) == 0
+    found.close()
+    before = list(done)
+    assert list(in_order(lambda k: k, range(10), 2)) == list(range(10))
+    assert len(before) <= 4 and done == before
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
+def test_a_forked_process_has_threads_of_its_own() -> None:
+    code = (
+        "import os, sys, warnings\n"
+        "warnings.simplefilter('ignore')\n"
+        "from lfcal.threads import for_each_chunk\n"
+        "assert for_each_chunk(lambda a, b: b - a, 8, 4) == [1] * 8\n"
+        "child = os.fork()\n"
+        "found = for_each_chunk(lambda a, b: b - a, 8, 4)\n"
+        "if child == 0:\n"
+        "    os._exit(0 if found == [1] * 8 else 3)\n"
+        "sys.exit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))\n"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False, timeout=100).returncode == 0
