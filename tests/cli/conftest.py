@@ -32,7 +32,12 @@ class Run:
 
     @property
     def json(self) -> object:
-        return json.loads(self.out)
+        """What was printed: one document of strict JSON, and nothing else."""
+
+        def refuse(constant: str) -> object:
+            raise ValueError(f"not strict JSON: {constant}")
+
+        return json.loads(self.out, parse_constant=refuse)
 
 
 @pytest.fixture
