@@ -45,6 +45,7 @@ def pytest_cmdline_main(config: pytest.Config) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection(session: pytest.Session) -> None:
+    gc.disable()  # while modules are imported there is next to no garbage: until `pytest_collection_finish`
     begin_at_the_end(session.config)
 
 
@@ -53,6 +54,7 @@ def pytest_collection_finish() -> None:
 
     What a test makes is looked at less often than by default, where it takes a thirtieth of all time.
     """
+    gc.enable()
     gc.collect()
     gc.freeze()
     gc.set_threshold(20_000, 20, 50)
