@@ -10,11 +10,12 @@ from lfcal.bench import _fault_costs
 from lfcal.inspect import cost
 from tests.fit.shared import shared_models
 from tests.inspect import common
+from tests.psf.shared_apertures import shared_apertures
 
 
 @pytest.fixture(scope="package", autouse=True)
 def _shared_models() -> Iterator[None]:
-    with shared_models():
+    with shared_models(), shared_apertures():
         yield
 
 
