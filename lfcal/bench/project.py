@@ -70,7 +70,9 @@ def command(
     """Time one forward and one back projection of the same H by every method, with their errors.
 
     pyolaf 0.2.1 takes part where it can be imported: `pip install --target DIR pyolaf==0.2.1 tqdm --no-deps`, then
-    `PYTHONPATH=DIR lfcal bench project`. Example: `lfcal bench project --r29`
+    `PYTHONPATH=DIR lfcal bench project`.
+
+    Example: `lfcal bench project --r29`
     """
     from lfcal.bench._r29 import FRAME, run_r29
     from lfcal.cli.console import print_json

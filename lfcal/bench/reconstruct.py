@@ -88,6 +88,7 @@ def command(
     """Reconstruct a known volume in many ways; print and draw the error against the seconds it took.
 
     Also times 20 iterations of Richardson-Lucy against one per-position reference projection of the same volume.
+
     Example: `lfcal bench reconstruct -n 60 --chart error.png`
     """
     from lfcal.cli.console import print_json

@@ -82,6 +82,7 @@ def command(
     """Store simulated planes as float32, as uint16, and within tolerances: bytes, seconds, and true errors.
 
     Every plane is simulated with the cutout that it needs, and stored with that of the largest, as in an H file.
+
     Example: `lfcal bench storage r29 --virtual-depths 2,4,6 --tolerances 0.005`
     """
     from lfcal.cli.outputs import check_output

@@ -22,7 +22,9 @@ __all__ = ["as_json", "print_camera", "register", "save_camera"]
 def register(app: typer.Typer) -> None:
     """Add ``camera`` and its commands, those of the modules ``camera_*``, to the app."""
     camera_app = typer.Typer(
-        no_args_is_help=True, help="Describe a camera, see what of it is known, and hold it against a white image."
+        help="Describe a camera, see what of it is known, and hold it against a white image.",
+        epilog="Example: `lfcal camera show r29_calibration.xml`",
+        no_args_is_help=True,
     )
     names = sorted(m.name for m in pkgutil.iter_modules(lfcal.cli.__path__) if m.name.startswith("camera_"))
     for name in names:

@@ -81,7 +81,7 @@ def report_dark(matrix: PSFMatrix) -> tuple[int, ...]:
 
 def print_json(value: Any) -> None:
     """Print ``value`` as JSON to standard output."""
-    typer.echo(json.dumps(plain(value), indent=2, ensure_ascii=False))
+    typer.echo(json.dumps(plain(value), indent=2, ensure_ascii=False, allow_nan=False))
 
 
 def print_table(headers: list[str], rows: list[list[str]], *, title: str = "") -> None:

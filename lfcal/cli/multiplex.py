@@ -31,7 +31,11 @@ __all__ = ["register"]
 
 def register(app: typer.Typer) -> None:
     """Add ``multiplex`` with its sub-commands."""
-    group = typer.Typer(help="Plenoptic multiplexing: compare modulators, demultiplex frames.", no_args_is_help=True)
+    group = typer.Typer(
+        help="Plenoptic multiplexing: compare modulators, demultiplex frames.",
+        epilog="Example: `lfcal multiplex demosaic shot.dng -o shot.tif`",
+        no_args_is_help=True,
+    )
     for name, function in (
         ("compare", compare),
         ("show", show),

@@ -14,9 +14,10 @@ PLAN = small_plan((16, 20), 3, cutout=(65, 65), shape=(110, 110))
 
 
 @pytest.mark.skipif(not hasattr(__import__("signal"), "SIGKILL"), reason="no kill -9 on this platform")
-def test_killed_and_resumed_equals_undisturbed(tmp_path: Path) -> None:
+@pytest.mark.parametrize("kills", [1, pytest.param(3, marks=pytest.mark.long)])
+def test_killed_and_resumed_equals_undisturbed(tmp_path: Path, kills: int) -> None:
     undisturbed(tmp_path / "calm", PLAN)
-    tally = kill_and_resume(tmp_path / "killed", PLAN, 2, random.Random(3), 0.12)
+    tally = kill_and_resume(tmp_path / "killed", PLAN, kills, random.Random(3), 0.12)
     assert tally.crashes >= 1
     assert tally.lost == 0
     assert equal_matrices(tmp_path / "calm", tmp_path / "killed")

@@ -138,7 +138,7 @@ def functions() -> list[tuple[str, int, int]]:
     """Return name, lines without the docstring, and positional parameters (self left out) of every function."""
     found = []
     for path in FILES:
-        for node in ast.walk(tree_of(path)):
+        for node in statements(tree_of(path)):
             if not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
                 continue
             lines = (node.end_lineno or node.lineno) - node.lineno + 1

@@ -14,7 +14,7 @@ from lfcal.camera import PRESETS, BrownDistortion, Camera, MainLens, Microscope,
 from lfcal.errors import FileFormatError, InputError
 from tests.camera.strategies import cameras
 
-QUICK = settings(derandomize=True, deadline=None, max_examples=40)
+QUICK = settings(derandomize=True, deadline=None, max_examples=20)
 
 
 @given(cameras)

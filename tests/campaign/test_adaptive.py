@@ -36,7 +36,7 @@ from tests.acquire.rigs import frames_of, rig_for
 from tests.fit.common import small_plan
 
 PLAN = replace(small_plan(15, (2.2,)), period=(10, 21))
-GOAL = Goal(0.0027, first=6, unknowns=("geometry",), candidates=40)
+GOAL = Goal(0.0027, first=6, unknowns=("geometry",), candidates=20)
 OPTIONS = Options(darks=2, keep_free_bytes=0, retries=0)
 GAP = 1.01
 """True gap over the described one."""

@@ -15,6 +15,7 @@ import pytest
 from lfcal.camera import ScanPlan, preset
 from lfcal.inspect.cost import FEWEST
 from tests.fit.shared import shared_models
+from tests.psf.shared_apertures import shared_apertures
 
 SHAPE = (2, 3, 4)
 SENSOR = (40, 48)
@@ -32,7 +33,12 @@ class Run:
 
     @property
     def json(self) -> object:
-        return json.loads(self.out)
+        """What was printed: one document of strict JSON, and nothing else."""
+
+        def refuse(constant: str) -> object:
+            raise ValueError(f"not strict JSON: {constant}")
+
+        return json.loads(self.out, parse_constant=refuse)
 
 
 @pytest.fixture
@@ -56,7 +62,7 @@ def lfcal(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) ->
 
 @pytest.fixture(scope="package", autouse=True)
 def _shared_models() -> Iterator[None]:
-    with shared_models():
+    with shared_models(), shared_apertures():
         yield
 
 

@@ -7,12 +7,20 @@ from typing import Any
 import cv2
 import h5py
 import numpy as np
+import pytest
 
 from lfcal.psf import open_psf
 from tests.cli.conftest import Run
+from tests.psf.plain_report import undrawn
 
 
-def test_the_main_job_on_the_sample_session(lfcal: Callable[..., Run], tmp_path: Path) -> None:
+@pytest.mark.parametrize("drawn", [False, pytest.param(True, marks=pytest.mark.long)])
+def test_the_main_job_on_the_sample_session(
+    lfcal: Callable[..., Run], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, drawn: bool
+) -> None:
+    """The pictures of its report are those of any report; its own are always drawn."""
+    if not drawn:
+        undrawn(monkeypatch)
     out = tmp_path / "demo"
     run = lfcal("demo", out, "--json")
     assert run.code == 0, run.err

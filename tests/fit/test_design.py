@@ -185,7 +185,7 @@ def test_chosen_positions_are_better_than_evenly_spread_ones() -> None:
 def test_an_earlier_fit_is_where_the_next_positions_start() -> None:
     fit, _ = fitted(0)
     earlier = Earlier.of(fit)
-    design = next_positions(SMALL, 5, earlier=earlier, candidates=60, workers=1)
+    design = next_positions(SMALL, 5, earlier=earlier, candidates=30, workers=1)
     assert design.start_error == pytest.approx(small_design().curve[-1].error, rel=0.15)
     assert all(p.error < design.start_error for p in design.curve) and set(design.sigmas) == set(fit.parameters)
     there = set(map(tuple, earlier.positions.tolist()))

@@ -18,6 +18,7 @@ from lfcal.progress import drain
 from lfcal.psf import open_psf
 from lfcal.simulate.effects import Crosstalk, LensletSpherical
 from lfcal.simulate.effects.described import parse_entries
+from tests.fit.commands import unpictured
 from tests.fit.common import few_fit, few_patterns
 
 
@@ -91,7 +92,7 @@ def test_the_type_of_the_lenslet_before_each_pixel() -> None:
     assert set(np.unique(types)) == {0, 1, 2}
 
 
-def test_the_report_is_one_page_with_its_pictures(tmp_path: Path) -> None:
+def test_the_report_is_one_page_with_its_pictures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     measured, fit = found()
     page = drain(iter_fit_report(fit, measured, tmp_path / "report", "<H>.h5"))
     assert set((tmp_path / "report").iterdir()) == set(report_files(tmp_path / "report"))
@@ -99,6 +100,7 @@ def test_the_report_is_one_page_with_its_pictures(tmp_path: Path) -> None:
     assert "<h1>&lt;H&gt;.h5: the optics from 6 patterns</h1>" in text and fit.verdict.split(";")[0][4:] in text
     assert all(name in text for name in fit.parameters) and "tilt is held" in text
     uneven = replace(fit, spread=replace(fit.spread, response=0.012))
+    unpictured(monkeypatch)
     said = drain(iter_fit_report(uneven, measured, tmp_path / "uneven")).read_text()
     assert "Pixels respond unevenly by 1.2 % (rms)" in said and "Pixels respond" not in text
     work = iter_fit_report(fit, measured, tmp_path / "stopped")

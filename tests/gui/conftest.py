@@ -22,10 +22,17 @@ from gui.models.project import Project, ProjectState
 from gui.theme import LIGHT, apply_theme, current_theme
 from gui.window import MainWindow
 from tests.gui.waiting import GUARD_MS
+from tests.psf.shared_apertures import shared_apertures
 
 os.environ["QT_QPA_PLATFORM"] = "offscreen"
 
 OpenPage = Callable[..., Any]
+
+
+@pytest.fixture(scope="package", autouse=True)
+def _shared_apertures() -> Iterator[None]:
+    with shared_apertures():
+        yield
 
 
 @pytest.fixture(autouse=True)

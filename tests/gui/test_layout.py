@@ -27,7 +27,7 @@ from PySide6.QtWidgets import (
 from pytestqt.qtbot import QtBot
 
 from gui.scenes.all import SCENES
-from gui.scenes.sample import camera, frames, open_sample, psf
+from gui.scenes.sample import camera, open_sample, psf
 from gui.scenes.stage import Scene, Shot, Stage
 from gui.theme import DARK, LIGHT, apply_theme
 from gui.widgets.plots import style_axes
@@ -71,7 +71,7 @@ def looked_at_in_the_dark(stage: Stage, shot: Shot) -> Iterator[tuple[str, list[
 
 def test_pages_with_the_sample_session(stage: Stage) -> None:
     open_sample(stage)
-    for scene in (camera, frames, psf):
+    for scene in (camera, psf):
         assert not list(looked_at(stage, scene, SMALL))
 
 

@@ -16,9 +16,11 @@ from lfcal.progress import drain
 from lfcal.psf import PSFMatrix
 
 __all__ = [
+    "ALL",
     "FEWEST",
     "PATTERNS",
     "PEAK",
+    "SOME",
     "Values",
     "added",
     "clean",
@@ -36,7 +38,10 @@ __all__ = [
     "truth",
 ]
 
-PATTERNS = 60
+ALL, SOME = 60, 36
+"""Patterns that are compared, and without --long: few faults take more to be told."""
+
+PATTERNS = ALL
 
 FEWEST = 24
 """Patterns that do where each takes long: those of a camera or of values that no model was computed for before."""
@@ -96,20 +101,24 @@ def sensor(value: float) -> Values:
     return recording().sensor(value)
 
 
-def evidence_of(values: Values, patterns: int = PATTERNS) -> Evidence:
-    """Return what patterns show beside their camera."""
-    found = drain(iter_evidence(matrix(values), patterns=patterns))
+def evidence_of(values: Values, patterns: int | None = None) -> Evidence:
+    """Return what patterns show beside their camera; as many as `PATTERNS` says unless their number is given."""
+    found = drain(iter_evidence(matrix(values), patterns=patterns or PATTERNS))
     assert isinstance(found, Evidence), found
     return found
 
 
-@cache
 def compared() -> NDArray[np.intp]:
     """Return the positions ``(n, 3)`` that `evidence_of` compares, whatever is in the others."""
-    return evidence_of(clean()).index
+    return _compared(PATTERNS)
 
 
-def faults_of(values: Values, patterns: int = PATTERNS) -> dict[str, Finding]:
+@cache
+def _compared(patterns: int) -> NDArray[np.intp]:
+    return evidence_of(clean(), patterns).index
+
+
+def faults_of(values: Values, patterns: int | None = None) -> dict[str, Finding]:
     """Return the faults that are found, by name; every picture says what it shows, in which unit."""
     found, _ = drain(iter_search(evidence_of(values, patterns)))
     for one in found:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from lfcal.inspect import Fault
 from lfcal.inspect.faults.series import scan_order
@@ -16,6 +17,7 @@ def documented() -> Fault:
     return fault
 
 
+@pytest.mark.usefixtures("all_patterns")
 def test_it_is_found_and_taken_out() -> None:
     nx = plan().period[1]
     fringes = 1 + 0.05 * np.cos(2 * np.pi * 4 * np.arange(nx) / nx + 1)

@@ -12,11 +12,12 @@ from lfcal.inspect import Evidence, Inspection, iter_evidence, iter_inspection
 from lfcal.progress import drain
 from lfcal.psf import PSFMatrix
 from lfcal.psf.quality import inspect
-from tests.inspect.common import FEWEST, PATTERNS, Values, added, clean, matrix, plan, sensor
+from tests.inspect import common
+from tests.inspect.common import FEWEST, Values, added, clean, matrix, plan, sensor
 
 
-def inspected(H: PSFMatrix, patterns: int = PATTERNS) -> Inspection:
-    return drain(iter_inspection(H, inspect(H, workers=1), patterns=patterns))
+def inspected(H: PSFMatrix, patterns: int | None = None) -> Inspection:
+    return drain(iter_inspection(H, inspect(H, workers=1), patterns=patterns or common.PATTERNS))
 
 
 def hot() -> Values:
@@ -32,7 +33,7 @@ def inspected_hot() -> Inspection:
 
 def test_a_clean_recording_is_good() -> None:
     found = inspected(matrix(clean()))
-    assert found.compared == PATTERNS and not found.findings and not found.bad
+    assert found.compared == common.PATTERNS and not found.findings and not found.bad
     assert found.verdict == "This PSF can be used; worth a look: cut off.", "of a small cutout"
 
 
@@ -75,7 +76,7 @@ def test_patterns_that_stand_for_others_are_not_compared() -> None:
     H = matrix(clean())
     stand_ins = {"half_cell": {"positions": [[0, H.shape[1] * H.shape[2]]]}}  # all of plane 0
     other = PSFMatrix(H[:], depths=H.depths, camera=H.camera, anchor=H.anchor, provenance=stand_ins)
-    found = drain(iter_evidence(other, patterns=PATTERNS))
+    found = drain(iter_evidence(other, patterns=common.PATTERNS))
     assert isinstance(found, Evidence) and set(found.index[:, 0].tolist()) == {1}
 
 

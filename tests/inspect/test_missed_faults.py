@@ -16,9 +16,9 @@ from lfcal.inspect.faults.scan import WORTH_PX
 from lfcal.inspect.faults.sensor_lines import BRIGHT as HOT
 from lfcal.inspect.inspection import EXPLAINED
 from lfcal.progress import drain
+from tests.inspect import common
 from tests.inspect.common import (
     FEWEST,
-    PATTERNS,
     PEAK,
     added,
     clean,
@@ -150,6 +150,7 @@ def test_a_lens_type_far_out_of_focus_is_no_bent_values() -> None:
     assert told / stated == pytest.approx(1.15, abs=0.005)
 
 
+@pytest.mark.usefixtures("all_patterns")
 def test_a_strong_ghost_is_told_whole_and_once() -> None:
     found, _ = drain(iter_search(evidence_of(put_in("ghost turned", 0.1))))
     assert [one.name for one in found] == ["ghost"] and "turned by half" in found[0].detail
@@ -167,7 +168,7 @@ def test_the_frames_that_flicker_most_do_not_tell_by_how_much_all_do() -> None:
     lamp = flicker(recording(), 0.2)[..., 0, 0]
     odd = np.argwhere(np.abs(lamp - 1) > 0.45)
     assert len(odd) > 20
-    evidence = drain(iter_evidence(matrix(put_in("lamp that flickers", 0.2)), patterns=PATTERNS, suspected=odd))
+    evidence = drain(iter_evidence(matrix(put_in("lamp that flickers", 0.2)), patterns=common.PATTERNS, suspected=odd))
     assert isinstance(evidence, Evidence)
     (one,) = (one for one in drain(iter_search(evidence))[0] if one.name == "flicker")
     assert float(one.detail.split()[0]) == pytest.approx(20, rel=0.1)
@@ -216,6 +217,7 @@ def test_frames_of_other_places_make_no_bad_pixels_and_no_ghost(name: str, stren
     assert set(faults_of(put_in(name, strength))) == {"strangers"}
 
 
+@pytest.mark.usefixtures("all_patterns")
 def test_a_scan_to_and_fro_that_is_read_as_one_way() -> None:
     values = clean()
     values[:, 1::2] = values[:, 1::2, ::-1].copy()
@@ -242,6 +244,7 @@ def test_a_hot_pixel_just_above_the_limit_is_told() -> None:
     assert set(found) == {"bad_pixels"} and found["bad_pixels"].pixels.tolist() == [[29, 36]]
 
 
+@pytest.mark.usefixtures("all_patterns")
 def test_positions_just_beyond_the_limit_are_told() -> None:
     scatter = 1.3 * WORTH_PX / np.sqrt(2)
     y, _ = grid()

@@ -38,8 +38,9 @@ def texts(content: list[Block]) -> list[str]:
     return found
 
 
-def test_every_metric_is_on_paper(H: PSFMatrix, quality: QualityReport) -> None:
-    drawn = [draw() for draw in pictures(H, quality, None, None)]
+@pytest.mark.parametrize("count", [3, pytest.param(None, marks=pytest.mark.long)])
+def test_every_metric_is_on_paper(H: PSFMatrix, quality: QualityReport, count: int | None) -> None:
+    drawn = [draw() for draw in pictures(H, quality, None, None)[:count]]
     content = blocks(H, quality, drawn)
     pages = texts(content)
     whole = " ".join(pages)

@@ -50,6 +50,7 @@ def measured(depths, cutout):
 
 
 @pytest.mark.skipif(not DATA.is_dir(), reason=f"needs the measured light field in {DATA}")
+@pytest.mark.long
 def test_vesicle_appears_as_a_shell():
     P, image, weights, view, corner, H = measured((-3.0, 3.0), 151)
     result = richardson_lucy(P, image, 6, weights=weights, read_noise=20)

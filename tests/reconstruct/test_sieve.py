@@ -153,12 +153,12 @@ def test_where_every_point_lies_under_several_lenslets_the_sieve_is_as_fine_as_v
     camera = CAMERAS[name]().camera
     plan = ScanPlan.for_camera(camera, virtual_depths=(1.5, 3.0), cutout=41)
     H = simulate_psf(camera, plan, plan_effects(camera, plan, 0.3), tolerance=0.3)
-    shape = (96, 96)
+    shape = (72, 72)
     P = Projector(H, shape, workers=1)
     assert sieve_of(P).sigmas == pytest.approx((SIEVE * camera.pitch_px / 2, FINE))
     far = Projector(PSFMatrix(H[1:], depths=H.depths[1:], camera=camera, anchor=H.anchor), shape, workers=1)
     truth = np.zeros(P.volume_shape)
-    truth[1, 48, 45] = 1
+    truth[1, 36, 33] = 1
     clean = np.maximum(P.forward(truth), 0)
     image = np.random.default_rng(0).poisson(clean / clean.max() * 2000 + 5).astype(float)
     ours, plain = (reconstruct(far, image, SolverChoice(n, 4, 5.0)) for n in ("sieve", "rl-nesterov"))

@@ -28,9 +28,9 @@ COARSE_TO_FINE = [
 
 
 @pytest.fixture(scope="module")
-def measured() -> Ladder:
-    plan = small_plan()
-    return ladder(plan.camera, plan, 0.05, positions=2, samplings=COARSE_TO_FINE)
+def measured(pytestconfig: pytest.Config) -> Ladder:
+    plan, positions = small_plan(), 2 if pytestconfig.getoption("--long") else 1
+    return ladder(plan.camera, plan, 0.05, positions=positions, samplings=COARSE_TO_FINE)
 
 
 @pytest.mark.long

@@ -27,7 +27,7 @@ def test_nothing_clean_raises_an_alarm(scene, kind):
     assert report.redo() == []
 
 
-@pytest.mark.few(6)
+@pytest.mark.few(4)
 @pytest.mark.parametrize("name", FAULTS)
 def test_every_fault_is_named_by_its_metric(name):
     alarms = named(hexagonal(), name)
