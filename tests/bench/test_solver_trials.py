@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
+from threadpoolctl import threadpool_info
 
+from lfcal.bench import _solver_trials
 from lfcal.bench._solver_scenes import Problem, Subject
 from lfcal.bench._solver_tables import verdict
 from lfcal.bench._solver_trials import Trial, trial
@@ -11,14 +14,32 @@ from lfcal.psf import PSFMatrix
 from lfcal.reconstruct import Projector
 
 
-def test_a_solver_that_ends_before_its_time_is_judged_by_its_last_volume() -> None:
+def small() -> tuple[Subject, Projector, Problem]:
     H = PSFMatrix(np.random.default_rng(0).random((2, 3, 3, 5, 5), np.float32))
     P = Projector(H, (18, 18), workers=1)
     truth = np.random.default_rng(1).random((2, 18, 18))
     problem = Problem(truth, P.forward(truth).astype(np.float64) + 1.0, np.empty((0, 3)))
+    return Subject("small", H, H, 18), P, problem
+
+
+def test_a_solver_that_ends_before_its_time_is_judged_by_its_last_volume() -> None:
     # of ten iterations at most, in more time than they take
-    found = trial(Subject("small", H, H, 18), P, problem, ("shell", "rl"), 1e9, 1.0)
+    found = trial(*small(), ("shell", "rl"), 1e9, 1.0)
     assert len(found.errors) == 10 and found.at(1) == found.errors[-1]
+
+
+def test_judging_a_volume_leaves_no_thread_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Threads of linear algebra that wait for more would count as the processor time of the next iteration."""
+    threads: list[int] = []
+
+    def judged(volume: object, truth: object) -> float:
+        threads.extend(found["num_threads"] for found in threadpool_info() if found["user_api"] == "blas")
+        return 0.5
+
+    monkeypatch.setattr(_solver_trials, "nrmse", judged)
+    found = trial(*small(), ("shell", "rl"), 1e9, 1.0)
+    assert set(found.errors) == {0.5} and found.stop[1] == 0.5
+    assert threads and set(threads) == {1}
 
 
 def test_who_wins_is_told_at_equal_time_and_after_its_own_iterations() -> None:
