@@ -161,7 +161,11 @@ def for_each_chunk(
         How many chunks each worker gets on average: more balances better and costs more calls.
     """
     count = worker_count(workers)
-    ranges = chunks(n, count * parts_per_worker if count > 1 else 1)
+    return _over(function, chunks(n, count * parts_per_worker if count > 1 else 1), count)
+
+
+def _over(function: Callable[[int, int], R], ranges: list[tuple[int, int]], count: int) -> list[R]:
+    """Return ``function(start, stop)`` of each of ``ranges``, in order, worked out by ``count`` threads."""
     # an error keeps its short traceback, and nothing is spent on threads
     if count == 1 or len(ranges) <= 1:
         return [function(a, b) for a, b in ranges]
@@ -210,9 +214,7 @@ def for_each_block(function: Callable[[int, int], object], n: int, step: int, wo
 
     Blocks are the same for any number of workers: sums and products come out the same to the last bit.
     """
-    blocks = [(k, min(k + step, n)) for k in range(0, n, step)]
-    for _ in in_order(lambda ab: function(*ab), blocks, workers):
-        pass
+    _over(function, [(k, min(k + step, n)) for k in range(0, n, step)], worker_count(workers))
 
 
 def in_order(function: Callable[[T], R], items: Iterable[T], workers: int | None = None) -> Iterator[R]:
