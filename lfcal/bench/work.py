@@ -114,8 +114,9 @@ def _measured(plan: ScanPlan, tolerance: float, executors: list[str], rounds: in
         out, start, spent = place / f"{executor}_{workers}.h5", time.perf_counter(), _cpu_seconds()
         run = RunChoice(executor, workers)
         drain(iter_simulate_units(scan.camera, scan, effects, run=run, tolerance=tolerance, out=out)).close()
+        took = time.perf_counter() - start, _cpu_seconds() - spent
         out.unlink()
-        return time.perf_counter() - start, _cpu_seconds() - spent
+        return took
 
     # kernels that are compiled in the first run of all, or read from the disk, are part of no time that is compared
     exposure = plan.exposure_s[0] if isinstance(plan.exposure_s, tuple) else plan.exposure_s

@@ -15,7 +15,7 @@ from lfcal.errors import InputError, LfcalError
 from lfcal.progress import drain
 from lfcal.threads import bounded_threads, worker_count
 from lfcal.work.executors.base import Event, ExecutorKind, What
-from lfcal.work.executors.processes import MOMENT, WorkerLost, news
+from lfcal.work.executors.processes import MOMENT, WorkerLost, news, without_script
 from lfcal.work.numbers import numbered
 from lfcal.work.unit import Job
 
@@ -109,7 +109,8 @@ class Dask:
         logger = logging.getLogger("distributed")
         before = logger.level
         logger.setLevel(logging.ERROR)
-        with dask.config.set(SETTINGS):  # workers that take the place of others are told the same
+        # workers that take the place of others are told the same
+        with dask.config.set(SETTINGS), without_script():
             cluster = self._library.LocalCluster(
                 n_workers=self.workers, threads_per_worker=1, dashboard_address="127.0.0.1:0", memory_limit=0
             )

@@ -5,11 +5,14 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 import time
 from collections import deque
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection, wait
+from types import ModuleType
 from typing import Any, Self
 
 from lfcal.errors import LfcalError, StorageError
@@ -19,13 +22,16 @@ from lfcal.work.executors.base import Event, ExecutorKind, What
 from lfcal.work.numbers import numbered
 from lfcal.work.unit import Job
 
-__all__ = ["EXECUTOR", "Processes", "WorkerLost", "news"]
+__all__ = ["EXECUTOR", "Processes", "WorkerLost", "news", "without_script"]
 
 MOMENT = 0.2
 """Seconds that `Processes.events` waits at most, and between two reports of progress of a unit."""
 
 KILLED = -9
 """Exit code of a process that was killed, as the system of most workers has it."""
+
+_SCRIPT = threading.Lock()
+"""Held while the program's script is out of sight."""
 
 
 class WorkerLost(LfcalError):
@@ -65,6 +71,22 @@ def _serve(link: Connection, number: int) -> None:
                 link.send((What.DONE, {"share": 1.0, "seal": seal}))
 
 
+@contextmanager
+def without_script() -> Iterator[None]:
+    """Let processes that are begun meanwhile not run the program's script again, as multiprocessing has them do.
+
+    A unit names the module of its task and needs nothing of the script, and one that is not kept under
+    ``if __name__ == "__main__":`` would begin its work anew in each of them.
+    """
+    with _SCRIPT:
+        script = sys.modules["__main__"]
+        sys.modules["__main__"] = ModuleType("__main__")
+        try:
+            yield
+        finally:
+            sys.modules["__main__"] = script
+
+
 class _Teller:
     """Tells of progress through a link, now and then."""
 
@@ -93,7 +115,8 @@ class _Worker:
         self.number = number
         self.link, theirs = context.Pipe()
         self.process = context.Process(target=_serve, args=(theirs, number), daemon=True)
-        self.process.start()
+        with without_script():
+            self.process.start()
         theirs.close()
         self.job: Job | None = None
 
