@@ -48,6 +48,8 @@ class Picture:
         What the axes are: of a map the rows and the columns, of a curve its abscissa.
     across
         Abscissa of a curve; None: numbers from 0.
+    origin
+        Of a map, the numbers of its first row and column.
     """
 
     values: F8
@@ -55,6 +57,7 @@ class Picture:
     title: str
     axes: tuple[str, ...]
     across: F8 | None = None
+    origin: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)

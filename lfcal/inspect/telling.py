@@ -16,7 +16,7 @@ from lfcal.units import format_seconds, format_share
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["compared_words", "cost_words", "drawn", "told"]
+__all__ = ["compared_words", "cost_words", "draw_picture", "drawn", "told"]
 
 
 def told(inspection: Inspection) -> Beside:
@@ -78,21 +78,26 @@ def compared_words(inspection: Inspection) -> str:
     return f"{beside}: these faults stand out" + (f"; {scene}" if scene else "")
 
 
-def drawn(picture: Picture) -> bytes:
-    """Return a picture as PNG: a map, or a curve."""
-    out = io.BytesIO()
+def draw_picture(axes: Axes, picture: Picture) -> None:
+    """Draw a map, or a curve."""
     values = np.asarray(picture.values, float)
+    if values.ndim == 2:
+        (rows, columns), (top, left) = picture.axes, picture.origin
+        extent = (left - 0.5, left + values.shape[1] - 0.5, top + values.shape[0] - 0.5, top - 0.5)
+        draw_image(axes, values, title=picture.title, unit=picture.unit, xlabel=columns, ylabel=rows, extent=extent)
+        axes.set_aspect("auto")
+        return
+    across = np.arange(len(values)) if picture.across is None else picture.across
+    axes.plot(across, values, color=LINES[0], lw=1, marker="o" if len(values) < 40 else None, ms=3)
+    axes.set_title(picture.title)
+    axes.set_xlabel(picture.axes[0])
+    axes.set_ylabel(picture.unit)
+
+
+def drawn(picture: Picture) -> bytes:
+    """Return a picture as PNG."""
+    out = io.BytesIO()
     with figure(5.2, 3.4) as fig:
-        axes: Axes = fig.add_subplot()
-        label = f"{picture.title} ({picture.unit})" if picture.unit else picture.title
-        if values.ndim == 2:
-            rows, columns = picture.axes
-            draw_image(axes, values, title=picture.title, unit=picture.unit, xlabel=columns, ylabel=rows)
-            axes.set_aspect("auto")
-        else:
-            across = np.arange(len(values)) if picture.across is None else picture.across
-            axes.plot(across, values, color=LINES[0], lw=1, marker="o" if len(values) < 40 else None, ms=3)
-            axes.set_xlabel(picture.axes[0])
-            axes.set_ylabel(label)
+        draw_picture(fig.add_subplot(), picture)
         fig.savefig(out, format="png")
     return out.getvalue()

@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lfcal.figures import LINES, draw_image, figure
+from lfcal.figures import figure
 from lfcal.files import replace_whole
 from lfcal.inspect import FAULTS, Evidence, Fault, Finding, iter_search
+from lfcal.inspect.telling import draw_picture
 from lfcal.progress import drain
 from lfcal.psf.quality import METRICS
 from lfcal.units import format_share
@@ -103,7 +104,10 @@ def _drawn(found: Finding, evidence: Evidence) -> Iterator[Figure]:
             axes.set_title(title)
             axes.set_xlabel("column s (px)")
         panels[0].set_ylabel("row t (px)")
-        _draw_picture(panels[2], found)
+        if found.picture is None:
+            panels[2].set_axis_off()
+        else:
+            draw_picture(panels[2], found.picture)
         yield fig
 
 
@@ -116,24 +120,6 @@ def _shown(found: Finding, evidence: Evidence) -> int:
         concerned = {tuple(place) for place in found.positions.tolist()}
         away[[tuple(place) not in concerned for place in evidence.index.tolist()]] = -1.0
     return int(away.argmax())
-
-
-def _draw_picture(axes: Axes, found: Finding) -> None:
-    picture = found.picture
-    if picture is None:
-        axes.set_axis_off()
-        return
-    values = np.asarray(picture.values, float)
-    if values.ndim == 2:
-        rows, columns = picture.axes
-        draw_image(axes, values, title=picture.title, unit=picture.unit, xlabel=columns, ylabel=rows)
-        axes.set_aspect("auto")
-        return
-    across = np.arange(len(values)) if picture.across is None else picture.across
-    axes.plot(across, values, color=LINES[0], lw=1, marker="o" if len(values) < 40 else None, ms=3)
-    axes.set_title(picture.title)
-    axes.set_xlabel(picture.axes[0])
-    axes.set_ylabel(picture.unit)
 
 
 def main(arguments: list[str] | None = None) -> int:

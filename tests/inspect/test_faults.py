@@ -151,6 +151,10 @@ def test_a_ghost_is_told_with_its_share_and_place(mirrored: bool) -> None:
     assert ("mirrored up and down" if mirrored else "as it is") in found["ghost"].detail
     assert "+7 px down and -5 px across" in found["ghost"].detail
     assert found["ghost"].share == pytest.approx(0.02, rel=0.3)
+    picture = found["ghost"].picture
+    assert picture is not None and all("(px)" in axis for axis in picture.axes)
+    brightest = np.unravel_index(np.argmax(picture.values), picture.values.shape)
+    assert tuple(np.add(brightest, picture.origin)) == (7, -5)
 
 
 def test_two_faults_at_once_are_both_named() -> None:

@@ -143,12 +143,19 @@ class EvidenceView(QWidget):
         self.curve.plot.autoRange()
         self.pictures.setCurrentWidget(self.curve)
 
-    def show_image(self, title: str, axes: tuple[str, ...], label: str, image: NDArray[np.floating]) -> None:
-        """Show a map ``(rows, columns)`` with the names of its axes and the unit of its values."""
+    def show_image(
+        self,
+        title: str,
+        axes: tuple[str, ...],
+        label: str,
+        image: NDArray[np.floating],
+        origin: tuple[float, float] = (0.0, 0.0),
+    ) -> None:
+        """Show a map ``(rows, columns)`` with the names of its axes, numbered from ``origin``, and the values' unit."""
         self.picture_title.setText(title)
         self.image.set_axes(axes[1], axes[0])
         self.image.set_value_label(label)
-        self.image.set_image(np.asarray(image, np.float64), name=title, keep_view=False)
+        self.image.set_image(np.asarray(image, np.float64), name=title, origin=origin, keep_view=False)
         self.pictures.setCurrentWidget(self.image)
 
     def show_none(self, title: str, words: str) -> None:

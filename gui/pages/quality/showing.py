@@ -87,7 +87,7 @@ class Showing:
         label = picture.unit or "value"
         values = np.asarray(picture.values, float)
         if values.ndim == 2:
-            evidence.show_image(title, picture.axes, label, values)
+            evidence.show_image(title, picture.axes, label, values, picture.origin)
             return
         across = np.arange(len(values), dtype=float) if picture.across is None else picture.across
         evidence.show_curve(title, picture.axes[0], label, np.asarray(across, float), values)

@@ -124,7 +124,13 @@ class Ghost(Fault):
             f"{100 * share:.1f} % of the light, {name}, {place[0]:+d} px down and {place[1]:+d} px across",
             sigmas,
             share,
-            picture=Picture(100 * table, "%", "what is left, as a share of the displaced pattern", ("down", "across")),
+            picture=Picture(
+                100 * table,
+                "%",
+                "what is left, as a share of the displaced pattern",
+                ("down (px)", "across (px)"),
+                origin=(-(table.shape[0] // 2), -(table.shape[1] // 2)),
+            ),
             repair=adding(evidence.index, -np.float32(share) * copy),
             put_in=lambda patch: patch.light + np.float32(share) * _aside(VIEWS[name](patch.light), *place),
         )

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import numpy as np
 from pytestqt.qtbot import QtBot
 
 from gui.pages.quality.inspect_panel import InspectPanel
@@ -46,3 +47,13 @@ def test_faults_sorted_by_hand_still_show_their_own(qtbot: QtBot) -> None:
     panel.faults.sortItems(0)
     panel.faults.selectRow(0)
     assert seen == [0, 1], "'a' was given as the second"
+
+
+def test_a_map_of_displacements_is_numbered_from_its_origin(qtbot: QtBot) -> None:
+    panel = InspectPanel()
+    qtbot.addWidget(panel)
+    evidence = panel.evidence
+    evidence.show_image("Left", ("down (px)", "across (px)"), "%", np.eye(5), origin=(-2, -2))
+    assert evidence.image.placed() == ((-2, -2), 1.0)
+    evidence.show_image("Sensor", ("row (px)", "column (px)"), "counts", np.eye(5))
+    assert evidence.image.placed() == ((0, 0), 1.0), "the next one starts at 0 again"
