@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from dataclasses import replace
 from functools import cache
@@ -22,6 +21,7 @@ from lfcal.psf import PSFMatrix, save
 from lfcal.reconstruct import Projector
 from lfcal.reconstruct.projectors.device import ArrayDevice
 from tests.reconstruct.oracles import lenslet_psf
+from tests.strict import strict_json
 
 
 class Bench:
@@ -40,7 +40,7 @@ class Bench:
         return printed.out + printed.err
 
     def json(self, *arguments: object) -> Any:
-        return json.loads(self(*arguments, "--json"))
+        return strict_json(self(*arguments, "--json"))
 
 
 @pytest.fixture

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -16,6 +15,7 @@ from lfcal.camera import ScanPlan, preset
 from lfcal.inspect.cost import FEWEST
 from tests.fit.shared import shared_models
 from tests.psf.shared_apertures import shared_apertures
+from tests.strict import strict_json
 
 SHAPE = (2, 3, 4)
 SENSOR = (40, 48)
@@ -34,11 +34,7 @@ class Run:
     @property
     def json(self) -> object:
         """What was printed: one document of strict JSON, and nothing else."""
-
-        def refuse(constant: str) -> object:
-            raise ValueError(f"not strict JSON: {constant}")
-
-        return json.loads(self.out, parse_constant=refuse)
+        return strict_json(self.out)
 
 
 @pytest.fixture

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import json
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -18,6 +17,7 @@ from lfcal.errors import InputError, StorageError
 from lfcal.psf import PSFMatrix
 from lfcal.psf.quality import METRICS, MetricSpec, QualityReport, inspect
 from lfcal.psf.report import iter_report, report, report_files
+from tests.strict import strict_json
 
 MISSING, COPY = (0, 1, 2), (1, 2, 3)
 
@@ -128,10 +128,7 @@ def test_redo_is_what_a_session_takes(folder: Path, quality: QualityReport) -> N
 
 
 def test_quality_json_is_strict_json(folder: Path, quality: QualityReport) -> None:
-    def refuse(word: str) -> None:
-        raise AssertionError(word)
-
-    found = json.loads((folder / "quality.json").read_text(encoding="utf-8"), parse_constant=refuse)
+    found = strict_json((folder / "quality.json").read_text(encoding="utf-8"))
     assert found["format"] == "lfcal-quality" and found["merit"] == quality.merit
     assert len(found["metrics"]) == len(quality.metrics) and found["comparison"]["correlation"] == pytest.approx(1)
 
