@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from lfcal.files import replace_whole
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["COLOURS", "LINES", "draw_image", "figure", "save_array_png", "save_figure"]
+__all__ = ["COLOURS", "LINES", "draw_image", "figure", "save_figure"]
 
 LINES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#333333")
 """Line colours that stay apart for colour-blind readers (Okabe-Ito)."""
@@ -103,21 +103,3 @@ def draw_image(
     axes.set_ylabel(ylabel)
     bar = axes.figure.colorbar(shown, ax=axes, shrink=0.85)  # type: ignore[union-attr,unused-ignore]
     bar.set_label(unit)
-
-
-def save_array_png(
-    image: ArrayLike, path: str | os.PathLike[str], *, cmap: str = IMAGE_MAP, gamma: float = 1.0
-) -> None:
-    """Write a 2-D array as a colour-mapped PNG, pixel for pixel; negative values are shown as zero."""
-    import cv2
-    from matplotlib import colormaps
-
-    data = np.clip(np.asarray(image, dtype=float), 0, None)
-    top = float(data.max())
-    scaled = (data / top) ** gamma if top > 0 else data
-    rgba: NDArray[np.uint8] = colormaps[cmap](scaled, bytes=True)
-    ok, encoded = cv2.imencode(".png", rgba[..., [2, 1, 0]])
-    if not ok:
-        raise RuntimeError("PNG encoding failed")
-    with replace_whole(path) as part:
-        part.write_bytes(encoded.tobytes())

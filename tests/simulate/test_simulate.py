@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from lfcal.camera import ScanPlan, preset
 from lfcal.errors import InputError
 from lfcal.psf import open_psf
 from lfcal.simulate import iter_simulate_psf, plan_effects, simulate_psf
-from lfcal.simulate.accuracy.sampling import sampling_for, steps_for
+from lfcal.simulate.accuracy.sampling import step_for, steps_for
 from lfcal.simulate.effects import (
     Bandwidth,
     Coma,
@@ -157,8 +158,11 @@ def test_sampling_keeps_the_tolerance(tolerances: tuple[float, ...]) -> None:
         found = PlaneResponse(plan, 0, BASE, tolerance=tolerance)
         assert difference(found.rows([4], [5]), fine) <= tolerance
     steps = steps_for(outlook, "wave")
-    assert sampling_for(outlook, "wave", 10.0) == steps[0].sampling
-    assert sampling_for(outlook, "wave", 1e-9) == steps[-1].sampling
+    assert step_for(outlook, "wave", 10.0) == steps[0]
+    assert step_for(outlook, "wave", 1e-9) == steps[-1]
+    for coarse, fine_one in itertools.pairwise(steps):
+        assert step_for(outlook, "wave", coarse.expected) == coarse, "as asked is fine enough"
+        assert step_for(outlook, "wave", 0.999 * coarse.expected) == fine_one, "and no finer than that calls for"
 
 
 def test_bad_input() -> None:

@@ -15,12 +15,11 @@ from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
 from lfcal.files import read_text
 from lfcal.frames.source import Position
-from lfcal.units import format_share
 
 if TYPE_CHECKING:
     from lfcal.targets import TargetPlan
 
-__all__ = ["coverage_picture", "coverage_words", "picture_of", "places_px", "points_px", "read_target_plan"]
+__all__ = ["coverage_picture", "picture_of", "places_px", "points_px", "read_target_plan"]
 
 
 def read_target_plan(path: str) -> TargetPlan:
@@ -86,8 +85,3 @@ def picture_of(
     if isinstance(state, CoverageState):
         return coverage_picture(state, z)
     return record_picture(state, order, z, quantity, earlier)
-
-
-def coverage_words(state: CoverageState) -> str:
-    """Return in words how much of the phases is covered."""
-    return f"{format_share(state.coverage)} of the phases covered, where the target lies as planned"

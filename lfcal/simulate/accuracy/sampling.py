@@ -17,7 +17,6 @@ __all__ = [
     "finer",
     "grid_extent",
     "grid_margin",
-    "sampling_for",
     "step_for",
     "steps_for",
     "tilt_orders",
@@ -255,11 +254,6 @@ def step_for(described: Scene | Outlook, level: str, tolerance: float) -> Step:
     """Return the cheapest step of a level that is expected to keep ``tolerance``, or the finest."""
     steps = steps_for(described, level)
     return next((step for step in steps if step.expected <= tolerance), steps[-1])
-
-
-def sampling_for(described: Scene | Outlook, level: str, tolerance: float) -> Sampling:
-    """Return the sampling of `step_for`."""
-    return step_for(described, level, tolerance).sampling
 
 
 def finer(sampling: Sampling) -> Sampling:
