@@ -6,15 +6,17 @@ enter them at once, as a window with jobs does.
 
 from __future__ import annotations
 
+import atexit
 import itertools
 import os
 import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor, wait
-from contextlib import ExitStack, contextmanager
+from concurrent.futures import Future, wait
+from contextlib import ExitStack, contextmanager, suppress
 from contextvars import copy_context
+from functools import partial
 from typing import Any, Generic, TypeVar
 
 from lfcal.errors import InputError
@@ -112,25 +114,66 @@ def _set_environment(values: dict[str, str | None] | dict[str, str]) -> None:
 class _Helpers:
     """Threads that stay: starting some for each call would take small problems longer than their work.
 
-    There are as many as ever ran at once; those that wait for work cost nothing.
+    There are as many as ever had work at once; those that wait for work cost nothing. Of the standard library's pool
+    there would be ever more: it forgets a waiting thread whose work another one took.
     """
 
     def __init__(self) -> None:
-        self.lock = threading.Lock()
-        self.pool: ThreadPoolExecutor | None = None
+        self.forget()
+        atexit.register(lambda: wait(self.running))  # nothing is taken away from what still runs
         if hasattr(os, "register_at_fork"):
             os.register_at_fork(after_in_child=self.forget)
 
     def forget(self) -> None:
-        """Begin anew in a forked process, which has none of the threads."""
-        self.lock, self.pool = threading.Lock(), None
+        """Begin anew, as in a forked process, which has none of the threads."""
+        self.change = threading.Condition()
+        self.asked: deque[tuple[Future[Any], Callable[[], Any]]] = deque()
+        self.running: set[Future[Any]] = set()
+        self.threads = 0
 
     def submit(self, function: Callable[..., R], *args: Any) -> Future[R]:
-        """Let a thread that has nothing to do, or a new one, call ``function``."""
-        with self.lock:
-            if self.pool is None:
-                self.pool = ThreadPoolExecutor(MOST, thread_name_prefix=HELPER)
-            return self.pool.submit(function, *args)
+        """Let a thread that has nothing to do, or a new one, call ``function``.
+
+        Where no more threads can be had it may not be begun: whoever waits for it cancels it, and does it itself.
+        """
+        result: Future[R] = Future()
+        with self.change:
+            self.asked = deque(one for one in self.asked if not one[0].cancelled())
+            self.asked.append((result, partial(function, *args)))
+            if len(self.asked) <= self.threads - len(self.running):
+                self.change.notify()
+            elif self.threads < MOST:
+                thread = threading.Thread(target=self._help, name=f"{HELPER}_{self.threads}", daemon=True)
+                with suppress(RuntimeError):  # the system or the interpreter gives none
+                    thread.start()
+                    self.threads += 1
+        return result
+
+    def _help(self) -> None:
+        while True:
+            with self.change:
+                self.change.wait_for(lambda: self.asked)
+                result, call = self.asked.popleft()
+                if result.set_running_or_notify_cancel():
+                    self.running.add(result)
+            if result.running():
+                self._work(result, call)
+            del result, call  # nothing is held while there is nothing to do
+
+    def _work(self, result: Future[Any], call: Callable[[], Any]) -> None:
+        try:
+            value = call()
+        except BaseException as error:
+            self._no_more(result)
+            result.set_exception(error)
+        else:
+            self._no_more(result)
+            result.set_result(value)
+
+    def _no_more(self, result: Future[Any]) -> None:
+        """Count the thread among those that wait before anyone learns of it: who asks again then needs no other."""
+        with self.change:
+            self.running.discard(result)
 
 
 _HELPERS = _Helpers()

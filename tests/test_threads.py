@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import subprocess
 import sys
 import threading
 import time
+import weakref
 from collections.abc import Iterator
+from contextlib import suppress
 
 import cv2
 import numpy as np
@@ -143,16 +146,70 @@ def test_an_error_among_results_in_order() -> None:
         list(in_order(lambda k: 1 / k, [1, 2, 0, 3], 2))
 
 
-def test_threads_stay(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A call begins no thread where one of an earlier call has nothing to do."""
-    begun = []
+@pytest.fixture
+def begun(monkeypatch: pytest.MonkeyPatch) -> list[threading.Thread]:
+    """Count threads from now on, none being left of before."""
+    found: list[threading.Thread] = []
     start = threading.Thread.start
-    monkeypatch.setattr(threading.Thread, "start", lambda thread: (begun.append(thread), start(thread)))
-    for _ in range(20):
+    monkeypatch.setattr(threading.Thread, "start", lambda thread: (found.append(thread), start(thread)))
+    monkeypatch.setattr(threads, "_HELPERS", threads._Helpers())
+    return found
+
+
+def test_threads_stay(begun: list[threading.Thread]) -> None:
+    """A call begins no thread where one of an earlier call has nothing to do, be it asleep or just done."""
+    for _ in range(200):
         meet = threading.Barrier(3)
         assert len(for_each_chunk(lambda a, b, meet=meet: meet.wait(), 3, 3)) == 3
         assert list(in_order(lambda k: k, range(9), 3)) == list(range(9))
-    assert len(begun) < 20
+    assert len(begun) <= 4, "as many as are asked for at once"
+
+
+def test_threads_do_not_grow_while_many_ask(begun: list[threading.Thread]) -> None:
+    """Two callers at once, each with two of three threads to help, whose work others may take."""
+    callers = [
+        threading.Thread(target=lambda: [for_each_chunk(lambda a, b: b - a, 24, 3) for _ in range(300)])
+        for _ in range(2)
+    ]
+    for caller in callers:
+        caller.start()
+    for caller in callers:
+        caller.join()
+    assert len(begun) - len(callers) <= 4
+
+
+def test_no_thread_to_be_had(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As at the end of the interpreter, or where a system allows no more: the caller does all of it."""
+
+    def refuse(_: threading.Thread) -> None:
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(threads, "_HELPERS", threads._Helpers())
+    monkeypatch.setattr(threading.Thread, "start", refuse)
+    assert for_each_chunk(lambda a, b: b - a, 24, 3) == [2] * 12
+    assert list(in_order(lambda k: k, range(9), 3)) == list(range(9))
+
+
+def test_nothing_is_held_between_calls(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What was worked on, and what was cancelled, would else stay in memory until the next call."""
+
+    class Large:
+        pass
+
+    monkeypatch.setattr(threads, "_HELPERS", threads._Helpers())
+    held = []
+    for _ in range(20):
+        large = Large()
+        held.append(weakref.ref(large))
+        for_each_chunk(lambda a, b, large=large: None, 24, 3)
+        list(in_order(lambda k, large=large: None, range(9), 3))
+        with suppress(ZeroDivisionError):
+            for_each_chunk(lambda a, b, large=large: 1 / 0, 24, 3)
+        del large
+    meet = threading.Barrier(5)
+    for_each_chunk(lambda a, b: meet.wait(), 5, 5, parts_per_worker=1)  # each thread has let go of what was before
+    gc.collect()
+    assert sum(one() is not None for one in held) == 0
 
 
 @pytest.fixture
@@ -216,3 +273,22 @@ def test_a_forked_process_has_threads_of_its_own() -> None:
         "sys.exit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))\n"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False, timeout=100).returncode == 0
+
+
+def test_what_helps_is_waited_for_at_the_end_of_the_program() -> None:
+    """A thread that the end of the program does not wait for asked for it: what it writes is whole all the same."""
+    code = (
+        "import threading, time\n"
+        "from lfcal.threads import for_each_chunk\n"
+        "meet = threading.Barrier(3)\n"
+        "def work(a, b):\n"
+        "    meet.wait()\n"
+        "    time.sleep(0.3)\n"
+        "    if 'helper' in threading.current_thread().name:\n"
+        "        print('whole', flush=True)\n"
+        "ask = lambda: for_each_chunk(work, 2, 2, parts_per_worker=1)\n"
+        "threading.Thread(target=ask, daemon=True).start()\n"
+        "meet.wait()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], check=False, timeout=100, capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "whole\n", "")

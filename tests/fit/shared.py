@@ -32,7 +32,8 @@ def shared_models() -> Iterator[None]:
         key = (named[id(self)], np.asarray(places, np.intp).tobytes(), np.asarray(offsets_px, np.float64).tobytes())
         if key not in KEPT:
             found = computed(self, places, offsets_px)
-            if sum(one.nbytes for one in KEPT.values()) + found.nbytes > MOST_BYTES:
+            # a list, at once: other threads put theirs in meanwhile
+            if sum(one.nbytes for one in list(KEPT.values())) + found.nbytes > MOST_BYTES:
                 return found
             KEPT[key] = found
         return KEPT[key].copy()

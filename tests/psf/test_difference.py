@@ -150,7 +150,9 @@ def test_a_lens_type_that_differs_is_told() -> None:
     found = difference(of_bench(patterns(dim), plan), of_bench(patterns(field), plan))
     assert [one.scale for one in found.types] == pytest.approx([1.0, 0.8, 1.0], abs=1e-9)
     assert [one.nrmse for one in found.types] == pytest.approx([0.0, 0.2, 0.0], abs=1e-9)
-    assert found.planes[0].types == found.types, "of a single plane"
+    for one, whole in zip(found.planes[0].types, found.types, strict=True):  # of a single plane
+        assert one.scale == whole.scale and one.left == pytest.approx(whole.left)
+        assert one.shift_px == pytest.approx(whole.shift_px, abs=1e-12)
 
 
 # -- what is common ----------------------------------------------------------------------------------------
