@@ -168,5 +168,5 @@ def _take(part: Path, data: Any, z: int) -> tuple[int, int]:
         else:
             data[z] = stored.read()[0]
         crop = file.attributes(PLANE).numbers(CROP, (2,))
-        first, last = (0, 0) if crop is None else crop.tolist()
-        return int(first), int(last)
+        assert crop is not None, "do_plane writes it"
+        return int(crop[0]), int(crop[1])

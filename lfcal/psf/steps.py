@@ -200,7 +200,7 @@ def _step(
         if CLOSE * room <= found <= room or bad <= finest:
             break
         power = 1.0
-        if last[0] > 0 < found and last[1] != found and last[0] != step:
+        if last[1] > 0 < found and last[1] != found and last[0] != step:
             power = float(np.clip(math.log(found / last[1]) / math.log(step / last[0]), 0.3, 3))
         last = (step, found)
         guess = step * (0.985 * room / found) ** (1 / power) if found > 0 else 16 * step

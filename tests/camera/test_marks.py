@@ -51,6 +51,11 @@ def test_other_marks_are_refused(marks: Any) -> None:
         Camera.from_dict(data)
 
 
+def test_paths_of_marks_are_text() -> None:
+    with pytest.raises(InputError, match="path of a mark"):
+        Marks(((3, "stated"),))  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize("version", [0, 3, "1", True, None])
 def test_other_versions_are_refused(version: Any) -> None:
     with pytest.raises(InputError, match="version"):

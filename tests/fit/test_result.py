@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from lfcal.fit.judge import ChiSquare
+from lfcal.fit.judge import INCOMPLETE, ChiSquare
 from tests.fit.test_validate import fit_of, plan_of
 
 
@@ -18,6 +18,9 @@ from tests.fit.test_validate import fit_of, plan_of
         (1.2, 0.02, "model incomplete: chi² 1.200, 10 sigma above 1", False),
         # noise that is stated too large makes every sigma and limit too large
         (0.8, 0.02, "chi² 0.800, 10 sigma below 1: there is less noise than stated", True),
+        # at the limit: no less noise than stated, and not complete
+        (1 - INCOMPLETE / 8, 1 / 8, f"chi² {1 - INCOMPLETE / 8:.3f}; error of the model", True),
+        (1 + INCOMPLETE / 8, 1 / 8, "model incomplete", False),
         # and no samples beyond the unknowns tell nothing: a 1 would be no measurement
         (1.0, math.inf, "chi² not known: no more samples than unknowns", True),
     ],

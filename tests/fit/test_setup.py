@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import pytest
 
 from lfcal.camera import ScanPlan, preset
@@ -18,6 +20,13 @@ def test_light_is_a_vector_field_where_it_shows(name: str, z_um: float | None, v
     plan = ScanPlan.for_camera(small_camera(name), cutout=45, **where)
     assert any(isinstance(e, VectorialPupil) for e in called_for(plan)) == vectorial
     assert set(described_effects(plan.camera)) <= set(called_for(plan))
+
+
+def test_one_plane_in_which_it_shows_is_enough(monkeypatch: pytest.MonkeyPatch) -> None:
+    plan = ScanPlan.for_camera(small_camera("bench"), cutout=45, virtual_depths=(3.0, 4.0, 5.0))
+    errors = iter([0.0, 0.5, 0.0])
+    monkeypatch.setattr(VectorialPupil, "estimate", lambda *_: SimpleNamespace(error=next(errors)))
+    assert any(isinstance(e, VectorialPupil) for e in called_for(plan))
 
 
 def test_given_effects_take_the_places_of_others() -> None:

@@ -11,6 +11,7 @@ from lfcal.camera import preset
 from lfcal.errors import InputError
 from lfcal.lattice import LatticeFit, extract_views, lattice_of, view_grid
 from lfcal.multiplex import SuperPixelLattice, cfa, demultiplex, demultiplex_lattice, lattice_channels, mask, multiplex
+from lfcal.multiplex.lattice import channel_grid
 
 
 def lattice(kind: str, pitch: float = 11.37, angle: float = 0.013) -> SuperPixelLattice:
@@ -55,6 +56,15 @@ def test_linear_channels_are_the_extracted_views(kind: str) -> None:
     channels = lattice_channels(frame, given, 11)
     assert channels.shape == views.images.shape
     np.testing.assert_allclose(channels, views.images, atol=2e-5)
+
+
+def test_the_longer_side_of_a_super_pixel_lies_in_the_frame() -> None:
+    given, shape = lattice("square"), (150, 170)
+    small, large = (channel_grid(shape, given, side).shape for side in (3, 11))
+    assert small != large
+    for side in ((3, 11), (11, 3)):
+        assert channel_grid(shape, given, side).shape == large
+        assert lattice_channels(np.ones(shape), given, side).shape == (*side, *large)
 
 
 @pytest.mark.parametrize(("name", "power"), [("linear", 1), ("cubic", 2)])

@@ -177,6 +177,19 @@ def test_positions_of_ht_are_pixels_and_have_no_facts() -> None:
     assert H.T.T.missing.tolist() == [[0, 1, 2]]
 
 
+def test_variance_and_uncertainty_of_a_pattern() -> None:
+    """A constant, and a slope times the light, which noise may have pushed below zero."""
+    values = np.zeros((1, 1, 2, 1, 5), np.float32)
+    values[0, 0, 0] = [[-4, 0, 5, 10, 40]]
+    noise = np.full((1, 1, 2, 2), np.nan, np.float32)
+    noise[0, 0, 0] = 3.0, 0.5
+    H = PSFMatrix(values, facts=Facts(noise=noise))
+    expected = [[3, 3, 5.5, 8, 23]]
+    np.testing.assert_allclose(H.variance(0, 0, 0), expected)
+    np.testing.assert_allclose(H.uncertainty(0, 0, 0), np.sqrt(expected), rtol=1e-6)
+    assert H.variance(0, 0, 1) is None and H.uncertainty(0, 0, 1) is None
+
+
 def test_facts_are_checked() -> None:
     H = random_matrix()
     with pytest.raises(InputError, match="noise: expected shape"):

@@ -110,6 +110,14 @@ def test_integers_are_stored_as_well() -> None:
     assert 0 < shares(plane.astype(float), stepped_plane(plane, 0.002)).max() <= 0.002
 
 
+def test_whole_numbers_that_the_finest_step_keeps_exactly() -> None:
+    """An error of 0 tells nothing of how errors grow with the step."""
+    plane = np.zeros((1, 1, 3, 3))
+    plane[0, 0, :, 0] = 65534, 1000, 7  # a step of 1 is the finest of all
+    for tolerance in (1e-6, 1e-5, 1e-3):
+        assert shares(plane, stepped_plane(plane, tolerance)).max() <= tolerance
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_what_is_not_finite_is_refused(value: float) -> None:
     plane = spots()

@@ -63,7 +63,10 @@ def test_even_aberrations_are_those_of_the_whole_pupil(v: float, exact: bool) ->
     assert not np.array_equal(other.values, expected)
 
 
-@pytest.mark.parametrize("scene", [camera_scene(iris=Iris(9)), camera_scene(iris=Iris(0)), microscope_scene()])
+@pytest.mark.parametrize(
+    "scene",
+    [camera_scene(iris=Iris(9)), camera_scene(iris=Iris(0)), microscope_scene(), camera_scene(iris=Iris(9, 1.0, 0.1))],
+)
 def test_a_regular_camera_is_alike_upside_down(scene: Scene) -> None:
     assert is_mirror_symmetric(scene)
     rows = np.arange(-6, 7)
