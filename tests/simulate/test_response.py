@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 from lfcal.camera import ScanPlan
 from lfcal.progress import Unwanted, wanted_while
+from lfcal.simulate.effects import Crosstalk
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.engines.wave import WavePlane
@@ -72,3 +74,16 @@ def test_blocks_of_rows_make_the_whole() -> None:
         assert list(response.accumulate(out, np.arange(5), np.arange(3), block=block)) == steps
         np.testing.assert_array_equal(out, whole)
     assert whole.any()
+
+
+def test_neighbouring_pixels_share_light_up_to_the_cutout_s_edge() -> None:
+    """Brute force, on cutouts a pixel larger on each side: light comes in from beside the cutout, too."""
+    plan = replace(ScanPlan.for_camera(small_camera(), virtual_depths=[3.0], cutout=15), period=(2, 2))
+    share = 0.03
+    wide = PlaneResponse(replace(plan, cutout=(17, 17)), 0, (), level="geometric").rows(range(2), range(2))
+    expected = np.zeros((2, 2, 15, 15))
+    for down, right in itertools.product((-1, 0, 1), repeat=2):
+        weight = (share if down else 1 - 2 * share) * (share if right else 1 - 2 * share)
+        expected += weight * wide[..., 1 + down : 16 + down, 1 + right : 16 + right]
+    found = PlaneResponse(plan, 0, (Crosstalk(share),), level="geometric").rows(range(2), range(2))
+    np.testing.assert_allclose(found, expected, atol=1e-6 * expected.max())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -83,6 +84,24 @@ def test_what_a_display_shows(plan: TargetPlan, coded: TargetPlan) -> None:
         assert np.array_equal(display_image(coded, DISPLAY, 0, k), np.maximum.reduce([one[m] for m in lit]))
     with pytest.raises(InputError, match="beside it"):
         display_image(plan, Display((100, 100), 5.0), 0, 0)
+
+
+def test_a_display_may_end_at_its_last_points(plan: TargetPlan) -> None:
+    touched = set()
+    large = [replace(DISPLAY, shape=(side, side)) for side in (1999, 2000)]
+    for display, k in itertools.product(large, range(len(plan.offsets_px[0]))):
+        whole = display_image(plan, display, 0, k)
+        rows, columns = np.nonzero(whole)
+        room = [min(at.min(), n - 1 - at.max()) for at, n in zip((rows, columns), whole.shape, strict=True)]
+        tight = Display((whole.shape[0] - 2 * room[0], whole.shape[1] - 2 * room[1]), DISPLAY.pixel_um)
+        inner = whole[room[0] : room[0] + tight.shape[0], room[1] : room[1] + tight.shape[1]]
+        assert np.array_equal(display_image(plan, tight, 0, k), inner)
+        touched |= {side for side, line in enumerate((inner[0], inner[-1], inner[:, 0], inner[:, -1])) if line.any()}
+        for less in ((2, 0), (0, 2)):
+            small = replace(tight, shape=(tight.shape[0] - less[0], tight.shape[1] - less[1]))
+            with pytest.raises(InputError, match="beside"):
+                display_image(plan, small, 0, k)
+    assert touched >= {0, 2}, "first rows and columns were met"
 
 
 def test_groups_are_filled_up_by_repeats(plan: TargetPlan) -> None:

@@ -64,7 +64,8 @@ class Crosstalk(PsfEffect):
     Attributes
     ----------
     share
-        Share that goes to each of the four nearest neighbours; the diagonal ones get its square.
+        Share x that goes to each neighbour along the rows, then along the columns: each of the four nearest gets
+        x (1 - 2 x), each diagonal one x².
     """
 
     share: float = 0.01
