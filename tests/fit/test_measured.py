@@ -44,6 +44,8 @@ def test_only_recorded_positions_are_taken() -> None:
         assert (found.patterns[k] == source[place]).all()
     assert found.left_out.sum() == 1 and found.plan == replace(PLAN, exposure_s=found.plan.exposure_s)
     assert (found.noise == [4.0, 1.0]).all()
+    ((plan, own, part),) = found.parts()
+    assert (plan, own.tolist(), part) == (found.plan, [0, 1, 2, 3, 4], 0), "one region, which is the first"
 
 
 def test_noise_and_masks_are_those_of_the_file() -> None:

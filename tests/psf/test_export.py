@@ -8,6 +8,8 @@ import pytest
 
 from lfcal.errors import InputError
 from lfcal.psf import PSFMatrix, export, iter_export, open_psf
+from lfcal.psf.export import ExportOptions
+from lfcal.psf.matlab import MatOptions
 
 SHAPE = (2, 3, 4, 5, 7)
 
@@ -30,6 +32,12 @@ def test_what_is_written_reads_back(tmp_path: Path, suffix: str) -> None:
 def test_the_view_exports_as_ht(tmp_path: Path) -> None:
     export(matrix().T, tmp_path / "HT.npy")
     np.testing.assert_array_equal(np.load(tmp_path / "HT.npy", mmap_mode="r"), np.asarray(matrix().T))
+
+
+def test_a_mat_file_gets_its_options_and_no_others() -> None:
+    given = ExportOptions(compress=False, rows_first=True, lens_centred=True, dtype="uint16", position=(1, 2))
+    assert given.mat == MatOptions(compress=False, rows_first=True, lens_centred=True)
+    assert ExportOptions().mat == MatOptions()
 
 
 def test_unknown_format_and_cancel(tmp_path: Path) -> None:

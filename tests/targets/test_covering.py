@@ -11,7 +11,7 @@ import pytest
 from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
 from lfcal.progress import drain
-from lfcal.targets import Pose, Target
+from lfcal.targets import Pose, Target, covering
 from lfcal.targets.covering import Covering, iter_cover
 from lfcal.targets.images import hole_images
 from lfcal.targets.lines import line_offsets
@@ -147,6 +147,17 @@ def test_holes_on_one_phase_count_once() -> None:
     scan = scan_of(small())
     found = covering_of(scan, target_of(scan, (3 * 12.12435565, 42.0), (5, 5)), most=9)
     assert found.shown.tolist() == [1] * 9
+
+
+def test_of_two_coverings_that_show_as_much_the_shorter_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    scan = scan_of(small())
+    target = target_of(scan, (40.0, 40.0), (6, 6), Pose(rotation_rad=math.radians(1)))
+    searched = covering_of(scan, target)
+    assert searched.coverage == 1.0 and (searched.shown > 1).any()
+    one_each = Covering(np.zeros((searched.wanted, 2)), np.ones(searched.wanted, np.intp), searched.wanted)
+    monkeypatch.setattr(covering, "_product", lambda *_: one_each.offsets_px)
+    monkeypatch.setattr(covering, "_counted", lambda *_: one_each)
+    assert covering_of(scan, target).shown.tolist() == searched.shown.tolist()
 
 
 def test_frames_can_be_limited_and_the_first_show_most() -> None:
