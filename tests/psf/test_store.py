@@ -142,6 +142,7 @@ def _bad_files(folder: Path) -> dict[str, Path]:
         file.create_dataset("H", SHAPE, "f4", external=[(str(folder / "raw.bin"), 0, h5py.h5f.UNLIMITED)])
     with _plain(path("virtual")) as file:
         layout = h5py.VirtualLayout(SHAPE, "f4")
+        layout[0] = h5py.VirtualSource(str(folder / "other.h5"), "H", SHAPE[1:])
         file.create_virtual_dataset("H", layout)
     with _plain(path("huge")) as file:
         file.create_dataset("H", (10**5, 999, 999, 999, 999), "f4", chunks=(1, 1, 1, 999, 999))
