@@ -169,6 +169,8 @@ class _Helpers:
         else:
             self._no_more(result)
             result.set_result(value)
+        finally:
+            del result, call  # an error, its traceback and what failed would else hold each other
 
     def _no_more(self, result: Future[Any]) -> None:
         """Count the thread among those that wait before anyone learns of it: who asks again then needs no other."""

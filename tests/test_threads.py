@@ -275,6 +275,28 @@ def test_a_forked_process_has_threads_of_its_own() -> None:
     assert subprocess.run([sys.executable, "-c", code], check=False, timeout=100).returncode == 0
 
 
+def test_an_error_lets_go_of_what_failed_at_once() -> None:
+    """Without the collector of garbage, which may take its time while gigabytes are held."""
+
+    class Large:
+        pass
+
+    def fail(_: Large) -> None:
+        raise KeyError("no")
+
+    helpers, large = threads._Helpers(), Large()
+    held = weakref.ref(large)
+    gc.disable()
+    try:
+        failed = helpers.submit(fail, large)
+        assert isinstance(failed.exception(), KeyError)
+        del failed, large
+        helpers.submit(int).result()  # the one thread has let go of it
+        assert held() is None
+    finally:
+        gc.enable()
+
+
 def test_what_helps_is_waited_for_at_the_end_of_the_program() -> None:
     """A thread that the end of the program does not wait for asked for it: what it writes is whole all the same."""
     code = (
