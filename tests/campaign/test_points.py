@@ -15,6 +15,7 @@ from lfcal.errors import InputError
 from lfcal.frames.source import FrameSource
 from lfcal.progress import drain
 from lfcal.psf.picked import iter_pick
+from lfcal.targets.mistakes import Mistake
 from lfcal.targets.phases import Phases
 from lfcal.targets.sampling import coarsest_pixel_um, may_resample, resampling_words
 from tests.campaign.points import SCAN, array_of, frames_of_drawn, moved, plan_of, view_of
@@ -179,6 +180,13 @@ def test_what_is_wrong_with_a_target_is_told_by_its_frames() -> None:
     assert facts["missing"] == 5 and facts["points"] == len(points)
     assert facts["crosstalk"] == pytest.approx(0.004 * 3.0, rel=0.1)
     assert facts["stage_px"] < 0.1 and facts["pose_rms_px"] < 0.3 and facts["doubtful"] < 0.2
+
+
+def test_what_most_frames_show_is_said_first(points: Points) -> None:
+    once, often = Mistake("missing", "seen once", ((1, 1),)), Mistake("bright", "seen often", ((2, 2),))
+    a, b, *_ = points.found
+    seen = {a: replace(points.found[a], mistakes=(once, often)), b: replace(points.found[b], mistakes=(often,))}
+    assert replace(points, found=seen).mistakes == ((often, 2), (once, 1))
 
 
 def test_a_stage_that_moves_otherwise_is_told() -> None:

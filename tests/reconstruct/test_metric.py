@@ -54,6 +54,12 @@ def test_planes_of_one_size_stay_as_they_are() -> None:
     np.testing.assert_allclose(grid.apply(volume), volume, rtol=1e-6)
 
 
+def test_only_what_falls_into_a_voxel_is_held() -> None:
+    """Where a pixel ends with a voxel, the next one gets nothing of it, not a nought that is multiplied each time."""
+    grid = MetricGrid.of([(10.0, 10.0)], (12, 15), (0.0, 0.0), 6.0)
+    assert all((shares.data > 0).all() for shares in (*grid.rows, *grid.columns))
+
+
 def test_a_cone_is_a_cone_again() -> None:
     """A rod parallel to the axis: its image moves from plane to plane, its place in µm does not."""
     camera = preset("bench")
