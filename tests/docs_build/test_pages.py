@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -58,3 +59,13 @@ def test_the_version_is_the_same_everywhere() -> None:
     )
     assert re.fullmatch(r"\d+\.\d+\.\d+", lfcal.__version__)
     assert 'dynamic = ["version"]' in (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+
+
+def test_what_the_commands_of_the_pages_install_is_there() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    names = {"extra": set(project["project"]["optional-dependencies"]), "group": set(project["dependency-groups"])}
+    pages = [ROOT / "README.md", ROOT / "mkdocs.yml", *DOCS.rglob("*.md")]
+    said = [match for page in pages for match in re.findall(r"--(extra|group) (\w+)", page.read_text(encoding="utf-8"))]
+    assert {("extra", "gui"), ("group", "docs")} <= set(said) <= {(k, name) for k in names for name in names[k]}
+    # the site is built by its group alone, and its pictures are of the window
+    assert "lfcal[gui]" in project["dependency-groups"]["docs"]
