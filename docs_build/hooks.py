@@ -28,6 +28,10 @@ BESIDE = {
 }
 """Files of the repository that pages link to, and where they lie in the site."""
 
+ABOUT = """Every public name, by package. What a package gives (`from lfcal.psf import ...`) has an example, or is made
+in one. Each can be copied as it stands, and is run by the tests, in a folder that holds the sample session (`session`), a
+session that lfcal recorded (`recorded`; both lie in `sample_data`), and `H.h5`, the H that `lfcal demo` assembles."""
+
 _RAN: dict[str, str] = {}
 """Pages as they are shown after they were run, by their place."""
 
@@ -59,7 +63,7 @@ def _beside() -> dict[str, str]:
 def _reference() -> dict[str, str]:
     found = packages(ROOT)
     rows = "\n".join(f"| [`{one.name}`]({one.name}.md) | {one.summary} |" for one in found)
-    index = f"# Reference\n\nEvery public name, by package.\n\n| package | what it is |\n| --- | --- |\n{rows}\n"
+    index = f"# Reference\n\n{ABOUT}\n\n| package | what it is |\n| --- | --- |\n{rows}\n"
     return {"reference/index.md": index, **{one.page: page_of(one) for one in found}}
 
 

@@ -65,7 +65,13 @@ def test_even_aberrations_are_those_of_the_whole_pupil(v: float, exact: bool) ->
 
 @pytest.mark.parametrize(
     "scene",
-    [camera_scene(iris=Iris(9)), camera_scene(iris=Iris(0)), microscope_scene(), camera_scene(iris=Iris(9, 1.0, 0.1))],
+    [
+        camera_scene(iris=Iris(9)),
+        camera_scene(iris=Iris(0)),
+        microscope_scene(),
+        camera_scene(iris=Iris(9, 1.0, 0.1)),
+        camera_scene(iris=Iris(stop=(0.3, 0.0, 0.8))),
+    ],
 )
 def test_a_regular_camera_is_alike_upside_down(scene: Scene) -> None:
     assert is_mirror_symmetric(scene)
@@ -82,6 +88,7 @@ def test_a_regular_camera_is_alike_upside_down(scene: Scene) -> None:
         {"pixel_aspect": 1.01},
         {"accept": (0.0, 0.02)},
         {"iris": Iris(9, 0.0, 0.1)},
+        {"iris": Iris(stop=(0.0, 0.3, 0.8))},
         {"wavefront": ((2, -2, 0.1),)},
     ],
 )
