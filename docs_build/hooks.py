@@ -29,8 +29,9 @@ BESIDE = {
 """Files of the repository that pages link to, and where they lie in the site."""
 
 ABOUT = """Every public name, by package. What a package gives (`from lfcal.psf import ...`) has an example, or is made
-in one. Each can be copied as it stands, and is run by the tests, in a folder that holds the sample session (`session`), a
-session that lfcal recorded (`recorded`; both lie in `sample_data`), and `H.h5`, the H that `lfcal demo` assembles."""
+in one. Each can be copied as it stands, and is run by the tests, in a folder that holds the sample session
+(`session`), a session that lfcal recorded (`recorded`; both lie in `sample_data`), and `H.h5`, the H that `lfcal demo`
+assembles."""
 
 _RAN: dict[str, str] = {}
 """Pages as they are shown after they were run, by their place."""
