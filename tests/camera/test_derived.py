@@ -20,6 +20,11 @@ def test_figures_of_a_lens() -> None:
     assert found["magnification |M|"].value == pytest.approx(0.25 * (1 + 871.75 / 250e3))
     assert found["step for one pixel"].value == pytest.approx(5.5e6 / (250e3 + 871.75))
     assert found["lens to lenslets"].text == "250 mm"
+    optics, lattice = preset("r29").optics, preset("r29").lattice
+    lenslets = lattice.gap_um / lattice.pitch_um
+    assert found["working f-number"].value == pytest.approx(optics.working_f_number)
+    assert found["f-number of the lenslets"].value == pytest.approx(lenslets)
+    assert found["micro-image over lenslet"].value == pytest.approx(lenslets / optics.working_f_number)
     assert found["type 1: in focus at v"].value == pytest.approx(3)
     assert not any(item.assumed for item in found.values())
 

@@ -7,6 +7,7 @@ import math
 import pytest
 
 from lfcal.camera import Draft, MainLens, Microscope, preset
+from lfcal.camera.draft import RANGES
 from lfcal.errors import InputError
 
 
@@ -50,3 +51,11 @@ def test_a_microscope_is_assumed_focused_at_infinity() -> None:
 def test_values_of_other_cameras_are_refused(kind: str, path: str) -> None:
     with pytest.raises(InputError, match=path):
         Draft(kind, {path: 1.0})
+
+
+def test_a_range_of_depths_is_focused_where_both_ends_blur_alike() -> None:
+    draft = Draft("MainLens", {"lattice.kind": "hexagonal"})
+    draft.put(RANGES, ((2.0, 4.0), (3.0, 6.0), (4.0, 12.0)), "stated")
+    camera = draft.camera("c")
+    depths = [kind.focus_depth(camera.lattice.gap_um) for kind in camera.lattice.types]
+    assert depths == pytest.approx([8 / 3, 4.0, 6.0])

@@ -126,6 +126,9 @@ def test_holes_far_smaller_than_the_light_s_details_are_not_told(view: FrameSour
     problem = problem_with(view, points, 2.0, 2.8, 0.02)
     found = fitted(problem, ("iris", HOLE))
     assert not is_told(found)
+    # noise stated too low makes no hole plain: chi² tells that it is
+    sure = problem.with_measured(replace(problem.measured, noise=problem.measured.noise / 400))
+    assert not is_told(fitted(sure, ("iris", HOLE)))
     problem, point, groups, _, _ = without_hole(found)
     assert groups == ("iris",) and hole_of(problem, point) == 2.0
 

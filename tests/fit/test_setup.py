@@ -49,3 +49,8 @@ def test_the_depth_in_a_specimen_is_unknown_where_there_is_one() -> None:
     assert one.start == 20.0 and "1.38" in one.gauge
     changed = vector.setup_at(vector.clipped(vector.prior()[1] + 1.0)).effect(IndexMismatch)
     assert changed == IndexMismatch(1.38, 20.0 + one.scale)
+
+
+def test_a_scan_lies_where_it_is_said_to_unless_said_otherwise() -> None:
+    setup = Setup(small_camera("bench"), (), (0.0,))
+    assert setup.aside_px == (0.0, 0.0) and setup.stage_scale == 0 and not setup.regions and setup.hole_um is None

@@ -193,3 +193,19 @@ def test_the_picture_shows_every_parameter(tmp_path: Path) -> None:
     draw_trend(found, tmp_path / "trend.svg")
     text = (tmp_path / "trend.svg").read_text()
     assert text.count('<g id="axes_') == 6 and len(found.drifts) == 5, "one panel stays empty"
+
+
+def test_a_coarser_pitch_moves_no_lenslet_that_it_leaves_in_place(tmp_path: Path) -> None:
+    """The lenslet that is looked at is the one nearest the middle, not one beside it."""
+    camera = small_camera()
+    lattice = camera.lattice
+    middle = lattice.centres_um(np.array(0.9), np.array(0.9))
+    coarser = replace(lattice, pitch_um=1.01 * lattice.pitch_um)
+    shift = lattice.centres_um(np.array(1.0), np.array(1.0)) - coarser.centres_um(np.array(1.0), np.array(1.0))
+    coarser = replace(coarser, offset_um=tuple((np.array(coarser.offset_um) + shift).tolist()))
+    fits = [
+        read_fit(write_fit(tmp_path / str(k), 30.0 * k, {}, replace(camera, lattice=one), middle_um=middle.tolist()))
+        for k, one in enumerate((coarser, lattice))
+    ]
+    found = by_name(trend(fits))
+    assert [found[name].change for name in ("offset_y_um", "offset_x_um")] == pytest.approx([0.0, 0.0], abs=1e-9)

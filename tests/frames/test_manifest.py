@@ -169,3 +169,8 @@ def test_folder_that_cannot_be_written(tmp_path: Path) -> None:
         (tmp_path / "m.csv").mkdir()
         write_manifest(tmp_path / "m.csv", Manifest(ENTRIES))
     assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "m.csv"]
+
+
+def test_a_wrong_number_of_frames_is_told_beside_the_scan() -> None:
+    with pytest.raises(InputError, match="24 for a scan of 2 x 3 x 4"):
+        Manifest.from_order([("a.tif", 0)], (2, 3, 4), "raster")

@@ -8,7 +8,9 @@ import pytest
 
 from lfcal.camera import Camera, LensletLattice, MainLens, Sensor
 from lfcal.lattice.fit import fit_lattice
-from lfcal.lattice.lattice_fit import LatticeFit
+from lfcal.lattice.forms import FORMS, Frame, fit_form
+from lfcal.lattice.lattice_fit import LatticeErrors, LatticeFit
+from lfcal.lattice.model import LatticeModel
 from tests.lattice.white_frames import WhiteFrame, barrel, draw_white
 
 SHAPE = (400, 480)
@@ -80,3 +82,13 @@ def test_the_camera_takes_the_distortion_over(bent: tuple[WhiteFrame, LatticeFit
     assert Camera.from_json(measured.to_json()) == measured
     # the types keep their place: the offset's lenslet is the one nearest to that stated
     assert math.dist(measured.lattice.centres_um(0, 0), (20.0, -35.0)) < 12.3 * 5 * 0.6
+
+
+def test_errors_of_the_place_are_row_first() -> None:
+    frame, model = Frame.of(SHAPE), LatticeModel("square", np.array([3.0, -2.0]), np.array([12.0, 0.0]), 1.0)
+    index = np.stack(np.meshgrid(np.arange(-9, 10), np.arange(-9, 10)), axis=-1).reshape(-1, 2)
+    fitted = fit_form(model, FORMS[0], index, model.places(index), frame)
+    assert fitted is not None
+    # the form counts across first
+    errors = LatticeErrors.of(fitted, np.diag([4.0, 9.0, *np.zeros(FORMS[0].size - 2)]), frame)
+    assert errors.origin_px == pytest.approx((3.0, 2.0))

@@ -61,3 +61,11 @@ def test_a_wide_blur_keeps_planes_and_removes_ripple() -> None:
     inner = (slice(70, 130), slice(80, 220))
     ripple = (50 * np.sin(x)).astype(np.float32)
     assert np.abs(blurred(plane + ripple, 20.0) - plane)[inner].max() < 2.0
+
+
+def test_of_the_two_places_of_a_square_cell_that_are_alike_the_bright_one_is_taken() -> None:
+    """Lenslets, not the gaps between four of them, wherever the middle of the frame lies."""
+    for offset in ((0.0, 0.0), (7.5, 7.5), (3.0, -4.0)):
+        truth = draw_white(kind="square", pitch=15.0, offset=offset)
+        rough = guess_lattice(truth.frame.astype(np.float32), "square", None)
+        assert truth.distance_to_lattice((rough.centre[1], rough.centre[0])) < 1.5

@@ -13,9 +13,10 @@ import pytest
 
 from lfcal.camera import preset
 from lfcal.errors import FileFormatError
+from lfcal.h5.file import H5File
 from lfcal.psf import Facts, PSFMatrix, save, save_regions, verify
 from lfcal.psf.facts import pack_valid
-from lfcal.psf.specification import SCHEMA, schema
+from lfcal.psf.specification import SCHEMA, deviations_of, schema
 
 SHAPE = (2, 3, 4, 5, 7)
 PAGE = Path(__file__).parents[2] / "docs" / "formats_h.md"
@@ -180,3 +181,12 @@ def test_version_1_is_not_held_against_it(path: Path) -> None:
         file["depths"][:] = 1.0  # a fault that only opening sees
     with pytest.raises(FileFormatError, match="a depth for each plane"):
         verify(path)
+
+
+def test_what_cannot_be_read_is_said_once(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        del file["spread"]
+        file.create_group("spread")
+    with H5File(path) as opened:
+        said = [line for line in deviations_of(opened) if "spread" in line]
+    assert len(said) == 1 and said[0].startswith("/spread: ")

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -74,7 +75,7 @@ def test_hexagonal_period_spans_two_rows_and_three_types():
 def test_weights_leave_the_outside_and_bad_pixels_out():
     view = Resampling.of_fit(fit((40, 40), (20.0, 20.0), 0.98 * BASIS))
     mask = np.ones((40, 40), bool)
-    assert view.inside((40, 40)).mean() > 0.9
+    assert view.inside((40, 40)).mean() > 0.9 and view.inside((40, 40)).shape == view.shape
     mask[20, 20] = False
     lost = view.inside((40, 40)) - view.inside((40, 40), mask)
     assert 1 <= lost.sum() <= 9
@@ -134,3 +135,16 @@ def test_a_distorted_lattice_becomes_straight() -> None:
         pixel = centre + np.array([r, q]) * made.period
         row, column = made.places(*pixel)
         assert (column, row) == pytest.approx(bend.apply(np.array([q, r]) @ basis + straight), abs=1e-6)
+
+
+def test_a_camera_states_its_distortion_in_micrometres() -> None:
+    """The map takes it in pixels, about the sensor's centre."""
+    camera = preset("bench")
+    bend = LatticeDistortion("radial", (30.0, -20.0), 300.0, ((2.0,),))
+    camera = replace(camera, lattice=replace(camera.lattice, distortion=bend))
+    made = Resampling.of_camera(camera).distortion
+    pixel, (row, column) = camera.sensor.pixel_um, camera.sensor.centre_px
+    places = np.array([[0.0, 10.0], [100.0, -60.0], [-250.0, 200.0]])
+    assert made is not None and pixel != 1
+    wanted = bend.apply(places) / pixel + (column, row)
+    np.testing.assert_allclose(made.apply(places / pixel + (column, row)), wanted, rtol=1e-9)

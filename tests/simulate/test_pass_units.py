@@ -54,6 +54,19 @@ def refine(plan: ScanPlan, out: Path, run: RunChoice | None = GO_ON, tolerance: 
     drain(iter_refine_psf(plan.camera, plan, tolerance=tolerance, out=out, workers=1, run=run)).close()
 
 
+def test_planes_are_joined_from_none_to_all(plan: ScanPlan, tmp_path: Path) -> None:
+    work = iter_refine_psf(plan.camera, plan, tolerance=0.05, out=tmp_path / "H.h5", workers=1, run=GO_ON)
+    joined: list[int] = []
+    while True:
+        try:
+            said = next(work)
+        except StopIteration as end:
+            end.value.close()
+            break
+        joined = [*joined, said.done] if said.stage == "join planes" else []
+        assert joined == list(range(len(joined)))
+
+
 def test_the_same_file_in_units_and_without(plan: ScanPlan, tmp_path: Path) -> None:
     refine(plan, tmp_path / "one.h5", None)
     refine(plan, tmp_path / "two.h5", RunChoice("threads", 1))

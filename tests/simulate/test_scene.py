@@ -162,3 +162,11 @@ def test_scenes_compare_and_change():
     assert scene == camera_scene()
     assert replace(scene, image_um=1.0) != scene
     assert isinstance(scene, Scene)
+
+
+@pytest.mark.parametrize(("before", "after"), [(0.0, 2.0), (3.0, -1.5)])
+def test_an_image_farther_behind_is_of_a_source_nearer_to_the_objective(before: float, after: float) -> None:
+    camera = preset("lfm_20x05")
+    first, second = (scene_of(camera, z_um=z, cutout=(31, 31)) for z in (before, after))
+    found = first.refocused(second.image_um - first.image_um)
+    assert found.z_um == pytest.approx(after, abs=1e-9) and first.z_um == pytest.approx(before)

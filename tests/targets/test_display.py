@@ -108,6 +108,13 @@ def test_groups_are_filled_up_by_repeats(plan: TargetPlan) -> None:
     four = replace(plan, offsets_px=((*plan.offsets_px[0], (0.0, 3.0)),))
     more = coded_plan(four, CODE, DISPLAY.pixel_um)
     assert len(more.frames) == 6 and more.lit[0][3:] == tuple(tuple(m + 3 for m in one) for one in more.lit[0][:3])
+    # a period towards the middle, in whole pixels of the display: what is shown stays on it
+    period = SCAN.camera.period_px[0]
+    for (row, column), (again, beside) in zip(more.offsets_px[0], more.offsets_px[0][4:], strict=False):
+        unit = DISPLAY.pixel_um / SCAN.camera.step_um(SCAN.depths_um[0])
+        assert column == beside and again - row == pytest.approx(-period if row > 0 else period, abs=unit / 2 + 1e-9)
+    up = coded_plan(replace(plan, offsets_px=(((5.0, 0.0), (0.0, 3.0)),)), CODE, DISPLAY.pixel_um)
+    assert up.offsets_px[0][2][0] < 0
     with pytest.raises(InputError, match="shown together"):
         coded_plan(plan, s_matrix(7), DISPLAY.pixel_um)
     with pytest.raises(InputError, match="groups of 3"):
