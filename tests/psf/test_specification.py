@@ -185,8 +185,8 @@ def test_version_1_is_not_held_against_it(path: Path) -> None:
 
 def test_what_cannot_be_read_is_said_once(path: Path) -> None:
     with h5py.File(path, "r+") as file:
-        del file["spread"]
-        file.create_group("spread")
+        del file["depths"]
+        file.create_group("depths")
     with H5File(path) as opened:
-        said = [line for line in deviations_of(opened) if "spread" in line]
-    assert len(said) == 1 and said[0].startswith("/spread: ")
+        said = [line for line in deviations_of(opened) if "depths" in line]
+    assert len(said) == 1 and said[0].startswith("/depths: ")

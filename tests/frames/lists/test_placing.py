@@ -195,3 +195,12 @@ def test_damaged_frames_do_not_stand_in_the_way_of_the_others() -> None:
     assert place(listing, plan_of(), some).stage.right == "-x"
     none = place(listing, plan_of(), lambda _: some(0))
     assert none.stage.right == "+x", "without light the plan decides"
+
+
+def test_in_one_plane_the_stage_s_noise_along_the_axis_is_no_coordinate() -> None:
+    """A column that hardly changes would take up drift as if it were a tilt of a thousand."""
+    found = scan(depths=(10e3,), jitter=0.1, seed=4)
+    rng = np.random.default_rng(3)
+    noisy = replace(found, stage=found.stage + rng.normal(0, 0.02, found.stage.shape) * (0, 0, 1))
+    placed, still = (place(listing_of(one), plan_of((10e3,))) for one in (noisy, found))
+    np.testing.assert_allclose(placed.drift, still.drift, atol=1e-9)
