@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-__all__ = ["format_bytes", "format_length", "format_seconds", "format_share"]
+__all__ = ["format_bytes", "format_count", "format_length", "format_seconds", "format_share"]
 
 
 def format_bytes(n: float) -> str:
@@ -49,6 +49,11 @@ def format_number(value: float, digits: int = 3) -> str:
     if not 1e3 <= abs(value) < 1e6:
         return f"{value:.{digits}g}"
     return f"{float(f'{value:.{digits}g}'):,.0f}"
+
+
+def format_count(many: int, one: str, several: str) -> str:
+    """Return a number of things in words that agree with it: ``1 position``, ``12 positions``."""
+    return f"{many} {one if many == 1 else several}"
 
 
 def format_share(share: float) -> str:

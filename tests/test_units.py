@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from lfcal.units import format_bytes, format_length, format_number, format_seconds, format_share
+from lfcal.units import format_bytes, format_count, format_length, format_number, format_seconds, format_share
 
 
 @pytest.mark.parametrize(
@@ -34,3 +34,11 @@ def test_durations_lengths_and_sizes() -> None:
     ]
     assert [format_length(um) for um in (0.02, 5.0, 2.5e5, 2e6)] == ["20 nm", "5 µm", "250 mm", "2 m"]
     assert [format_bytes(n) for n in (12, 685e6)] == ["12 B", "685.0 MB"]
+
+
+def test_numbers_agree_with_what_they_count() -> None:
+    assert [format_count(n, "position is", "positions are") for n in (0, 1, 2)] == [
+        "0 positions are",
+        "1 position is",
+        "2 positions are",
+    ]

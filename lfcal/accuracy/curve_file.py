@@ -24,6 +24,14 @@ def write_curves(curves: Iterable[Curve], path: str | os.PathLike[str]) -> None:
     ------
     StorageError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> from lfcal.accuracy import Curve, Rung, read_curves, write_curves
+    >>> curve = Curve("storage", "Storage of H", "error of H", "size of the file", "bytes")
+    >>> write_curves([curve.with_rung(Rung("uint16", {}, 0.001, 4e6, "bytes"))], "accuracy.json")
+    >>> print(read_curves("accuracy.json")[0].answer(0.01))
+    1 % costs 4.0 MB: uint16 (0.1 %)
     """
     data = {"format": FORMAT, "version": VERSION, "curves": [curve.to_dict() for curve in curves]}
     with replace_whole(path) as part:
@@ -39,6 +47,13 @@ def read_curves(path: str | os.PathLike[str]) -> tuple[Curve, ...]:
         If it is none.
     StorageError
         If it cannot be read.
+
+    Examples
+    --------
+    >>> from lfcal.accuracy import Curve, read_curves, write_curves
+    >>> write_curves([Curve("storage", "Storage of H", "error of H", "size of the file", "bytes")], "accuracy.json")
+    >>> print([curve.title for curve in read_curves("accuracy.json")])
+    ['Storage of H']
     """
     name = Path(path).name
     data = parse_json(read_text(Path(path)), name)

@@ -45,6 +45,17 @@ def draw_curves(
         If none of the curves has a rung.
     StorageError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lfcal.accuracy import Curve, Rung, draw_curves
+    >>> curve = Curve("averaging", "Frames averaged", "noise over the signal", "frames at each position", "frames")
+    >>> for n in (1, 4, 16, 64):
+    ...     curve = curve.with_rung(Rung(f"mean of {n}", {}, 0.08 / n**0.5, n, "frames"))
+    >>> draw_curves([curve], "accuracy.png", error=0.02)
+    >>> print(Path("accuracy.png").read_bytes()[1:4])
+    b'PNG'
     """
     shown = [curve for curve in curves if curve.rungs]
     if not shown:

@@ -31,6 +31,17 @@ class CurveProgress(Progress):
     ----------
     curve
         Of the place at work, with the rungs measured so far.
+
+    Examples
+    --------
+    >>> from lfcal.accuracy import PLACES, CurveProgress, Subject, iter_curve
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> subject = Subject("bench", ScanPlan.for_camera(preset("bench"), virtual_depths=[3], cutout=63))
+    >>> work = iter_curve(PLACES.get("storage"), subject)
+    >>> step: CurveProgress = next(work)
+    >>> work.close()
+    >>> print(step.curve.title, len(step.curve.rungs))
+    H file: stored type and compression 0
     """
 
     curve: Curve = field(kw_only=True)
@@ -104,6 +115,24 @@ def iter_curve(
     ------
     InputError
         If ``seconds`` is not above 0.
+
+    Examples
+    --------
+    >>> from lfcal.accuracy import Place, Rung, Subject, Truth, iter_curve
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> def averaging(subject, seconds):
+    ...     yield Truth("the mean of all frames")
+    ...     for n in (1, 4):
+    ...         yield Rung(f"mean of {n}", {}, 0.08 / n**0.5, n, "frames")
+    >>> place = Place("averaging", "Frames averaged", "noise over the signal", "frames", "frames", averaging)
+    >>> subject = Subject("bench", ScanPlan.for_camera(preset("bench"), virtual_depths=[3], cutout=63))
+    >>> for step in iter_curve(place, subject):
+    ...     print(step.note or "end", [rung.error for rung in step.curve.rungs])
+    Frames averaged []
+    Frames averaged: truth []
+    Frames averaged: mean of 1 [0.08]
+    Frames averaged: mean of 4 [0.08, 0.04]
+    end [0.08, 0.04]
     """
     check_number("seconds for a place", seconds, above=0)
     run = _Run(Curve(place.name, place.title, place.error, place.cost, place.unit), seconds, number, total)
@@ -130,7 +159,19 @@ def _followed(measuring: Measuring, run: _Run) -> Work[None]:
 
 
 def iter_curves(places: Iterable[Place], subject: Subject, seconds: float = SECONDS) -> Work[tuple[Curve, ...]]:
-    """Measure place after place as `iter_curve`; ``seconds`` are for each."""
+    """Measure place after place as `iter_curve`; ``seconds`` are for each.
+
+    Examples
+    --------
+    >>> from lfcal.accuracy import PLACES, Subject, iter_curves
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.progress import drain
+    >>> subject = Subject("bench", ScanPlan.for_camera(preset("bench"), virtual_depths=[3], cutout=63), workers=1)
+    >>> for curve in drain(iter_curves([PLACES.get("storage"), PLACES.get("planes")], subject, seconds=0.05)):
+    ...     print(f"{curve.title}: {'measured' if curve.rungs else curve.stopped}")
+    H file: stored type and compression: measured
+    Depth planes: depths: expected two planes or more, that bound the range, got one; add a plane
+    """
     chosen = tuple(places)
     curves = []
     for number, place in enumerate(chosen):
@@ -139,5 +180,20 @@ def iter_curves(places: Iterable[Place], subject: Subject, seconds: float = SECO
 
 
 def measure_curve(place: Place, subject: Subject, seconds: float = SECONDS) -> Curve:
-    """Return the curve of one place; see `iter_curve`."""
+    """Return the curve of one place; see `iter_curve`.
+
+    Examples
+    --------
+    >>> from lfcal.accuracy import Place, Rung, Step, Subject, Truth, measure_curve
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> def averaging(subject, seconds):
+    ...     yield Truth("the mean of all frames")
+    ...     for n in (1, 4, 16):
+    ...         yield Step(f"mean of {n}")
+    ...         yield Rung(f"mean of {n}", {}, 0.08 / n**0.5, n, "frames")
+    >>> place = Place("averaging", "Frames averaged", "noise over the signal", "frames", "frames", averaging)
+    >>> subject = Subject("bench", ScanPlan.for_camera(preset("bench"), virtual_depths=[3], cutout=63))
+    >>> print(measure_curve(place, subject).answer(0.05))
+    5 % costs 4 frames: mean of 4 (4 %)
+    """
     return drain(iter_curve(place, subject, seconds))

@@ -50,6 +50,13 @@ class Place:
         where this subject has no such curve, with the reason.
     rank
         Order in lists.
+
+    Examples
+    --------
+    >>> from lfcal.accuracy import PLACES, Place
+    >>> place: Place = PLACES.get("averaging")
+    >>> print(f"{place.error}, for {place.unit}")
+    relative L1 error of H by noise, before anything takes it out, for seconds
     """
 
     name: str

@@ -87,6 +87,15 @@ class Subject:
         Why there is no plan; empty where there is one.
     workers
         Threads; None takes every processor.
+
+    Examples
+    --------
+    >>> from lfcal.accuracy import Subject
+    >>> from lfcal.psf import open_psf
+    >>> with open_psf("H.h5") as H:
+    ...     subject = Subject.of_matrix(H, "H of the sample session")
+    ...     print(subject.planned.period, subject.matrix.shape)
+    (19, 33) (2, 19, 33, 55, 55)
     """
 
     name: str

@@ -40,6 +40,13 @@ class Derived:
         Unit of ``value``, as in the description.
     assumed
         Paths of the assumed values it rests on.
+
+    Examples
+    --------
+    >>> from lfcal.camera import Derived, derived_of, preset
+    >>> number: Derived = next(one for one in derived_of(preset("r29")) if one.label == "working f-number")
+    >>> print(f"f/{number.text}", number.assumed)
+    f/5 ()
     """
 
     label: str
@@ -63,6 +70,19 @@ def derived_of(camera: Camera) -> tuple[Derived, ...]:
     ------
     InputError
         If its values are so far apart that nothing can be calculated.
+
+    Examples
+    --------
+    >>> from lfcal.camera import derived_of, preset
+    >>> for one in derived_of(preset("lfm_20x05"))[:7]:
+    ...     print(f"{one.label}: {one.text}")
+    micro-image pitch: 15.0000 px
+    period (x × y): 15.000 × 15.000 px
+    positions in it (x × y): 15 × 15
+    type-0 micro-image (x, y): +0.000, +0.000 px
+    working f-number: 20
+    f-number of the lenslets: 20
+    micro-image over lenslet: 1
     """
     try:
         found = [*_on_the_sensor(camera), *_in_the_optics(camera), *_in_object_space(camera)]

@@ -56,6 +56,16 @@ class Camera:
         The maker's lens distortion, where one is known; kept with the camera, not applied.
     marks
         Which values are stated, measured, derived or assumed; not part of what makes two cameras equal.
+
+    Examples
+    --------
+    >>> from lfcal.camera import Camera, LensletLattice, MainLens, Sensor
+    >>> lattice = LensletLattice(pitch_um=110.0, gap_um=580.0)
+    >>> camera = Camera("mine", MainLens(100e3, 4.0, 400e3), lattice, Sensor(pixel_um=5.5))
+    >>> print(f"{camera.pitch_px:.1f} px between lenslets; a step of {camera.step_um():.2f} µm moves the image by 1 px")
+    20.0 px between lenslets; a step of 16.43 µm moves the image by 1 px
+    >>> print(f"{camera.depth_of(3.0) / 1000:.1f} mm from the working plane: virtual depth 3")
+    -14.9 mm from the working plane: virtual depth 3
     """
 
     name: str

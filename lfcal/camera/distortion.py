@@ -41,6 +41,14 @@ class BrownDistortion:
         Radial coefficients k1, k2, … in the file's order.
     centre_px
         Centre of distortion (x, y) as in the file (pixels).
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from lfcal.camera import BrownDistortion, preset
+    >>> camera = replace(preset("r29"), distortion=BrownDistortion((-0.0015, 0.0007), (3288.0, 2192.0)))
+    >>> print(camera.distortion)
+    BrownDistortion(coefficients=(-0.0015, 0.0007), centre_px=(3288.0, 2192.0))
     """
 
     coefficients: tuple[float, ...]
@@ -82,6 +90,15 @@ class LatticeDistortion:
         Length at which a term displaces by its coefficient.
     terms
         Coefficients (displacements at one scale): two tuples, along x and along y, or one, radial.
+
+    Examples
+    --------
+    >>> from lfcal.camera import LatticeDistortion
+    >>> barrel = LatticeDistortion("radial", (0.0, 0.0), 1000.0, ((-3.0,),))
+    >>> print(barrel.displacement([[600.0, 800.0], [300.0, 400.0]]).round(3).tolist())
+    [[-1.8, -2.4], [-0.225, -0.3]]
+    >>> print(round(barrel.largest, 3), barrel.invert(barrel.apply([[600.0, 800.0]])).round(6).tolist())
+    3.0 [[600.0, 800.0]]
     """
 
     model: str

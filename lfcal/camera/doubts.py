@@ -21,6 +21,15 @@ def doubts(camera: Camera) -> tuple[str, ...]:
     ------
     InputError
         If its values are so far apart that nothing can be calculated.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from lfcal.camera import doubts, preset
+    >>> camera = preset("r29")
+    >>> for line in doubts(replace(camera, sensor=replace(camera.sensor, pixel_um=0.0055))):
+    ...     print(line)
+    pixel pitch (sensor.pixel_um) is 0.0055 µm; did you mean 5.5 µm (mm for µm)?
     """
     derived_of(camera)  # raises where nothing can be calculated
     found = [line for quantity in quantities_of(camera) for line in _unusual(camera, quantity)]

@@ -45,6 +45,17 @@ class Draft:
     ------
     InputError
         If a path is none of such a camera.
+
+    Examples
+    --------
+    >>> from lfcal.camera import Draft
+    >>> draft = Draft("MainLens", {"optics.focal_length_um": 50e3, "sensor.pixel_um": 5.5})
+    >>> draft.put("lattice.pitch_um", 60.5, "measured")
+    >>> camera = draft.camera("mine")
+    >>> print(camera.optics.focal_length_um, camera.lattice.pitch_um, round(camera.lattice.gap_um, 1))
+    50000.0 60.5 254.7
+    >>> print(camera.marks["optics.focal_length_um"], camera.marks["lattice.pitch_um"], camera.marks["lattice.gap_um"])
+    stated measured assumed
     """
 
     def __init__(self, kind: str, given: Mapping[str, Any] | None = None) -> None:

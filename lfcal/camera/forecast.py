@@ -30,6 +30,14 @@ class Forecast:
         H uncompressed in either type. HT has the same size and is stored only when exported.
     assembly_bytes
         Peak memory of assembly: two float32 planes.
+
+    Examples
+    --------
+    >>> from lfcal.camera import Forecast, ScanPlan, preset
+    >>> plan = ScanPlan.for_camera(preset("r29"), virtual_depths=[2, 3, 5], cutout=301, exposure_s=0.1, settle_s=0.2)
+    >>> cost = Forecast.of(plan)
+    >>> print(cost.positions, f"positions: {cost.hours:.2f} h, H of {cost.h_uint16_bytes / 1e9:.2f} GB as uint16")
+    15675 positions: 1.41 h, H of 2.84 GB as uint16
     """
 
     positions: int

@@ -25,6 +25,17 @@ class LensType:
         Focal length (µm).
     depth_range
         Virtual depths (near, far) this type is used for, where the maker states them.
+
+    Examples
+    --------
+    >>> from lfcal.camera import LensType
+    >>> for v in (2.0, 3.0, 5.0):
+    ...     print(v, round(LensType.focused_at(v, gap_um=300.0).focal_length_um, 1))
+    2.0 600.0
+    3.0 450.0
+    5.0 375.0
+    >>> print(round(LensType(600.0).focus_depth(gap_um=300.0), 3))
+    2.0
     """
 
     focal_length_um: float
@@ -96,6 +107,16 @@ class LensletLattice:
         How the lattice as seen departs from straight rows (µm from the sensor's centre); None: it does not.
         `centres_um`, `lenslet_at` and `lenslets_within` include it; pitch, period and `basis_um` are those of the
         straight lattice, `local` those at a place.
+
+    Examples
+    --------
+    >>> from lfcal.camera import LensletLattice, LensType
+    >>> lattice = LensletLattice("hexagonal", 100.0, 500.0, tuple(LensType.focused_at(v, 500.0) for v in (2, 3, 5)))
+    >>> print([round(length, 1) for length in lattice.period_um])
+    [173.2, 300.0]
+    >>> centres, types = lattice.lenslets_within(110.0, 10.0, (0.0, 0.0))
+    >>> print(centres.tolist(), types.tolist())
+    [[-100.0, 0.0], [0.0, 0.0], [100.0, 0.0]] [2, 0, 1]
     """
 
     kind: str = "hexagonal"

@@ -28,6 +28,13 @@ class MainLens:
         Angle of the first vertex from the +x (column) axis (rad).
     blade_curvature
         Apothem over blade radius: 0 straight edges, 1 a circle.
+
+    Examples
+    --------
+    >>> from lfcal.camera import MainLens
+    >>> lens = MainLens(focal_length_um=50e3, f_number=4.0, working_distance_um=100e3)
+    >>> print(round(lens.image_distance_um), round(lens.magnification, 3), round(lens.working_f_number, 3))
+    100000 1.0 8.0
     """
 
     focal_length_um: float = 200e3
@@ -95,6 +102,14 @@ class Microscope:
         Refractive index of the immersion medium.
     tube_length_um
         Focal length of the tube lens (µm).
+
+    Examples
+    --------
+    >>> import math
+    >>> from lfcal.camera import Microscope
+    >>> objective = Microscope(magnification=20.0, numerical_aperture=0.5)
+    >>> print(objective.working_f_number, f"{math.degrees(objective.half_angle_rad):.1f}°")
+    20.0 30.0°
     """
 
     magnification: float = 20.0

@@ -22,6 +22,15 @@ class Marks:
     ----------
     entries
         Pairs (path, mark), sorted by path.
+
+    Examples
+    --------
+    >>> from lfcal.camera import Marks
+    >>> marks = Marks.of({"lattice.pitch_um": "measured", "lattice.gap_um": "assumed"})
+    >>> print(marks["lattice.pitch_um"], marks["sensor.pixel_um"], marks.paths("assumed"))
+    measured stated ('lattice.gap_um',)
+    >>> print(marks.marked(["lattice.gap_um"], "stated").paths("assumed"))
+    ()
     """
 
     entries: tuple[tuple[str, str], ...] = ()

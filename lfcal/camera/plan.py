@@ -63,6 +63,15 @@ class ScanPlan:
     resample
         Frames are scaled by `resample_factors` so that the period is whole; steps and cutout are then in
         resampled pixels. The anchor stays in sensor pixels.
+
+    Examples
+    --------
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[3], cutout=63)
+    >>> print(plan.period, plan.shape, plan.n_positions)
+    (19, 33) (1, 19, 33, 63, 63) 627
+    >>> print(plan.image_px([[0, 0, 0], [0, 0, 1], [0, 1, 0]]).tolist())
+    [[150.0, 144.0], [150.0, 145.0], [151.0, 144.0]]
     """
 
     camera: Camera

@@ -87,7 +87,15 @@ PRESETS: dict[str, Callable[[], Camera]] = {
 
 
 def preset(name: str) -> Camera:
-    """Return a camera that comes with lfcal: ``r29``, ``lfm_20x05``, ``lfm_60x12`` or ``bench``."""
+    """Return a camera that comes with lfcal: ``r29``, ``lfm_20x05``, ``lfm_60x12`` or ``bench``.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> camera = preset("r29")
+    >>> print(f"{camera.pitch_px:.1f} px, f/{camera.optics.working_f_number:g}", camera.sensor.shape)
+    31.7 px, f/5 (4384, 6576)
+    """
     if name not in PRESETS:
         raise InputError.expected("preset", " or ".join(PRESETS), repr(name), choose(name, PRESETS))
     return PRESETS[name]()

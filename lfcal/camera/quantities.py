@@ -30,6 +30,13 @@ class Quantity:
         How it is stated on the command line, where there is a way shorter than ``--set``.
     light
         Whether it concerns light and noise only, not where images lie.
+
+    Examples
+    --------
+    >>> from lfcal.camera import QUANTITIES, Quantity
+    >>> quantity: Quantity = next(one for one in QUANTITIES if one.path == "optics.focal_length_um")
+    >>> print(f"{quantity.label}: {quantity.text(200e3)}, usually {quantity.text(quantity.usual[1])} at most")
+    focal length of the main lens: 200 mm, usually 3000 mm at most
     """
 
     path: str
@@ -113,7 +120,14 @@ def _names(kind: Any) -> frozenset[str]:
 
 
 def has_value(camera: Camera, path: str) -> bool:
-    """Return whether ``path`` is that of a value, and one which describes ``camera``."""
+    """Return whether ``path`` is that of a value, and one which describes ``camera``.
+
+    Examples
+    --------
+    >>> from lfcal.camera import has_value, preset
+    >>> print([has_value(preset(name), "optics.f_number") for name in ("r29", "lfm_20x05")])
+    [True, False]
+    """
     if path not in _PATHS:
         return False
     part, _, name = path.rpartition(".")
@@ -127,12 +141,32 @@ def has_value(camera: Camera, path: str) -> bool:
 
 
 def quantities_of(camera: Camera) -> tuple[Quantity, ...]:
-    """Return the values that describe ``camera``: those of a lens or of a microscope, not both."""
+    """Return the values that describe ``camera``: those of a lens or of a microscope, not both.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset, quantities_of, value_at
+    >>> camera = preset("lfm_60x12")
+    >>> for quantity in quantities_of(camera)[:4]:
+    ...     print(f"{quantity.label}: {quantity.text(value_at(camera, quantity.path))}")
+    magnification: 60 x
+    numerical aperture: 1.2
+    index of the medium: 1.35
+    focal length of the tube lens: 200 mm
+    """
     return tuple(quantity for quantity in QUANTITIES if has_value(camera, quantity.path))
 
 
 def value_at(camera: Camera, path: str) -> Any:
-    """Return the value of ``camera`` at ``path``; lens types as their focal lengths (µm)."""
+    """Return the value of ``camera`` at ``path``; lens types as their focal lengths (µm).
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset, value_at
+    >>> camera = preset("bench")
+    >>> print(value_at(camera, "sensor.shape"), [round(f) for f in value_at(camera, "lattice.types")])
+    (320, 320) [581, 436, 363]
+    """
     if path == "lattice.types":
         return tuple(kind.focal_length_um for kind in camera.lattice.types)
     found: Any = camera

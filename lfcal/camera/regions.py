@@ -43,6 +43,14 @@ class RegionPlan:
         What the regions are called, in H and as folders of a session: letters, digits, ``-`` and ``_``.
     anchors
         Sensor position ``(row, column)`` of each region's position (0, 0), the first that of `scan`.
+
+    Examples
+    --------
+    >>> from lfcal.camera import RegionPlan, ScanPlan, preset
+    >>> scan = ScanPlan.for_camera(preset("bench"), virtual_depths=[3], cutout=63)
+    >>> regions = RegionPlan.spread(scan, (1, 3))
+    >>> print(regions.names, regions.anchors)
+    ('centre', 'r1c1', 'r1c3') ((150.0, 144.0), (150.0, 45.0), (150.0, 243.0))
     """
 
     scan: ScanPlan

@@ -46,6 +46,13 @@ class Sensor:
         Offsets of the pixels in the dark, rms (electrons); None: not known.
     linearity
         Largest departure of the signal from a line over exposure (relative); None: not known.
+
+    Examples
+    --------
+    >>> from lfcal.camera import Sensor
+    >>> sensor = Sensor((1000, 1600), pixel_um=5.0, bit_depth=10, full_well_e=10_230)
+    >>> print(sensor.max_value, sensor.electrons_per_count, sensor.centre_px)
+    1023 10.0 (499.5, 799.5)
     """
 
     shape: tuple[int, int] = (4384, 6576)

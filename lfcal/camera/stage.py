@@ -29,6 +29,14 @@ class StageAxes:
     origin_um
         Stage coordinates (x, y, z) at which the source's image is at the sensor's centre and the source in
         the working plane (µm).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.camera import StageAxes
+    >>> stage = StageAxes(right="-x", down="+z", away="+y", origin_um=(100.0, 0.0, 0.0))
+    >>> print(stage.to_stage(np.array([10.0, 20.0, 30.0])).tolist())
+    [90.0, 30.0, 20.0]
     """
 
     right: str = "+x"

@@ -11,6 +11,7 @@ import typer
 from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
 from lfcal.cli.outputs import check_output
 from lfcal.errors import InputError
+from lfcal.units import format_count
 
 if TYPE_CHECKING:
     from lfcal.acquire.recording.verify import SessionReport
@@ -87,10 +88,12 @@ def session_lines(report: SessionReport) -> Iterator[str]:
     if len(report.damaged) > LISTED:
         yield f"  and {len(report.damaged) - LISTED} more; --json lists all"
     if report.lacking:
-        yield f"  {report.lacking} positions that were safe once have no record any more"
+        lacking = format_count(report.lacking, "position that was safe once has", "positions that were safe once have")
+        yield f"  {lacking} no record any more"
     if report.never_taken:
         first = tuple(report.never_taken[0])
-        yield f"  {len(report.never_taken)} positions were never taken, first (z, y, x) = {first}"
+        missing = format_count(len(report.never_taken), "position was", "positions were")
+        yield f"  {missing} never taken, first (z, y, x) = {first}"
 
 
 def _show_session(report: SessionReport, redo: Path | None) -> None:
@@ -99,8 +102,8 @@ def _show_session(report: SessionReport, redo: Path | None) -> None:
     if not report.ok:
         typer.echo("  lfcal acquire --resume takes damaged and missing frames again")
     if redo is not None:
-        count = len(report.to_redo)
-        typer.echo(f"  {redo}: {count} positions to record again" if count else f"  {redo}: not written, no position")
+        count = format_count(len(report.to_redo), "position", "positions")
+        typer.echo(f"  {redo}: {count} to record again" if report.to_redo else f"  {redo}: not written, no position")
 
 
 def _matrix(path: Path, redo: Path | None, workers: int | None, json: bool) -> bool:
@@ -135,7 +138,7 @@ def matrix_lines(check: MatrixCheck) -> Iterator[str]:
     for line in check.deviations:
         yield f"  not as the format says: {line}"
     if check.missing:
-        yield f"  {check.missing} positions were never recorded"
+        yield f"  {format_count(check.missing, 'position was', 'positions were')} never recorded"
     if check.damaged:
         yield "  assemble it again, or copy it again from its source"
 

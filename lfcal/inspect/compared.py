@@ -69,6 +69,16 @@ def iter_evidence(
         Positions ``(n, 3)`` that are compared too, for what is known of them.
     more_suspected
         How many more are suspected like these.
+
+    Examples
+    --------
+    >>> from lfcal.inspect import iter_evidence
+    >>> from lfcal.progress import drain
+    >>> from lfcal.psf import open_psf
+    >>> with open_psf("H.h5") as H:
+    ...     evidence = drain(iter_evidence(H, patterns=24))
+    >>> print(f"{len(evidence)} patterns, off by {evidence.misfit:.0%} of the light beside noise")
+    24 patterns, off by 1% of the light beside noise
     """
     check_number("seconds of a comparison", seconds, above=0)
     start = time.perf_counter()

@@ -47,7 +47,19 @@ ROUNDS = 3
 
 @dataclass(frozen=True, eq=False)
 class Unlike:
-    """Why patterns cannot be compared with a camera."""
+    """Why patterns cannot be compared with a camera.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.inspect import Unlike, iter_evidence
+    >>> from lfcal.progress import drain
+    >>> from lfcal.psf import PSFMatrix
+    >>> found = drain(iter_evidence(PSFMatrix(np.ones((1, 3, 3, 5, 5)))))
+    >>> if isinstance(found, Unlike):
+    ...     print(found.reason)
+    H has no camera
+    """
 
     reason: str
 
@@ -87,6 +99,16 @@ class Evidence:
         Positions that were suspected beyond those: the oddest were asked for.
     rounding
         Variance that values have by the steps they come in.
+
+    Examples
+    --------
+    >>> from lfcal.inspect import Evidence, iter_evidence
+    >>> from lfcal.progress import drain
+    >>> from lfcal.psf import open_psf
+    >>> with open_psf("H.h5") as H:
+    ...     evidence: Evidence = drain(iter_evidence(H, patterns=24))
+    >>> print(evidence.data.shape, f"{evidence.unlike.sum()} patterns unlike those of their places")
+    (24, 55, 55) 0 patterns unlike those of their places
     """
 
     matrix: PSFMatrix

@@ -50,6 +50,16 @@ class Picture:
         Abscissa of a curve; None: numbers from 0.
     origin
         Of a map, the numbers of its first row and column.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.inspect import FAULTS, Finding, Picture
+    >>> light = np.array([1.0, 1.0, 0.9, 0.8])
+    >>> curve = Picture(light, "", "light of the source over the scan", ("position",), across=np.arange(4.0))
+    >>> found = Finding(FAULTS.get("lamp"), "light fell by 20 %", sigmas=9.0, share=0.1, picture=curve)
+    >>> print(found.picture.title, found.picture.values.tolist())
+    light of the source over the scan [1.0, 1.0, 0.9, 0.8]
     """
 
     values: F8
@@ -96,6 +106,13 @@ class Finding:
         Times as large cutouts on which ``put_in`` shows what it costs.
     cost
         What it adds to the error of a reconstruction with this H (NRMSE); None: not measured.
+
+    Examples
+    --------
+    >>> from lfcal.inspect import FAULTS, Finding
+    >>> found = Finding(FAULTS.get("hot_line"), "column 40 has 60 counts more", sigmas=8.0, share=0.02)
+    >>> print(f"{found.title}: {found.detail}; by chance in {1 - found.confidence:.0e}")
+    hot line of the sensor: column 40 has 60 counts more; by chance in 1e-11
     """
 
     fault: Fault
@@ -148,6 +165,13 @@ class Fault:
     strong_rank
         Where in that order it is looked for besides, to count if it explains most of what the camera does not: others
         would be named for it. None: nowhere.
+
+    Examples
+    --------
+    >>> from lfcal.inspect import FAULTS, Fault
+    >>> fault: Fault = FAULTS.get("hot_line")
+    >>> print(f"{fault.title}: {fault.advice.partition(',')[0]}")
+    hot line of the sensor: Subtract a dark frame of the same exposure
     """
 
     name: ClassVar[str]

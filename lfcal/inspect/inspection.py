@@ -18,7 +18,7 @@ from lfcal.progress import Work
 from lfcal.psf import PSFMatrix
 from lfcal.psf.quality import QualityReport
 from lfcal.psf.quality.metric import Merit, Metric
-from lfcal.units import format_share
+from lfcal.units import format_count, format_share
 
 __all__ = ["BAD", "FAIR", "MEASURED", "Inspection", "is_bad", "is_fair", "iter_inspection", "worst_first"]
 
@@ -80,6 +80,17 @@ class Inspection:
         Error of a reconstruction by the noise of H alone (NRMSE); None: not measured.
     as_it_is
         The same of H as it is.
+
+    Examples
+    --------
+    >>> from lfcal.inspect import Inspection, iter_inspection
+    >>> from lfcal.progress import drain
+    >>> from lfcal.psf import PSFMatrix, inspect, open_psf
+    >>> with open_psf("H.h5") as H:
+    ...     no_camera = PSFMatrix(H[:1])
+    >>> found: Inspection = drain(iter_inspection(no_camera, inspect(no_camera)))
+    >>> print(found.compared, found.why_not)
+    0 H has no camera
     """
 
     quality: QualityReport
@@ -132,8 +143,8 @@ class Inspection:
             return self.quality.verdict
         known = sum(m.merit == "good" for m in self.quality.metrics)
         rest = sum(m.merit == "unknown" for m in self.quality.metrics)
-        unknown = f"; {_counted(rest, 'metric is', 'metrics are')} unknown." if rest else "."
-        return f"This PSF is good by {_counted(known, 'metric', 'metrics')}, and {self._shown}{unknown}"
+        unknown = f"; {format_count(rest, 'metric is', 'metrics are')} unknown." if rest else "."
+        return f"This PSF is good by {format_count(known, 'metric', 'metrics')}, and {self._shown}{unknown}"
 
     @property
     def _doubtful(self) -> list[str]:
@@ -151,7 +162,7 @@ class Inspection:
         measured = all(one.cost is not None for one in self.findings)
         which = "cost a reconstruction next to nothing" if measured else "are too small to matter"
         which = which.replace("cost ", "costs ").replace("are ", "is ") if len(self.findings) == 1 else which
-        many = _counted(len(self.findings), "fault", "faults")
+        many = format_count(len(self.findings), "fault", "faults")
         return f"{source} {many} that {which} ({_listed([one.title for one in self.findings], 4)})"
 
     def redo(self) -> list[tuple[tuple[int, int, int], str]]:
@@ -200,10 +211,6 @@ def _listed(names: Sequence[str], most: int) -> str:
     return ", ".join(names[:most]) + more
 
 
-def _counted(many: int, one: str, several: str) -> str:
-    return f"{many} {one if many == 1 else several}"
-
-
 def is_bad(finding: Finding) -> bool:
     """Return whether an H with this fault should not be used: by what it costs, else by what it changes."""
     return finding.share >= BAD_SHARE if finding.cost is None else finding.cost >= BAD
@@ -243,6 +250,16 @@ def iter_inspection(
         Time that the comparison may take.
     patterns
         Compare so many patterns instead.
+
+    Examples
+    --------
+    >>> from lfcal.inspect import iter_inspection
+    >>> from lfcal.progress import drain
+    >>> from lfcal.psf import inspect, open_psf
+    >>> with open_psf("H.h5") as H:
+    ...     found = drain(iter_inspection(H, inspect(H), patterns=24))
+    >>> print(found.verdict)
+    This PSF is good by ... metrics, and 24 patterns compared with the camera show no fault; ... metrics are unknown.
     """
     start = time.perf_counter()
     odd = suspects(quality)

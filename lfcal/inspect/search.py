@@ -17,7 +17,23 @@ standard deviations that it must lie above none."""
 
 
 def iter_search(evidence: Evidence) -> Work[tuple[tuple[Finding, ...], Evidence]]:
-    """Look for every fault; return what was found, and the evidence without it."""
+    """Look for every fault; return what was found, and the evidence without it.
+
+    Examples
+    --------
+    >>> from lfcal.inspect import iter_evidence, iter_search
+    >>> from lfcal.progress import drain
+    >>> from lfcal.psf import PSFMatrix, open_psf
+    >>> with open_psf("H.h5") as H:
+    ...     values, own = H[:], {"depths": H.depths, "camera": H.camera, "anchor": H.anchor}
+    >>> for x in range(33):
+    ...     values[:, :, x, :, 40 - x] += 200.0
+    >>> evidence = drain(iter_evidence(PSFMatrix(values, **own), patterns=24))
+    >>> findings, rest = drain(iter_search(evidence))
+    >>> for one in findings:
+    ...     print(f"{one.title}: {one.detail}")
+    hot line of the sensor: column 40 of the scanned part: 200 counts too many
+    """
     found: list[Finding] = []
     explained: set[str] = set()
     whole: set[str] = set()

@@ -39,6 +39,16 @@ class Acquisition:
         Rms of ``views - clean``.
     error
         Rms of ``views - truth``: noise, and what the modulator loses in resolution.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.multiplex import Acquisition, acquire_light_field, mask
+    >>> light = np.full((9, 60, 60), 1 / 9)
+    >>> rng = np.random.default_rng(0)
+    >>> one: Acquisition = acquire_light_field(light, [mask("lenslet", 3)], chi2=np.inf, rng=rng)[0]
+    >>> print(one.frame.shape, one.views.shape, f"{one.snr_db:.0f} dB")  # 1000 electrons a pixel: sqrt(1000)
+    (60, 60) (9, 20, 20) 15 dB
     """
 
     modulator: Modulator
@@ -115,6 +125,17 @@ def acquire_light_field(
     ------
     InputError
         If chi2 is not above 0 or the scene is not one of these modulators.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.multiplex import acquire_light_field, mask
+    >>> light = np.full((25, 100, 100), 1 / 25)
+    >>> rng = np.random.default_rng(0)
+    >>> kinds = [mask("pinhole", 5), mask("lenslet", 5)]
+    >>> hole, lens = acquire_light_field(light, kinds, chi2=np.inf, rng=rng, filter="nearest")
+    >>> print(f"lenslets gain {lens.snr_db - hole.snr_db:.0f} dB")  # 25 times the photons
+    lenslets gain 7 dB
     """
     return drain(
         iter_acquire_light_field(light, modulators, chi2=chi2, signal_e=signal_e, rng=rng, route=route, filter=filter)

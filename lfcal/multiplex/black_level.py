@@ -43,7 +43,17 @@ def black_level_map(levels: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.flo
 
 
 def without_black_level(frame: ArrayLike, levels: ArrayLike) -> NDArray[Any]:
-    """Return a frame less its level of no light (`black_level_map`), float64 for frames of float64, else float32."""
+    """Return a frame less its level of no light (`black_level_map`), float64 for frames of float64, else float32.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import without_black_level
+    >>> raw = [[110, 220], [330, 400]]
+    >>> without_black_level(raw, (10, 20, 30, 40)).tolist()  # of a pattern of 2 x 2, as RAW files state them
+    [[100.0, 200.0], [300.0, 360.0]]
+    >>> without_black_level(raw, 64).tolist()
+    [[46.0, 156.0], [266.0, 336.0]]
+    """
     raw = np.asarray(frame)
     if raw.ndim != 2 or raw.dtype.kind not in "uif":
         raise InputError.expected("frame", "numbers in rows and columns", f"{raw.dtype} {raw.shape}", "give one plane")

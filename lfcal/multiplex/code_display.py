@@ -38,6 +38,15 @@ class DisplayFit:
         Largest error of a position that is rounded to whole display pixels (sensor pixels).
     fits
         Whether every position has a display pixel of its own and is met within `PLACING_PX`.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import DisplayFit, display_fit
+    >>> fit: DisplayFit = display_fit(step_um=10.0, pixel_um=2.0)
+    >>> fit
+    DisplayFit(pixel_um=2.0, step_um=10.0, image_px=0.2, placing_px=0.0, fits=True)
+    >>> print(fit.per_step, "display pixels from one source position to the next")
+    5 display pixels from one source position to the next
     """
 
     pixel_um: float
@@ -78,6 +87,18 @@ def display_fit(step_um: float, pixel_um: float) -> DisplayFit:
         (`lfcal.camera.Camera.step_um` of the plane's depth).
     pixel_um
         Pitch of the display's pixels, as they appear in that plane (µm).
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.multiplex import display_fit
+    >>> step = preset("r29").step_um(0.0)  # moves the image by one pixel
+    >>> print(display_fit(step, step / 8).words)
+    small enough: a display pixel of 2.74 µm is 0.125 px wide in the image; positions are 21.92 µm apart and met
+    within 0 px
+    >>> print(display_fit(step, 3 * step).words)
+    too large: a display pixel of 65.77 µm is 3 px wide in the image; up to 21.92 µm are needed, or optics that
+    reduce it 3 times
     """
     check_number("step in the object plane (µm)", step_um, above=0)
     check_number("pitch of the display's pixels (µm)", pixel_um, above=0)
@@ -118,6 +139,16 @@ def display_frames(
     ------
     InputError
         If the block is larger than the display, or two points share a display pixel.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import display_fit, display_frames, s_matrix
+    >>> fit = display_fit(step_um=10.0, pixel_um=5.0)
+    >>> for image in display_frames(s_matrix(3), [(0, 0), (0, 1), (0, 2)], fit, (1, 7)):
+    ...     print(image.tolist())
+    [[0, 255, 0, 255, 0, 0, 0]]
+    [[0, 255, 0, 0, 0, 255, 0]]
+    [[0, 0, 0, 255, 0, 255, 0]]
     """
     lit, positions = np.asarray(code, float), np.asarray(places, float)
     rows, columns = check_tuple("display (rows, columns)", shape, 2, at_least=1, at_most=20_000, integer=True)

@@ -36,6 +36,17 @@ def s_matrix(order: int) -> Array:
     ------
     InputError
         If no S-matrix of this order is known here.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.multiplex import s_matrix
+    >>> S = s_matrix(7)
+    >>> print(S.astype(int)[:2])
+    [[1 1 1 0 1 0 0]
+     [1 1 0 1 0 0 1]]
+    >>> print((np.linalg.inv(S) ** 2).sum(axis=1).round(4))  # variance 4 n/(n + 1)^2 of that of single points
+    [0.4375 0.4375 0.4375 0.4375 0.4375 0.4375 0.4375]
     """
     check_number("order of the S-matrix", order, at_least=3, at_most=MOST_POINTS, integer=True)
     if _is_paley(order):
@@ -65,6 +76,14 @@ def random_code(frames: int, points: int, density: float, rng: np.random.Generat
     ------
     InputError
         If there are fewer frames than points, or a hundred draws tell none apart.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.multiplex import random_code
+    >>> code = random_code(12, 6, 0.5, np.random.default_rng(0))
+    >>> print(code.shape, np.unique(code), np.linalg.matrix_rank(code))
+    (12, 6) [0. 1.] 6
     """
     check_number("points", points, at_least=1, at_most=MOST_POINTS, integer=True)
     check_number("frames of a random code", frames, at_least=points, at_most=4 * MOST_POINTS, integer=True)
@@ -90,6 +109,17 @@ def code_matrix(
         Number of points whose patterns overlap.
     frames, density, rng
         Of random codes: as many frames as points by default, share that is lit, source (seeded by default).
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import code_matrix
+    >>> code = code_matrix("S", 5)  # the S-matrix of 7 without two columns
+    >>> print(code.shape, code.sum(axis=0))  # each point is lit in 4 of 7 frames
+    (7, 5) [4. 4. 4. 4. 4.]
+    >>> print(code_matrix("single", 3))
+    [[1. 0. 0.]
+     [0. 1. 0.]
+     [0. 0. 1.]]
     """
     check_choice("code", kind, CODES)
     check_number("points", points, at_least=1, at_most=MOST_POINTS, integer=True)

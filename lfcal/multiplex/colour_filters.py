@@ -95,6 +95,17 @@ def cfa(pattern: str, *, filters: Mapping[str, Sequence[float]] | None = None) -
     ------
     InputError
         If the pattern cannot be read or a filter is not three transmissions.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import cfa
+    >>> print(cfa("Bayer").matrix)  # a row of red, green, blue for each pixel
+    [[1. 0. 0.]
+     [0. 1. 0.]
+     [0. 1. 0.]
+     [0. 0. 1.]]
+    >>> print(cfa("RGB/GBR").side, cfa("RS/GB", filters={"S": (0.2, 0.2, 0.2)}).rank())
+    (2, 3) 3
     """
     known = dict(FILTERS)
     for letter, shares in (filters or {}).items():

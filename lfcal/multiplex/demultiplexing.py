@@ -79,6 +79,15 @@ def demultiplex(
     ------
     InputError
         If the frame is smaller than a super-pixel or not finite, or an option is not known.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.multiplex import cfa, demultiplex
+    >>> frame = np.tile([[0.2, 0.5], [0.5, 0.3]], (8, 8))  # red, green, green, blue
+    >>> colours = demultiplex(frame, cfa("Bayer"))
+    >>> print(colours.shape, colours[:, 5, 6].round(3))
+    (3, 16, 16) [0.2 0.5 0.3]
     """
     from lfcal.multiplex.demosaicing import reconstruct_by_estimation
     from lfcal.multiplex.fourier import reconstruct_fourier
@@ -138,6 +147,18 @@ def demultiplex_weighted(
     ------
     InputError
         If a weight is negative or all are zero, or as `demultiplex` raises.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.multiplex import cfa, demultiplex_weighted
+    >>> frame, weights = np.tile([[0.2, 0.5], [0.5, 0.3]], (8, 8)), np.full((16, 16), 100.0)  # deviation 0.1
+    >>> frame[4, 4], weights[4, 4] = np.nan, 0  # a dead red pixel
+    >>> found = demultiplex_weighted(frame, cfa("Bayer"), weights)
+    >>> print(found.samples[:, 4, 4].round(3))
+    [0.2 0.5 0.3]
+    >>> print(found.deviation[:, 8, 8].round(3))  # red of one pixel, green and blue of four
+    [0.1  0.05 0.05]
     """
     from lfcal.multiplex.weighted import WeightedSamples, measured, reconstruct_weighted
 
@@ -239,6 +260,15 @@ def multiplex(samples: ArrayLike, modulator: Modulator) -> NDArray[np.float64]:
     ------
     InputError
         If the samples are not those of the modulator.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.multiplex import cfa, multiplex
+    >>> light = np.multiply.outer([0.2, 0.5, 0.3], np.ones((2, 4)))  # red, green, blue
+    >>> print(multiplex(light, cfa("Bayer")))
+    [[0.2 0.5 0.2 0.5]
+     [0.5 0.3 0.5 0.3]]
     """
     light = np.asarray(samples, float)
     if light.ndim != 3 or len(light) != modulator.count:
@@ -270,5 +300,15 @@ def _gathered(light: NDArray[np.float64], cell: tuple[int, int]) -> NDArray[np.f
 
 
 def arrange(samples: NDArray[Any], modulator: Modulator) -> NDArray[Any]:
-    """Return `demultiplex`'s result as ``(views down, views across, colours, rows, columns)``, not copied."""
+    """Return `demultiplex`'s result as ``(views down, views across, colours, rows, columns)``, not copied.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.multiplex import arrange, cfa, demultiplex, mask
+    >>> modulator = mask("lenslet", 3) * cfa("Bayer")
+    >>> samples = demultiplex(np.ones((60, 90)), modulator)
+    >>> print(samples.shape, arrange(samples, modulator).shape)
+    (27, 20, 30) (3, 3, 3, 20, 30)
+    """
     return samples.reshape(*modulator.views, max(1, len(modulator.colours)), *samples.shape[1:])

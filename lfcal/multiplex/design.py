@@ -45,6 +45,15 @@ class Design:
         Candidates whose gain was computed.
     exhaustive
         Whether these were all.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import Design, best_array
+    >>> found: Design = best_array((2, 2), 1.0, letters="RGB")
+    >>> print(found.modulator.name, found.tried, found.exhaustive)
+    Bayer 15 True
+    >>> print(found.certificate)
+    the best of all 15 candidates
     """
 
     modulator: Modulator = field(repr=False)
@@ -71,6 +80,15 @@ def with_crosstalk(modulator: Modulator, share: float) -> Modulator:
         and keep what is theirs, so that only pixels of one cell mix as well.
     share
         Charge or light that leaves a pixel, 0 … 0.5, a quarter to each side.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import cfa, with_crosstalk
+    >>> print(with_crosstalk(cfa("Bayer"), 0.2).matrix.round(3))
+    [[0.8 0.2 0. ]
+     [0.1 0.8 0.1]
+     [0.1 0.8 0.1]
+     [0.  0.2 0.8]]
     """
     check_number("crosstalk", share, at_least=0, at_most=0.5)
     block = np.asarray(modulator.spatial).reshape(*modulator.side, -1)
@@ -112,6 +130,15 @@ def best_array(
     ------
     InputError
         If there are more candidates than can all be tried, or none that recovers the colours.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import best_array
+    >>> for chi2 in (0, float("inf")):
+    ...     found = best_array((2, 2), chi2)
+    ...     print(found.modulator.name, f"{found.gain_db:.2f} dB:", found.certificate)
+    CYMG 0.65 dB: the best of all 210 candidates
+    Bayer 0.00 dB: the best of all 210 candidates
     """
     rows, columns = check_tuple("super-pixel (rows, columns)", side, 2, at_least=1, at_most=8, integer=True)
     check_number("least light", least_light, at_least=0, at_most=1)
@@ -228,6 +255,15 @@ def best_printed_mask(
         Random starts.
     rng
         Their source; seeded by default.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import best_printed_mask
+    >>> found = best_printed_mask(3, 0.1)
+    >>> print(f"{found.modulator.matrix[:, 0].sum():.0f} of 9 cells open: {found.gain_db:.2f} dB over a pinhole")
+    4 of 9 cells open: 1.18 dB over a pinhole
+    >>> print(found.certificate)
+    the best of all 512 candidates
     """
     check_number("size of the mask (px)", size, at_least=2, at_most=31, integer=True)
     check_number("levels", levels, at_least=2, at_most=256, integer=True)

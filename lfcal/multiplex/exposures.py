@@ -30,6 +30,15 @@ def neutral_density(transmissions: ArrayLike, *, name: str = "") -> Modulator:
         Shares ``(rows, columns)`` of the light in 0 … 1, over one super-pixel.
     name
         For tables and plots.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.multiplex import demultiplex, neutral_density
+    >>> frame = np.tile([255.0, 100.0], (4, 4))  # the clear pixels are saturated
+    >>> radiance = demultiplex(frame, neutral_density([(1, 0.25)]), weights=frame < 255)
+    >>> print(radiance[0, 0].round(3))
+    [400. 400. 400. 400. 400. 400. 400. 400.]
     """
     shares = _shares("exposures of the super-pixel", transmissions)
     found = name or "ND " + "/".join(f"{share:.3g}" for share in shares.ravel()[:6])
@@ -45,6 +54,14 @@ def coded_shutter(open_shares: ArrayLike, *, name: str = "coded shutter") -> Mod
         Shares ``(rows, columns, moments)`` of each moment that a pixel of the super-pixel is open, 0 … 1.
     name
         For tables and plots.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.multiplex import coded_shutter, demultiplex
+    >>> shutter = coded_shutter([[(1, 0), (1, 1)]])  # one pixel closes after the first moment
+    >>> print(shutter.sample_names, demultiplex(np.tile([3.0, 5.0], (4, 4)), shutter)[:, 0, 0].round(3))
+    ('t0', 't1') [3. 2.]
     """
     array = np.asarray(open_shares, float)
     if array.ndim != 3:
@@ -61,6 +78,17 @@ def camera_array(rows: int, columns: int) -> Modulator:
     Filters, shutters or polarisers of the single cameras are a factor of the same super-pixel:
     ``camera_array(2, 2) * ...`` where every view is wanted with every colour, or the colours' modulator alone where all
     cameras see the same view (a distant scene).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.multiplex import camera_array, demultiplex, interleave
+    >>> cameras = camera_array(1, 2)
+    >>> frame = interleave([np.full((3, 4), 10.0), np.full((3, 4), 20.0)], (1, 2))
+    >>> print(demultiplex(frame, cameras)[:, 0, 0].round(3))  # shares of the light of both
+    [ 5. 10.]
+    >>> print(cameras.sample_names)
+    ('view 0,0', 'view 0,1')
     """
     side = check_tuple("cameras (rows, columns)", (rows, columns), 2, at_least=1, at_most=64, integer=True)
     identity = math.prod(side) * np.eye(math.prod(side))  # a camera has its light to itself, as a lenslet
@@ -83,6 +111,13 @@ def interleave(frames: Sequence[ArrayLike], side: tuple[int, int]) -> NDArray[np
     ------
     InputError
         If the number of frames is not that of the super-pixel's pixels, or their shapes differ.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import interleave
+    >>> print(interleave([[[1, 2]], [[3, 4]], [[5, 6]], [[7, 8]]], (2, 2)))
+    [[1. 3. 2. 4.]
+     [5. 7. 6. 8.]]
     """
     rows, columns = check_tuple("super-pixel (rows, columns)", side, 2, at_least=1, integer=True)
     arrays = [np.asarray(frame) for frame in frames]

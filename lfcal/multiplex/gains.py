@@ -35,6 +35,15 @@ class GainMap:
         ``(n,)``.
     gains
         ``(N, n)`` in dB; minus infinity where the modulator does not recover the sample.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import GainMap, cfa, gain_map
+    >>> found: GainMap = gain_map(cfa("CYMG"), cfa("Bayer"))
+    >>> print(found.modulator, "over", found.reference, found.samples, found.gains.shape)
+    CYMG over Bayer ('R', 'G', 'B') (3, 81)
+    >>> print(found.gains[:, 0].round(1), found.gains[:, -1].round(1))  # chi^2 of 1e-4 and 1e4
+    [0.7 0.3 0.7] [-0.5 -0.9 -0.5]
     """
 
     modulator: str
@@ -56,6 +65,13 @@ def gain_map(modulator: Modulator, reference: Modulator, chi2: ArrayLike | None 
         Of the same samples; the reference must recover all.
     chi2
         0 … inf; by default from 1e-4 to 1e4.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import cfa, gain_map
+    >>> found = gain_map(cfa("RG/BB"), cfa("Bayer"), 1.0)
+    >>> print(found.samples, (10 ** (found.gains[:, 0] / 10)).round(3))  # half the green pixels, twice the blue ones
+    ('R', 'G', 'B') [1.    0.707 1.414]
     """
     ratios = np.logspace(-4, 4, 81) if chi2 is None else np.atleast_1d(np.asarray(chi2, float))
     if np.isnan(ratios).any() or (ratios < 0).any():
@@ -85,6 +101,13 @@ def sample_deviation(modulator: Modulator, noise: SensorNoise, *, decorrelation:
         The camera's, `lfcal.multiplex.sensor_noise`.
     decorrelation
         ``"plain"``: least squares; ``"optimal"``: `lfcal.multiplex.noise_optimal_inverse` of this noise.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import SensorNoise, cfa, sample_deviation
+    >>> noise = SensorNoise(full_e=9000, additive_e2=100)
+    >>> print((9000 * sample_deviation(cfa("Bayer"), noise)).round(1))  # electrons; sqrt(3000 + 100) of one pixel
+    [55.7 39.4 55.7]
     """
     check_choice("decorrelation", decorrelation, DECORRELATIONS)
     variance = noise.variance(modulator.matrix @ modulator.light * noise.full_e) / noise.full_e**2
@@ -103,6 +126,16 @@ def sensor_gain(
     """Return the gain over ``reference`` (dB) for a camera's own noise, at equal exposure, compared per pixel.
 
     Equation 14 with the noise of every pixel's own light, where `snr_gain` takes the mean light of all pixels.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.multiplex import mask, sensor_gain, sensor_noise
+    >>> for gain in (1, 64):
+    ...     noise = sensor_noise(preset("r29").sensor, gain=gain)
+    ...     print(f"chi^2 {noise.chi2:.0f}: {sensor_gain(mask('lenslet', 5), mask('pinhole', 5), noise):.2f} dB")
+    chi^2 137: 7.34 dB
+    chi^2 2: 11.65 dB
     """
     if modulator.count != reference.count:
         got = f"{modulator.count} and {reference.count}"

@@ -179,6 +179,16 @@ def demultiplex_generally(
     ------
     InputError
         If the transmissions are not those of the frame, or an option is out of range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.multiplex import demultiplex_generally
+    >>> shares = np.random.default_rng(0).random((2, 24, 24))  # each pixel has its own
+    >>> frame = 0.7 * shares[0] + 0.3 * shares[1]
+    >>> found = demultiplex_generally(frame, shares, spacing=2)
+    >>> print(found.samples.shape, found.samples.mean(axis=(1, 2)).round(3))
+    (2, 12, 12) [0.7 0.3]
     """
     return drain(
         iter_demultiplex_generally(
@@ -202,6 +212,19 @@ def mask_shadows(pattern: ArrayLike, shape: tuple[int, int], views: tuple[int, i
         Views ``(down, across)``.
     shift_px
         Pixels that the shadow moves from view to view.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import mask_shadows
+    >>> hole = [[0, 0, 1, 0, 0]]
+    >>> print(mask_shadows(hole, (1, 5), (1, 3), 1.0)[:, 0])  # one pixel further from view to view
+    [[0. 1. 0. 0. 0.]
+     [0. 0. 1. 0. 0.]
+     [0. 0. 0. 1. 0.]]
+    >>> print(mask_shadows(hole, (1, 5), (1, 3), 0.5)[:, 0])
+    [[0.  0.5 0.5 0.  0. ]
+     [0.  0.  1.  0.  0. ]
+     [0.  0.  0.5 0.5 0. ]]
     """
     from scipy.ndimage import shift as moved
 

@@ -69,6 +69,14 @@ def lattice_transmissions(
     ------
     InputError
         If the profile is not known or the frame's size is none.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import SuperPixelLattice, lattice_transmissions, mask
+    >>> lattice = SuperPixelLattice("square", (1.0, 1.0), (3.0, 0.0), (0.0, 3.5))  # rows are 3.5 pixels apart
+    >>> seen = lattice_transmissions((7, 6), lattice, mask("pinhole", 3))
+    >>> print(seen.shape, seen[4, :, 1].round(3))  # the middle view, down the first column of pinholes
+    (9, 7, 6) [0.125 1.    0.125 0.    0.625 0.625 0.   ]
     """
     check_choice("profile", profile, PROFILES)
     rows, columns = check_tuple("frame (rows, columns)", shape, 2, at_least=1, at_most=20_000, integer=True)

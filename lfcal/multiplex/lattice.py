@@ -70,6 +70,20 @@ def lattice_channels(
     ------
     InputError
         If no super-pixel lies wholly in the frame, or an option is out of range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.multiplex import SuperPixelLattice, lattice_channels
+    >>> lattice = SuperPixelLattice("square", (5.0, 5.0), (10.5, 0.0), (0.0, 10.5))
+    >>> columns = np.tile(np.arange(48.0), (48, 1))  # each pixel tells its column
+    >>> channels = lattice_channels(columns, lattice, 3)
+    >>> print(channels.shape)
+    (3, 3, 4, 4)
+    >>> print(channels[1, :, 0].round(3))
+    [[ 4.  14.5 25.  35.5]
+     [ 5.  15.5 26.  36.5]
+     [ 6.  16.5 27.  37.5]]
     """
     check_choice("filter", filter, LATTICE_FILTERS)
     if weights is not None:
@@ -116,6 +130,17 @@ def lattice_channels_weighted(
     -------
     WeightedSamples
         With the standard deviation of each; infinite where nothing was measured.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.multiplex import SuperPixelLattice, lattice_channels_weighted
+    >>> lattice = SuperPixelLattice("square", (5.0, 5.0), (10.5, 0.0), (0.0, 10.5))
+    >>> frame, weights = np.full((48, 48), 7.0), np.full((48, 48), 100.0)  # deviation 0.1
+    >>> frame[5, 5], weights[5, 5] = np.nan, 0  # dead: the first centre
+    >>> found = lattice_channels_weighted(frame, lattice, 3, weights)
+    >>> print(found.samples[1, 1, 0, 0].round(3), found.deviation[1, 1, 0, 1:].round(3))  # centres 15.5, 26, 36.5
+    7.0 [0.071 0.1   0.071]
     """
     from lfcal.multiplex.lattice_taps import Offsets, weighted_samples
     from lfcal.multiplex.weighted import WeightedSamples, measured
@@ -136,7 +161,16 @@ def channel_grid(
     spacing_px: float | tuple[float, float] | None = 1.0,
     axes: str = "lattice",
 ) -> ViewGrid:
-    """Return which super-pixels of a frame of ``shape`` `lattice_channels` takes; raises as it does."""
+    """Return which super-pixels of a frame of ``shape`` `lattice_channels` takes; raises as it does.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import SuperPixelLattice, channel_grid
+    >>> lattice = SuperPixelLattice("square", (5.0, 5.0), (10.5, 0.0), (0.0, 10.5))
+    >>> grid = channel_grid((64, 96), lattice, 9)
+    >>> print(grid.shape, "super-pixels lie wholly in the frame, from", grid.corner_px)
+    (6, 9) super-pixels lie wholly in the frame, from (5.0, 5.0)
+    """
     return _channel_grid(shape, lattice, size, spacing_px, axes)[0]
 
 
@@ -223,6 +257,17 @@ def demultiplex_lattice(
     ------
     InputError
         If the modulator is no single light-field super-pixel, or the frame holds none.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.multiplex import SuperPixelLattice, demultiplex_lattice, lattice_transmissions, mask
+    >>> lattice = SuperPixelLattice("square", (5.0, 5.0), (10.5, 0.1), (-0.1, 10.5))
+    >>> seen = lattice_transmissions((64, 96), lattice, mask("sum_of_sinusoids", 3), profile="sinusoids")
+    >>> frame = np.tensordot(np.arange(1, 10), seen, 1)  # the first view is 1, the last 9
+    >>> views = demultiplex_lattice(frame, lattice, mask("sum_of_sinusoids", 3), filter="cubic")
+    >>> print(views.shape, views.mean(axis=(1, 2)).round())
+    (9, 6, 9) [1. 2. 3. 4. 5. 6. 7. 8. 9.]
     """
     _check_single(modulator)
     check_choice("route", route, ("spatial", "fourier"))
@@ -277,6 +322,17 @@ def demultiplex_lattice_weighted(
     ------
     InputError
         If a weight is negative or all are zero, or as `demultiplex_lattice` raises.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.multiplex import SuperPixelLattice, demultiplex_lattice_weighted, mask
+    >>> lattice = SuperPixelLattice("square", (1.0, 1.0), (3.0, 0.0), (0.0, 3.0))
+    >>> frame, weights = np.full((30, 30), 9.0), np.full((30, 30), 4.0)  # deviation 0.5
+    >>> frame[4, 4], weights[4, 4] = np.nan, 0  # dead: the middle of a super-pixel
+    >>> found = demultiplex_lattice_weighted(frame, lattice, mask("pinhole", 3), weights)
+    >>> print(found.samples.shape, found.samples[4, 1, 1].round(3), found.deviation[4, 0, 0].round(3))
+    (9, 10, 10) 9.0 0.5
     """
     from lfcal.multiplex.lattice_taps import Offsets, weighted_samples
     from lfcal.multiplex.weighted import measured

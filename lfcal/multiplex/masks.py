@@ -40,6 +40,16 @@ def mask(kind: str, size: int) -> Modulator:
     ------
     InputError
         If there is no such mask.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import mask, transmission
+    >>> for kind in ("pinhole", "lenslet", "MURA", "sum_of_sinusoids"):
+    ...     print(f"{kind}: {transmission(mask(kind, 5)):.3f} of the light")
+    pinhole: 0.040 of the light
+    lenslet: 1.000 of the light
+    MURA: 0.480 of the light
+    sum_of_sinusoids: 0.232 of the light
     """
     check_choice("mask", kind, MASKS)
     pattern = mask_pattern(kind, size)
@@ -54,7 +64,18 @@ def mask(kind: str, size: int) -> Modulator:
 
 
 def mask_pattern(kind: str, size: int) -> Array:
-    """Return the transmission ``(size, size)`` of one period of a mask, in 0 … 1; ones for a lenslet."""
+    """Return the transmission ``(size, size)`` of one period of a mask, in 0 … 1; ones for a lenslet.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import mask_pattern
+    >>> print(mask_pattern("MURA", 5).astype(int))  # 12 of 25 open
+    [[0 0 0 0 0]
+     [1 1 0 0 1]
+     [1 0 1 1 0]
+     [1 0 1 1 0]
+     [1 1 0 0 1]]
+    """
     check_choice("mask", kind, MASKS)
     check_number(f"size of {kind} (px)", size, at_least=1, at_most=MAX_SIZE, integer=True)
     if kind == "MURA":
@@ -131,6 +152,17 @@ def mask_at_distance(pattern: ArrayLike, shift_px: float, *, view_width: float =
     ------
     InputError
         If the pattern is not an array of transmissions from 0 to 1, or the width is out of range.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import amplification, mask_at_distance, mask_pattern
+    >>> pattern = mask_pattern("MURA", 3)
+    >>> for shift in (0.0, 0.8, 1.0):
+    ...     found = mask_at_distance(pattern, shift)
+    ...     print(f"{shift} px per view: rank {found.rank()} of {found.count}, noise x {amplification(found):.2f}")
+    0.0 px per view: rank 1 of 9, noise x inf
+    0.8 px per view: rank 9 of 9, noise x 1.58
+    1.0 px per view: rank 9 of 9, noise x 0.75
     """
     values = np.asarray(pattern, float)
     good = values.ndim == 2 and values.size and np.isfinite(values).all() and values.min() >= 0 and values.max() <= 1
@@ -200,6 +232,13 @@ def shadow_shift_px(distance_um: float, view_step: float, pixel_um: float) -> fl
         Step dv between views, tangent of the angle.
     pixel_um
         Pixel pitch (µm).
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import shadow_shift_px
+    >>> step = 1 / 4 / 11  # 11 views behind an aperture of F/4
+    >>> print(f"{shadow_shift_px(242, step, pixel_um=5.5):.2f} px at 242 µm")
+    1.00 px at 242 µm
     """
     check_tuple("distance (µm) and view step", (distance_um, view_step), 2)
     check_number("pixel pitch (µm)", pixel_um, above=0)

@@ -36,6 +36,15 @@ def load_modulator(path: str | os.PathLike[str]) -> Modulator:
         If it holds no such matrix.
     StorageError
         If there is no such file.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.multiplex import load_modulator
+    >>> np.save("measured.npy", [[[0.9, 0.1], [0.2, 0.8]]])  # 1 x 2 pixels that see two samples
+    >>> found = load_modulator("measured.npy")
+    >>> print(found.name, found.side, found.sample_names, f"condition {found.condition:.2f}")
+    measured (1, 2) ('s0', 's1') condition 1.46
     """
     file = Path(path)
     try:

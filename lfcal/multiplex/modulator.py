@@ -58,6 +58,18 @@ class Modulator:
         Samples ``(N,)`` of unmodulated light that a bare pixel records as one; 1/N each by default.
 
     Samples are ordered by view, by rows, and within a view by colour.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.multiplex import Modulator, mask
+    >>> places = np.array([[1, 0], [0, 1], [0, 1], [1, 0]])  # magenta and green filters as on a chessboard
+    >>> filters = np.array([[1, 0], [0, 1], [1, 0]])  # of red, green, blue through each
+    >>> own = Modulator("chessboard", (2, 2), places, filters, colours=("R", "G", "B"))
+    >>> print(own.matrix[0], "rank", own.rank(), "of", own.count, "lost", own.lost().round(2))
+    [1 0 1] rank 2 of 3 lost [0.5 0.  0.5]
+    >>> print((mask("lenslet", 3) * own).side)  # lenslets in front of it
+    (6, 6)
     """
 
     name: str
@@ -325,6 +337,14 @@ def modulator_from_matrix(
     """Return a modulator of which only the transmissions ``matrix`` ``(K, N)`` are known: Sigma = A, Pi = identity.
 
     The other arguments are those of `Modulator`.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import modulator_from_matrix
+    >>> own = modulator_from_matrix("clear, red", (1, 2), [[1, 1], [1, 0]], colours=("R", "B"))
+    >>> print(own.inverse().round(3))  # blue is what the clear pixel sees less the red one
+    [[ 0.  1.]
+     [ 1. -1.]]
     """
     array = np.asarray(matrix, float)
     if array.ndim != 2:

@@ -41,6 +41,16 @@ def modulator_of(text: str) -> Modulator:
     shipped model filters over N bands of 400 … 700 nm behind silicon, or with tables of one's own (`spectral_array`,
     `read_spectra`) as in ``bands:RG/GB:3:filters=own.csv,efficiency=sensor.csv,illuminant=D65``; ``shutter:`` for
     each pixel in which moments it is open; ``cameras:2x2`` an array of cameras.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import modulator_of
+    >>> for text in ("RG/GB", "polarisers:0,45/135,90", "lenslet:5*Bayer"):
+    ...     found = modulator_of(text)
+    ...     print(f"{found.name}: {found.side} pixels, {found.count} samples, rank {found.rank()}")
+    Bayer: (2, 2) pixels, 3 samples, rank 3
+    polarisers 0°/45°/135°/90°: (2, 2) pixels, 3 samples, rank 3
+    lenslet x Bayer: (10, 10) pixels, 75 samples, rank 75
     """
     if "*" in text:
         first, second = text.rsplit("*", 1)

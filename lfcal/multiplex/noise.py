@@ -37,7 +37,17 @@ PAPER_CAMERAS: Mapping[str, float] = {"PG Dragonfly": 10**-0.93}
 
 
 def transmission(modulator: Modulator) -> float:
-    """Return tau: mean share of the unmodulated light (`Modulator.light`) that reaches the sensor (equation 12)."""
+    """Return tau: mean share of the unmodulated light (`Modulator.light`) that reaches the sensor (equation 12).
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import cfa, mask, transmission
+    >>> for one in (cfa("Bayer"), cfa("CYYM"), mask("pinhole", 11)):
+    ...     print(f"{one.name}: {transmission(one):.3f}")
+    Bayer: 0.333
+    CYYM: 0.667
+    pinhole: 0.008
+    """
     return float((modulator.matrix @ modulator.light).mean())
 
 
@@ -46,6 +56,16 @@ def amplification(modulator: Modulator, *, rcond: float | None = None, recoverab
 
     Infinite where some combination of samples is not measured at all; with ``recoverable`` the rms over the
     combinations that are. Singular values up to ``rcond`` of the largest count as zero.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import amplification, cfa, mask
+    >>> print(f"{amplification(cfa('Bayer')):.3f}")  # two green pixels: sqrt((1 + 1/2 + 1) / 3)
+    0.913
+    >>> print(f"{amplification(mask('lenslet', 5)):.3f}")  # 25 times the light
+    0.040
+    >>> print(amplification(cfa("RC/CR")))  # red and cyan do not tell green from blue
+    inf
     """
     values = modulator.singular_values
     rank = modulator.rank(rcond)
@@ -77,6 +97,12 @@ def snr_gain(modulator: Modulator, reference: Modulator, chi2: float | Sequence[
     ------
     InputError
         If the two recover unlike samples, the reference does not recover all, or chi2 is negative.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import cfa, snr_gain
+    >>> print(snr_gain(cfa("CYMG"), cfa("Bayer"), [0.0, 1.0, 1e4]).round(2))  # dB; it loses where photon noise rules
+    [ 0.65  0.27 -0.57]
     """
     ratios = np.asarray(chi2, float)
     if np.isnan(ratios).any() or (ratios < 0).any():
@@ -117,6 +143,13 @@ def noise_optimal_inverse(modulator: Modulator, covariance: ArrayLike) -> Array:
     ------
     InputError
         If it is no covariance of the super-pixel's pixels.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import modulator_from_matrix, noise_optimal_inverse
+    >>> twice = modulator_from_matrix("two bare pixels", (1, 2), [[1.0], [1.0]])
+    >>> print(noise_optimal_inverse(twice, [1.0, 4.0]).round(3), "plain", twice.inverse().round(3))
+    [[0.8 0.2]] plain [[0.5 0.5]]
     """
     noise = np.asarray(covariance, float)
     full = np.diag(noise) if noise.ndim == 1 else noise
@@ -134,6 +167,15 @@ def pixel_variance(modulator: Modulator, chi2: float) -> Array:
     """Return the noise variance ``(K,)`` of each pixel in unmodulated light, as a share of s_c^2 + s_p^2.
 
     Equation 12 with each pixel's own light in place of the mean.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import cfa, pixel_variance
+    >>> for chi2 in (0.0, 1.0, float("inf")):  # red, green, blue, white
+    ...     print(pixel_variance(cfa("RGBW"), chi2).round(3))
+    [1. 1. 1. 1.]
+    [0.667 0.667 0.667 1.   ]
+    [0.333 0.333 0.333 1.   ]
     """
     if not chi2 >= 0:
         raise InputError.expected("chi^2", "a number from 0 to inf", chi2, "correct it")
@@ -142,10 +184,21 @@ def pixel_variance(modulator: Modulator, chi2: float) -> Array:
 
 
 def decorrelation_gain(modulator: Modulator, chi2: float) -> float:
-    """Return how much the noise-optimal decorrelation gains over the plain one (dB, 0 or more) in unmodulated light."""
+    """Return how much the noise-optimal decorrelation gains over the plain one (dB, 0 or more) in unmodulated light.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import cfa, decorrelation_gain
+    >>> for chi2 in (1.0, 1e4):  # white, the fourth pixel for three colours, is the noisiest in bright light
+    ...     print(f"chi^2 = {chi2:g}: {decorrelation_gain(cfa('RGBW'), chi2):.2f} dB")
+    chi^2 = 1: 0.01 dB
+    chi^2 = 10000: 0.11 dB
+    """
     variance = pixel_variance(modulator, chi2)
     plain, best = modulator.inverse(), noise_optimal_inverse(modulator, variance)
-    return 5 * math.log10(float((plain**2 @ variance).sum()) / float((best**2 @ variance).sum()))
+    gain = 5 * math.log10(float((plain**2 @ variance).sum()) / float((best**2 @ variance).sum()))
+    # none is a rounding below where the plain inverse is the best already
+    return max(0.0, gain)
 
 
 def _variance(modulator: Modulator, chi2: Array) -> Array:
@@ -169,6 +222,16 @@ def camera_chi2(sensor: Sensor, *, gain: float = 1.0, exposure_s: float = 0.0) -
         Amplifier gain: full scale is reached at full well over gain (electrons).
     exposure_s
         Time in which dark current gathers (s).
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.multiplex import camera_chi2
+    >>> sensor = preset("r29").sensor
+    >>> print(sensor.full_well_e, sensor.read_noise_e)  # electrons
+    20000.0 12.0
+    >>> print(f"{camera_chi2(sensor):.0f} {camera_chi2(sensor, gain=10):.1f}")  # 20000 / (12^2 + quantisation)
+    137 13.9
     """
     return sensor_noise(sensor, gain=gain, exposure_s=exposure_s).chi2
 
@@ -191,6 +254,14 @@ class GainCurves:
         Amplification and transmission of each modulator.
     cameras
         chi^2 of the cameras to mark.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import GainCurves, cfa, gain_curves
+    >>> curves: GainCurves = gain_curves([cfa("CYYM")], cfa("Bayer"))
+    >>> crossing = curves.chi2[curves.gains[0] > 0].max()
+    >>> print(f"{curves.names[0]} is better than {curves.reference} up to chi^2 = {crossing:.2g}")
+    CYYM is better than Bayer up to chi^2 = 1.4
     """
 
     names: tuple[str, ...]
@@ -212,6 +283,15 @@ def gain_curves(
     """Return `GainCurves` of ``modulators`` over ``reference``; by default chi^2 from 1e-4 to 1e4.
 
     ``cameras`` adds markers, name to chi^2 (`camera_chi2`), to those of the paper.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import cfa, gain_curves
+    >>> curves = gain_curves([cfa("CYMG"), cfa("RGBW")], cfa("Bayer"), chi2=[0.01, 1, 100])
+    >>> for name, gains in zip(curves.names, curves.gains):
+    ...     print(name, gains.round(2), "dB")
+    CYMG [ 0.64  0.27 -0.54] dB
+    RGBW [ 0.23 -0.03 -0.63] dB
     """
     ratios = np.logspace(-4, 4, 161) if chi2 is None else np.asarray(chi2, float).ravel()
     gains = np.array([snr_gain(m, reference, ratios) for m in modulators])
@@ -247,6 +327,15 @@ def monte_carlo_gain(
         Super-pixels acquired with each modulator.
     noise
         ``"mean"``: every pixel has the variance of equation 12; ``"pixel"``: shot noise of its own light.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.multiplex import mask, monte_carlo_gain, snr_gain
+    >>> mura, hole = mask("MURA", 5), mask("pinhole", 5)
+    >>> gain = monte_carlo_gain(mura, hole, 0.1, rng=np.random.default_rng(0))
+    >>> print(f"simulated {gain:.1f} dB, equation 14 {snr_gain(mura, hole, 0.1):.1f} dB")
+    simulated 3.7 dB, equation 14 3.7 dB
     """
     errors = [math.sqrt(m.pixels) * _error(m, chi2, rng, trials, noise) for m in (modulator, reference)]
     return 10 * math.log10(errors[1] / errors[0])

@@ -40,6 +40,15 @@ def polarisers(
     ------
     InputError
         If the arrays are no super-pixel.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import polarisers
+    >>> array = polarisers([[0, 45], [135, 90]])
+    >>> print((array.matrix @ [1, 0.6, 0.8]).round(3))  # S0, S1, S2 of light that is all polarised, at 27°
+    [0.8 0.9 0.1 0.2]
+    >>> print((array.inverse() @ [0.8, 0.9, 0.1, 0.2]).round(3))  # and back
+    [1.  0.6 0.8]
     """
     angles = np.asarray(angles_deg, float)
     if angles.ndim != 2 or not angles.size or np.isinf(angles).any() or angles.size > 4096:
@@ -75,7 +84,15 @@ def _rows(angles: NDArray[np.float64], contrast: float, plates: NDArray[np.float
 
 
 def degree_of_polarisation(stokes: ArrayLike) -> NDArray[np.float64]:
-    """Return the polarised share of light from Stokes parameters ``(3 or 4, ...)``; 0 where there is no light."""
+    """Return the polarised share of light from Stokes parameters ``(3 or 4, ...)``; 0 where there is no light.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import degree_of_polarisation
+    >>> stokes = [[1, 1, 2], [0, 0.6, 1.2], [0, 0.8, 0]]  # S0, S1, S2 of three pixels
+    >>> print(degree_of_polarisation(stokes).round(3))
+    [0.  1.  0.6]
+    """
     values = np.asarray(stokes, float)
     if values.ndim < 1 or len(values) not in (3, 4):
         raise InputError.expected("Stokes parameters", "3 or 4 planes", values.shape, "give S0, S1, S2 (and S3)")

@@ -32,6 +32,15 @@ class Transfer:
         Amplitude got back over that shown, of each sample ``(N, n)``.
     aliased
         Rms of all else that the wave makes (other frequencies, other samples), over the wave's rms ``(N, n)``.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import Transfer, cfa, modulation_transfer
+    >>> found: Transfer = modulation_transfer(cfa("Bayer"), [0.2], filter="linear")
+    >>> print(found.frequencies.round(3))  # 10 waves over 48 pixels
+    [0.208]
+    >>> print(found.transfer[:, 0].round(2), "aliased", found.aliased[:, 0].round(2))  # red, green, blue
+    [0.63 0.63 0.63] aliased [0.37 0.   0.37]
     """
 
     frequencies: Array = field(repr=False)
@@ -54,11 +63,18 @@ def modulation_transfer(
     modulator
         With which the waves are recorded, without noise.
     frequencies
-        Cycles per pixel, 0 … 1/2; taken to the next whole number of waves over 24 super-pixels.
+        Cycles per pixel, 0 … 1/2; taken to the nearest whole number of waves over 24 super-pixels.
     route, filter
         As in `lfcal.multiplex.demultiplex`.
     axis
         ``"x"``: waves along the rows, ``"y"``: along the columns.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import cfa, modulation_transfer
+    >>> found = modulation_transfer(cfa("Bayer"), [0, 0.125, 0.25], filter="linear")
+    >>> print(found.transfer[0].round(3))  # red pixels, two apart: cos^2(pi f)
+    [1.    0.854 0.5  ]
     """
     check_choice("axis", axis, ("x", "y"))
     wanted = np.atleast_1d(np.asarray(frequencies, float))

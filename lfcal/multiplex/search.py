@@ -56,6 +56,15 @@ class Frontier:
         ``(n,)``: no other has more gain in both limits.
     bound
         Gain at `chi2` that no candidate of this kind can exceed (dB), None where none is known.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import Frontier, filter_set_frontier
+    >>> found: Frontier = filter_set_frontier(0.01, letters="RGBW")
+    >>> print(f"{found.best.name}: {found.chosen.max():.2f} dB over {found.reference}")
+    RGBW: 0.23 dB over Bayer
+    >>> print([one.name for one, good in zip(found.modulators, found.efficient) if good])
+    ['RR/GB', 'Bayer', 'RG/BB', 'RGBW']
     """
 
     modulators: tuple[Modulator, ...] = field(repr=False)
@@ -97,6 +106,15 @@ def filter_set_frontier(
         Filters to choose from, see `lfcal.multiplex.colour_filters.FILTERS`.
     filters
         Number in the super-pixel; their places do not matter for the noise.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import filter_set_frontier
+    >>> for chi2 in (0.01, 100.0):
+    ...     found = filter_set_frontier(chi2, letters="GCMY")
+    ...     print(f"chi^2 = {chi2:g}: {found.best.name} is best, {found.chosen.max():.2f} dB over {found.reference}")
+    chi^2 = 0.01: CYMG is best, 0.64 dB over Bayer
+    chi^2 = 100: CYMG is best, -0.54 dB over Bayer
     """
     check_number("filters in the super-pixel", filters, at_least=3, at_most=6, integer=True)
     if not letters or not set(letters) <= set(FILTERS):
@@ -137,6 +155,14 @@ def best_filter_set(
         Random starts.
     rng
         Source of the starts; seeded by default.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import best_filter_set
+    >>> for chi2 in (0.1, 10.0):  # how many colours each pixel lets through
+    ...     print(chi2, sorted(best_filter_set(chi2, starts=2).matrix.sum(axis=1).round(2).tolist()))
+    0.1 [1.0, 2.0, 2.0, 2.0]
+    10.0 [1.0, 1.0, 1.0, 1.0]
     """
     random = rng or np.random.default_rng(0)
     first = filter_set_frontier(chi2, filters=filters).best.matrix
@@ -217,6 +243,16 @@ def best_mask(
         Further patterns ``(size, size)`` to begin with.
     rng
         Source of the starts; seeded by default.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import best_mask, mask, mask_gain_bound, snr_gain
+    >>> for one in (mask("MURA", 5), best_mask(5, 0.1, starts=1)):
+    ...     print(f"{one.name}: {snr_gain(one, mask('pinhole', 5), 0.1):.1f} dB")
+    MURA: 3.7 dB
+    best mask at chi^2 = 0.1: 4.0 dB
+    >>> print(f"no mask above {mask_gain_bound(5, 0.1):.1f} dB")
+    no mask above 4.1 dB
     """
     random = rng or np.random.default_rng(0)
     first = [*begin, *(mask_pattern(kind, size) for kind in _known(size))]
@@ -303,5 +339,12 @@ def mask_frontier(
         Values of chi^2 to search at, 0 and infinity among them.
     starts, rng
         As in `best_mask`.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import mask_frontier
+    >>> found = mask_frontier(3, 0.1, points=2, starts=1)
+    >>> print(f"best of {len(found.modulators)}: {found.chosen.max():.2f} dB over a hole, bound {found.bound:.2f} dB")
+    best of 6: 1.90 dB over a hole, bound 2.16 dB
     """
     return drain(iter_mask_frontier(size, chi2, points=points, starts=starts, rng=rng))

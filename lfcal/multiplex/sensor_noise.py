@@ -29,6 +29,13 @@ class SensorNoise:
         Read noise, dark current, offsets and quantisation.
     prnu
         Response non-uniformity, relative; 0 where frames are corrected for it.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import SensorNoise
+    >>> noise = SensorNoise(full_e=10_000, additive_e2=100)  # read noise 10 electrons
+    >>> print(noise.chi2, noise.variance([0, 900]).tolist())
+    100.0 [100.0, 1000.0]
     """
 
     full_e: float
@@ -61,6 +68,14 @@ def sensor_noise(
         Time in which dark current gathers (s).
     flat_corrected
         Whether frames are divided by a white image: the response's pattern is then no noise.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.multiplex import sensor_noise
+    >>> noise = sensor_noise(preset("r29").sensor, gain=2)
+    >>> print(f"{noise.full_e:.0f} e- at full scale, {noise.additive_e2**0.5:.1f} e- of noise in the dark")
+    10000 e- at full scale, 12.0 e- of noise in the dark
     """
     check_number("gain", gain, above=0)
     check_number("exposure (s)", exposure_s, at_least=0)
@@ -101,6 +116,14 @@ def pixel_weights(
     ------
     InputError
         If a shape differs.
+
+    Examples
+    --------
+    >>> from lfcal.camera import Sensor
+    >>> from lfcal.multiplex import pixel_weights
+    >>> sensor = Sensor(bit_depth=12, full_well_e=4095, read_noise_e=10)  # one electron per count
+    >>> print(pixel_weights([[0, 100, 4095]], sensor).round(4))  # dark, lit, saturated: 1/100, 1/200, none
+    [[0.01  0.005 0.   ]]
     """
     raw = np.asarray(frame, float)
     level = raw if expected is None else np.asarray(expected, float)

@@ -37,6 +37,13 @@ class Spectra:
         ``(len(names), n)``.
     source
         Where the values come from, as the file says.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import Spectra
+    >>> lamp = Spectra(("lamp",), [400, 500, 700], [[0.2, 1.0, 0.6]], source="data sheet")
+    >>> print(lamp.on([450, 600]).round(3))  # nm
+    [[0.6 0.8]]
     """
 
     names: tuple[str, ...]
@@ -87,7 +94,7 @@ class Spectra:
 
 
 def read_spectra(path: str | os.PathLike[str]) -> Spectra:
-    """Read a CSV: a first row ``wavelength_nm,NAME,…``, then numbers; lines that begin with # tell the source.
+    r"""Read a CSV: a first row ``wavelength_nm,NAME,…``, then numbers; lines that begin with # tell the source.
 
     Raises
     ------
@@ -95,6 +102,16 @@ def read_spectra(path: str | os.PathLike[str]) -> Spectra:
         If it is no such table.
     StorageError
         If there is no such file.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lfcal.multiplex import read_spectra
+    >>> lines = ["# data sheet of 2021", "wavelength_nm,red,green", "500,0.0,0.8", "600,0.9,0.1"]
+    >>> _ = Path("filters.csv").write_text("\n".join(lines), encoding="utf-8")
+    >>> found = read_spectra("filters.csv")
+    >>> print(found.names, found.on(550).round(2).tolist(), found.source)
+    ('red', 'green') [[0.45], [0.45]] data sheet of 2021
     """
     file = Path(path)
     text = read_text(file, limit=LARGEST_FILE, foreign=True).lstrip("\ufeff")
@@ -113,7 +130,14 @@ def read_spectra(path: str | os.PathLike[str]) -> Spectra:
 
 
 def shipped_spectra(name: str) -> Spectra:
-    """Return one of `TABLES`; its `Spectra.source` says what the numbers are."""
+    """Return one of `TABLES`; its `Spectra.source` says what the numbers are.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import shipped_spectra
+    >>> print(shipped_spectra("illuminants").names, shipped_spectra("silicon").on([450, 550, 650]).round(2))
+    ('A', 'D65') [[0.78 0.71 0.48]]
+    """
     if name not in TABLES:
         raise InputError.expected("table", " or ".join(TABLES), repr(name), "or read your own with read_spectra")
     return read_spectra(FOLDER / f"{name}.csv")

@@ -33,7 +33,15 @@ def band_edges(bands: int | Sequence[float]) -> Array:
 
 
 def bandpass_filters(middles_nm: ArrayLike, width_nm: float) -> Spectra:
-    """Return Gaussian filters named F0, F1, … of a full width at half maximum, 1 at their middles: a model."""
+    """Return Gaussian filters named F0, F1, … of a full width at half maximum, 1 at their middles: a model.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import bandpass_filters
+    >>> filters = bandpass_filters([500, 600], width_nm=40)
+    >>> print(filters.names, filters.on([480, 500, 600]).round(3).tolist())  # half at half the width away
+    ('F0', 'F1') [[0.5, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    """
     middles = np.atleast_1d(np.asarray(middles_nm, float))
     check_number("width of the filters (nm)", width_nm, above=0)
     waves = np.arange(300.0, 1101.0, 2.0)
@@ -45,6 +53,15 @@ def cosine_basis(bands: int, count: int) -> Array:
     """Return the ``count`` smoothest cosines over ``bands`` bands as columns ``(bands, count)``.
 
     Spectra of most surfaces lie near their span: with it few filters tell many bands.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import cosine_basis
+    >>> print(cosine_basis(4, 2).round(3))
+    [[ 1.     0.924]
+     [ 1.     0.383]
+     [ 1.    -0.383]
+     [ 1.    -0.924]]
     """
     check_number("coefficients", count, at_least=1, at_most=bands, integer=True)
     phase = np.pi * (np.arange(bands) + 0.5) / bands
@@ -83,6 +100,18 @@ def spectral_array(
     ------
     InputError
         If a filter is not known, a table does not reach over the bands, or shares are outside 0 … 1.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import amplification, bandpass_filters, cosine_basis, shipped_spectra, spectral_array
+    >>> filters = bandpass_filters([430, 510, 590, 670], width_nm=80)
+    >>> silicon = shipped_spectra("silicon")
+    >>> plain = spectral_array("F0,F1/F2,F3", 4, filters=filters, efficiency=silicon)
+    >>> print(plain.colours, f"noise x {amplification(plain):.2f}")
+    ('438 nm', '512 nm', '588 nm', '662 nm') noise x 2.16
+    >>> smooth = spectral_array("F0,F1/F2,F3", 31, filters=filters, efficiency=silicon, basis=cosine_basis(31, 4))
+    >>> print(smooth.count, "coefficients of 31 bands, rank", smooth.rank())
+    4 coefficients of 31 bands, rank 4
     """
     table = shipped_spectra("filters") if filters is None else filters
     rows = _pattern(pattern, table.names)

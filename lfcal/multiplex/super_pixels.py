@@ -29,6 +29,17 @@ class SuperPixelLattice:
         Vector (x, y) to the next one of the row (pixels).
     across_px
         Vector (x, y) to the next row (pixels); half a pitch further along where the lattice is hexagonal.
+
+    Examples
+    --------
+    >>> from lfcal.multiplex import SuperPixelLattice
+    >>> lattice = SuperPixelLattice("hexagonal", origin_px=(8, 8), along_px=(10, 0), across_px=(5, 8.66))
+    >>> print(lattice.pitch_px, round(lattice.row_pitch_px, 3))
+    10.0 8.66
+    >>> print(lattice.centres_px([0, 1], [1, 1]).round(2).tolist())  # (row, column)
+    [[16.66, 13.0], [16.66, 23.0]]
+    >>> print(lattice.lenslet_at(16.66, 23).round(2))
+    [1. 1.]
     """
 
     kind: str

@@ -68,6 +68,17 @@ def tiled_modulator(
     Gains count pixels, not super-pixels, so that the period holds the tile several times at no gain or loss. The
     reconstruction by channels takes each pixel of the period as one channel; where that wastes resolution take
     `lfcal.multiplex.demultiplex_generally`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.multiplex import tiled_modulator
+    >>> corner = [(0, 0), (0, 1), (1, 0)]  # an L of a red, a green and a blue pixel
+    >>> found = tiled_modulator("L", corner, [(1, 1), (2, -1)], np.eye(3), colours=("R", "G", "B"))
+    >>> print(found.pattern().argmax(axis=2))
+    [[0 1 2]
+     [2 0 1]
+     [1 2 0]]
     """
     array = np.asarray(matrix, float)
     if array.ndim != 2 or len(array) != len(pixels):

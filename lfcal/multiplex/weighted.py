@@ -31,6 +31,15 @@ class WeightedSamples:
         ``(N, rows, columns)``.
     deviation
         Standard deviation of each, where weights are inverse variances; infinite where a sample is not measured.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.multiplex import WeightedSamples, cfa, demultiplex_weighted
+    >>> weights = np.full((8, 8), 25.0)  # 1 / 0.2^2
+    >>> found: WeightedSamples = demultiplex_weighted(np.full((8, 8), 0.4), cfa("GR/BG"), weights)
+    >>> print(found.samples.shape, found.deviation[:, 4, 4].round(2))  # of R, G, B at a green pixel
+    (3, 8, 8) [0.14 0.09 0.14]
     """
 
     samples: NDArray[Any] = field(repr=False)

@@ -73,6 +73,17 @@ def iter_assemble(
     ------
     InputError
         If a frame lies outside the plan, is not finite, or its cutout leaves the sensor (with the position).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.frames import ArraySource
+    >>> from lfcal.progress import drain
+    >>> from lfcal.psf import Cutout, iter_assemble
+    >>> frames = ArraySource(np.ones((3, 16, 16), np.uint16), [(0, 0, 0), (0, 0, 1), (0, 1, 0)])
+    >>> report = drain(iter_assemble(frames, (1, 2, 2), Cutout((5, 5), anchor=(7, 8))))
+    >>> print(report.frames, "frames,", report.missing)
+    3 frames, (Position(z=0, y=1, x=1),)
     """
     assembly = Assembly(source, shape, cutout, drift=drift, strict=strict)
     history = assembly.history(provenance)
@@ -110,7 +121,20 @@ def assemble(
     workers: int | None = None,
     store_tolerance: float | None = None,
 ) -> AssemblyReport:
-    """Assemble H at once; see `iter_assemble`."""
+    """Assemble H at once; see `iter_assemble`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.frames import ArraySource
+    >>> from lfcal.psf import Cutout, assemble
+    >>> frames = np.zeros((1, 2, 3, 16, 16), np.uint16)
+    >>> for y, x in np.ndindex(2, 3):
+    ...     frames[0, y, x, 7 + y, 8 + x] = 1000  # the image of position (y, x)
+    >>> H = assemble(ArraySource(frames), (1, 2, 3), Cutout((5, 5), anchor=(7, 8))).matrix
+    >>> print(H.shape, H[0, :, :, 2, 2].tolist())
+    (1, 2, 3, 5, 5) [[1000.0, 1000.0, 1000.0], [1000.0, 1000.0, 1000.0]]
+    """
     return drain(
         iter_assemble(
             source,

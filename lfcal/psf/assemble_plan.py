@@ -53,6 +53,21 @@ class AssemblySettings:
     store_tolerance
         In a file, the share (L1) that each pattern may lack: stored in whole steps as wide as that allows, of uint16;
         None: as ``dtype`` says.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> from lfcal.camera import ScanPlan
+    >>> from lfcal.frames import ArraySource, open_frames
+    >>> from lfcal.psf import AssemblySettings, assemble_plan
+    >>> plan = ScanPlan.from_json(Path("session/plan.json").read_text())
+    >>> with open_frames("session/frames", plan=plan) as frames:
+    ...     places = [frames.info(k).position for k in range(24)]
+    ...     few = ArraySource(np.stack([frames.read(k) for k in range(24)]), places)
+    >>> report = assemble_plan(few, plan, settings=AssemblySettings(cutout="auto", lost=0.02))
+    >>> print(plan.cutout, "could be", report.matrix.cutout)
+    (55, 55) could be (29, 29)
     """
 
     cutout: tuple[int, int] | str | None = None
@@ -107,6 +122,21 @@ def iter_assemble_plan(
     ------
     InputError
         As `lfcal.psf.iter_assemble`; and where a pedestal would stay in H.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lfcal.camera import ScanPlan
+    >>> from lfcal.frames import CorrectionRecipe, corrected_view, open_frames
+    >>> from lfcal.psf import iter_assemble_plan
+    >>> plan = ScanPlan.from_json(Path("session/plan.json").read_text())
+    >>> with open_frames("session/frames", plan=plan) as frames:
+    ...     view = corrected_view(frames, CorrectionRecipe(dark="session/dark"), plan)
+    ...     work = iter_assemble_plan(view, plan, "new.h5")
+    ...     step = next(work)
+    ...     work.close()  # cancelled: no file is left
+    >>> print(step.stage, step.count, Path("new.h5").exists())
+    assemble frames 0 of 1254 False
     """
     settings = settings or AssemblySettings()
     return (
@@ -155,7 +185,21 @@ def assemble_plan(
     *,
     provenance: Mapping[str, Any] | None = None,
 ) -> AssemblyReport:
-    """Assemble H of ``plan`` at once; see `iter_assemble_plan`."""
+    """Assemble H of ``plan`` at once; see `iter_assemble_plan`.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lfcal.camera import ScanPlan
+    >>> from lfcal.frames import CorrectionRecipe, corrected_view, open_frames
+    >>> from lfcal.psf import assemble_plan
+    >>> plan = ScanPlan.from_json(Path("session/plan.json").read_text())
+    >>> recipe = CorrectionRecipe(dark="session/dark", white="session/white")
+    >>> with open_frames("session/frames", plan=plan) as frames:
+    ...     report = assemble_plan(corrected_view(frames, recipe, plan), plan)
+    >>> print(report.frames, "frames:", report.matrix)
+    1254 frames: <PSFMatrix (z, y, x, t, s) = (2, 19, 33, 55, 55), float32, camera 'bench (sample session)'>
+    """
     return drain(iter_assemble_plan(source, plan, out, settings, provenance=provenance))
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from lfcal.frames.orientation import AS_IS, ORIENTATIONS
 from lfcal.frames.source import LeftOut, Position
 from lfcal.psf.matrix import PSFMatrix
+from lfcal.units import format_count
 
 __all__ = ["AssemblyReport"]
 
@@ -39,6 +40,18 @@ class AssemblyReport:
         Damaged frames, of positions and dark ones, that were left out.
     orientation
         How the frames were flipped or turned, one of `lfcal.frames.orientation.ORIENTATIONS`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.frames import ArraySource
+    >>> from lfcal.psf import AssemblyReport, Cutout, assemble
+    >>> frames = ArraySource(np.ones((2, 9, 9), np.uint16), [(0, 0, 0), (0, 0, 0)])
+    >>> report: AssemblyReport = assemble(frames, (1, 1, 2), Cutout((5, 5), anchor=(4, 4)))
+    >>> for note in report.notes[:2]:
+    ...     print(note)
+    1 position is missing, first (z, y, x) = (0, 0, 1)
+    1 position was recorded more than once and averaged; they differ by 0 % (median)
     """
 
     matrix: PSFMatrix
@@ -89,19 +102,22 @@ class AssemblyReport:
         if self.orientation != AS_IS:
             notes.append(f"the frames are {ORIENTATIONS[self.orientation].words}: turned upright ({self.orientation})")
         if self.left_out:
-            notes.append(f"{len(self.left_out)} damaged frames are left out")
+            notes.append(f"{format_count(len(self.left_out), 'damaged frame is', 'damaged frames are')} left out")
         if self.missing:
-            notes.append(f"{len(self.missing)} positions are missing, first (z, y, x) = {tuple(self.missing[0])}")
+            gone = format_count(len(self.missing), "position is", "positions are")
+            notes.append(f"{gone} missing, first (z, y, x) = {tuple(self.missing[0])}")
         if self.repeated:
             spread = "" if self.spread is None else f"; they differ by {100 * self.spread:.2g} % (median)"
-            notes.append(f"{len(self.repeated)} positions were recorded more than once and are averaged{spread}")
+            again = format_count(len(self.repeated), "position was", "positions were")
+            notes.append(f"{again} recorded more than once and averaged{spread}")
         if self.padded:
-            notes.append(f"{len(self.padded)} cutouts leave the sensor and are padded with zeros")
+            over = format_count(len(self.padded), "cutout leaves", "cutouts leave")
+            notes.append(f"{over} the sensor, padded with zeros")
         if self.saturated:
-            notes.append(f"{self.saturated} positions have saturated pixels")
+            notes.append(f"{format_count(self.saturated, 'position has', 'positions have')} saturated pixels")
         if self.unknown_saturation:
             notes.append(
-                f"saturation is unknown at {self.unknown_saturation} positions: "
+                f"saturation is unknown at {format_count(self.unknown_saturation, 'position', 'positions')}: "
                 "state the bit depth in plan or manifest, or the saturation level"
             )
         return tuple(notes)

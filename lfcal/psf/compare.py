@@ -38,6 +38,16 @@ class Comparison:
         ``(nz, ny, nx)``; NaN where left out.
     shift_px
         Centroid (row, column) of each pattern minus that of the reference ``(nz, ny, nx, 2)`` (pixels).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import Comparison, compare
+    >>> reference = np.zeros((1, 2, 2, 7, 7))
+    >>> reference[..., 3, 3] = 1
+    >>> found: Comparison = compare(np.roll(reference, (1, 2), axis=(3, 4)), reference)
+    >>> print(found.compared, "positions, moved by", round(found.rms_shift_px, 3), "px")  # the root of 1² + 2²
+    4 positions, moved by 2.236 px
     """
 
     correlation: float
@@ -87,7 +97,18 @@ class Comparison:
 
 
 def compare(H: PSFMatrix | ArrayLike, reference: PSFMatrix | ArrayLike, *, workers: int | None = None) -> Comparison:
-    """Return how far ``H`` is from ``reference``: see `iter_compare`."""
+    """Return how far ``H`` is from ``reference``: see `iter_compare`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import compare
+    >>> reference = np.zeros((1, 1, 1, 7, 7))
+    >>> reference[..., 3, 2:5] = 1  # three pixels in a row
+    >>> found = compare(2 * np.roll(reference, 1, axis=-1), reference)
+    >>> print(f"{found.scale[0]:.1f} times as bright, {found.max_shift_px:.2f} px off, {found.correlation:.3f}")
+    2.0 times as bright, 1.00 px off, 0.667
+    """
     return drain(iter_compare(H, reference, workers=workers))
 
 
@@ -107,6 +128,14 @@ def iter_compare(
     ------
     InputError
         If the shapes differ or numbers are complex.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import iter_compare
+    >>> H = np.ones((3, 1, 1, 5, 5))
+    >>> [step.count for step in iter_compare(H, H)]
+    ['0 of 3', '1 of 3', '2 of 3', '3 of 3']
     """
     a, b = (m if isinstance(m, PSFMatrix) else PSFMatrix(m) for m in (H, reference))
     if a.shape != b.shape:

@@ -51,6 +51,14 @@ class Cutout:
     scale
         Cutout pixels per sensor pixel (rows, columns): not 1 where the frames are resampled to make the
         period of the array whole. Positions then step by cutout pixels; ``nearest`` cannot resample.
+
+    Examples
+    --------
+    >>> from lfcal.frames import Position
+    >>> from lfcal.psf import Cutout
+    >>> cutout = Cutout((63, 63), anchor=(100.0, 120.25))
+    >>> cutout.window(Position(0, 3, 4))  # about (103, 124.25): 31 pixels on either side
+    Window(row=72, column=93, row_residual=0.0, column_residual=0.25)
     """
 
     shape: tuple[int, int]
@@ -192,6 +200,15 @@ def find_cutout(
     ------
     InputError
         If an image holds no light, or ``lost`` is not in (0, 1).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import find_cutout
+    >>> frame = np.zeros((41, 41))
+    >>> frame[18:23, 13:28] = 100  # 5 x 15 pixels about (20, 20)
+    >>> find_cutout([frame], [(20, 20)], lost=0.005)
+    (5, 15)
     """
     if not 0 < lost < 1:
         raise InputError.expected("energy lost", "a share between 0 and 1", lost, "0.005 is usual")

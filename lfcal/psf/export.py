@@ -154,6 +154,15 @@ def iter_export(
     ------
     InputError
         For an unknown suffix, or an option that its format does not use.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import PSFMatrix, iter_export
+    >>> for step in iter_export(PSFMatrix(np.ones((2, 3, 3, 5, 5))), "H.npy"):
+    ...     print(step.stage, step.count)
+    write npy file 1 of 2
+    write npy file 2 of 2
     """
     options = ExportOptions(compress, dtype, include_transpose, rows_first, lens_centred, interpolation, position)
     suffix = check_export(matrix, path, options)
@@ -185,7 +194,17 @@ def export(
     interpolation: str | None = None,
     position: tuple[int, int] | None = None,
 ) -> Path:
-    """Write ``matrix`` at once; see `iter_export`."""
+    """Write ``matrix`` at once; see `iter_export`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import export, open_psf
+    >>> with open_psf("H.h5") as H:
+    ...     path = export(H, "H.npy")
+    >>> print(path.name, np.load(path).shape)
+    H.npy (2, 19, 33, 55, 55)
+    """
     return drain(
         iter_export(
             matrix,

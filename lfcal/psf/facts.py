@@ -52,6 +52,14 @@ class Facts:
     bound
         ``(…, 3)``, per plane: the largest share (L1) of its own that any pattern lacks since H was stored within a
         tolerance, by cutting, by rounding and by both (see `lfcal.psf.steps`); NaN where H was not.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import Facts, PSFMatrix
+    >>> facts = Facts.of((1, 2, 2), (5, 5), recorded=[[[1, 1], [0, 1]]])
+    >>> PSFMatrix(np.ones((1, 2, 2, 5, 5)), facts=facts).missing.tolist()
+    [[0, 1, 0]]
     """
 
     recorded: NDArray[np.uint16] | None = None

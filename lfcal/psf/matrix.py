@@ -63,6 +63,13 @@ class PSFMatrix:
     ------
     InputError
         If ``data`` is not 5-D, its cutout is not odd x odd, or an argument does not fit its shape.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import PSFMatrix
+    >>> PSFMatrix(np.arange(9.0).reshape(1, 1, 1, 3, 3)).T[0, 0, 0].tolist()  # a period of 1 x 1: H turned by 180°
+    [[8.0, 7.0, 6.0], [5.0, 4.0, 3.0], [2.0, 1.0, 0.0]]
     """
 
     def __init__(

@@ -57,6 +57,13 @@ def open_psf(path: str | os.PathLike[str], *, region: str = "", check: bool = Fa
         If it is damaged, of another format, or asks for something unsafe.
     InputError
         If it has no such region.
+
+    Examples
+    --------
+    >>> from lfcal.psf import open_psf
+    >>> with open_psf("H.h5") as H:
+    ...     print(H.shape, H.depths.round().tolist(), H.aperture(1).blades)
+    (2, 19, 33, 55, 55) [-20035.0, -26018.0] 7
     """
     source = Path(path)
     matrix = _open(source, region, check)
@@ -99,7 +106,17 @@ def opening_notes(matrix: PSFMatrix) -> tuple[str, ...]:
 
 
 def regions_of(path: str | os.PathLike[str]) -> tuple[str, ...]:
-    """Return the names of the regions of the field in an H file, the one it opens with first (``""`` if unnamed)."""
+    """Return the names of the regions of the field in an H file, the one it opens with first (``""`` if unnamed).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import PSFMatrix, regions_of, save_regions
+    >>> H = np.ones((1, 2, 2, 3, 3))
+    >>> path = save_regions({"centre": PSFMatrix(H), "edge": PSFMatrix(0.8 * H)}, "field.h5")
+    >>> regions_of(path)
+    ('centre', 'edge')
+    """
     with H5File(Path(path)) as file:
         _check_format(file)
         return (file.attributes().text("region", ""), *file.names(REGIONS))

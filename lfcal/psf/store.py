@@ -85,6 +85,17 @@ class PSFWriter:
         If a plane does not fit, is not finite, or is written twice; at the end if one is missing.
     StorageError
         If the disk is too small or may not be written to.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import PSFWriter, open_psf
+    >>> with PSFWriter("new.h5", (2, 3, 3, 5, 5), depths=[-50, 50]) as writer:
+    ...     for z in range(2):
+    ...         writer.write_plane(z, np.full((3, 3, 5, 5), 10 * z + 1, np.float32))
+    >>> with open_psf("new.h5") as H:
+    ...     print(H.depths.tolist(), H[:, 0, 0, 2, 2].tolist())
+    [-50.0, 50.0] [1.0, 11.0]
     """
 
     def __init__(
@@ -259,7 +270,15 @@ def iter_save(
     workers: int | None = None,
     store_tolerance: float | None = None,
 ) -> Work[Path]:
-    """Write ``matrix`` (H, or the view ``H.T``) to an H file, one plane in memory at a time; see `PSFWriter`."""
+    """Write ``matrix`` (H, or the view ``H.T``) to an H file, one plane in memory at a time; see `PSFWriter`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import PSFMatrix, iter_save
+    >>> [step.count for step in iter_save(PSFMatrix(np.ones((2, 3, 3, 5, 5))), "new.h5")]
+    ['0 of 2', '1 of 2', '2 of 2']
+    """
     check_other_file(matrix.path, path)
     clock = Clock("write planes", len(matrix))
     how: dict[str, Any] = {"dtype": dtype, "compression": compression, "store_tolerance": store_tolerance}
@@ -287,7 +306,17 @@ def save(
     workers: int | None = None,
     store_tolerance: float | None = None,
 ) -> Path:
-    """Write ``matrix`` to an H file; see `iter_save`."""
+    """Write ``matrix`` to an H file; see `iter_save`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import PSFMatrix, open_psf, save
+    >>> path = save(PSFMatrix(np.ones((1, 3, 3, 5, 5)), depths=[-500]), "new.h5", dtype="float32")
+    >>> with open_psf(path) as H:
+    ...     print(H, H.depths.tolist())
+    <PSFMatrix (z, y, x, t, s) = (1, 3, 3, 5, 5), float32> [-500.0]
+    """
     how: dict[str, Any] = {"dtype": dtype, "compression": compression, "store_tolerance": store_tolerance}
     return drain(iter_save(matrix, path, workers=workers, **how))
 
@@ -308,6 +337,16 @@ def save_regions(
     ------
     InputError
         If there is none, or a name cannot be that of a group.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import PSFMatrix, open_psf, save_regions
+    >>> H = np.ones((1, 2, 2, 3, 3))
+    >>> path = save_regions({"centre": PSFMatrix(H), "edge": PSFMatrix(0.5 * H)}, "field.h5")
+    >>> with open_psf(path, region="edge") as edge:
+    ...     print(edge.region, edge.depth_sum(0)[1, 1])  # four positions of a half each
+    edge 2.0
     """
     target = Path(path)
     if not matrices or any(not name or "/" in name or name == "." for name in matrices):

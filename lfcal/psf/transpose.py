@@ -54,6 +54,14 @@ def transpose(
     InputError
         If the shape is not that of a PSF matrix, the dtype is not a number, ``out`` does not fit or overlaps
         H, or the period is even where the method needs an odd one.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import transpose
+    >>> H = np.arange(9).reshape(1, 1, 1, 3, 3)
+    >>> transpose(H)[0, 0, 0].tolist()  # of a period of one pixel HT is H turned by 180 degrees
+    [[8, 7, 6], [5, 4, 3], [2, 1, 0]]
     """
     shape = check_psf_shape(tuple(array.shape) if hasattr(array, "shape") else np.shape(array))
     source = array if hasattr(array, "dtype") else np.asarray(array)

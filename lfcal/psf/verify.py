@@ -69,6 +69,13 @@ class MatrixCheck:
         Positions that were never recorded.
     deviations
         Where the file is not as the specification of its format says, a line each; version 1 has none.
+
+    Examples
+    --------
+    >>> from lfcal.psf import MatrixCheck, verify
+    >>> check: MatrixCheck = verify("H.h5")
+    >>> print(check.path.name, check.planes, "planes,", len(check.damaged), "damaged,", check.missing, "missing")
+    H.h5 2 planes, 0 damaged, 0 missing
     """
 
     path: Path
@@ -98,6 +105,15 @@ def iter_verify(path: str | os.PathLike[str], *, workers: int | None = None) -> 
     ------
     StorageError, FileFormatError, UnsafeFileError
         If it is no H file, or damaged so far that it cannot be opened.
+
+    Examples
+    --------
+    >>> from lfcal.psf import iter_verify
+    >>> for step in iter_verify("H.h5"):
+    ...     print(step.stage, step.count)
+    check planes 0 of 2
+    check planes 1 of 2
+    check planes 2 of 2
     """
     source = Path(path)
     regions = regions_of(source)
@@ -135,7 +151,17 @@ def iter_verify(path: str | os.PathLike[str], *, workers: int | None = None) -> 
 
 
 def verify(path: str | os.PathLike[str], *, workers: int | None = None) -> MatrixCheck:
-    """Check every plane of an H file; see `iter_verify`."""
+    """Check every plane of an H file; see `iter_verify`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import PSFMatrix, save, verify
+    >>> path = save(PSFMatrix(np.ones((3, 2, 2, 5, 5)), recorded=[[[1, 0], [0, 1]]] * 3), "new.h5")
+    >>> check = verify(path)
+    >>> print("as written:", check.ok, "-", check.missing, "of 12 positions were never recorded")
+    as written: True - 6 of 12 positions were never recorded
+    """
     return drain(iter_verify(path, workers=workers))
 
 

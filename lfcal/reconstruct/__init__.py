@@ -10,8 +10,8 @@ from lfcal.reconstruct.projectors.field_projector import FieldProjector
 from lfcal.reconstruct.projectors.forecast import METHODS, ProjectionForecast
 from lfcal.reconstruct.projectors.projector import Projector
 from lfcal.reconstruct.resample import Resampling
-from lfcal.reconstruct.resolution import iter_two_point, two_point
-from lfcal.reconstruct.series import iter_series
+from lfcal.reconstruct.resolution import TwoPoint, iter_two_point, two_point
+from lfcal.reconstruct.series import FrameResult, iter_series
 from lfcal.reconstruct.solvers.choice import SOLVERS, SolverChoice, iter_reconstruct, reconstruct
 from lfcal.reconstruct.solvers.isra import isra, iter_isra
 from lfcal.reconstruct.solvers.least_squares import conjugate_gradient, iter_conjugate_gradient
@@ -27,6 +27,7 @@ __all__ = [
     "SOLVERS",
     "DepthSmoothing",
     "FieldProjector",
+    "FrameResult",
     "ProjectionForecast",
     "Projector",
     "Reconstruction",
@@ -38,6 +39,7 @@ __all__ = [
     "SolverState",
     "Tikhonov",
     "TotalVariation",
+    "TwoPoint",
     "conjugate_gradient",
     "isra",
     "iter_conjugate_gradient",

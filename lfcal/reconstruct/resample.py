@@ -37,6 +37,19 @@ class Resampling:
     distortion
         `LatticeDistortion` of the lattice in the frame (pixels, points (column, row)), which the result is freed from,
         or None; ``origin`` is then that of the straight lattice.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.camera import preset
+    >>> from lfcal.reconstruct import Resampling
+    >>> bench = preset("bench")  # hexagonal, 11 px: a period is 33 px wide and 11 sqrt(3) = 19.05 px high
+    >>> whole = Resampling.of_camera(bench)
+    >>> print(whole.period, [round(scale, 4) for scale in whole.scale], bench.sensor.shape, whole.shape)
+    (19, 33) [0.9972, 1.0] (320, 320) (319, 319)
+    >>> frame = np.ones(bench.sensor.shape)
+    >>> print(f"{whole.apply(frame)[160, 160]:.4f}")  # a pixel covers more of the frame: 19.05 / 19
+    1.0028
     """
 
     origin: Pair

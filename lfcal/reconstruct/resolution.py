@@ -126,6 +126,17 @@ def iter_two_point(
         Light of each pair; Poisson noise is drawn with ``seed`` (None: no noise).
     limit
         Points are apart where the dip falls below this.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.reconstruct import Projector, iter_two_point
+    >>> P = Projector(np.full((1, 1, 1, 3, 3), 1 / 9), (16, 32))
+    >>> for step in iter_two_point(P, distances=(2, 4, 8), iterations=5):
+    ...     print(step.stage, step.count)
+    two-point resolution 1 of 3
+    two-point resolution 2 of 3
+    two-point resolution 3 of 3
     """
     nz, height, width = P.volume_shape
     clock = Clock("two-point resolution", nz * len(distances))
@@ -160,5 +171,18 @@ def two_point(
     seed: int | None = 0,
     limit: float = RAYLEIGH_DIP,
 ) -> tuple[TwoPoint, ...]:
-    """Return the resolution of each plane: `iter_two_point`, drained."""
+    """Return the resolution of each plane: `iter_two_point`, drained.
+
+    Examples
+    --------
+    >>> from lfcal.psf import open_psf
+    >>> from lfcal.reconstruct import Projector, TwoPoint, two_point
+    >>> with open_psf("H.h5") as H:
+    ...     P = Projector(H, (20, 30), method="direct")
+    ...     found: tuple[TwoPoint, ...] = two_point(P, (2, 4, 6), iterations=10, seed=None)
+    >>> for plane in found:
+    ...     print(f"plane at {plane.depth_um / 1000:.0f} mm: apart from {plane.distance:.0f} voxels on")
+    plane at -20 mm: apart from 4 voxels on
+    plane at -26 mm: apart from 6 voxels on
+    """
     return drain(iter_two_point(P, distances, iterations=iterations, photons=photons, seed=seed, limit=limit))

@@ -87,6 +87,21 @@ def iter_series(
     ------
     InputError
         If frames, weights and choice do not fit, or ``warm`` is asked of a solver that has no start.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.progress import drain
+    >>> from lfcal.reconstruct import FrameResult, Projector, SolverChoice, iter_series, load_volume, save_volume
+    >>> P = Projector(np.full((1, 1, 1, 3, 3), 1 / 9), (16, 16))
+    >>> frames = [("dim", lambda: np.full((16, 16), 10.0)), ("bright", lambda: np.full((16, 16), 20.0))]
+    >>> def save(name, result):
+    ...     save_volume(f"{name}.tif", result.volume)
+    >>> done: list[FrameResult] = drain(iter_series(P, frames, len(frames), SolverChoice("rl", iterations=3), save))
+    >>> print([(one.name, one.iterations) for one in done])
+    [('dim', 3), ('bright', 3)]
+    >>> print(f"{load_volume('bright.tif').sum() / load_volume('dim.tif').sum():.2f} times the light")
+    2.00 times the light
     """
     if warm:
         check_warm(choice)

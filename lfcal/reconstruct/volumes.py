@@ -79,6 +79,17 @@ def save_volume(
     ------
     InputError, StorageError
         If the ending is unknown, or the disk does not take it; nothing half-written stays.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.reconstruct import load_volume, save_volume
+    >>> volume = np.zeros((3, 20, 30))
+    >>> volume[1, 5, 7] = 4.0
+    >>> save_volume("bead.tif", volume, depths_um=[-10, 0, 10], voxel_um=1.4)
+    >>> bead = load_volume("bead.tif")
+    >>> print(bead.shape, bead.dtype, bead[1, 5, 7])
+    (3, 20, 30) float32 4.0
     """
     data = np.ascontiguousarray(volume, np.float32)
     if data.ndim != 3:
@@ -243,6 +254,14 @@ def load_volume(path: str | os.PathLike[str]) -> NDArray[np.float32]:
     ------
     FileFormatError, StorageError
         If it is not such a file.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.reconstruct import load_volume, save_volume
+    >>> save_volume("planes.npy", np.arange(24).reshape(2, 3, 4))
+    >>> print(load_volume("planes.npy").mean(axis=(1, 2)).tolist())
+    [5.5, 17.5]
     """
     source = check_suffix(path)
     if source.suffix.lower() in (".h5", ".hdf5"):

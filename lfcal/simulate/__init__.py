@@ -11,9 +11,10 @@
 """
 
 from lfcal.simulate.accuracy.forecast import predict_seconds
-from lfcal.simulate.accuracy.ladder import draw_ladder, iter_ladder, ladder
+from lfcal.simulate.accuracy.ladder import Ladder, LadderProgress, draw_ladder, iter_ladder, ladder
 from lfcal.simulate.accuracy.memory import predict_bytes
 from lfcal.simulate.accuracy.planner import EffectSelection, PlannedEffect, plan_effects
+from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.progressive import iter_refine_psf
 from lfcal.simulate.sensor.camera_source import SimulatedCamera
 from lfcal.simulate.sensor.noise import expose
@@ -23,7 +24,10 @@ from lfcal.simulate.volume import iter_light_field, light_field, plume, points, 
 
 __all__ = [
     "EffectSelection",
+    "Ladder",
+    "LadderProgress",
     "PlannedEffect",
+    "Sampling",
     "SimulatedCamera",
     "draw_ladder",
     "expose",

@@ -216,7 +216,19 @@ def iter_simulate_psf(
     provenance: Mapping[str, Any] | None = None,
     store_tolerance: float | None = None,
 ) -> Work[PSFMatrix]:
-    """Simulate H as `simulate_psf`; yields progress in rows, and closing it leaves nothing half-written."""
+    """Simulate H as `simulate_psf`; yields progress in rows, and closing it leaves nothing half-written.
+
+    Examples
+    --------
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.simulate import iter_simulate_psf
+    >>> camera = preset("bench")
+    >>> plan = ScanPlan(camera, (3, 5), cutout=(41, 41), depths_um=(camera.depth_of(2.0),), anchor=(160, 160))
+    >>> for step in iter_simulate_psf(camera, plan, effects=()):
+    ...     print(step.stage, step.count)
+    simulate plane 1 of 1 0 of 3
+    simulate plane 1 of 1 3 of 3
+    """
     work = Simulation(camera, plan, effects, level, tolerance, sampling, workers)
     if out is None:
         # Kept with it, so that H can be simulated again.
@@ -311,6 +323,16 @@ def simulate_psf(
         If more light came out of a response than went in: the sampling is too coarse.
     StorageError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.simulate import simulate_psf
+    >>> camera = preset("bench")
+    >>> plan = ScanPlan(camera, (3, 5), cutout=(41, 41), depths_um=(camera.depth_of(2.0),), anchor=(160, 160))
+    >>> H = simulate_psf(camera, plan, effects=())
+    >>> print(H.shape, f"{H.plane(0)[1, 2].sum():.2f} of the light passes the round lenslets")
+    (1, 3, 5, 41, 41) 0.84 of the light passes the round lenslets
     """
     return drain(
         iter_simulate_psf(

@@ -77,7 +77,20 @@ def iter_light_field(
     sampling: Sampling | None = None,
     workers: int | None = None,
 ) -> Work[NDArray[np.float32]]:
-    """Compute `light_field`; yields progress in source rows of the period."""
+    """Compute `light_field`; yields progress in source rows of the period.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import open_psf
+    >>> from lfcal.simulate import iter_light_field
+    >>> volume = np.zeros((2, 80, 80), np.float32)
+    >>> volume[1, 40, 40] = 2.0
+    >>> with open_psf("H.h5") as H:
+    ...     steps = [step.count for step in iter_light_field(volume, H)]
+    ...     print(steps[0], steps[-1], sep=" … ")  # of 2 planes of 19 rows
+    1 of 38 … 38 of 38
+    """
     source: Responses = (
         _Stored(through) if isinstance(through, PSFMatrix) else _Simulated(through, effects, level, tolerance, sampling)
     )
@@ -133,6 +146,18 @@ def light_field(
     ------
     InputError
         If the volume does not have one finite plane per depth.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import open_psf
+    >>> from lfcal.simulate import light_field
+    >>> volume = np.zeros((2, 80, 80), np.float32)
+    >>> volume[1, 40, 40] = 2.0
+    >>> with open_psf("H.h5") as H:
+    ...     image = light_field(volume, H)
+    ...     print(image.shape, round(float(image.sum() / H.plane(1)[40 % 19, 40 % 33].sum()), 3))  # twice the response
+    (80, 80) 2.0
     """
     return drain(
         iter_light_field(
@@ -145,7 +170,16 @@ def light_field(
 
 
 def points(shape: tuple[int, int, int], count: int, rng: np.random.Generator, margin: int = 0) -> NDArray[np.float32]:
-    """Return a dark volume ``(nz, rows, columns)`` with ``count`` bright voxels of value 1, apart from its border."""
+    """Return a dark volume ``(nz, rows, columns)`` with ``count`` bright voxels of value 1, apart from its border.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.simulate import points
+    >>> beads = points((3, 64, 64), count=20, rng=np.random.default_rng(1), margin=8)
+    >>> int(beads.sum()), int(beads[:, 8:-8, 8:-8].sum())  # none in the border
+    (20, 20)
+    """
     nz, rows, columns = _checked_shape(shape)
     check_number("margin (voxels)", margin, at_least=0, below=min(rows, columns) / 2, integer=True)
     inner = (nz, rows - 2 * margin, columns - 2 * margin)
@@ -169,6 +203,13 @@ def vesicle(
         In voxels of a plane.
     plane_step
         Distance of neighbouring planes in voxels of a plane; None: the sphere just fills the planes.
+
+    Examples
+    --------
+    >>> from lfcal.simulate import vesicle
+    >>> shell = vesicle((1, 41, 41), radius=12.0)
+    >>> [round(float(shell[0, 20, 20 + r]), 2) for r in (0, 9, 12, 15)]  # hollow, and bright at 12 voxels
+    [0.0, 0.14, 1.0, 0.14]
     """
     nz, rows, columns = _checked_shape(shape)
     check_number("radius (voxels)", radius, above=0)
@@ -192,6 +233,14 @@ def plume(
         Makes its filaments.
     width, spread
         Rms width at the foot, and its growth per length, in units of the number of rows.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.simulate import plume
+    >>> smoke = plume((3, 60, 40), np.random.default_rng(0))
+    >>> [round(float(smoke[:, rows].max()), 1) for rows in (slice(50, 60), slice(0, 10))]  # at its foot, at the top
+    [1.0, 0.1]
     """
     from scipy.ndimage import gaussian_filter
 

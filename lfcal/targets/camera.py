@@ -73,6 +73,19 @@ class TargetCamera(Frames):
     ------
     InputError
         If there are not as many values of brightness as holes, or an effect moves the source.
+
+    Examples
+    --------
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.targets import TargetCamera, TargetPlan, parse_target
+    >>> scan = ScanPlan.for_camera(preset("bench"), virtual_depths=(4.0,), cutout=31)
+    >>> offsets = (((0.0, 0.0), (0.0, 7.0)),)
+    >>> plan = TargetPlan(scan, parse_target("array:3x3@2mm"), offsets, 0.1, (0.0,), "geometric")
+    >>> frames = TargetCamera(plan, effects=(), level="geometric")
+    >>> for k in range(len(frames)):
+    ...     print(frames.read(k).shape, "middle hole at", frames.points(k).pixels[4].round(3).tolist())
+    (320, 320) middle hole at [159.5, 159.5]
+    (320, 320) middle hole at [159.5, 166.5]
     """
 
     def __init__(
@@ -305,7 +318,15 @@ class TargetCamera(Frames):
 
 
 def uneven(target: Target, spread: float, seed: int = 0) -> NDArray[np.float64]:
-    """Return brightnesses ``(n,)`` of the holes of ``target`` that differ by a relative standard deviation."""
+    """Return brightnesses ``(n,)`` of the holes of ``target`` that differ by a relative standard deviation.
+
+    Examples
+    --------
+    >>> from lfcal.targets import parse_target, uneven
+    >>> light = uneven(parse_target("array:100x100@1mm"), 0.1, seed=1)
+    >>> print(f"{len(light)} holes, mean {light.mean():.2f}, standard deviation {light.std():.2f}")
+    10000 holes, mean 1.00, standard deviation 0.10
+    """
     draws = np.random.default_rng(seed).normal(1.0, spread, len(target.holes))
     light: NDArray[np.float64] = np.maximum(draws, 0.0)
     return light

@@ -32,6 +32,23 @@ class DecodedFrames(SourceView):
         Recorded frames with their dark level subtracted, in the order of the plan.
     plan
         Of a target whose points are switched (`TargetPlan.lit`).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.frames import ArraySource
+    >>> from lfcal.multiplex import s_matrix
+    >>> from lfcal.targets import DecodedFrames, Target, TargetPlan, coded_plan
+    >>> scan = ScanPlan.for_camera(preset("bench"), virtual_depths=(4.0,), cutout=31)
+    >>> offsets = (((0.0, 0.0), (0.0, 5.0), (5.0, 0.0)),)
+    >>> plan = coded_plan(TargetPlan(scan, Target(), offsets, 0.1, (0.0,), "geometric"), s_matrix(3), pixel_um=8.0)
+    >>> print(plan.lit[0])
+    ((0, 1), (0, 2), (1, 2))
+    >>> sums = np.array([101.0, 110.0, 11.0])[:, None, None] * np.ones((1, 320, 320))
+    >>> frames = DecodedFrames(ArraySource(sums, [(0, 0, k) for k in range(3)]), plan)
+    >>> print([round(float(frames.read(k)[0, 0]), 3) for k in range(3)])
+    [100.0, 1.0, 10.0]
     """
 
     def __init__(self, source: FrameSource, plan: TargetPlan) -> None:
@@ -111,5 +128,22 @@ def _noise(parts: Sequence[tuple[Samples, float, float]], values: F8) -> Noise |
 
 
 def decoded(source: FrameSource, plan: TargetPlan) -> FrameSource:
-    """Return frames that show an offset each: those of a coded plan solved for, others as they are."""
+    """Return frames that show an offset each: those of a coded plan solved for, others as they are.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.frames import ArraySource
+    >>> from lfcal.multiplex import s_matrix
+    >>> from lfcal.targets import Target, TargetPlan, coded_plan, decoded
+    >>> scan = ScanPlan.for_camera(preset("bench"), virtual_depths=(4.0,), cutout=31)
+    >>> single = TargetPlan(scan, Target(), (((0.0, 0.0), (0.0, 5.0), (5.0, 0.0)),), 0.1, (0.0,), "geometric")
+    >>> frames = np.array([101.0, 110.0, 11.0])[:, None, None] * np.ones((1, 320, 320))
+    >>> source = ArraySource(frames, [(0, 0, k) for k in range(3)])
+    >>> for plan in (single, coded_plan(single, s_matrix(3), pixel_um=8.0)):  # frame 0 shows offset 0; offsets 0 and 1
+    ...     print([round(float(decoded(source, plan).read(k)[0, 0]), 3) for k in range(3)])
+    [101.0, 110.0, 11.0]
+    [100.0, 1.0, 10.0]
+    """
     return source if plan.lit is None else DecodedFrames(source, plan)

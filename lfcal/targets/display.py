@@ -40,6 +40,13 @@ class Display:
         Rows and columns.
     pixel_um
         Pitch of its pixels, as they appear there (µm).
+
+    Examples
+    --------
+    >>> from lfcal.targets import Display
+    >>> display = Display((2160, 3840), pixel_um=8.0)
+    >>> print([side * display.pixel_um / 1000 for side in display.shape], "mm")
+    [17.28, 30.72] mm
     """
 
     shape: tuple[int, int]
@@ -59,6 +66,14 @@ def parse_display(text: str) -> Display | None:
     ------
     InputError
         If it begins like one and is none.
+
+    Examples
+    --------
+    >>> from lfcal.targets import parse_display
+    >>> parse_display("display:2160x3840@0.05mm")
+    Display(shape=(2160, 3840), pixel_um=50.0)
+    >>> print(parse_display("array:12x12@1.2mm"))  # no display
+    None
     """
     if not text.strip().startswith("display"):
         return None
@@ -78,6 +93,17 @@ def iter_plan_display(scan: ScanPlan, display: Display, wishes: Wishes | None = 
     ------
     InputError
         If the display, or the sensor, has no room for two points.
+
+    Examples
+    --------
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.progress import drain
+    >>> from lfcal.targets import Display, Wishes, iter_plan_display
+    >>> scan = ScanPlan.for_camera(preset("bench"), virtual_depths=(4.0,), cutout=31)
+    >>> wishes = Wishes(tolerance_px=0.3, crosstalk=0.02, most_frames=3, level="geometric")
+    >>> plan = drain(iter_plan_display(scan, Display((2000, 2000), pixel_um=10.0), wishes))
+    >>> print(len(plan.frames), "frames; display pixels between points:", [um / 10.0 for um in plan.target.pitch_um])
+    3 frames; display pixels between points: [83.0, 85.0]
     """
     wishes = wishes or Wishes()
     proposed = propose_target(scan, wishes, hole_um=DISC * display.pixel_um)
@@ -119,6 +145,16 @@ def coded_plan(plan: TargetPlan, code: NDArray[np.float64], pixel_um: float) -> 
         Square, of 0 and 1: which offsets of a group each of its frames shows; an S-matrix.
     pixel_um
         Of the display (µm): repeats are a period of the array away, in whole pixels.
+
+    Examples
+    --------
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.multiplex import s_matrix
+    >>> from lfcal.targets import Target, TargetPlan, coded_plan
+    >>> scan = ScanPlan.for_camera(preset("bench"), virtual_depths=(4.0,), cutout=31)
+    >>> plan = TargetPlan(scan, Target(), (((0.0, 0.0), (0.0, 5.0), (5.0, 0.0)),), 0.1, (0.0,), "geometric")
+    >>> print(coded_plan(plan, s_matrix(3), pixel_um=8.0).lit)  # two of three offsets in each frame
+    (((0, 1), (0, 2), (1, 2)),)
     """
     offsets, lit, scan = [], [], plan.scan
     for z, depth in enumerate(scan.depths_um):
@@ -144,6 +180,16 @@ def display_image(plan: TargetPlan, display: Display, z: int, k: int) -> NDArray
     ------
     InputError
         If a point lies beside the display.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.targets import Display, TargetPlan, display_image, parse_target
+    >>> scan = ScanPlan.for_camera(preset("bench"), virtual_depths=(4.0,), cutout=31)
+    >>> plan = TargetPlan(scan, parse_target("array:2x3@400um"), (((0.0, 0.0),),), 0.1, (0.0,), "geometric")
+    >>> print(np.argwhere(display_image(plan, Display((101, 101), pixel_um=10.0), 0, 0)).tolist())  # 40 pixels apart
+    [[30, 10], [30, 50], [30, 90], [70, 10], [70, 50], [70, 90]]
     """
     out = np.zeros(display.shape, np.uint8)
     flat = plan.target.flat_um(plan.target.holes)

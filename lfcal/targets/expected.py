@@ -37,6 +37,16 @@ class ErrorForecast:
         ``(frames,)`` share of the positions that is shown after each frame.
     error
         ``(frames,)`` root mean square over those that are shown by then: repeats of a position are averaged.
+
+    Examples
+    --------
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.targets import ErrorForecast, Wishes, error_forecast, parse_target, plan_target
+    >>> scan = ScanPlan.for_camera(preset("bench"), virtual_depths=(4.0,), cutout=31)
+    >>> plan = plan_target(scan, parse_target("array:3x3@2mm"), Wishes(most_frames=5, level="geometric"))
+    >>> expected: ErrorForecast = error_forecast(plan, 0, single=0.1)
+    >>> print(f"after {len(expected.shown)} frames {expected.shown[-1]:.1%} shown, error {expected.error[-1]:.1%}")
+    after 5 frames 4.8% shown, error 10.0%
     """
 
     single: float
@@ -69,7 +79,17 @@ def noise_share(scan: ScanPlan, z: int, *, level: str = "auto") -> float:
 
 
 def error_forecast(plan: TargetPlan, z: int, single: float | None = None) -> ErrorForecast:
-    """Return what is to be expected of plane ``z`` frame by frame; ``single`` as of `noise_share`, computed if None."""
+    """Return what is to be expected of plane ``z`` frame by frame; ``single`` as of `noise_share`, computed if None.
+
+    Examples
+    --------
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.targets import Target, TargetPlan, error_forecast
+    >>> scan = ScanPlan.for_camera(preset("bench"), virtual_depths=(4.0,), cutout=31)
+    >>> plan = TargetPlan(scan, Target(), (((0.0, 0.0),) * 4,), 0.5, (0.0,), "geometric")
+    >>> print(error_forecast(plan, 0, single=0.1).error.round(3).tolist())  # the same position four times
+    [0.1, 0.071, 0.058, 0.05]
+    """
     share = noise_share(plan.scan, z) if single is None else single
     phases, images = Phases.of(plan.scan), plan.images(z)
     counts = np.zeros(phases.count, np.intp)

@@ -61,6 +61,18 @@ class FoundPoints:
         The dark level of the frame.
     moved_px
         Where the middle of the target was planned, images in the depth plane, (rows, columns) from the axis (pixels).
+
+    Examples
+    --------
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.targets import FoundPoints, TargetCamera, TargetPlan, find_points, parse_target
+    >>> scan = ScanPlan.for_camera(preset("bench"), virtual_depths=(4.0,), cutout=31)
+    >>> target = parse_target("array:3x3@2mm")
+    >>> plan = TargetPlan(scan, target, (((0.0, 0.0),),), 0.1, (0.0,), "geometric")
+    >>> dim = TargetCamera(plan, effects=(), brightness=[1, 1, 1, 1, 0.3, 1, 1, 1, 1], level="geometric")
+    >>> points: FoundPoints = find_points(dim.read(0), target, scan.camera, scan.depths_um[0])
+    >>> print(points.pixels[4].round(1).tolist(), *points.mistakes)
+    [159.5, 159.5] hole (row, column) (1, 1) at 31% of the light of others: dirt, or half closed
     """
 
     holes: Index
@@ -116,6 +128,21 @@ def find_points(
     InputError
         If there are no points, they are no lattice such as the target's, the target is mirrored or turned, or more than
         one labelling explains them: the line says which.
+
+    Examples
+    --------
+    >>> import math
+    >>> from dataclasses import replace
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.targets import Pose, TargetCamera, TargetPlan, find_points, parse_target
+    >>> scan = ScanPlan.for_camera(preset("bench"), virtual_depths=(4.0,), cutout=31)
+    >>> target = replace(parse_target("array:3x3@2mm,absent=0:0"), within=Pose.parse("rotation=3"))
+    >>> plan = TargetPlan(scan, target, (((0.0, 0.0),),), 0.1, (0.0,), "geometric")
+    >>> turned = replace(target, pose=Pose.parse("rotation=1"))
+    >>> frame = TargetCamera(plan, effects=(), really=turned, level="geometric").read(0)
+    >>> points = find_points(frame, target, scan.camera, scan.depths_um[0])
+    >>> print(f"{len(points)} holes, turned by {math.degrees(points.fit.pose.rotation_rad):.1f} degrees")
+    8 holes, turned by 1.0 degrees
     """
     if values.shape != camera.sensor.shape:
         raise InputError.expected("frame", f"{camera.sensor.shape} pixels", values.shape, "give whole sensor frames")

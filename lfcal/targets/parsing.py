@@ -25,6 +25,13 @@ def parse_target(text: str) -> Target:
     ------
     InputError
         If it is none of these.
+
+    Examples
+    --------
+    >>> from lfcal.targets import parse_target
+    >>> target = parse_target("array:12x10@1.2mm,hex,hole=20um")
+    >>> print(len(target.holes), "holes, rows", round(target.pitch_um[0]), "µm apart")
+    120 holes, rows 1039 µm apart
     """
     head, *more = (part.strip() for part in text.strip().split(","))
     hexagonal, hole, absent = _settings(more)
@@ -77,7 +84,14 @@ def _wrong(text: str) -> InputError:
 
 
 def target_words(target: Target) -> str:
-    """Return the words that `parse_target` makes the same target of, its pose left out."""
+    """Return the words that `parse_target` makes the same target of, its pose left out.
+
+    Examples
+    --------
+    >>> from lfcal.targets import Target, target_words
+    >>> print(target_words(Target("square", (12, 10), (1200.0, 1500.0), absent=((0, 0), (0, 1)))))
+    array:12x10@1200umx1500um,absent=0:0+0:1
+    """
     hole = [f"hole={target.hole_um:.10g}um"] if target.hole_um else []
     marks = ["absent=" + "+".join(f"{row}:{column}" for row, column in target.absent)] if target.absent else []
     if target.kind == "point":

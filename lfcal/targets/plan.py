@@ -41,6 +41,18 @@ class TargetForecast:
         Frames in all, repetitions included.
     exposure_hours, settle_hours, move_hours
         Exposing, settling and moving (h).
+
+    Examples
+    --------
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.targets import TargetForecast, TargetPlan, parse_target
+    >>> scan = ScanPlan.for_camera(preset("bench"), virtual_depths=(4.0,), cutout=31, exposure_s=0.1, frames_averaged=6)
+    >>> plan = TargetPlan(scan, parse_target("array:3x3@2mm"), (((0.0, 0.0),) * 60,), 0.1, (0.0,), "geometric")
+    >>> forecast: TargetForecast = plan.forecast()
+    >>> print(f"{forecast.frames} frames, {3600 * forecast.exposure_hours:.0f} s exposed")
+    360 frames, 36 s exposed
+    >>> print(f"{plan.single().frames} frames of a single point")
+    3762 frames of a single point
     """
 
     frames: int
@@ -76,6 +88,18 @@ class TargetPlan:
         Of a target whose points are switched, a display's: for each plane, the numbers of the offsets whose points
         are all lit in each recorded frame. There are as many frames as offsets, and what each offset shows alone comes
         back by solving for it (`lfcal.targets.coded`). None: frame k shows offset k.
+
+    Examples
+    --------
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.targets import TargetPlan, parse_target
+    >>> scan = ScanPlan.for_camera(preset("bench"), virtual_depths=(4.0,), cutout=31)
+    >>> offsets = ((0.0, 0.0), (0.0, 1.0), (0.0, 2.0))
+    >>> plan = TargetPlan(scan, parse_target("array:3x3@2mm"), (offsets,), 0.1, (0.0,), "geometric")
+    >>> print("right, down in µm:", plan.offsets_um(0).round(1).tolist())
+    right, down in µm: [[0.0, 0.0], [25.0, 0.0], [50.0, 0.0]]
+    >>> print(f"{plan.points_a_frame(0)[1]} points a frame: at least {plan.least_frames(0)} for 19 x 33 positions")
+    9 points a frame: at least 70 for 19 x 33 positions
     """
 
     scan: ScanPlan

@@ -39,6 +39,16 @@ class Wishes:
         No more frames than this for a plane; None: as many as all phases need.
     level
         How tails are computed: ``"auto"`` (waves) or ``"geometric"``.
+
+    Examples
+    --------
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.targets import Wishes, parse_target, plan_target
+    >>> scan = ScanPlan.for_camera(preset("bench"), virtual_depths=(4.0,), cutout=31)
+    >>> wishes = Wishes(tolerance_px=0.25, crosstalk=0.01, most_frames=10, level="geometric")
+    >>> plan = plan_target(scan, parse_target("array:3x3@2mm"), wishes)
+    >>> print(f"{len(plan.frames)} frames show {plan.coverage(0):.0%} of the positions")
+    10 frames show 14% of the positions
     """
 
     tolerance_px: float = 0.1
@@ -56,6 +66,15 @@ def propose_target(scan: ScanPlan, wishes: Wishes | None = None, *, hole_um: flo
     """Return the array of holes that shows all phases of the middle plane with the fewest frames.
 
     Holes are as close to each other as crosstalk allows, in all planes.
+
+    Examples
+    --------
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.targets import Wishes, propose_target
+    >>> scan = ScanPlan.for_camera(preset("lfm_20x05"), depths_um=[20.0])  # 15 x 15 positions
+    >>> target = propose_target(scan, Wishes(level="geometric"))
+    >>> print(target.shape, "holes,", [round(um / scan.camera.step_um(20.0)) for um in target.pitch_um], "px apart")
+    (24, 29) holes, [86, 86] px apart
     """
     wishes = wishes or Wishes()
     planes = range(len(scan.depths_um))
@@ -79,6 +98,19 @@ def iter_plan_target(scan: ScanPlan, target: Target, wishes: Wishes | None = Non
     ------
     InputError
         If no hole's cutout is on the sensor, or holes are too close together.
+
+    Examples
+    --------
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.targets import Wishes, iter_plan_target, parse_target
+    >>> scan = ScanPlan.for_camera(preset("bench"), virtual_depths=(4.0,), cutout=31)
+    >>> wishes = Wishes(tolerance_px=0.25, most_frames=3, level="geometric")
+    >>> for step in iter_plan_target(scan, parse_target("array:3x3@2mm"), wishes):
+    ...     print(step.stage, step.count)
+    offsets of the target 0 of 627
+    offsets of the target 9 of 627
+    offsets of the target 18 of 627
+    offsets of the target 27 of 627
     """
     wishes, phases = wishes or Wishes(), Phases.of(scan)
     offsets, crosstalk, level = [], [], wishes.level
@@ -98,7 +130,18 @@ def iter_plan_target(scan: ScanPlan, target: Target, wishes: Wishes | None = Non
 
 
 def plan_target(scan: ScanPlan, target: Target, wishes: Wishes | None = None) -> TargetPlan:
-    """Plan a target at once; see `iter_plan_target`."""
+    """Plan a target at once; see `iter_plan_target`.
+
+    Examples
+    --------
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.targets import Target, Wishes, plan_target
+    >>> scan = ScanPlan.for_camera(preset("lfm_20x05"), depths_um=[20.0])  # 15 x 15 positions
+    >>> pitch = (7 * 15 + 1) * scan.camera.step_um(20.0)  # every hole a pixel farther in the period than the last one
+    >>> plan = plan_target(scan, Target("square", (15, 15), (pitch, pitch)), Wishes(level="geometric"))
+    >>> print(f"{len(plan.frames)} frame shows {plan.coverage(0):.0%} of the positions")
+    1 frame shows 100% of the positions
+    """
     return drain(iter_plan_target(scan, target, wishes))
 
 

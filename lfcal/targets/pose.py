@@ -36,6 +36,14 @@ class Pose:
         By how much its right side, and its lower side, lie farther away; the tilt to the right comes first.
     right_um, down_um, away_um
         Middle of the target (µm).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.targets import Pose
+    >>> pose = Pose.parse("rotation=90,away=0.5mm")
+    >>> print(np.abs(pose.points(np.array([[100.0, 0.0]]))).round(3).tolist())  # from right of the middle to below, µm
+    [[0.0, 100.0, 500.0]]
     """
 
     rotation_rad: float = 0.0

@@ -49,6 +49,15 @@ class Target:
         Where it is, as far as that is known.
     within
         By how much each value of the pose may be off: what is fitted. All 0: the pose is known.
+
+    Examples
+    --------
+    >>> from lfcal.targets import Target
+    >>> target = Target("hexagonal", (2, 2), (866.0, 1000.0), hole_um=20.0)
+    >>> print(target.flat_um(target.holes).tolist())  # right, down of its middle, µm
+    [[-750.0, -433.0], [250.0, -433.0], [-250.0, 433.0], [750.0, 433.0]]
+    >>> print(f"{target.nearest_um:.0f} µm to the nearest")
+    1000 µm to the nearest
     """
 
     kind: str = "point"

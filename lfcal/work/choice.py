@@ -40,6 +40,13 @@ class RunChoice:
     ------
     InputError
         If there is no such executor, or an address is given to one that takes none.
+
+    Examples
+    --------
+    >>> from lfcal.work import RunChoice
+    >>> executor = RunChoice("threads", workers=1, begun="resume").make()
+    >>> print(executor.name, executor.workers)
+    threads 1
     """
 
     executor: str = "threads"
@@ -71,6 +78,16 @@ def iter_begun(
     """Do the units of ``out``; their files stay in `parts_folder` until the caller discards it.
 
     Raises as `iter_made`.
+
+    Examples
+    --------
+    >>> from lfcal.progress import drain
+    >>> from lfcal.work import RunChoice, Unit, iter_begun, parts_folder
+    >>> how = {"source": "H.h5", "region": "", "method": "exact", "compression": "none", "dtype": "float32"}
+    >>> unit = Unit("plane 1", "lfcal.psf.transpose_units:do_plane", {**how, "z": 1}, inputs=("H.h5",))
+    >>> files = drain(iter_begun([unit], "HT.h5", RunChoice("threads", workers=1), title="HT of plane 1"))
+    >>> print(len(files), "file in", files[0].parent.name)
+    1 file in HT.h5.parts
     """
     folder = parts_folder(out)
     check_begun(folder, resume=run.begun != "refuse")
@@ -117,6 +134,26 @@ def iter_made(
         If an earlier run left something and ``run`` does not say what becomes of it.
     LfcalError
         As `iter_run`, and what ``join`` raises.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lfcal.progress import Progress
+    >>> from lfcal.work import RunChoice, Unit, iter_made
+    >>> how = {"source": "H.h5", "region": "", "method": "exact", "compression": "none", "dtype": "float32"}
+    >>> unit = Unit("plane 1", "lfcal.psf.transpose_units:do_plane", {**how, "z": 1}, inputs=("H.h5",))
+    >>> def join(files):
+    ...     yield Progress(0, 1, "name the file")
+    ...     files[0].replace("plane.h5")
+    >>> for step in iter_made([unit], "plane.h5", RunChoice("threads", workers=1), join, title="HT of plane 1"):
+    ...     print(f"{step.stage}: {step.fraction:.0%}")
+    plane 1: 0%
+    transpose plane 2: 0%
+    transpose plane 2: 100%
+    plane 1: 100%
+    name the file: 0%
+    >>> print(Path("plane.h5").is_file())
+    True
     """
     following = Following(join)
     try:

@@ -121,6 +121,16 @@ class RunState:
         Who works, how many, and where they can be watched.
     running
         Whether its process is alive, as far as this machine can tell.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lfcal.progress import drain
+    >>> from lfcal.work import RunChoice, RunState, iter_run, read_run
+    >>> _ = drain(iter_run([], Path("HT.h5.parts"), RunChoice("threads", workers=1).make(), title="HT of no plane"))
+    >>> state: RunState = read_run(Path("HT.h5.parts"))
+    >>> print(f"{state.title}: {state.count('done')} of {len(state.units)} done by {state.executor}")
+    HT of no plane: 0 of 0 done by threads
     """
 
     title: str
@@ -181,6 +191,18 @@ def read_run(folder: Path, now: float | None = None) -> RunState:
     ------
     InputError
         If no run was begun there.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lfcal.progress import drain
+    >>> from lfcal.work import RunChoice, Unit, iter_run, read_run
+    >>> how = {"source": "H.h5", "region": "", "method": "exact", "compression": "none", "dtype": "float32"}
+    >>> unit = Unit("plane 0", "lfcal.psf.transpose_units:do_plane", {**how, "z": 0}, inputs=("H.h5",))
+    >>> _ = drain(iter_run([unit], Path("HT.parts"), RunChoice("threads", workers=1).make(), title="HT of plane 0"))
+    >>> state = read_run(Path("HT.parts"))
+    >>> print(f"{state.title}: {state.count('done')} of {len(state.units)} done; running: {state.running}")
+    HT of plane 0: 1 of 1 done; running: False
     """
     now = time.time() if now is None else now
     try:

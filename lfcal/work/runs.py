@@ -35,7 +35,14 @@ PAUSE = 1.0
 
 
 def parts_folder(out: str | os.PathLike[str]) -> Path:
-    """Return the folder beside ``out`` in which the files of its units lie until it is whole."""
+    """Return the folder beside ``out`` in which the files of its units lie until it is whole.
+
+    Examples
+    --------
+    >>> from lfcal.work import parts_folder
+    >>> print(parts_folder("H.h5").name)
+    H.h5.parts
+    """
     path = Path(out)
     return path.with_name(f"{path.name}.parts")
 
@@ -120,6 +127,21 @@ def iter_run(
         If another run works in the folder, or its disk is too small for what is yet to come.
     LfcalError
         What a unit raised, or `WorkerLost` where its workers ended again and again. What other units made stays.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lfcal.progress import drain
+    >>> from lfcal.psf import open_psf
+    >>> from lfcal.work import RunChoice, Unit, iter_run
+    >>> how = {"source": "H.h5", "region": "", "method": "exact", "compression": "none", "dtype": "float32"}
+    >>> task = "lfcal.psf.transpose_units:do_plane"
+    >>> units = [Unit(f"plane {z}", task, {**how, "z": z}, inputs=("H.h5",)) for z in (0, 1)]
+    >>> for file in drain(iter_run(units, Path("HT.h5.parts"), RunChoice("threads", workers=1).make())):
+    ...     with open_psf(file) as HT:
+    ...         print(file.name.split(".")[0], HT.shape, HT.is_transposed)
+    plane-0 (1, 19, 33, 55, 55) True
+    plane-1 (1, 19, 33, 55, 55) True
     """
     twice = [name for name, count in Counter(unit.name for unit in units).items() if count > 1]
     if twice:

@@ -54,6 +54,14 @@ class Unit:
     beside_bytes
         Bytes of memory that it takes with one thread, where units like it may be done beside each other in one process;
         0 where it is done alone.
+
+    Examples
+    --------
+    >>> from lfcal.work import Unit
+    >>> plane = ("plane 0", "mine.tasks:simulate")
+    >>> coarse, fine = (Unit(*plane, {"z": 0, "tolerance": t}, inputs=("session/plan.json",)) for t in (0.02, 0.01))
+    >>> print(len({unit.fingerprint() for unit in (coarse, fine)}), "results that are told apart")
+    2 results that are told apart
     """
 
     name: str

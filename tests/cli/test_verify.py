@@ -41,7 +41,7 @@ def test_one_damaged_frame_is_named_listed_and_left_out(lfcal: Lfcal, sample: Pa
     assert run.code == 1 and run.err == ""
     assert "635 of 636 frames are whole" in run.out
     assert "position (z, y, x) = (0, 12, 4), recording.h5[400]: frame damaged" in run.out
-    assert "lfcal acquire --resume takes" in run.out and "1 positions to record again" in run.out
+    assert "lfcal acquire --resume takes" in run.out and "1 position to record again" in run.out
     assert RedoList.read(tmp_path / "redo.json").positions == (Position(0, 12, 4),)
     refused = lfcal("assemble", sample, "-o", tmp_path / "H.h5")
     assert refused.code == 2 and refused.err.count("\n") == 1
@@ -56,7 +56,7 @@ def test_one_damaged_frame_is_named_listed_and_left_out(lfcal: Lfcal, sample: Pa
     assert data["missing"] == [[0, 12, 4]] and data["left_out"][0]["position"] == [0, 12, 4]
     with open_psf(tmp_path / "H.h5") as matrix:
         assert matrix.recorded[0, 12, 4] == 0
-    assert "1 positions were never recorded" in lfcal("verify", tmp_path / "H.h5").out
+    assert "1 position was never recorded" in lfcal("verify", tmp_path / "H.h5").out
 
 
 def test_json_lists_everything(lfcal: Lfcal, sample: Path) -> None:

@@ -59,7 +59,7 @@ def test_missing_and_repeated_positions_are_recorded(frames: Frames, tmp_path: P
     report = assemble(partial, SHAPE, CUTOUT, out=tmp_path / "H.h5")
     assert report.missing == (Position(*source.positions[5]), Position(*source.positions[17]))
     assert report.repeated == (Position(*source.positions[3]),)
-    assert any("are averaged; they differ by" in note for note in report.notes)
+    assert any("once and averaged; they differ by" in note for note in report.notes)
     with open_psf(tmp_path / "H.h5") as H:
         at = source.positions[3]
         assert H.recorded[source.positions[5]] == 0 and H.recorded[at] == 2

@@ -104,7 +104,7 @@ def test_notes_and_tolerance_are_kept(noisy):
     spoilt = image.copy()
     spoilt[3, 4] = np.nan
     found = reconstruct(P, spoilt, SolverChoice("phase-space", 60, 2.0, auto=True))
-    assert "1 pixels are not finite and were left out" in found.notes
+    assert "1 pixel is not finite and left out" in found.notes
     few = reconstruct(P, image, SolverChoice("rl", 60, 2.0, tolerance=0.5, auto=True))
     assert len(few.history) < 5 and "changed by less than 0.5" in few.stopped
 

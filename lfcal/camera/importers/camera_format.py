@@ -28,6 +28,14 @@ class Wanted:
         Values by path (`lfcal.camera.draft.Draft`), which go before those of the file.
     resolution
         Name of the resolution preset of a Micro-Manager configuration; empty where there is one only.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lfcal.camera import Wanted, import_camera
+    >>> wanted = Wanted({"optics.f_number": 5.6})
+    >>> print(import_camera(Path("session", "camera.json"), wanted).camera.optics.f_number)
+    5.6
     """
 
     values: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
@@ -36,7 +44,16 @@ class Wanted:
 
 @dataclass(frozen=True, slots=True)
 class Imported:
-    """A camera from a file, every value marked, and what is to be said of it, one line each."""
+    """A camera from a file, every value marked, and what is to be said of it, one line each.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lfcal.camera import Imported, import_camera
+    >>> found: Imported = import_camera(Path("session", "camera.json"))
+    >>> print(found.camera.name, found.camera.sensor.shape, found.notes)
+    bench (sample session) (80, 96) ()
+    """
 
     camera: Camera
     notes: tuple[str, ...] = ()

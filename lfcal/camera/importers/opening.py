@@ -39,6 +39,14 @@ def import_camera(path: str | os.PathLike[str], wanted: Wanted | None = None) ->
         If a value of ``wanted`` is refused.
     StorageError
         If it cannot be read.
+
+    Examples
+    --------
+    >>> from lfcal.camera import import_camera
+    >>> found = import_camera("session/camera.json")
+    >>> camera = found.camera
+    >>> print(camera.name, camera.sensor.shape, f"{camera.pitch_px:.2f} px, f/{camera.optics.f_number:g}")
+    bench (sample session) (80, 96) 11.00 px, f/4
     """
     source = Path(path)
     text = file_text(source)

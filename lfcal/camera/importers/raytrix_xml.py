@@ -71,6 +71,21 @@ def read_raytrix_xml(
         If the file declares entities or a document type, or is too large.
     StorageError
         If the file cannot be read.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lfcal.camera import read_raytrix_xml
+    >>> vectors = [("offset", 22, 9), ("lens_base_x", 1, 0), ("lens_base_y", 0.5, 0.866), ("sub_grid_base", 3, 1.732)]
+    >>> text = "".join(f"<{name}><x>{x}</x><y>{y}</y></{name}>" for name, x, y in vectors)
+    >>> text += "<diameter>32</diameter><rotation>0</rotation><lens_border>1</lens_border>"
+    >>> for k, x in enumerate((0, 1, 2)):
+    ...     text += f"<lens_type id='{k}'><offset><x>{x}</x><y>0</y></offset>"
+    ...     text += f"<depth_range><min>{k + 1}</min><max>{k + 3}</max></depth_range></lens_type>"
+    >>> _ = Path("calibration.xml").write_text(f"<RayCalibData>{text}</RayCalibData>")
+    >>> camera = read_raytrix_xml("calibration.xml")
+    >>> print(camera.pitch_px, [round(kind.focus_depth(camera.lattice.gap_um), 2) for kind in camera.lattice.types])
+    32.0 [1.5, 2.67, 3.75]
     """
     values: dict[str, Any] = {}
     for part, held in (("optics", optics), ("sensor", sensor)):

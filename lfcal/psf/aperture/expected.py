@@ -16,6 +16,14 @@ def footprint_px(camera: Camera | None, pixel_scale: tuple[float, float] = (1.0,
 
     0 where no camera is known. A ray through a lenslet's point e meets the sensor ``e B/f`` from where it would without
     lenslets, for the strongest of the lens types.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.psf.aperture import footprint_px
+    >>> microscope = preset("lfm_20x05")  # lenslets of 15 pixels, their own focal length from the sensor
+    >>> print(round(footprint_px(microscope), 2), "px")
+    15.0 px
     """
     if camera is None:
         return 0.0
@@ -42,6 +50,15 @@ def expected_aperture(
         Pixels ``(nt, ns)``; the aperture lies about the middle one.
     pixel_scale
         Pixels of the cutout per pixel of the sensor, rows and columns.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.psf.aperture import expected_aperture
+    >>> camera = preset("bench")  # seven straight blades
+    >>> shadow = expected_aperture(camera, camera.depth_of(3.0), cutout=(55, 55))
+    >>> print(shadow.describe())
+    7 blades, centre (27.0, 27.0) px, diameter 21.7 px, rotated 11.5°, curvature 0.00
     """
     optics, pixel = camera.optics, camera.sensor.pixel_um / math.sqrt(math.prod(pixel_scale))
     try:

@@ -28,6 +28,13 @@ class FNumber:
         Image shift at which the fitted shadow vanishes: 0 for true depths (µm).
     residual_px
         Root mean square of the diameters about the line (pixels).
+
+    Examples
+    --------
+    >>> from lfcal.psf.aperture import FNumber, working_f_number
+    >>> found: FNumber = working_f_number([10.2, 19.9, 30.1], [264, 528, 792], pixel_um=5.5)
+    >>> print(f"N = {found.value:.2f} ± {found.standard_error:.2f}, scatter {found.residual_px:.2f} px")
+    N = 4.82 ± 0.07, scatter 0.12 px
     """
 
     value: float
@@ -60,6 +67,14 @@ def working_f_number(
     ------
     InputError
         If there are fewer than two different depths, or lengths differ, or a value is not finite.
+
+    Examples
+    --------
+    >>> from lfcal.psf.aperture import working_f_number
+    >>> # 264 µm behind the lenslets a shadow of 10 pixels: N = 264 / (10 x 5.5)
+    >>> found = working_f_number([10, 20, 10], [264, 528, -264], pixel_um=5.5)
+    >>> print(f"N = {found.value:.3f}")
+    N = 4.800
     """
     a = np.asarray(image_shifts_um, float).ravel()
     d = np.asarray(diameters_px, float).ravel() * pixel_um
@@ -98,4 +113,4 @@ def working_f_number(
         share = weight**2 * away / float((weight**2 * away**2).sum())
         stated = math.sqrt(float((share**2 * own**2).sum())) / slope**2
         error = stated if math.isnan(error) else max(error, stated)
-    return FNumber(1.0 / abs(slope), error, -constant / slope, rms / pixel_um)
+    return FNumber(float(1.0 / abs(slope)), float(error), float(-constant / slope), float(rms / pixel_um))

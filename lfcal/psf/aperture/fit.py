@@ -50,6 +50,18 @@ def fit_aperture(depth_sum: ArrayLike, *, footprint_px: float = 0.0) -> Aperture
     ------
     InputError
         If it is not a 2-D image.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import open_psf
+    >>> from lfcal.psf.aperture import fit_aperture
+    >>> with open_psf("H.h5") as H:
+    ...     iris = fit_aperture(H.depth_sum(1))
+    >>> print(iris.blades, "blades,", round(iris.diameter_px), "px,", round(iris.rotation_rad, 1), "rad")
+    7 blades, 32 px, 0.2 rad
+    >>> fit_aperture(np.zeros((31, 31))).reason
+    'no lit patch stands out of the noise'
     """
     return plane_verdict(depth_sum, footprint_px=footprint_px)[0]
 

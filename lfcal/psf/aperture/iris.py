@@ -47,6 +47,15 @@ class Iris:
         By how much its chi-square lies below that of any other count, and of a circle.
     worst
         Largest difference of a plane's curvature from the mean, in units of its error.
+
+    Examples
+    --------
+    >>> from lfcal.psf import open_psf
+    >>> from lfcal.psf.aperture import Iris, joint_iris
+    >>> with open_psf("H.h5") as H:
+    ...     iris: Iris | None = joint_iris([H.aperture(1)], [False])
+    >>> print(iris.blades, iris.confident, iris.describe())
+    7 True 7 blades, rotated 11.5°, curvature ..., from 1 plane
     """
 
     blades: int
@@ -86,6 +95,15 @@ def joint_iris(apertures: Sequence[Aperture], inverted: Sequence[bool | None]) -
         What each plane shows.
     inverted
         Whether each plane shows the iris upside down, as the two sides of the native plane do; None where not known.
+
+    Examples
+    --------
+    >>> from lfcal.psf import open_psf
+    >>> from lfcal.psf.aperture import joint_iris
+    >>> with open_psf("H.h5") as H:  # both planes on the same side of the native one
+    ...     iris = joint_iris([H.aperture(0), H.aperture(1)], [False, False])
+    >>> print(iris.blades, "blades,", round(iris.rotation_rad, 1), "rad, from", iris.planes, "planes")
+    7 blades, 0.2 rad, from 2 planes
     """
     # the same evidence on either side
     chosen = [

@@ -189,6 +189,15 @@ class Aperture:
         Amplitude of the strongest wave that was taken out, relative to the light, and its pitch (pixels).
     counts
         What the plane says of each regular iris, best first; empty where none was tried.
+
+    Examples
+    --------
+    >>> from lfcal.psf.aperture import Aperture
+    >>> hexagon = Aperture(6, (40.0, 40.0), 0.0, apothem_px=30.0, area_px2=3117.7, confident=True, kind="polygon")
+    >>> print(hexagon.describe())
+    6 blades, centre (40.0, 40.0) px, diameter 63.0 px, rotated 0.0°, curvature 0.00
+    >>> hexagon.vertices()[0].round(2).tolist()  # 30 / cos 30° = 34.64 to the right
+    [40.0, 74.64]
     """
 
     blades: int

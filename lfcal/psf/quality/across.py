@@ -48,6 +48,19 @@ class MatrixMeasures:
         Earlier plane that each plane is a copy of ``(nz,)``; -1 where it is none.
     shadows_px
         Diameter of the iris's shadow on the sensor ``(nz,)`` (pixels); NaN where not known.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import PSFMatrix
+    >>> from lfcal.psf.quality import MatrixMeasures, Reading
+    >>> def loss(found: MatrixMeasures) -> list[Reading]:  # as `of_matrix` of a metric of one's own
+    ...     energy = found.energy[~found.dark]
+    ...     return [Reading(float(100 * (1 - energy.min() / energy.max())))]
+    >>> H, dark = PSFMatrix(np.ones((3, 2, 2, 5, 5))), np.array([False, False, True])
+    >>> found = MatrixMeasures(H, (), np.array([100.0, 75.0, 0.0]), dark, np.full(3, -1), np.full(3, np.nan))
+    >>> print(loss(found)[0].value, "%")
+    25.0 %
     """
 
     matrix: PSFMatrix

@@ -48,7 +48,16 @@ class InspectedPlane:
 def inspect(
     matrix: PSFMatrix | ArrayLike, *, controls: Controls | None = None, workers: int | None = None
 ) -> QualityReport:
-    """Return the quality of H: see `iter_inspect`."""
+    """Return the quality of H: see `iter_inspect`.
+
+    Examples
+    --------
+    >>> from lfcal.psf import inspect, open_psf
+    >>> with open_psf("H.h5") as H:
+    ...     quality = inspect(H)
+    >>> print(quality.merit, quality["missing"].text, quality.iris.blades, "blades")
+    good 0 frames 7 blades
+    """
     return drain(iter_inspect(matrix, controls=controls, workers=workers))
 
 
@@ -72,6 +81,14 @@ def iter_inspect(
     ------
     InputError
         If H holds complex numbers.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.progress import drain
+    >>> from lfcal.psf import PSFMatrix, iter_inspect
+    >>> drain(iter_inspect(PSFMatrix(np.zeros((2, 3, 3, 9, 9))))).verdict
+    'This PSF should not be used as it is: dark planes.'
     """
     start = time.perf_counter()
     H = straight(matrix)

@@ -129,6 +129,16 @@ class PlaneMeasures:
         Seam and odd frames; None where the scan ran in another order, and its neighbours are none.
     sample
         Some of the patterns, dark pixels removed, to hold against other planes.
+
+    Examples
+    --------
+    >>> from types import SimpleNamespace
+    >>> from lfcal.psf.quality import PlaneMeasures, Reading
+    >>> def contrast(plane: PlaneMeasures) -> Reading:  # as `of_plane` of a metric of one's own
+    ...     return Reading(plane.energy / plane.dark.noise, detail=f"plane {plane.about.z}")
+    >>> tried = contrast(SimpleNamespace(energy=600.0, dark=SimpleNamespace(noise=2.0), about=SimpleNamespace(z=1)))
+    >>> print(tried.value, tried.detail)
+    300.0 plane 1
     """
 
     about: PlaneContext

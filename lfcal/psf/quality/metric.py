@@ -37,6 +37,15 @@ class Reading:
         Positions it names, flags ``(ny, nx)``, or None.
     detail
         What was found, in words; may be empty.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf.quality import UNKNOWN, Reading
+    >>> weak = np.array([[False, True], [False, False]])
+    >>> found = Reading(float(weak.sum()), positions=weak, detail="one dim frame")
+    >>> print(found.value, found.detail, UNKNOWN.value)
+    1.0 one dim frame nan
     """
 
     value: float = math.nan
@@ -51,7 +60,15 @@ UNKNOWN = Reading()
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Up to ``good`` a value is good, beyond ``bad`` it is bad, fair between; reversed where higher is better."""
+    """Up to ``good`` a value is good, beyond ``bad`` it is bad, fair between; reversed where higher is better.
+
+    Examples
+    --------
+    >>> from lfcal.psf.quality import Limits
+    >>> limits = Limits(good=1.0, bad=3.0)
+    >>> [limits.merit(value) for value in (0.5, 2.0, 4.0, float("nan"))]
+    ['good', 'fair', 'bad', 'unknown']
+    """
 
     good: float
     bad: float
@@ -85,6 +102,13 @@ class CostModel:
         Cost it cannot exceed.
     per_frame
         The value counts frames: the cost grows with the root of their share and is ``at_bad`` where all are.
+
+    Examples
+    --------
+    >>> from lfcal.psf.quality import CostModel, Limits
+    >>> cost, limits = CostModel(at_bad=0.1, worst=0.5), Limits(good=1.0, bad=2.0)
+    >>> [cost.of(value, limits) for value in (0.5, 2.0, 4.0, 100.0)]  # in proportion, 0.5 at most
+    [0.0, 0.1, 0.2, 0.5]
     """
 
     at_bad: float
@@ -139,6 +163,21 @@ class MetricSpec:
         Whether the positions it names should be recorded again.
     verdict_detail
         Whether the verdict says what was found instead of the title.
+
+    Examples
+    --------
+    >>> from lfcal.psf.quality import CostModel, Limits, MetricSpec, Reading
+    >>> spec = MetricSpec(
+    ...     key="energy",
+    ...     title="Light",
+    ...     meaning="Median energy of a pattern.",
+    ...     advice="Expose for longer.",
+    ...     limits=Limits(1000, 100, higher_is_better=True),
+    ...     cost=CostModel(at_bad=0.1, worst=0.5),
+    ...     of_plane=lambda plane: Reading(plane.energy),
+    ... )
+    >>> print(spec.name, spec.limits.merit(500), spec.cost.of(50, spec.limits))  # half of the limit: twice the cost
+    energy fair 0.2
     """
 
     key: str
@@ -195,6 +234,16 @@ class Metric:
         Positions it names, ``(n, 3)`` as (z, y, x).
     detail
         What was found, in words; may be empty.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import PSFMatrix, inspect
+    >>> from lfcal.psf.quality import Metric
+    >>> H = PSFMatrix(np.ones((1, 2, 2, 9, 9)), recorded=[[[1, 0], [1, 1]]])
+    >>> missing: Metric = inspect(H)["missing"]
+    >>> print(missing.text, missing.merit, missing.positions.tolist())
+    1 frames bad [[0, 0, 1]]
     """
 
     spec: MetricSpec

@@ -35,6 +35,15 @@ class Periodicity:
         That position less the nominal one (y, x), ``(n, 2)`` (pixels).
     period
         Period (y, x) that would put it there, ``(n, 2)`` (pixels); NaN along an axis the frame is no period away.
+
+    Examples
+    --------
+    >>> from lfcal.psf import open_psf
+    >>> from lfcal.psf.quality import Periodicity, periodicity
+    >>> with open_psf("H.h5") as H:  # a period of 33 pixels to the right stands what is at x = 6, not 5
+    ...     found: Periodicity = periodicity([H[0, 3, 6]], [(3, 5 + 33)], H.plane(0))
+    >>> print(found.shift.round().tolist(), round(found.fitting_period[1]), "px would fit")
+    [[0.0, 1.0]] 32 px would fit
     """
 
     positions: NDArray[np.float64]
@@ -79,6 +88,15 @@ def periodicity(
     ------
     InputError
         If shapes do not fit each other.
+
+    Examples
+    --------
+    >>> from lfcal.psf import open_psf
+    >>> from lfcal.psf.quality import periodicity
+    >>> with open_psf("H.h5") as H:  # the same pattern a period of 33 pixels to the right
+    ...     found = periodicity([H[0, 3, 5]], [(3, 5 + 33)], H.plane(0))
+    >>> print(found.away.tolist(), found.difference.round(3).tolist())
+    [[0, 1]] [0.0]
     """
     frames, places = np.asarray(control_frames, np.float64), np.asarray(positions, np.float64)
     if frames.ndim != 3 or frames.shape[1:] != plane.shape[2:] or places.shape != (len(frames), 2):

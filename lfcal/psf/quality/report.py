@@ -42,6 +42,17 @@ class QualityReport:
         What the control frames of each plane said, where there were some.
     seconds
         Time it took.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import PSFMatrix, QualityReport, inspect
+    >>> H = np.zeros((1, 3, 3, 9, 9))
+    >>> H[..., 3:6, 3:6] = np.arange(100, 109).reshape(1, 3, 3, 1, 1)
+    >>> H[0, 0, 1] = 0  # a frame without light
+    >>> quality: QualityReport = inspect(PSFMatrix(H))
+    >>> print(quality.merit, quality.redo())
+    bad [((0, 0, 1), 'missing frames')]
     """
 
     shape: tuple[int, int, int, int, int]

@@ -37,7 +37,16 @@ def report(
     controls: Controls | None = None,
     workers: int | None = None,
 ) -> Path:
-    """Write the quality report of H and return its page: see `iter_report`."""
+    """Write the quality report of H and return its page: see `iter_report`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import PSFMatrix, report
+    >>> page = report(PSFMatrix(np.ones((1, 3, 3, 9, 9))), "quality")
+    >>> print(page.name, "redo.json" in {file.name for file in page.parent.iterdir()})
+    index.html True
+    """
     work = iter_report(matrix, folder, reference=reference, quality=quality, controls=controls, workers=workers)
     return drain(work)
 
@@ -79,6 +88,16 @@ def iter_report(
         If ``quality`` or ``reference`` is of another shape.
     StorageError
         If the folder cannot be written to.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import PSFMatrix, iter_report
+    >>> work = iter_report(PSFMatrix(np.ones((2, 3, 3, 9, 9))), "quality")
+    >>> step = next(work)
+    >>> print(step.stage, step.count)
+    inspecting planes 0 of 12
+    >>> work.close()  # cancelled: nothing is written
     """
     target = Path(folder)
     if target.exists() and not target.is_dir():
@@ -118,13 +137,34 @@ def iter_report(
 
 
 def report_files(folder: Path) -> list[Path]:
-    """Return what a report in ``folder`` consists of: page, lists, and every picture that it may have."""
+    """Return what a report in ``folder`` consists of: page, lists, and every picture that it may have.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lfcal.psf.report import report_files
+    >>> [file.name for file in report_files(Path("quality"))[:4]]
+    ['index.html', 'report.pdf', 'quality.json', 'redo.json']
+    """
     maps = sorted(p.name for p in folder.glob("map_*.png"))
     return [folder / name for name in (PAGE, PAPER, "quality.json", "redo.json", *PICTURES, *maps)]
 
 
 def redo_list(quality: QualityReport, beside: Beside | None = None) -> dict[str, Any]:
-    """Return the positions to record again as ``lfcal acquire --redo`` takes them."""
+    """Return the positions to record again as ``lfcal acquire --redo`` takes them.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import PSFMatrix, inspect
+    >>> from lfcal.psf.report import redo_list
+    >>> H = np.zeros((1, 3, 3, 9, 9))
+    >>> H[..., 3:6, 3:6] = np.arange(100, 109).reshape(1, 3, 3, 1, 1)
+    >>> H[0, 0, 1] = 0  # a frame without light
+    >>> redo = redo_list(inspect(PSFMatrix(H)))
+    >>> print(redo["positions"], redo["reasons"])
+    [[0, 0, 1]] ['missing frames']
+    """
     redo = redo_of(quality, beside)
     return {
         "format": "lfcal-redo",

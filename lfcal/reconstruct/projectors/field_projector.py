@@ -76,6 +76,17 @@ class FieldProjector(Projector):
     ------
     InputError
         If the matrices do not belong together, lie at one place, or one is no H of a place; and as `Projector`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import PSFMatrix
+    >>> from lfcal.reconstruct import FieldProjector
+    >>> left = PSFMatrix(np.full((1, 5, 5, 3, 3), 1 / 9), anchor=(8, 0))
+    >>> right = PSFMatrix(np.full((1, 5, 5, 3, 3), 2 / 9), anchor=(8, 20))
+    >>> light = FieldProjector([left, right], (20, 25)).adjoint(np.ones((20, 25)))
+    >>> light[0, 10, [2, 12, 22]].round(3).tolist()  # at the middle of the left region, between, and of the right one
+    [1.0, 1.5, 2.0]
     """
 
     def __init__(

@@ -122,6 +122,15 @@ class ProjectionForecast:
         Bytes a projection may use.
     device
         What is taken of the device, where it is not the processor.
+
+    Examples
+    --------
+    >>> from lfcal.psf import open_psf
+    >>> from lfcal.reconstruct import ProjectionForecast, Projector
+    >>> with open_psf("H.h5") as H:
+    ...     forecast: ProjectionForecast = Projector(H, (80, 96), method="direct").forecast()
+    >>> print(f"{forecast.chosen.method}: {forecast.chosen.operand_bytes / 1e6:.1f} MB of H are kept")
+    direct: 15.2 MB of H are kept
     """
 
     chosen: Cost

@@ -85,6 +85,21 @@ class Projector:
     ------
     InputError
         If an argument does not fit, H is not finite, or no method fits into the memory.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import open_psf
+    >>> from lfcal.reconstruct import Projector
+    >>> with open_psf("H.h5") as H:
+    ...     P = Projector(H, (80, 96), method="direct")
+    ...     volume = np.zeros(P.volume_shape)
+    ...     volume[1, 40, 48] = 2.0
+    ...     image = P.forward(volume)
+    ...     print(P)
+    ...     print(f"light over that of one pattern: {image.sum() / H[1, (40 - 30) % 19, (48 - 32) % 33].sum():.3f}")
+    <Projector (2, 80, 96) -> (80, 96), period (19, 33), direct>
+    light over that of one pattern: 2.000
     """
 
     def __init__(

@@ -87,6 +87,15 @@ class SolverChoice:
     ------
     InputError
         If the solver is unknown, or would ignore a setting that is given.
+
+    Examples
+    --------
+    >>> from lfcal.reconstruct import SolverChoice
+    >>> choice = SolverChoice("rl-tv", iterations=30, strength=0.005)
+    >>> print(choice.solver.title)
+    Richardson-Lucy with total variation: less noise, edges kept
+    >>> print(SolverChoice(auto=True).name)
+    sieve
     """
 
     name: str = "sieve"
@@ -154,7 +163,19 @@ def iter_reconstruct(
     initial: ArrayLike | None = None,
     resume: SolverState | None = None,
 ) -> SolverWork:
-    """Reconstruct ``image`` as `reconstruct`, one `SolverProgress` per iteration."""
+    """Reconstruct ``image`` as `reconstruct`, one `SolverProgress` per iteration.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.reconstruct import Projector, SolverChoice, iter_reconstruct
+    >>> P = Projector(np.array([1, 2, 1]).reshape(1, 1, 1, 1, 3) / 4, (1, 7))
+    >>> for record in iter_reconstruct(P, [[0, 0, 2, 4, 2, 0, 0]], SolverChoice("cg", iterations=3)):
+    ...     print(record.stage, record.count, f"residual {record.residual:.2f}")
+    conjugate gradients 1 of 3 residual 1.00
+    conjugate gradients 2 of 3 residual 0.34
+    conjugate gradients 3 of 3 residual 0.18
+    """
     c = SolverChoice() if choice is None else choice
     for option, given in (("weights", weights), ("initial", initial), ("resume", resume)):
         check_option(c.solver, option, given)
@@ -248,5 +269,19 @@ def reconstruct(
     ------
     InputError
         If the image does not fit the projector, or the solver would ignore an argument.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import open_psf
+    >>> from lfcal.reconstruct import Projector, SolverChoice, reconstruct
+    >>> with open_psf("H.h5") as H:
+    ...     P = Projector(H, (48, 48), method="direct")
+    ...     bead = np.zeros(P.volume_shape)
+    ...     bead[1, 20, 25] = 1.0
+    ...     result = reconstruct(P, P.forward(bead), SolverChoice("rl-biggs", iterations=8))
+    >>> plane, row, column = np.unravel_index(result.volume.argmax(), result.volume.shape)
+    >>> print(f"{len(result.history)} iterations, brightest voxel in plane {plane} at {row}, {column}")
+    8 iterations, brightest voxel in plane 1 at 20, 25
     """
     return drain(iter_reconstruct(P, image, choice, weights=weights, initial=initial, resume=resume))

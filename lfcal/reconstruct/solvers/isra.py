@@ -34,7 +34,19 @@ def iter_isra(
     initial: ArrayLike | None = None,
     resume: SolverState | None = None,
 ) -> SolverWork:
-    """Deconvolve ``image`` as `isra`, one `SolverProgress` per iteration."""
+    """Deconvolve ``image`` as `isra`, one `SolverProgress` per iteration.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.reconstruct import Projector, iter_isra
+    >>> P = Projector(np.array([1, 2, 1]).reshape(1, 1, 1, 1, 3) / 4, (1, 7))
+    >>> for record in iter_isra(P, [[0, 0, 2, 4, 2, 0, 0]], 3):
+    ...     print(record.count, f"residual {record.residual:.1f}")
+    1 of 3 residual 0.8
+    2 of 3 residual 0.4
+    3 of 3 residual 0.3
+    """
     data = Measurement.of(image, dtype=P.dtype, weights=weights, saturation=saturation, background=background)
     options = EmOptions("isra", penalty, acceleration, subsets, relaxation, smoothing, tolerance)
     return iter_em(P, data, iterations, options, initial=initial, resume=resume)
@@ -61,6 +73,16 @@ def isra(
 
     ``g <- g * HT(w f) / HT(w (Hg + b))`` (Daube-Witherspoon & Muehllehner 1986). Parameters and errors as for
     `richardson_lucy`; there is no read noise, because least squares do not ask for the kind of noise.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.reconstruct import Projector, isra
+    >>> P = Projector(np.array([1, 2, 1]).reshape(1, 1, 1, 1, 3) / 4, (1, 7))
+    >>> for iterations in (5, 100):  # the image of a single voxel of 8
+    ...     print(isra(P, [[0, 0, 2, 4, 2, 0, 0]], iterations).volume[0, 0].round(1))
+    [0.  0.1 1.9 5.1 1.9 0.1 0. ]
+    [0.  0.  0.2 7.7 0.2 0.  0. ]
     """
     return drain(
         iter_isra(

@@ -39,7 +39,20 @@ def iter_conjugate_gradient(
     tolerance: float = 0.0,
     resume: SolverState | None = None,
 ) -> SolverWork:
-    """Minimise the weighted squares as `conjugate_gradient`, one `SolverProgress` per iteration."""
+    """Minimise the weighted squares as `conjugate_gradient`, one `SolverProgress` per iteration.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.reconstruct import Projector, iter_conjugate_gradient
+    >>> P = Projector(np.array([1, 2, 1]).reshape(1, 1, 1, 1, 3) / 4, (1, 7))
+    >>> for record in iter_conjugate_gradient(P, [[0, 0, 2, 4, 2, 0, 0]], 4):
+    ...     print(record.count, f"residual {record.residual:.2f}")
+    1 of 4 residual 1.00
+    2 of 4 residual 0.34
+    3 of 4 residual 0.18
+    4 of 4 residual 0.03
+    """
     data = Measurement.of(
         image, dtype=P.dtype, weights=weights, saturation=saturation, background=background, signed=True
     )
@@ -105,6 +118,15 @@ def conjugate_gradient(
     ------
     InputError
         If the image does not fit the projector or an argument is out of range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.reconstruct import Projector, conjugate_gradient
+    >>> P = Projector(np.array([1, 2, 1]).reshape(1, 1, 1, 1, 3) / 4, (1, 7))
+    >>> result = conjugate_gradient(P, [[0, 0, 2, 4, 2, 0, 0]])  # the image of a single voxel of 8
+    >>> print(np.abs(result.volume[0, 0]).round(1))
+    [0. 0. 0. 8. 0. 0. 0.]
     """
     return drain(
         iter_conjugate_gradient(

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from lfcal.errors import InputError
 from lfcal.threads import in_order
+from lfcal.units import format_count
 
 __all__ = ["GoodnessOfFit", "Measurement", "foretold", "no_light"]
 
@@ -110,11 +111,13 @@ class Measurement:
         trust = None if weights is None else _fitting("weights", weights, data.shape, dtype)
         floor = _fitting("background", background, data.shape, dtype)
         bad = ~np.isfinite(data)
-        notes = [f"{int(bad.sum())} pixels are not finite and were left out"] if bad.any() else []
+        notes = (
+            [f"{format_count(int(bad.sum()), 'pixel is', 'pixels are')} not finite and left out"] if bad.any() else []
+        )
         if saturation is not None:
             full = np.greater_equal(data, saturation, where=~bad, out=np.zeros(data.shape, bool))
             if full.any():
-                notes.append(f"{int(full.sum())} saturated pixels were left out")
+                notes.append(f"{format_count(int(full.sum()), 'saturated pixel is', 'saturated pixels are')} left out")
             bad |= full
         if bad.any():
             trust = np.where(bad, 0, 1 if trust is None else trust).astype(dtype)

@@ -36,6 +36,14 @@ class TotalVariation:
         Strength relative to the sensitivity HT1; 0.002 is mild, 0.05 is strong.
     z_weight
         Weight of differences between planes against those within a plane.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.reconstruct import TotalVariation
+    >>> edges = np.array([[[0.0, 0.0, 1.0, 1.0, 4.0, 4.0]]])  # a high edge is pulled down no more than a low one
+    >>> print((TotalVariation(weight=1.0).gradient(edges)[0, 0].round(3) + 0).tolist())
+    [0.0, -1.0, 1.0, -1.0, 1.0, 0.0]
     """
 
     weight: float = 0.002
@@ -73,6 +81,14 @@ class Tikhonov:
         Strength relative to the sensitivity HT1 and to the volume's peak; 0.02 is mild, above 0.2 it turns unstable.
     z_weight
         Weight of differences between planes against those within a plane.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.reconstruct import Tikhonov
+    >>> edges = np.array([[[0.0, 0.0, 1.0, 1.0, 4.0, 4.0]]])  # a high edge is pulled down more than a low one
+    >>> print((Tikhonov(weight=1.0).gradient(edges)[0, 0] + 0).tolist())
+    [0.0, -0.25, 0.25, -0.75, 0.75, 0.0]
     """
 
     weight: float = 0.02

@@ -40,6 +40,17 @@ class SolverState:
         Time they took.
     arrays, numbers
         What the method remembers beside the volume.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.reconstruct import Projector, SolverState, richardson_lucy
+    >>> P = Projector(np.array([1, 2, 1]).reshape(1, 1, 1, 1, 3) / 4, (1, 7))
+    >>> image = [[0, 0, 2, 4, 2, 0, 0]]
+    >>> state: SolverState = richardson_lucy(P, image, 6).state
+    >>> resumed, at_once = richardson_lucy(P, image, 4, resume=state), richardson_lucy(P, image, 10)
+    >>> print(state.iteration, resumed.state.iteration, np.abs(resumed.volume - at_once.volume).max())
+    6 10 0.0
     """
 
     volume: NDArray[Any]
@@ -70,6 +81,17 @@ class SolverProgress(Progress):
         Standard deviation that the noise of these pixels gives to it.
     state
         The state after the iteration; None in the history a solver returns.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.reconstruct import Projector, SolverProgress, richardson_lucy
+    >>> P = Projector(np.array([1, 2, 1]).reshape(1, 1, 1, 1, 3) / 4, (1, 7))
+    >>> history: tuple[SolverProgress, ...] = richardson_lucy(P, [[0, 0, 2, 4, 2, 0, 0]], 20).history
+    >>> for record in history[::10]:
+    ...     print(f"iteration {record.iteration}: residual {record.residual:.3f}, change {record.change:.2f}")
+    iteration 1: residual 0.752, change 0.69
+    iteration 11: residual 0.036, change 0.02
     """
 
     iteration: int = 0
@@ -97,6 +119,16 @@ class Reconstruction:
         What was done to the input that one should know: masked, negative or unseen values.
     stopped
         Why it ended where it did; empty where all iterations asked for were done.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.reconstruct import Projector, Reconstruction, richardson_lucy
+    >>> P = Projector(np.array([1, 2, 1]).reshape(1, 1, 1, 1, 3) / 4, (1, 7))
+    >>> image = [[0, 0, 2, 4, 2, 0, np.nan]]
+    >>> result: Reconstruction = richardson_lucy(P, image, 50, tolerance=0.01)
+    >>> print(result.volume.shape, result.notes[0], result.stopped, sep="; ")
+    (1, 1, 7); 1 pixel is not finite and left out; changed by less than 0.01 in iteration 14
     """
 
     volume: NDArray[Any]

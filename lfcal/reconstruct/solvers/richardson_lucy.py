@@ -35,7 +35,19 @@ def iter_richardson_lucy(
     initial: ArrayLike | None = None,
     resume: SolverState | None = None,
 ) -> SolverWork:
-    """Deconvolve ``image`` as `richardson_lucy`, one `SolverProgress` per iteration."""
+    """Deconvolve ``image`` as `richardson_lucy`, one `SolverProgress` per iteration.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.reconstruct import Projector, iter_richardson_lucy
+    >>> P = Projector(np.array([1, 2, 1]).reshape(1, 1, 1, 1, 3) / 4, (1, 7))
+    >>> for record in iter_richardson_lucy(P, [[0, 0, 2, 4, 2, 0, 0]], 3):
+    ...     print(record.count, f"peak {record.state.volume.max():.2f}")
+    1 of 3 peak 3.00
+    2 of 3 peak 4.00
+    3 of 3 peak 4.76
+    """
     data = Measurement.of(
         image, dtype=P.dtype, weights=weights, saturation=saturation, background=background, read_noise=read_noise
     )
@@ -87,6 +99,19 @@ def richardson_lucy(
     ------
     InputError
         If the image does not fit the projector or an argument is out of range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import open_psf
+    >>> from lfcal.reconstruct import Projector, richardson_lucy
+    >>> with open_psf("H.h5") as H:
+    ...     P = Projector(H, (64, 64), method="direct")
+    ...     beads = np.zeros(P.volume_shape)
+    ...     beads[0, 20, 30], beads[1, 40, 45] = 1.0, 2.0
+    ...     result = richardson_lucy(P, P.forward(beads), iterations=12)
+    >>> print("beads found at", np.argwhere(result.volume > 0.3).tolist())
+    beads found at [[0, 20, 30], [1, 40, 45]]
     """
     return drain(
         iter_richardson_lucy(

@@ -78,6 +78,14 @@ class DepthSmoothing:
         Distance of independent samples for each plane (voxels); 1 or less leaves the plane alone.
     lobes
         Size of the Lanczos window; fewer ring less and blur more.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.reconstruct import DepthSmoothing
+    >>> stripes = np.tile([3.0, 0.0, 0.0], (2, 30, 10))
+    >>> DepthSmoothing([1, 4]).apply(stripes)[:, 15, 12:15].round(2).tolist()  # samples at every voxel, every 4 voxels
+    [[3.0, 0.0, 0.0], [1.0, 1.0, 1.0]]
     """
 
     widths: Sequence[float]

@@ -56,6 +56,16 @@ class SolverRun:
         Mask ``(Y, X)`` of pixels that are not fitted; `SolverProgress.left_out` tells how well they are foretold.
     measured
         What `measure` returns where it is known already.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.reconstruct import Projector, SolverRun
+    >>> P = Projector(np.full((1, 1, 1, 3, 3), 1 / 9), (4, 4))
+    >>> frame = np.full((4, 4), 20.0)
+    >>> frame[0, 0] = 4095
+    >>> print(SolverRun(10, saturation=4095).measure(P, frame).notes[0])
+    1 saturated pixel is left out
     """
 
     iterations: int
@@ -117,6 +127,19 @@ class Solver:
     settles
         Whether it keeps noise out however long it runs, by a penalty for one; a run that stops by itself then ends at
         its best estimate and not before.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.progress import drain
+    >>> from lfcal.reconstruct import Projector, Solver, SolverRun, iter_richardson_lucy
+    >>> def iterate(P, image, run):
+    ...     return iter_richardson_lucy(P, image, run.iterations, acceleration="nesterov", background=run.background)
+    >>> solver = Solver("rl-own", "Richardson-Lucy with our settings", iterate, honours=frozenset({"background"}))
+    >>> P = Projector(np.full((1, 1, 1, 3, 3), 1 / 9), (16, 16))
+    >>> result = drain(solver.iterate(P, np.full((16, 16), 12.0), SolverRun(5, background=2.0)))
+    >>> print(f"{solver.name}: {result.volume[0, 8, 8]:.1f} counts above the background")
+    rl-own: 10.0 counts above the background
     """
 
     name: str

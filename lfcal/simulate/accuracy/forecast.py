@@ -44,6 +44,16 @@ def predict_seconds(
     """Return the CPU-seconds that `simulate_psf` will take, from a short run of its own engine.
 
     The plane that takes longest is measured; the others follow from the cost estimated from their description.
+
+    Examples
+    --------
+    >>> from math import ceil
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.simulate import predict_seconds
+    >>> camera = preset("bench")
+    >>> plan = ScanPlan.for_camera(camera, virtual_depths=[3.0])
+    >>> print(f"{ceil(predict_seconds(plan, (), 'geometric') / 60)} min of processor time at most")
+    1 min of processor time at most
     """
     budget = budgeted(effects, plan, tolerance)
     z = max(range(plan.shape[0]), key=lambda k: _expected(plan, k, budget, level))

@@ -71,6 +71,18 @@ def predict_bytes(
         As in `simulate_psf`.
     to_file
         Whether H goes to a file: one plane of it is in memory then.
+
+    Examples
+    --------
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.simulate import predict_bytes
+    >>> camera = preset("bench")
+    >>> plan = ScanPlan.for_camera(camera, virtual_depths=[3.0, 4.0, 5.0, 6.0])
+    >>> for to_file in (False, True):
+    ...     need = predict_bytes(plan, (), to_file=to_file, workers=1) / 2**20
+    ...     print(f"{need:.0f} MiB with H in", "a file" if to_file else "memory")
+    75 MiB with H in memory
+    49 MiB with H in a file
     """
     budget = budgeted(effects, plan, tolerance)
     nz, *rest = plan.shape

@@ -48,6 +48,16 @@ class PlannedEffect:
         The same in a word or two, for a column of a table.
     seconds
         What it adds, or would add, to the time of the whole plan (CPU-seconds on this machine).
+
+    Examples
+    --------
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.simulate import PlannedEffect, plan_effects
+    >>> camera = preset("bench")
+    >>> plan = ScanPlan(camera, (3, 5), cutout=(41, 41), depths_um=(camera.depth_of(4.0),), anchor=(160, 160))
+    >>> row: PlannedEffect = plan_effects(camera, plan).row("bandwidth")
+    >>> print(row.on, row.brief, row.reason, sep="; ")
+    False; small; 0.0364 relative: 0.47 % of the image, within the 1.5 % that may be left out
     """
 
     effect: Effect
@@ -91,6 +101,16 @@ class EffectSelection:
     left_out
         For each plane, the sum of the estimates of the effects that are left out (relative L1), at most half the
         tolerance.
+
+    Examples
+    --------
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.simulate import EffectSelection, plan_effects
+    >>> camera = preset("bench")
+    >>> plan = ScanPlan(camera, (3, 5), cutout=(41, 41), depths_um=(camera.depth_of(4.0),), anchor=(160, 160))
+    >>> found: EffectSelection = plan_effects(camera, plan, overrides={"iris_shape": "off"})
+    >>> print(found.level, f"{found.left_out[0]:.2%} left out", found.row("iris_shape").brief, sep="; ")
+    wave; 0.47% left out; switched off
     """
 
     rows: tuple[PlannedEffect, ...]
@@ -166,6 +186,17 @@ def plan_effects(
     ------
     InputError
         For an unknown name or setting, a tolerance out of range, or a plan of another camera.
+
+    Examples
+    --------
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.simulate import plan_effects
+    >>> camera = preset("bench")
+    >>> plan = ScanPlan(camera, (3, 5), cutout=(41, 41), depths_um=(camera.depth_of(4.0),), anchor=(160, 160))
+    >>> found = plan_effects(camera, plan, tolerance=0.03)
+    >>> [effect.name for effect in found], found.level
+    (['lens_types', 'lenslet_diffraction', 'iris_diffraction', 'iris_shape', 'telecentricity', 'exact_angles'],
+    'wave')
     """
     check_number("tolerance", tolerance, above=0, at_most=4, remedy="0.03 is usual")
     planes = _outlooks(camera, region, peak)

@@ -166,7 +166,16 @@ def check_effect(kind: type[Effect]) -> None:
 
 
 def find_effects() -> Registry[type[Effect]]:
-    """Return every kind of effect by name, in the order of the light's way; those of other distributions included."""
+    """Return every kind of effect by name, in the order of the light's way; those of other distributions included.
+
+    Examples
+    --------
+    >>> from lfcal.simulate.effects import find_effects
+    >>> kinds = find_effects()
+    >>> Coma = kinds.get("coma")
+    >>> print(Coma.title, Coma(waves=0.5), sep=": ")
+    coma: Coma(waves=0.5, angle_rad=0.0)
+    """
     places = list(ActsOn)
     return Registry(
         "effect",
@@ -183,5 +192,13 @@ CATALOGUE = find_effects()
 
 
 def catalogue() -> tuple[Effect, ...]:
-    """Return one of every effect: known ones as the camera describes them, deviations at a typical size."""
+    """Return one of every effect: known ones as the camera describes them, deviations at a typical size.
+
+    Examples
+    --------
+    >>> from lfcal.simulate.effects import catalogue
+    >>> effects = {effect.name: effect for effect in catalogue()}
+    >>> effects["lenslet_gap"], effects["read_noise"]  # a typical error; what the camera says
+    (LensletGap(error_um=5.0), ReadNoise(rms_e=None))
+    """
     return tuple(kind() for kind in CATALOGUE)

@@ -59,6 +59,12 @@ class Spherical(_Aberration):
     ----------
     waves
         W040 at the rim of the pupil (wavelengths).
+
+    Examples
+    --------
+    >>> from lfcal.simulate.effects import Spherical
+    >>> [(n, m, round(waves, 3)) for n, m, waves in Spherical(0.6).terms_of()]  # rho^4 is (R40 + 3 R20 + 2)/6
+    [(4, 0, 0.1), (2, 0, 0.3), (0, 0, 0.2)]
     """
 
     waves: float = 0.25
@@ -89,6 +95,12 @@ class Coma(_Aberration):
         W131 at the rim of the pupil for the region that is simulated (wavelengths).
     angle_rad
         Direction of the field point from +x towards +y (rad).
+
+    Examples
+    --------
+    >>> from lfcal.simulate.effects import Coma
+    >>> [(n, m, round(waves, 3)) for n, m, waves in Coma(0.3).terms_of() if waves]  # rho^3 cos is (R31 + 2 R11)/3
+    [(3, 1, 0.1), (1, 1, 0.2)]
     """
 
     waves: float = 0.25
@@ -118,6 +130,16 @@ class Zernike(_Aberration):
     ----------
     terms
         ``(n, m, waves)``: R_n^|m|(rho) cos(m theta), sin for m < 0; value ``waves`` at the rim.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import Outlook, Zernike
+    >>> camera = preset("r29")
+    >>> plane = Outlook(camera, camera.depth_of(4.0), cutout=(127, 127), period=(55, 95))
+    >>> astigmatism = Zernike(((2, 2, 0.5),))
+    >>> round(astigmatism.estimate(plane).size, 3)  # 0.5/sqrt(6) waves rms
+    0.204
     """
 
     terms: Wavefront = ()
@@ -165,6 +187,13 @@ class FieldAberrations(SceneEffect):
         R_4^0 there beyond that on the axis.
     radius_um
         Distance from the axis on the sensor at which these hold (µm).
+
+    Examples
+    --------
+    >>> from lfcal.simulate.effects import FieldAberrations
+    >>> effect = FieldAberrations(coma=0.1, astigmatism=0.1, radius_um=10e3)
+    >>> effect.terms_at((0.0, 5e3))  # half-way out half the coma, a quarter of the astigmatism (waves)
+    ((2, 2, 0.025), (3, 1, 0.05))
     """
 
     coma: float = 0.1

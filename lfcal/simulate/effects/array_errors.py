@@ -21,6 +21,16 @@ class Telecentricity(SceneEffect):
     """The main lens at a finite distance: micro-images are farther apart than lenslets, by 1 + B/b.
 
     Without it the pupil lies at infinity and the micro-images have the lenslets' own pitch.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import Outlook, Telecentricity
+    >>> camera = preset("r29")
+    >>> plane = Outlook(camera, camera.depth_of(4.0), cutout=(127, 127), period=(55, 95))
+    >>> found = Telecentricity().estimate(plane)
+    >>> print(f"the period grows by {found.size:.2f} {found.unit}; left out: {found.error:.0%} of the image")
+    the period grows by 0.33 px; left out: 20% of the image
     """
 
     name: ClassVar[str] = "telecentricity"
@@ -53,6 +63,16 @@ class LensletGap(SceneEffect):
     ----------
     error_um
         True gap minus described gap (µm).
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import LensletGap, Outlook
+    >>> camera = preset("r29")
+    >>> plane = Outlook(camera, camera.depth_of(4.0), cutout=(127, 127), period=(55, 95))
+    >>> found = LensletGap(error_um=5.5).estimate(plane)
+    >>> print(f"{found.size:.2f} {found.unit} at the rim of f/5")
+    0.10 px at the rim of f/5
     """
 
     error_um: float = 5.0
@@ -82,6 +102,16 @@ class ArrayRotation(SceneEffect):
     ----------
     angle_rad
         Turn from +x towards +y (rad).
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import ArrayRotation, Outlook
+    >>> camera = preset("r29")
+    >>> plane = Outlook(camera, camera.depth_of(4.0), cutout=(127, 127), period=(55, 95))
+    >>> found = ArrayRotation(angle_rad=1e-3).estimate(plane)
+    >>> print(f"{found.size:.3f} {found.unit} at {plane.field_rms_px:.0f} px from the middle")
+    0.055 px at 55 px from the middle
     """
 
     angle_rad: float = math.radians(0.05)
@@ -112,6 +142,16 @@ class PitchError(SceneEffect):
     ----------
     relative
         True pitch over described pitch, minus 1.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import Outlook, PitchError
+    >>> camera = preset("r29")
+    >>> plane = Outlook(camera, camera.depth_of(4.0), cutout=(127, 127), period=(55, 95))
+    >>> found = PitchError(1e-3).estimate(plane)
+    >>> print(f"{found.size:.3f} {found.unit} at {plane.field_rms_px:.0f} px from the middle")
+    0.055 px at 55 px from the middle
     """
 
     relative: float = 1e-4
@@ -149,6 +189,15 @@ class ArrayTilt(SceneEffect):
     ----------
     rows_rad, columns_rad
         Growth of the gap per length down the rows and along the columns (rad).
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import ArrayTilt, Outlook
+    >>> camera = preset("r29")
+    >>> plane = Outlook(camera, camera.depth_of(4.0), (127, 127), (55, 95), field_um=(0.0, 5e3))
+    >>> ArrayTilt(columns_rad=1e-3).farther_um(plane)  # µm, at 5 mm from the axis
+    5.0
     """
 
     rows_rad: float = 0.0

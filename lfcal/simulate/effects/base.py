@@ -68,6 +68,14 @@ class EngineSeconds:
         Of the wave engine, or the Debye path of a microscope.
     fringes
         Of one table of the main iris's fringes, a large Fourier transform.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import EngineSeconds, LensletDiffraction, Outlook
+    >>> plane = Outlook(preset("r29"), -52e3, cutout=(127, 127), period=(55, 95))
+    >>> LensletDiffraction().seconds(plane, EngineSeconds(rays=1.0, waves=30.0, fringes=2.0))  # waves less rays
+    29.0
     """
 
     rays: float
@@ -93,6 +101,15 @@ class Estimate:
         Whether ``error`` is an upper bound (within a factor of 4) and not an estimate (within 2).
     measured
         Whether ``error`` comes from running the effect and not from the formula.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import Estimate, LensletDiffraction, Outlook
+    >>> plane = Outlook(preset("r29"), -52e3, cutout=(127, 127), period=(55, 95))
+    >>> found: Estimate = LensletDiffraction().estimate(plane)
+    >>> print(f"{found.size:.2f} {found.unit}, {found.error:.0%} of the image: {found.formula}")
+    0.62 px, 47% of the image: 1.22 lambda B/d; 0.65/(1 + N_F)^(1/3) per type
     """
 
     size: float
@@ -115,6 +132,16 @@ class LightSample:
         Vacuum wavelength (µm).
     weight
         Share of the light; the weights of an effect sum to 1.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import Bandwidth, LightSample, Outlook
+    >>> camera = preset("bench")
+    >>> plane = Outlook(camera, camera.depth_of(4.0), cutout=(61, 61), period=(19, 33))
+    >>> point = LightSample(rows=0.0, columns=0.0, wavelength_um=0.55, weight=1.0)
+    >>> [(round(s.wavelength_um, 4), round(s.weight, 3)) for s in Bandwidth(0.02).spread((point,), plane)]
+    [(0.5414, 0.174), (0.5466, 0.326), (0.5534, 0.326), (0.5586, 0.174)]
     """
 
     rows: float
@@ -145,6 +172,16 @@ class SensorStrip:
     light_e
         Light of the whole frame ``(rows, columns)`` before any effect (electrons): for what comes from elsewhere in it.
         Read only.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import DarkCurrent, SensorStrip
+    >>> camera, rng, dark = preset("bench"), np.random.default_rng(0), np.zeros((320, 320), np.float32)
+    >>> view = SensorStrip(camera, 2.0, row=0, total_e=0.0, rng=rng, pattern=lambda name: dark[:128], light_e=dark)
+    >>> print(DarkCurrent(3.0).on_frame(dark[:128].copy(), view).max())  # 2 s of 3 e-/s
+    6.0
     """
 
     camera: Camera
@@ -171,6 +208,14 @@ class Effect(ABC):
     """An effect; subclasses are frozen dataclasses whose fields are magnitudes (None: from the camera).
 
     Every field has a default: an effect made without arguments is what the catalogue shows.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import Effect, ReadNoise
+    >>> noise: Effect = ReadNoise()
+    >>> noise.magnitude("rms_e", preset("r29")), ReadNoise(2.5).magnitude("rms_e", preset("r29"))  # electrons
+    (12.0, 2.5)
     """
 
     __slots__ = ()
@@ -251,7 +296,15 @@ class Effect(ABC):
 
 
 class SceneEffect(Effect):
-    """An effect that only describes the optics more fully."""
+    """An effect that only describes the optics more fully.
+
+    Examples
+    --------
+    >>> from lfcal.simulate.effects import SceneEffect, catalogue
+    >>> scene_effects = [effect for effect in catalogue() if isinstance(effect, SceneEffect)]
+    >>> print(*(effect.name for effect in scene_effects if effect.needs_waves))  # rays do not show these
+    lenslet_diffraction lenslet_spherical vectorial spherical coma zernike field_aberrations
+    """
 
     __slots__ = ()
     acts_on: ClassVar[ActsOn] = ActsOn.SCENE
@@ -262,7 +315,14 @@ class SceneEffect(Effect):
 
 
 class LightEffect(Effect):
-    """An effect that spreads the light over source points or wavelengths."""
+    """An effect that spreads the light over source points or wavelengths.
+
+    Examples
+    --------
+    >>> from lfcal.simulate.effects import LightEffect, catalogue
+    >>> print(*(effect.name for effect in catalogue() if isinstance(effect, LightEffect)))
+    finite_source bandwidth
+    """
 
     __slots__ = ()
     acts_on: ClassVar[ActsOn] = ActsOn.LIGHT
@@ -281,7 +341,16 @@ class LightEffect(Effect):
 
 
 class PsfEffect(Effect):
-    """An effect that filters the pixels of each response."""
+    """An effect that filters the pixels of each response.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import Crosstalk, PsfEffect
+    >>> effect: PsfEffect = Crosstalk(0.01)
+    >>> print(f"{effect.kernel(preset('r29'))[1, 1]:.2f} of the light stays")  # (1 - 2 x)²
+    0.96 of the light stays
+    """
 
     __slots__ = ()
     acts_on: ClassVar[ActsOn] = ActsOn.RESPONSE
@@ -297,7 +366,14 @@ class PsfEffect(Effect):
 
 
 class MotionEffect(Effect):
-    """An effect that displaces the source from where the plan says it is."""
+    """An effect that displaces the source from where the plan says it is.
+
+    Examples
+    --------
+    >>> from lfcal.simulate.effects import MotionEffect, catalogue
+    >>> print(*(effect.name for effect in catalogue() if isinstance(effect, MotionEffect)))
+    stage_error backlash drift depth_error
+    """
 
     __slots__ = ()
     acts_on: ClassVar[ActsOn] = ActsOn.MOTION
@@ -314,7 +390,15 @@ class MotionEffect(Effect):
 
 
 class FrameEffect(Effect):
-    """An effect on the sensor frame."""
+    """An effect on the sensor frame.
+
+    Examples
+    --------
+    >>> from lfcal.simulate.effects import FrameEffect, catalogue
+    >>> print(*(effect.name for effect in catalogue() if isinstance(effect, FrameEffect)))
+    cos4 ghost stray_light colour_filter fixed_pattern dark_current shot_noise saturation nonlinearity read_noise
+    quantisation
+    """
 
     __slots__ = ()
     acts_on: ClassVar[ActsOn] = ActsOn.FRAME

@@ -64,6 +64,15 @@ class ChromaticFocus(_Chromatic):
         Shift of the image away from the main lens per wavelength (µm per µm); the design wavelength's stays.
     width_um
         Full width of the spectrum (µm); None takes the camera's.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import ChromaticFocus, Outlook
+    >>> camera = preset("r29")
+    >>> plane = Outlook(camera, camera.depth_of(4.0), cutout=(127, 127), period=(55, 95))
+    >>> ChromaticFocus(rate=500.0, width_um=0.1).estimate(plane).size  # µm between both ends of the spectrum
+    50.0
     """
 
     rate: float = 500.0
@@ -111,6 +120,16 @@ class LensletDispersion(_Chromatic):
         Abbe number (n_d - 1)/(n_F - n_C).
     width_um
         Full width of the spectrum (µm); None takes the camera's.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import LensletDispersion, Outlook
+    >>> camera = preset("r29")
+    >>> plane = Outlook(camera, camera.depth_of(4.0), cutout=(127, 127), period=(55, 95))
+    >>> found = LensletDispersion(abbe=55.0, width_um=0.1).estimate(plane)
+    >>> print(f"{found.size:.2%} {found.unit} over 0.1 µm of the spectrum")
+    1.14% of f over 0.1 µm of the spectrum
     """
 
     abbe: float = 55.0

@@ -23,6 +23,19 @@ class SensorNonlinearity(FrameEffect):
     ----------
     share
         What is missing at full well, q; negative: too much. It stays the same beyond, where the well may overflow.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate import expose
+    >>> from lfcal.simulate.effects import SensorNonlinearity
+    >>> camera = preset("bench")
+    >>> full = np.full(camera.sensor.shape, camera.sensor.full_well_e, np.float32)
+    >>> bent, straight = (expose(full, camera, some, exposure_s=0.02) for some in ([SensorNonlinearity(0.02)], []))
+    >>> black = camera.sensor.black_level
+    >>> round(float((bent[0, 0] - black) / (straight[0, 0] - black)), 3)
+    0.98
     """
 
     share: float = 0.02
@@ -67,6 +80,19 @@ class Ghost(FrameEffect):
         Size of the ghost over that of the image.
     rows_um, columns_um
         Place of the ghost of a point on the axis (µm).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate import expose
+    >>> from lfcal.simulate.effects import Ghost
+    >>> camera = preset("bench")
+    >>> light = np.zeros(camera.sensor.shape, np.float32)
+    >>> light[100, 50] = 10e3
+    >>> frame = expose(light, camera, [Ghost(0.01)], exposure_s=0.02)
+    >>> np.argwhere(frame > 70).tolist()  # mirrored about the middle of 320 x 320 pixels
+    [[100, 50], [219, 269]]
     """
 
     share: float = 0.005

@@ -20,7 +20,16 @@ __all__ = ["CosFourth", "MechanicalVignetting"]
 
 @dataclass(frozen=True, slots=True)
 class CosFourth(FrameEffect):
-    """Natural fall-off of light with the fourth power of the field angle's cosine, 1 on the axis."""
+    """Natural fall-off of light with the fourth power of the field angle's cosine, 1 on the axis.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import CosFourth
+    >>> corner = CosFourth().gain(preset("r29"), row=0, rows=1)[0, 0]
+    >>> round(float(corner), 3)  # of the light on the axis
+    0.985
+    """
 
     name: ClassVar[str] = "cos4"
     title: ClassVar[str] = "cos^4 fall-off"
@@ -62,6 +71,16 @@ class MechanicalVignetting(SceneEffect):
         Distance from the pupil to the rim along the axis (µm).
     radius
         Radius of the rim over that of the pupil, both as seen from the sensor.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import MechanicalVignetting, Outlook
+    >>> camera = preset("r29")
+    >>> plane = Outlook(camera, camera.depth_of(4.0), (127, 127), (55, 95), field_um=(0.0, 10e3))
+    >>> found = MechanicalVignetting(distance_um=100e3, radius=1.0).estimate(plane)
+    >>> print(f"rim {found.size:.2f} {found.unit} aside: light lost over light left {found.error:.0%}")
+    rim 0.16 pupil radii aside: light lost over light left 11%
     """
 
     distance_um: float = 30e3

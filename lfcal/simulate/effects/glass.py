@@ -28,6 +28,12 @@ class CoverGlass(SceneEffect):
     in_gap
         Share of t (1 - 1/n) that the described gap holds already: 0 where it is the distance of lenslets and sensor,
         1 where it is that in air to which gap and plate come, as focusing on the sensor finds it.
+
+    Examples
+    --------
+    >>> from lfcal.simulate.effects import CoverGlass
+    >>> round(CoverGlass(thickness_um=90.0, index=1.5).shorter_um(), 3)  # t (1 - 1/n) in µm
+    30.0
     """
 
     thickness_um: float = 100.0

@@ -30,6 +30,15 @@ class FieldCurvature(SceneEffect):
     radius_um
         Radius R of the image surface at the axis (µm), a flat lens's Petzval radius: at distance h from the axis the
         image lies h²/(2 R) farther from the main lens, nearer where R is negative.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import FieldCurvature, Outlook
+    >>> camera = preset("r29")
+    >>> plane = Outlook(camera, camera.depth_of(4.0), (127, 127), (55, 95), field_um=(6e3, 8e3))
+    >>> FieldCurvature(radius_um=-200e3).sag_um(plane)  # µm, at 10 mm from the axis
+    -250.0
     """
 
     radius_um: float = -200e3
@@ -77,6 +86,15 @@ class Distortion(SceneEffect):
         pincushion, negative: barrel.
     radius_um
         Distance from the axis on the sensor at which ``relative`` holds (µm).
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import Distortion, Outlook
+    >>> camera = preset("r29")
+    >>> plane = Outlook(camera, camera.depth_of(4.0), (127, 127), (55, 95), field_um=(6e3, 8e3))
+    >>> Distortion(-0.002, radius_um=10e3).at(plane)  # (y, x): 20 µm of 10 mm towards the axis
+    (-12.0, -16.0)
     """
 
     relative: float = -0.002

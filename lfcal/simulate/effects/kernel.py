@@ -40,6 +40,15 @@ class PixelKernel(PsfEffect):
     ----------
     up_left, up, up_right, left, right, down_left, down, down_right
         Share of the light that turns up in this neighbour.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import PixelKernel
+    >>> print(PixelKernel(left=0.01, right=0.02).kernel(preset("r29")).round(2))
+    [[0.   0.   0.  ]
+     [0.01 0.97 0.02]
+     [0.   0.   0.  ]]
     """
 
     up_left: float = 0.0

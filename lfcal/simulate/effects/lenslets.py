@@ -36,6 +36,16 @@ class MissingLenslets(SceneEffect):
         the region's first position; the column runs along the lattice's own vectors (`LensletLattice.centres_um`, r
         and q), so that in a hexagonal array column 0 of the next row is the right one of the two below. Transmission
         is the share of light that passes, 0 to 1.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import MissingLenslets, Outlook
+    >>> camera = preset("r29")
+    >>> plane = Outlook(camera, camera.depth_of(4.0), cutout=(127, 127), period=(55, 95))
+    >>> found = MissingLenslets(((0, 0, 0.0), (0, 1, 0.5))).estimate(plane)
+    >>> print(f"{found.size} {found.unit} of {plane.lenslets:.0f} lit: light lost over light left {found.error:.0%}")
+    1.5 lenslets of 15 lit: light lost over light left 7%
     """
 
     lenslets: Defects = ((0, 0, 0.0),)
@@ -98,6 +108,16 @@ class LensletSpherical(SceneEffect):
         Square lenslets that touch have four times as much in their corners.
     type_0, type_1, type_2
         What each lens type has beyond that (waves).
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import LensletSpherical, Outlook
+    >>> camera = preset("r29")
+    >>> plane = Outlook(camera, camera.depth_of(4.0), cutout=(127, 127), period=(55, 95))
+    >>> found = LensletSpherical(0.25, type_2=0.3).estimate(plane)
+    >>> print(f"{found.size:.2f} {found.unit} in the mean of three types")
+    0.35 waves in the mean of three types
     """
 
     waves: float = 0.25

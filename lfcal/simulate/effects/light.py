@@ -29,6 +29,16 @@ class FiniteSource(LightEffect):
     ----------
     diameter_um
         Diameter of the source in object space (µm); None: a pinhole of 50 µm, a bead of 0.2 µm in a microscope.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import FiniteSource, Outlook
+    >>> camera = preset("r29")
+    >>> plane = Outlook(camera, camera.depth_of(4.0), cutout=(127, 127), period=(55, 95))
+    >>> pinhole = FiniteSource(diameter_um=50.0)
+    >>> print(f"{pinhole.image_px(plane):.1f} px on the lenslets, in {pinhole.runs(plane)} points")
+    2.4 px on the lenslets, in 7 points
     """
 
     diameter_um: float | None = None
@@ -106,6 +116,16 @@ class Bandwidth(LightEffect):
     ----------
     width_um
         Full width of the spectrum (µm); None takes the camera's.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import Bandwidth, Outlook
+    >>> camera = preset("r29")
+    >>> plane = Outlook(camera, camera.depth_of(4.0), cutout=(127, 127), period=(55, 95))
+    >>> found = Bandwidth(0.055).estimate(plane)
+    >>> print(f"{found.size:.0%} of 0.55 µm washes out {found.error:.1%} of the image")
+    10% of 0.55 µm washes out 0.3% of the image
     """
 
     width_um: float | None = None

@@ -27,6 +27,15 @@ class VectorialPupil(SceneEffect):
 
     A bead or a dye, averaged over orientations, sends the same light through each part of the pupil as a scalar point;
     what differs is how the parts interfere: five fields add their intensities where a scalar point has one.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import Outlook, VectorialPupil
+    >>> plane = Outlook(preset("lfm_60x12"), 0.0, cutout=(127, 127), period=(15, 15))
+    >>> found = VectorialPupil().estimate(plane)
+    >>> print(f"at NA 1.2 {found.size:.0%} {found.unit} in other fields than the first")
+    at NA 1.2 25% of the light in other fields than the first
     """
 
     name: ClassVar[str] = "vectorial"
@@ -90,6 +99,14 @@ class IndexMismatch(SceneEffect):
     depth_um
         Depth of the nominal focal plane below the interface (µm): where the focus would lie without the specimen. A
         plane at z lies ``depth_um + z`` deep; one before the interface lies in the immersion medium.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import IndexMismatch, Outlook
+    >>> plane = Outlook(preset("lfm_20x05"), 20.0, cutout=(127, 127), period=(15, 15))
+    >>> round(IndexMismatch(1.33, depth_um=20.0).estimate(plane).size, 2)  # 40/1.33 - 40 µm
+    -9.92
     """
 
     index: float = 1.33

@@ -32,6 +32,16 @@ class PositioningError(MotionEffect):
     ----------
     rms_um
         Rms error of each lateral axis (µm in object space); None: 2 µm, 0.05 µm for a microscope.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import Outlook, PositioningError
+    >>> camera = preset("r29")
+    >>> plane = Outlook(camera, camera.depth_of(4.0), cutout=(127, 127), period=(55, 95))
+    >>> found = PositioningError(rms_um=2.0).estimate(plane)
+    >>> print(f"{found.size:.3f} {found.unit} rms moves {found.error:.1%} of the image")
+    0.096 px rms moves 3.6% of the image
     """
 
     rms_um: float | None = None
@@ -72,6 +82,16 @@ class Backlash(MotionEffect):
     play_um
         Lost motion at a reversal of each lateral axis (µm in object space); None: 10 µm, 0.2 µm for a
         microscope.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import Backlash
+    >>> there_and_back = np.array([[0.0, 0.0, x] for x in (0, 10, 20, 10, 0)])
+    >>> lag = Backlash(play_um=2.0).displace(there_and_back, preset("r29"), np.random.default_rng(0))
+    >>> lag[:, 2].tolist()  # µm in x
+    [0.0, 0.0, 0.0, 2.0, 2.0]
     """
 
     play_um: float | None = None
@@ -117,6 +137,15 @@ class Drift(MotionEffect):
     ----------
     rows_um, columns_um
         Displacement at the end of the session (µm in object space); None: 5 µm, 0.2 µm for a microscope.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import Drift
+    >>> stops = np.zeros((3, 3))
+    >>> Drift(rows_um=4.0, columns_um=1.0).displace(stops, preset("r29"), np.random.default_rng(0)).tolist()  # z, y, x
+    [[0.0, 0.0, 0.0], [0.0, 2.0, 0.5], [0.0, 4.0, 1.0]]
     """
 
     rows_um: float | None = None
@@ -156,6 +185,16 @@ class DepthError(MotionEffect):
     ----------
     rms_um
         Rms error of the depth of a plane (µm); None: 10 µm, 0.1 µm for a microscope.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import DepthError, Outlook
+    >>> camera = preset("r29")
+    >>> plane = Outlook(camera, camera.depth_of(4.0), cutout=(127, 127), period=(55, 95))
+    >>> found = DepthError(rms_um=100.0).estimate(plane)
+    >>> print(f"{found.size:.4f} of {plane.virtual_depth:.1f} in {found.unit}: {found.error:.1%} of the image")
+    0.0065 of 4.0 in virtual depth: 2.4% of the image
     """
 
     rms_um: float | None = None

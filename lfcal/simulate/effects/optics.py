@@ -25,7 +25,18 @@ FRINGED, SHOWN = 20.0, 0.5
 
 @dataclass(frozen=True, slots=True)
 class LensTypeDefocus(SceneEffect):
-    """Lens types and their defocus: without it every lenslet is of the type that is sharpest at the depth."""
+    """Lens types and their defocus: without it every lenslet is of the type that is sharpest at the depth.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import LensTypeDefocus, Outlook
+    >>> camera = preset("r29")
+    >>> plane = Outlook(camera, camera.depth_of(4.0), cutout=(127, 127), period=(55, 95))
+    >>> found = LensTypeDefocus().estimate(plane)
+    >>> print(f"largest spot {found.size:.2f} {found.unit}")  # 31 px |1/2 - 1/4|
+    largest spot 7.75 px
+    """
 
     name: ClassVar[str] = "lens_types"
     title: ClassVar[str] = "lens types and defocus"
@@ -51,7 +62,18 @@ class LensTypeDefocus(SceneEffect):
 
 @dataclass(frozen=True, slots=True)
 class LensletDiffraction(SceneEffect):
-    """Diffraction at the lenslets: without it rays are followed."""
+    """Diffraction at the lenslets: without it rays are followed.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import LensletDiffraction, Outlook
+    >>> camera = preset("r29")
+    >>> plane = Outlook(camera, camera.depth_of(4.0), cutout=(127, 127), period=(55, 95))
+    >>> found = LensletDiffraction().estimate(plane)
+    >>> print(f"Airy radius {found.size:.2f} {found.unit}; rays alone miss {found.error:.0%} of the image")
+    Airy radius 0.62 px; rays alone miss 47% of the image
+    """
 
     name: ClassVar[str] = "lenslet_diffraction"
     title: ClassVar[str] = "lenslet diffraction"
@@ -80,6 +102,16 @@ class IrisDiffraction(SceneEffect):
 
     Within the iris's own depth of focus (N_F below 8), and in a microscope's Debye integral, fringes and shadow
     are one: there it comes with lenslet diffraction, on or off.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import IrisDiffraction, Outlook
+    >>> camera = preset("r29")
+    >>> plane = Outlook(camera, camera.depth_of(4.0), cutout=(127, 127), period=(55, 95))
+    >>> found = IrisDiffraction().estimate(plane)
+    >>> print(f"{found.unit} = {found.size:.1f}: {found.error:.1%} of the image")
+    N_F = 63.4: 7.5% of the image
     """
 
     name: ClassVar[str] = "iris_diffraction"
@@ -114,6 +146,15 @@ class IrisShape(SceneEffect):
     ----------
     blades, curvature, rotation_rad
         As in `MainLens`; None takes the camera's.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import IrisShape, Outlook
+    >>> camera = preset("r29")
+    >>> plane = Outlook(camera, camera.depth_of(4.0), cutout=(127, 127), period=(55, 95))
+    >>> print(*(f"{IrisShape(blades).estimate(plane).error:.1%}" for blades in (5, 9, 0)))  # 0: a circle
+    15.8% 4.9% 0.0%
     """
 
     blades: int | None = None
@@ -177,6 +218,16 @@ class ExactAngles(SceneEffect):
     W = a/(8 lambda (2 Nw)^4) and by B/(2 (2 Nw)³) at the rim; with both they land where the paraxial ones do, as a
     straight line to the image must. What is left is the coma of lenslets that bend by a parabolic phase, and a
     shadow larger by 1/(8 Nw²).
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import ExactAngles, Outlook
+    >>> camera = preset("r29")
+    >>> plane = Outlook(camera, camera.depth_of(4.0), cutout=(127, 127), period=(55, 95))
+    >>> found = ExactAngles().estimate(plane)
+    >>> print(f"{found.size:.3f} {found.unit} at the rim of f/{plane.f_number:.0f}")
+    0.079 px at the rim of f/5
     """
 
     name: ClassVar[str] = "exact_angles"

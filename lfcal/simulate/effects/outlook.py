@@ -53,6 +53,15 @@ class Outlook:
         Electrons in the brightest pixel of the session.
     exposure_s
         Exposure time (s).
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import Outlook
+    >>> camera = preset("r29")
+    >>> plane = Outlook(camera, camera.depth_of(4.0), cutout=(127, 127), period=(55, 95))
+    >>> print(f"v = {plane.virtual_depth:.1f}: a shadow of {plane.shadow_px:.0f} px over {plane.lenslets:.0f} lenslets")
+    v = 4.0: a shadow of 63 px over 15 lenslets
     """
 
     camera: Camera

@@ -28,6 +28,16 @@ class PixelFill(SceneEffect):
     ----------
     fill_factor
         Light-sensitive share of a pixel's area; None takes the camera's.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import Outlook, PixelFill
+    >>> camera = preset("r29")
+    >>> plane = Outlook(camera, camera.depth_of(4.0), cutout=(127, 127), period=(55, 95))
+    >>> found = PixelFill(0.8).estimate(plane)
+    >>> print(f"{found.error:.0%} of the light that is left")  # 0.2/0.8
+    25% of the light that is left
     """
 
     fill_factor: float | None = None
@@ -66,6 +76,15 @@ class Crosstalk(PsfEffect):
     share
         Share x that goes to each neighbour along the rows, then along the columns: each of the four nearest gets
         x (1 - 2 x), each diagonal one x².
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import Crosstalk
+    >>> print(Crosstalk(0.1).kernel(preset("r29")).round(2))
+    [[0.01 0.08 0.01]
+     [0.08 0.64 0.08]
+     [0.01 0.08 0.01]]
     """
 
     share: float = 0.01
@@ -101,6 +120,14 @@ class AngularResponse(SceneEffect):
     ----------
     half_angle_rad
         Angle at which the response is half (rad).
+
+    Examples
+    --------
+    >>> from math import cos, radians
+    >>> from lfcal.simulate.effects import AngularResponse
+    >>> power = AngularResponse(radians(25.0)).power
+    >>> [round(cos(radians(angle)) ** power, 2) for angle in (0, 10, 25)]
+    [1.0, 0.9, 0.5]
     """
 
     half_angle_rad: float = math.radians(25.0)

@@ -55,6 +55,14 @@ class StrayLight(FrameEffect):
     ----------
     share
         Scattered share.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import Outlook, StrayLight
+    >>> plane = Outlook(preset("r29"), -52e3, cutout=(127, 127), period=(55, 95))
+    >>> print(f"{StrayLight(0.01).estimate(plane).error:.2%} of the image")  # lost where it was, gained elsewhere
+    1.00% of the image
     """
 
     share: float = 0.01
@@ -92,6 +100,13 @@ class ColourFilter(FrameEffect):
         Filter letters by rows, e.g. ``"GRBG"``; None takes the camera's.
     leak
         Transmission outside a filter's band.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import ColourFilter
+    >>> ColourFilter("GRBG", leak=0.25).transmission(preset("r29")).tolist()  # at 0.55 µm
+    [[1.0, 0.25], [0.25, 1.0]]
     """
 
     cfa: str | None = None
@@ -144,6 +159,13 @@ class FixedPattern(FrameEffect):
         Relative rms of the pixels' gains; None takes the camera's.
     offset_e
         Rms of the pixels' offsets (electrons).
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import FixedPattern
+    >>> FixedPattern().gain_rms(preset("r29"))  # rms of the pixels' gains over their mean
+    0.01
     """
 
     prnu: float | None = None
@@ -188,6 +210,13 @@ class DarkCurrent(FrameEffect):
     ----------
     e_per_s
         Electrons per pixel and second; None takes the camera's.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import DarkCurrent
+    >>> DarkCurrent(e_per_s=2.0).mean_e(preset("r29"), exposure_s=0.5)  # electrons
+    1.0
     """
 
     e_per_s: float | None = None
@@ -218,7 +247,16 @@ class DarkCurrent(FrameEffect):
 
 @dataclass(frozen=True, slots=True)
 class ShotNoise(FrameEffect):
-    """Poisson noise of the electrons collected."""
+    """Poisson noise of the electrons collected.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import Outlook, ShotNoise
+    >>> plane = Outlook(preset("r29"), -52e3, cutout=(127, 127), period=(55, 95), peak_e=10e3)
+    >>> round(ShotNoise().estimate(plane).size, 3)  # 1/sqrt(10 000) in the brightest pixel
+    0.01
+    """
 
     name: ClassVar[str] = "shot_noise"
     title: ClassVar[str] = "shot noise"
@@ -239,7 +277,17 @@ class ShotNoise(FrameEffect):
 
 @dataclass(frozen=True, slots=True)
 class Saturation(FrameEffect):
-    """A pixel holds no more than the full well."""
+    """A pixel holds no more than the full well.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import Outlook, Saturation
+    >>> plane = Outlook(preset("r29"), -52e3, cutout=(127, 127), period=(55, 95), peak_e=40e3)
+    >>> found = Saturation().estimate(plane)
+    >>> print(f"{found.size:.1f} {found.unit} at the peak: {found.error:.1%} of the image is clipped")
+    2.0 of full well at the peak: 5.4% of the image is clipped
+    """
 
     name: ClassVar[str] = "saturation"
     title: ClassVar[str] = "saturation"
@@ -270,6 +318,13 @@ class ReadNoise(FrameEffect):
     ----------
     rms_e
         Rms (electrons); None takes the camera's.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import ReadNoise
+    >>> ReadNoise().rms(preset("r29")), ReadNoise(2.5).rms(preset("r29"))  # electrons
+    (12.0, 2.5)
     """
 
     rms_e: float | None = None
@@ -303,7 +358,16 @@ class ReadNoise(FrameEffect):
 
 @dataclass(frozen=True, slots=True)
 class Quantisation(FrameEffect):
-    """Whole sample values from 0 to the highest one."""
+    """Whole sample values from 0 to the highest one.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import Outlook, Quantisation
+    >>> plane = Outlook(preset("r29"), -52e3, cutout=(127, 127), period=(55, 95))
+    >>> print(f"{Quantisation().estimate(plane).size:.2f} e- rms")  # of 20 000/4096 e- a step: over sqrt(12)
+    1.41 e- rms
+    """
 
     name: ClassVar[str] = "quantisation"
     title: ClassVar[str] = "quantisation"

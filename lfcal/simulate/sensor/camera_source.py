@@ -62,6 +62,18 @@ class SimulatedCamera(Frames):
     ------
     InputError
         If plan and effects do not fit.
+
+    Examples
+    --------
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.simulate import SimulatedCamera
+    >>> from lfcal.simulate.effects import Quantisation
+    >>> camera = preset("bench")
+    >>> plan = ScanPlan(camera, (3, 5), cutout=(41, 41), depths_um=(camera.depth_of(2.0),), anchor=(160, 160))
+    >>> source = SimulatedCamera(plan, (Quantisation(),), level="geometric", peak=0.8)
+    >>> frames = [source.read(k) for k in range(len(source))]
+    >>> print(max(int(frame.max()) for frame in frames))  # 64 + 0.8 (4095 - 64)
+    3289
     """
 
     def __init__(

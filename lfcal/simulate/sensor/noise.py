@@ -98,6 +98,18 @@ def expose(
     ------
     InputError
         If ``light_e`` does not have the sensor's shape.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate import expose
+    >>> from lfcal.simulate.effects import Quantisation
+    >>> camera = preset("bench")
+    >>> light = np.full(camera.sensor.shape, 5e3, np.float32)  # a quarter of the full well
+    >>> frame = expose(light, camera, [Quantisation()], exposure_s=0.02)
+    >>> frame.dtype.name, int(frame[0, 0])  # 64 + (4095 - 64)/4
+    ('uint16', 1072)
     """
     if light_e.shape != camera.sensor.shape:
         raise InputError.expected(

@@ -59,6 +59,17 @@ def iter_write_session(
     ------
     InputError
         As `write_session`, and where ``resume`` finds the frames of another session.
+
+    Examples
+    --------
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.simulate import SimulatedCamera, iter_write_session
+    >>> from lfcal.simulate.effects import Quantisation
+    >>> camera = preset("bench")
+    >>> plan = ScanPlan(camera, (1, 3), cutout=(41, 41), depths_um=(camera.depth_of(2.0),), anchor=(160, 160))
+    >>> source = SimulatedCamera(plan, (Quantisation(),), level="geometric")
+    >>> [step.count for step in iter_write_session(source, "stepwise", darks=1, whites=0)]
+    ['0 of 4', '1 of 4', '2 of 4', '3 of 4', '4 of 4']
     """
     if source.dtype != np.uint16:
         raise InputError.expected("frames", "whole numbers", "float32", "add the effect quantisation")
@@ -153,6 +164,20 @@ def write_session(source: SimulatedCamera, folder: str | os.PathLike[str], *, da
         If the frames are not whole numbers.
     StorageError
         If they cannot be written.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.simulate import SimulatedCamera, write_session
+    >>> from lfcal.simulate.effects import Quantisation
+    >>> camera = preset("bench")
+    >>> plan = ScanPlan(camera, (1, 3), cutout=(41, 41), depths_um=(camera.depth_of(2.0),), anchor=(160, 160))
+    >>> source = SimulatedCamera(plan, (Quantisation(),), level="geometric")
+    >>> write_session(source, "simulated", darks=1, whites=1)
+    3
+    >>> sorted(path.name for path in Path("simulated").iterdir())
+    ['camera.json', 'dark', 'frames', 'plan.json', 'truth.json', 'white']
     """
     return drain(iter_write_session(source, folder, darks=darks, whites=whites))
 

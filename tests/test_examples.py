@@ -1,0 +1,111 @@
+"""Every example of a docstring does what it says, and whatever a package gives is shown in one."""
+
+from __future__ import annotations
+
+import doctest
+import importlib
+import inspect
+import os
+import re
+import shutil
+import types
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from docs_build.reference import packages
+from lfcal.camera import ScanPlan
+from lfcal.frames import CorrectionRecipe, corrected_view, open_frames
+from lfcal.psf import assemble_plan
+
+ROOT = Path(__file__).parents[1]
+SAMPLES = ROOT / "sample_data"
+FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+WRITTEN = sorted(
+    ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+    for path in (ROOT / "lfcal").rglob("*.py")
+    if ">>> " in path.read_text(encoding="utf-8")
+)
+
+
+def examples_of(module: types.ModuleType) -> list[doctest.DocTest]:
+    """Return the examples in the docstrings of a module, its functions, classes and methods."""
+    return [test for test in doctest.DocTestFinder().find(module) if test.examples]
+
+
+def said_of(tests: list[doctest.DocTest]) -> str:
+    """Run examples in the order of their module; return what is wrong with them."""
+    said: list[str] = []
+    runner = doctest.DocTestRunner(verbose=False, optionflags=FLAGS)
+    for test in sorted(tests, key=lambda test: test.lineno or 0):
+        # nothing but what the example imports itself: it can be copied as it stands
+        test.globs = {"__name__": "__main__"}
+        runner.run(test, out=said.append)
+    return "".join(said)
+
+
+@pytest.fixture(scope="module")
+def assembled(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the H of the sample session."""
+    session, out = SAMPLES / "session", tmp_path_factory.mktemp("assembled") / "H.h5"
+    plan = ScanPlan.from_json((session / "plan.json").read_text(encoding="utf-8"))
+    with open_frames(session / "frames", plan=plan) as source:
+        view = corrected_view(source, CorrectionRecipe(dark=session / "dark", white=session / "white"), plan)
+        assemble_plan(view, plan, out).matrix.close()
+    return out
+
+
+@pytest.mark.parametrize("name", WRITTEN)
+def test_examples_do_what_they_say(name: str, assembled: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for folder in ("session", "recorded"):
+        shutil.copytree(SAMPLES / folder, tmp_path / folder, copy_function=os.link)
+    os.link(assembled, tmp_path / "H.h5")
+    monkeypatch.chdir(tmp_path)
+    tests = examples_of(importlib.import_module(name))
+    assert tests, "'>>> ' stands where no docstring is"
+    said = said_of(tests)
+    assert not said, said
+
+
+def test_an_example_that_says_something_else_is_told() -> None:
+    module = types.ModuleType("wrong", ">>> 1 + 1\n3\n")
+    assert "Expected:\n    3\nGot:\n    2" in said_of(examples_of(module))
+    assert "NameError" in said_of(examples_of(types.ModuleType("bare", ">>> np.pi\n3.14\n")))
+
+
+def given() -> dict[str, Any]:
+    """Return every function and class that a package gives, by its full name; no errors, protocols and enumerations."""
+    found: dict[str, Any] = {}
+    for package in packages(ROOT):
+        there = importlib.import_module(package.name)
+        for name in package.exported:
+            value = getattr(there, name)
+            made = inspect.isclass(value) and not (
+                issubclass(value, (BaseException, Enum)) or getattr(value, "_is_protocol", False)
+            )
+            if made or inspect.isfunction(value):
+                found[f"{value.__module__}.{name}"] = value
+    return found
+
+
+def shown() -> set[str]:
+    """Return every word of the examples, and of what they print."""
+    words: set[str] = set()
+    for name in WRITTEN:
+        for test in examples_of(importlib.import_module(name)):
+            for example in test.examples:
+                words.update(re.findall(r"\w+", example.source + example.want))
+    return words
+
+
+def test_what_packages_give_is_shown() -> None:
+    """A function in an example of its own; a class there or where it is made."""
+    words = shown()
+    missing = [
+        name
+        for name, value in given().items()
+        if (">>> " not in (value.__doc__ or "") if inspect.isfunction(value) else value.__name__ not in words)
+    ]
+    assert not missing, f"{len(missing)} of {len(given())}: {missing}"
