@@ -40,7 +40,17 @@ MATLAB_AXES = AXES[::-1]
 
 
 class Position(NamedTuple):
-    """Where the source stood: indices into the scan plan, ``H[z, y, x]``."""
+    """Where the source stood: indices into the scan plan, ``H[z, y, x]``.
+
+    Examples
+    --------
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.frames import Position
+    >>> plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[3], cutout=63)
+    >>> places: list[Position] = list(plan.positions())
+    >>> print(places[0], places[33])
+    Position(z=0, y=0, x=0) Position(z=0, y=1, x=32)
+    """
 
     z: int
     y: int
