@@ -47,21 +47,22 @@ def said_of(tests: list[doctest.DocTest]) -> str:
 
 
 @pytest.fixture(scope="module")
-def assembled(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the H of the sample session."""
-    session, out = SAMPLES / "session", tmp_path_factory.mktemp("assembled") / "H.h5"
+def begun(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder as the reference describes it: copies of the sample data, and the H of the session."""
+    folder = tmp_path_factory.mktemp("begun")
+    for name in ("session", "recorded"):
+        shutil.copytree(SAMPLES / name, folder / name)
+    session = folder / "session"
     plan = ScanPlan.from_json((session / "plan.json").read_text(encoding="utf-8"))
     with open_frames(session / "frames", plan=plan) as source:
         view = corrected_view(source, CorrectionRecipe(dark=session / "dark", white=session / "white"), plan)
-        assemble_plan(view, plan, out).matrix.close()
-    return out
+        assemble_plan(view, plan, folder / "H.h5").matrix.close()
+    return folder
 
 
 @pytest.mark.parametrize("name", WRITTEN)
-def test_examples_do_what_they_say(name: str, assembled: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for folder in ("session", "recorded"):
-        shutil.copytree(SAMPLES / folder, tmp_path / folder, copy_function=os.link)
-    os.link(assembled, tmp_path / "H.h5")
+def test_examples_do_what_they_say(name: str, begun: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shutil.copytree(begun, tmp_path, copy_function=os.link, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     tests = examples_of(importlib.import_module(name))
     assert tests, "'>>> ' stands where no docstring is"

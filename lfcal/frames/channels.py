@@ -136,6 +136,16 @@ def channel_source(source: FrameSource, channel: str) -> ChannelSource:
     ------
     InputError
         If the frames are monochrome or have no such channel.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.frames import ArraySource, ChannelSource, channel_source
+    >>> mosaic = np.array([[[50, 100, 51, 101], [102, 80, 103, 81]]])
+    >>> source = ArraySource(mosaic, [(0, 0, 0)], metadata={"cfa": "RGGB"})
+    >>> green: ChannelSource = channel_source(source, "G2")
+    >>> print(green.shape, green.read(0).tolist())
+    (1, 2) [[102, 103]]
     """
     return ChannelSource(source, channel)
 
@@ -149,5 +159,14 @@ def balanced_source(source: FrameSource, gains: Sequence[float] | None = None) -
     ------
     InputError
         If the frames are monochrome, or the gains are not known or not positive.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.frames import ArraySource, BalancedSource, balanced_source
+    >>> grey_card = ArraySource(np.array([[[50, 100], [100, 80]]]), [(0, 0, 0)], metadata={"cfa": "RGGB"})
+    >>> balanced: BalancedSource = balanced_source(grey_card, (2.0, 1.0, 1.0, 1.25))
+    >>> balanced.read(0).tolist()
+    [[100.0, 100.0], [100.0, 100.0]]
     """
     return BalancedSource(source, gains)

@@ -79,6 +79,22 @@ def iter_undamaged(source: FrameSource, *, workers: int | None = None) -> Work[S
     ------
     FileFormatError
         If none can be read.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> from lfcal.frames import LeftOut, iter_undamaged, open_frames
+    >>> from lfcal.progress import drain
+    >>> Path("copied").mkdir()
+    >>> for x in range(3):
+    ...     np.save(f"copied/y0_x{x}.npy", np.eye(4) + x)
+    >>> size = Path("copied/y0_x1.npy").write_bytes(b"cut short")
+    >>> with open_frames("copied", pattern="y{y}_x{x}.npy") as source:
+    ...     sound = drain(iter_undamaged(source, workers=1))
+    >>> lost: LeftOut = sound.metadata["left_out"][0]
+    >>> print(len(sound), "of 3; left out:", lost.label)
+    2 of 3; left out: y0_x1.npy
     """
     clock = Clock("check frames", len(source))
     left_out: dict[int, LeftOut] = {}

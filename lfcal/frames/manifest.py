@@ -37,6 +37,13 @@ class FrameEntry:
         Exposure (s), None where not known.
     dy, dx
         How far the paraxial image lies from where the plan puts it (px).
+
+    Examples
+    --------
+    >>> from lfcal.frames import FrameEntry
+    >>> entry = FrameEntry("z0/y03_x07.tif", (0, 3, 7), exposure_s=0.02)
+    >>> print(entry.position, entry.page)
+    Position(z=0, y=3, x=7) 0
     """
 
     file: str
@@ -88,6 +95,15 @@ class Manifest:
     ------
     InputError
         If a value is unusable, a position lies outside ``plan_shape``, or a page is listed twice.
+
+    Examples
+    --------
+    >>> from lfcal.frames import Manifest
+    >>> names = ["y0_x0.png", "y0_x2.png", "notes.txt"]
+    >>> manifest = Manifest.from_names(names, "y{y}_x{x}.png", plan_shape=(1, 1, 3))
+    >>> missing, several = manifest.coverage()
+    >>> print(len(manifest.entries), missing, several)
+    2 (Position(z=0, y=0, x=1),) ()
     """
 
     entries: tuple[FrameEntry, ...]

@@ -37,6 +37,13 @@ def read_manifest(path: str | os.PathLike[str]) -> Manifest:
         If a frame's file is not below the session folder.
     StorageError
         If the file cannot be read.
+
+    Examples
+    --------
+    >>> from lfcal.frames import read_manifest
+    >>> manifest = read_manifest("session/frames/manifest.csv")
+    >>> print(len(manifest.entries), manifest.entries[-1].file, manifest.entries[-1].position)
+    1254 z1_y00_x00.png Position(z=1, y=0, x=0)
     """
     path = Path(path)
     text = read_text(path, limit=MAX_BYTES)
@@ -56,6 +63,16 @@ def write_manifest(path: str | os.PathLike[str], manifest: Manifest) -> None:
         If the name ends otherwise, or CSV is asked for and the manifest says what frames must be.
     StorageError
         If it cannot be written.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lfcal.frames import Manifest, write_manifest
+    >>> write_manifest("list.csv", Manifest.from_names(["y0_x0.png", "y0_x1.png"], "y{y}_x{x}.png"))
+    >>> print(Path("list.csv").read_text(encoding="utf-8"))
+    file,page,z,y,x
+    y0_x0.png,0,0,0,0
+    y0_x1.png,0,0,0,1
     """
     path = Path(path)
     suffix = path.suffix.lower()

@@ -84,6 +84,13 @@ def open_frames(
     ------
     LfcalError
         One line with the file and what is wrong with it, or the option that this kind of source has no use for.
+
+    Examples
+    --------
+    >>> from lfcal.frames import open_frames
+    >>> with open_frames("session/frames") as source:
+    ...     print(len(source), source.shape, source.info(100).position, source.read(100).max())
+    1254 (80, 96) Position(z=0, y=3, x=31) 3184
     """
     path = Path(path)
     if not path.exists():

@@ -26,6 +26,13 @@ class Orientation:
         How the frames lie that need it.
     transposed, flip_rows, flip_columns
         Whether rows and columns change places, and whether the order of the new rows or columns is reversed.
+
+    Examples
+    --------
+    >>> from lfcal.frames import ORIENTATIONS, Orientation
+    >>> turn: Orientation = ORIENTATIONS["rot90"]
+    >>> print(turn.shape((3000, 4000)), turn.inverse.name, turn.words)
+    (4000, 3000) rot270 turned clockwise by 90°
     """
 
     name: str
@@ -116,6 +123,13 @@ def nearest_orientation(moves: ArrayLike) -> tuple[Orientation, float]:
 
     ``moves`` ``(2, 2)`` are (down, right) pixels for each planned pixel down and right: the unit matrix where frames
     are upright. The distance is the root of the sum of squared differences.
+
+    Examples
+    --------
+    >>> from lfcal.frames import nearest_orientation
+    >>> turn, distance = nearest_orientation([[0.98, 0.01], [0.0, -1.0]])
+    >>> print(turn.words, round(distance, 3))
+    mirrored left to right 0.022
     """
     seen = np.asarray(moves, np.float64)
     away = {name: float(np.linalg.norm(one.inverse.moves() - seen)) for name, one in ORIENTATIONS.items()}
@@ -124,7 +138,15 @@ def nearest_orientation(moves: ArrayLike) -> tuple[Orientation, float]:
 
 
 def named_orientation(name: str) -> Orientation:
-    """Return the orientation of a name, written with spaces or hyphens; raises `InputError` for others."""
+    """Return the orientation of a name, written with spaces or hyphens; raises `InputError` for others.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.frames import named_orientation
+    >>> named_orientation("rot90").apply(np.array([[1, 2, 3], [4, 5, 6]])).tolist()
+    [[3, 6], [2, 5], [1, 4]]
+    """
     for one in ORIENTATIONS.values():
         if name in (one.name, one.option):
             return one

@@ -100,6 +100,15 @@ def oriented(source: FrameSource, turn: Orientation, sensor: tuple[int, int]) ->
         What makes them upright.
     sensor
         Rows and columns of the upright sensor, about which cutouts are turned.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.frames import ArraySource, OrientedSource, named_orientation, oriented
+    >>> source = ArraySource(np.array([[[1, 2, 3], [4, 5, 6]]]), [(0, 0, 0)])
+    >>> upright: OrientedSource = oriented(source, named_orientation("mirror-x"), sensor=(2, 3))
+    >>> upright.read(0).tolist()
+    [[3, 2, 1], [6, 5, 4]]
     """
     if turn.name == AS_IS:
         return source

@@ -31,6 +31,12 @@ def scan_positions(plan_shape: Sequence[int], order: str = "serpentine") -> list
     ------
     InputError
         If the shape is not three positive whole numbers or the order is unknown.
+
+    Examples
+    --------
+    >>> from lfcal.frames import scan_positions
+    >>> [(y, x) for z, y, x in scan_positions((1, 2, 3))]
+    [(0, 0), (0, 1), (0, 2), (1, 2), (1, 1), (1, 0)]
     """
     check_choice("scan order", order, ("serpentine", "raster"))
     nz, ny, nx = check_plan_shape(plan_shape)
@@ -103,6 +109,13 @@ class NamePattern:
     ------
     InputError
         If the template is absolute, leaves the folder, or lacks ``{y}`` or ``{x}``.
+
+    Examples
+    --------
+    >>> from lfcal.frames import NamePattern
+    >>> pattern = NamePattern("z{z}_y{y:02d}_x{x:02d}.png")
+    >>> print(pattern.name((0, 3, 7)), pattern.parse("z1_y03_x07.png")[0])
+    z0_y03_x07.png Position(z=1, y=3, x=7)
     """
 
     template: str

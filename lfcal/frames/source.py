@@ -51,6 +51,14 @@ class FrameInfo:
         A short name for messages, such as the file's.
     mask
         Pixels of the frame that carry a measurement, ``(rows, columns)``; None: no pixel is known to carry none.
+
+    Examples
+    --------
+    >>> from lfcal.frames import FrameInfo, open_frames
+    >>> with open_frames("session/frames") as source:
+    ...     info: FrameInfo = source.info(34)
+    >>> print(info.label, info.position, info.origin)
+    z0_y01_x31.png Position(z=0, y=1, x=31) (0, 0)
     """
 
     points: tuple[Position, ...]
@@ -88,6 +96,14 @@ class Noise(NamedTuple):
     A sensor of g electrons per count with r electrons of read noise has ``constant = (r / g)^2 + 1/12``
     (quantisation) and ``slope = 1 / g`` (photon noise). Each is a number, or an array with a value for every sample
     ``(rows, columns)``. ``black`` is the value of no light; None: not known, and taken for 0.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.frames import Noise
+    >>> noise = Noise(constant=4.0, slope=0.2, black=64.0)
+    >>> noise.variance(np.array([64, 1064])).tolist()
+    [4.0, 204.0]
     """
 
     constant: Number
@@ -140,6 +156,15 @@ class Samples(NamedTuple):
     ``values`` ``(rows, columns)``; ``valid`` of the same shape is False where a sample carries no measurement
     (saturated, masked), None where all do; ``noise`` where it is known; ``saturated`` pixels in this part, None where
     their number is unknown.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.frames import ArraySource, Samples
+    >>> source = ArraySource(np.array([[[17, 4095]]]), [(0, 0, 0)], metadata={"saturation": 4095})
+    >>> part: Samples = source.samples(0)
+    >>> print(part.saturated, part.valid.tolist())
+    1 [[True, False]]
     """
 
     values: NDArray[Any]
@@ -192,7 +217,17 @@ class FrameSource(Protocol):
 
 
 class Frames(ABC):
-    """The common part of frame sources; see `FrameSource`."""
+    """The common part of frame sources; see `FrameSource`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.frames import ArraySource, Frames
+    >>> def brightest(source: Frames) -> int:
+    ...     return max(range(len(source)), key=lambda k: source.read(k).max())
+    >>> brightest(ArraySource(np.array([[[1, 2]], [[3, 9]], [[4, 0]]]), [(0, 0, 0), (0, 0, 1), (0, 0, 2)]))
+    1
+    """
 
     @property
     @abstractmethod

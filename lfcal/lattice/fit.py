@@ -64,6 +64,14 @@ def fit_lattice(
     ------
     InputError
         If the frame is blank, textured, shows no such lattice, a checkerboard or a specimen; with the reason.
+
+    Examples
+    --------
+    >>> from lfcal.frames import read_image
+    >>> from lfcal.lattice import LatticeFit, fit_lattice
+    >>> fit: LatticeFit = fit_lattice(read_image("session/white/white_0.png"), dark=64.0)
+    >>> print(fit.kind, f"{fit.pitch_px:.1f} px, rows {fit.row_pitch_px:.1f} px apart, {len(fit.index)} lenslets")
+    hexagonal 11.0 px, rows 9.5 px apart, 53 lenslets
     """
     image = prepare(white, dark)
     if kind is not None:

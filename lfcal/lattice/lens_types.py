@@ -92,6 +92,13 @@ def expected_blur(camera: Camera, virtual_depth: float | None = None) -> tuple[f
 
     ``virtual_depth`` is that of the point in the frame; None is a white image, in which the lenslets image the
     main lens's pupil, v = -b/B.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.lattice import expected_blur
+    >>> [round(blur, 2) for blur in expected_blur(preset("r29"), virtual_depth=3.0)]
+    [0.17, 0.0, 0.13]
     """
     gap = camera.lattice.gap_um
     if virtual_depth is None:
@@ -138,6 +145,19 @@ def classify_lens_types(
     ------
     InputError
         If the lattice is not hexagonal, two types are expected to be alike, or the image does not decide.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lfcal.camera import Camera
+    >>> from lfcal.frames import read_image
+    >>> from lfcal.lattice import LensTypes, classify_lens_types, expected_blur, fit_lattice
+    >>> camera = Camera.from_json(Path("session/camera.json").read_text(encoding="utf-8"))
+    >>> white = read_image("session/white/white_0.png")
+    >>> fit = fit_lattice(white, dark=64.0)
+    >>> types: LensTypes = classify_lens_types(white, fit, expected_blur(camera), dark=64.0)
+    >>> print(types.type_of([0, 1, 2, 3], 0).tolist(), f"{types.agreement:.0%} of the triangles agree")
+    [0, 1, 2, 0] 100% of the triangles agree
     """
     check_choice("content of the frame", content, ("white", "spots"))
     expected = _expected(fit, blur)

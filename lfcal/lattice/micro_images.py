@@ -171,6 +171,14 @@ class TypeLattice:
 
     Lenslet (Q, R) of it is ``(first + 2 Q + R, R - Q)`` of ``every``: a step of (2, -1) or (1, 1) keeps the type,
     which is that of ``(q - r) mod 3``.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.lattice import TypeLattice, lattice_of
+    >>> one = TypeLattice(lattice_of(preset("r29")), first=0)
+    >>> print(f"{one.pitch_px / one.every.pitch_px:.3f}", one.among([(0, 0), (1, 0), (2, 0), (3, 0)]))
+    1.732 [(0, 0), (1, 1)]
     """
 
     every: FrameLattice
@@ -243,6 +251,14 @@ def lattice_of(
     ------
     InputError
         If the frames are of another shape and nothing is said of where they lie, or do not lie on the sensor.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.lattice import lattice_of
+    >>> lattice = lattice_of(preset("bench"))
+    >>> print(lattice.kind, round(lattice.pitch_px, 1), lattice.shape, lattice.centres_px(0, [0, 1]).round(2).tolist())
+    hexagonal 11.0 (320, 320) [[159.5, 159.5], [169.03, 165.0]]
     """
     whole = CameraLattice(camera)
     return cropped(whole, whole.shape if shape is None else shape, origin)
@@ -255,6 +271,15 @@ def cropped(lattice: FrameLattice, shape: Sequence[int], origin: tuple[int, int]
     ------
     InputError
         As `lattice_of`.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.lattice import cropped, lattice_of
+    >>> whole = lattice_of(preset("bench"))
+    >>> part = cropped(whole, (40, 60), origin=(10, 20))
+    >>> print(whole.centres_px(0, 0).round(1).tolist(), part.centres_px(0, 0).round(1).tolist())
+    [159.5, 159.5] [149.5, 139.5]
     """
     rows, columns = (int(n) for n in shape)
     if origin is None:
@@ -290,6 +315,15 @@ def type_lattice(lattice: FrameLattice, type_of: TypeOf, lens_type: int) -> Type
     ------
     InputError
         If the lattice has no three types.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.lattice import TypeLattice, lattice_of, type_lattice
+    >>> camera = preset("r29")
+    >>> far: TypeLattice = type_lattice(lattice_of(camera), camera.lattice.type_of, 2)
+    >>> print(f"{far.pitch_px:.1f} px, of all types {camera.pitch_px:.1f} px")
+    54.9 px, of all types 31.7 px
     """
     found = [q for q in range(3) if lattice.kind == "hexagonal" and int(type_of(q, 0)) == lens_type]
     if len(found) != 1:

@@ -66,6 +66,13 @@ def sharpness_shares(camera: Camera, slope: float) -> tuple[float, ...]:
     """Return what each lens type counts for at a slope: 1 for the sharpest, as one over the square of the blur.
 
     The blur on the sensor is ``d |1/v - 1/v_focus|`` of clear diameter d, and a pixel at least.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.lattice import sharpness_shares
+    >>> [round(share, 2) for share in sharpness_shares(preset("r29"), slope=3.0)]
+    [0.04, 1.0, 0.06]
     """
     diameter = camera.lattice.clear_diameter_um / camera.sensor.pixel_um
     blur = diameter * np.array(expected_blur(camera, virtual_depth_of_slope(camera, slope)))
@@ -108,6 +115,16 @@ def render(
     ------
     InputError
         If a frame does not fit the lattice, or a slope or number is out of range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.camera import preset
+    >>> from lfcal.lattice import RenderedPlanes, lattice_of, render
+    >>> lattice = lattice_of(preset("bench"))
+    >>> planes: RenderedPlanes = render(np.full(lattice.shape, 7.0), lattice, (2.0, 3.0), samples=2)
+    >>> print(planes.slopes, planes.images.shape, planes.images.mean().round(3))
+    (2.0, 3.0) (2, 66, 66) 7.0
     """
     check_number("samples per lenslet", samples, at_least=1, at_most=32, integer=True)
     check_slopes(slopes)
@@ -182,6 +199,19 @@ def total_focus(planes: RenderedPlanes) -> tuple[Image, Image]:
 
     The plane is the one on which the lenslets disagree least, in a small window: where the scene has no texture it
     means nothing, and the image is the same on all planes.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.camera import preset
+    >>> from lfcal.lattice import lattice_of, render, total_focus
+    >>> lattice = lattice_of(preset("bench"))
+    >>> pixels = np.moveaxis(np.indices(lattice.shape), 0, -1)
+    >>> centres = lattice.centres_px(*np.rint(lattice.lenslet_at(*np.indices(lattice.shape))).transpose(2, 0, 1))
+    >>> stripes_at_2 = 1 + np.sin((centres + 2 * (pixels - centres))[..., 1] / 3)
+    >>> image, slope = total_focus(render(stripes_at_2, lattice, (2.0, 3.0, 4.0), samples=2))
+    >>> print(image.shape, np.median(slope))
+    (66, 66) 2.0
     """
     import cv2
 

@@ -119,6 +119,15 @@ def view_grid(
     ViewGrid
         Empty where no lenslet fits. One sample lies on the lenslet nearest to the frame's centre; steps are the row
         pitch (hexagonal), or pitch and row pitch.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.lattice import ViewGrid, lattice_of, view_grid
+    >>> lattice = lattice_of(preset("bench"))
+    >>> grid: ViewGrid = view_grid(lattice, lattice.shape, margin=5.0)
+    >>> print(grid.described(), [round(step, 2) for step in grid.step_px])
+    33 x 33 of 33 x 33 samples, 100.0 % of the field [9.53, 9.53]
     """
     check_choice("axes of the views", axes, AXES)
     size = (int(shape[0]), int(shape[1]))

@@ -31,6 +31,18 @@ def sample_views(
     View (v, u) is the frame at each lenslet's centre + ``step_px`` (v - (nv - 1)/2, u - (nu - 1)/2), down and right
     along the pixels, between pixels by ``filter`` (`TAPS`); each sample is its lenslets' by their shares, 0 where none
     sees it. float32 or float64.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.camera import preset
+    >>> from lfcal.lattice import lattice_of, sample_views, view_grid
+    >>> lattice = lattice_of(preset("bench"))
+    >>> grid = view_grid(lattice, lattice.shape, margin=5.0)
+    >>> ramp = np.tile(np.arange(lattice.shape[1], dtype=np.float32), (lattice.shape[0], 1))
+    >>> views = sample_views(ramp, grid, np.empty((1, 5, *grid.shape), np.float32), workers=1)
+    >>> (views - views[:, 2:3]).mean((0, 2, 3)).round(2).tolist()
+    [-2.0, -1.0, 0.0, 1.0, 2.0]
     """
     half = ((out.shape[0] - 1) / 2 * step_px[0], (out.shape[1] - 1) / 2 * step_px[1])
     sites = Sites(grid.centres_px - np.array(half), grid.near, np.ascontiguousarray(grid.share, out.dtype))

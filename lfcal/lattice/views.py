@@ -40,6 +40,17 @@ class Views:
         Radius of the micro-images used (pixels).
     grid
         Where the samples lie, and of which lenslets they are made.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lfcal.camera import Camera
+    >>> from lfcal.frames import read_image
+    >>> from lfcal.lattice import Views, extract_views, lattice_of
+    >>> camera = Camera.from_json(Path("session/camera.json").read_text(encoding="utf-8"))
+    >>> views: Views = extract_views(read_image("session/white/white_0.png"), lattice_of(camera), dark=64.0)
+    >>> print(views.central.shape, views.mosaic().shape, views.offsets.tolist())
+    (7, 9) (63, 81) [-4.0, -3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0, 4.0]
     """
 
     images: Image = field(repr=False)
@@ -127,6 +138,17 @@ def extract_views(
     ------
     InputError
         If a frame does not fit the lattice, or holds no whole micro-image.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lfcal.camera import Camera
+    >>> from lfcal.frames import read_image
+    >>> from lfcal.lattice import extract_views, lattice_of
+    >>> camera = Camera.from_json(Path("session/camera.json").read_text(encoding="utf-8"))
+    >>> views = extract_views(read_image("session/white/white_0.png"), lattice_of(camera), dark=64.0)
+    >>> print(views.images.shape, f"{views.images[0, 4].mean() / views.central.mean():.2f} of the light at the edge")
+    (9, 9, 7, 9) 0.90 of the light at the edge
     """
     light = less_dark(frame, dark, lattice, "light-field frame")
     # the raster of a single lens type's views is the whole lattice's, and so is the size of the micro-images

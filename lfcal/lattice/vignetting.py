@@ -57,6 +57,15 @@ def vignetting_map(fit: LatticeFit, *, degree: int = 4) -> Vignetting:
     ------
     InputError
         If there are too few lenslets for the surface.
+
+    Examples
+    --------
+    >>> from lfcal.frames import read_image
+    >>> from lfcal.lattice import Vignetting, fit_lattice, vignetting_map
+    >>> fit = fit_lattice(read_image("session/white/white_0.png"), dark=64.0)
+    >>> light: Vignetting = vignetting_map(fit, degree=2)
+    >>> print(f"{light.falloff:.2f} at the dimmest place, {light.frame().max():.2f} at the brightest")
+    0.95 at the dimmest place, 1.00 at the brightest
     """
     alive = ~fit.dead
     centres = fit.centres_px(fit.index[:, 0], fit.index[:, 1])

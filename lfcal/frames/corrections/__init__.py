@@ -4,5 +4,5 @@
 - ``defect_search``: defect pixels found over many frames
 - ``noise``: the variance of a corrected sample
 - ``recipe``: which corrections are asked for, with which calibration frames
-- ``view``: a frame source seen through a chain
+- ``corrected``: a frame source seen through a chain
 """

@@ -73,6 +73,16 @@ class Background:
         Level of the constant background, in sample values at this place of the chain.
     width
         Width of the border (px).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.frames import Background, CorrectionChain
+    >>> frame = np.full((32, 32), 12, np.uint16)
+    >>> frame[15, 15] = 100
+    >>> clean = CorrectionChain((Background("border", width=4),)).apply(frame)
+    >>> print(clean[0, 0], clean[15, 15])
+    0.0 88.0
     """
 
     kind: str = "border"

@@ -46,6 +46,15 @@ class CorrectionChain:
     ------
     InputError
         If the order is wrong (it says what to swap), a step comes twice, or two steps fit different sensors.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.frames import CorrectionChain, Dark, White
+    >>> white = np.array([[110, 110, 110, 60]] * 4)
+    >>> chain = CorrectionChain((Dark(level=10.0), White(white, dark=10.0)))
+    >>> chain.apply(np.full((4, 4), 50, np.uint16))[0].tolist()
+    [40.0, 40.0, 40.0, 80.0]
     """
 
     steps: tuple[Step, ...] = ()

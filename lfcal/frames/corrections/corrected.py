@@ -139,5 +139,13 @@ def corrected(source: FrameSource, chain: CorrectionChain) -> CorrectedSource:
     ------
     InputError
         If the calibration frames of the chain have another shape.
+
+    Examples
+    --------
+    >>> from lfcal.frames import CorrectedSource, CorrectionChain, Dark, corrected, open_frames
+    >>> with open_frames("session/frames") as source:
+    ...     clean: CorrectedSource = corrected(source, CorrectionChain((Dark(level=64.0),)))
+    ...     print(source.read(0)[40, 48], "less 64 is", clean.read(0)[40, 48])
+    67 less 64 is 3.0
     """
     return CorrectedSource(source, chain)

@@ -65,6 +65,21 @@ def iter_find_defects(
     ------
     InputError
         If there are fewer than 3 frames, or more than 5 % of the pixels look defect.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.frames import ArraySource, iter_find_defects
+    >>> darks = np.full((3, 16, 16), 20)
+    >>> darks[:, 4, 7] = 200
+    >>> for step in iter_find_defects(ArraySource(darks, [(0, 0, k) for k in range(3)])):
+    ...     print(step.count, "reads", step.note)
+    1 of 6 reads
+    2 of 6 reads
+    3 of 6 reads
+    4 of 6 reads
+    5 of 6 reads
+    6 of 6 reads 1 defect pixels
     """
     check_number("frames to search", frames, at_least=MIN_FRAMES_HOT, integer=True)
     check_number("threshold (standard deviations)", threshold, above=0)
@@ -95,7 +110,18 @@ def iter_find_defects(
 def find_defects(
     source: FrameSource, *, frames: int = 64, threshold: float = 8.0, workers: int | None = None
 ) -> Defects:
-    """Return the hot, dead and stuck pixels of the sensor; see `iter_find_defects`."""
+    """Return the hot, dead and stuck pixels of the sensor; see `iter_find_defects`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.frames import ArraySource, find_defects
+    >>> darks = np.full((3, 16, 16), 20)
+    >>> darks[:, 4, 7] = 200
+    >>> found = find_defects(ArraySource(darks, [(0, 0, k) for k in range(3)]))
+    >>> print(found.pixels.tolist(), found.kinds)
+    [[4, 7]] ('hot',)
+    """
     return drain(iter_find_defects(source, frames=frames, threshold=threshold, workers=workers))
 
 

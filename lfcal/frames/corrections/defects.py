@@ -46,6 +46,16 @@ class Defects:
     InputError
         If a pixel lies off the sensor, has no good neighbour of its colour within two periods of the pattern,
         or more than 5 % of the sensor is defect.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.frames import CorrectionChain, Defects
+    >>> frame = np.arange(16, dtype=np.uint16).reshape(4, 4)
+    >>> frame[1, 1] = 4095
+    >>> chain = CorrectionChain((Defects([(1, 1)], shape=(4, 4)),))
+    >>> chain.apply(frame)[1].tolist()
+    [4.0, 5.0, 6.0, 7.0]
     """
 
     pixels: ArrayLike = field(repr=False)

@@ -61,6 +61,14 @@ class CorrectionRecipe:
         Colour channel of a mosaic, e.g. ``"G1"``; empty: the frames as they are.
     shift
         Bits by which left-aligned samples are moved down.
+
+    Examples
+    --------
+    >>> from lfcal.frames import CorrectionRecipe, corrected_view, open_frames
+    >>> recipe = CorrectionRecipe(dark="session/dark", background="border")
+    >>> with open_frames("session/frames") as source:
+    ...     print([type(step).__name__ for step in corrected_view(source, recipe).chain.steps])
+    ['Dark', 'Background']
     """
 
     dark: str | os.PathLike[str] = ""
@@ -92,6 +100,15 @@ def corrected_view(source: FrameSource, recipe: CorrectionRecipe, plan: ScanPlan
     ------
     InputError
         If something the recipe asks for does not fit these frames.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.frames import CorrectionRecipe, corrected_view, open_frames
+    >>> with open_frames("session/frames") as source:
+    ...     view = corrected_view(source, CorrectionRecipe(dark="session/dark"))
+    ...     print(np.median(source.read(0)), abs(np.median(view.read(0)).round()))
+    64.0 0.0
     """
     # samples first, then what they mean, then which of them: each view reads the facts of the one before
     view = ShiftedSource(source, recipe.shift) if recipe.shift else source
@@ -115,6 +132,23 @@ def check_turned_colours(frames: FrameSource, plan: ScanPlan, recipe: Correction
         The corrections; some look at single colours.
     applied
         Name of what makes the frames upright.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> import numpy as np
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.errors import InputError
+    >>> from lfcal.frames import ArraySource, CorrectionRecipe, check_turned_colours
+    >>> camera = preset("bench")
+    >>> colour = replace(camera, sensor=replace(camera.sensor, cfa="RGGB"))
+    >>> plan = ScanPlan.for_camera(colour, virtual_depths=[3])
+    >>> frames = ArraySource(np.ones((1, *camera.sensor.shape)), [(0, 0, 0)])
+    >>> try:
+    ...     check_turned_colours(frames, plan, CorrectionRecipe(channel="G1"), "rot90")
+    ... except InputError as error:
+    ...     print(error)
+    colour pattern of frames that are turned: expected one that the frames state as they are delivered, ...
     """
     used = recipe.channel or recipe.defects or recipe.white
     if applied == AS_IS or not used or frames.metadata.get("cfa") or not plan.camera.sensor.cfa:

@@ -22,6 +22,13 @@ def average_frames(frames: Iterable[NDArray[Any]]) -> NDArray[np.float32]:
     """Return the mean of equally shaped frames ``(rows, columns)``, summed in float64.
 
     For dark and white sequences, and for repeated frames of one position.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.frames import average_frames
+    >>> average_frames([np.array([[1, 2]]), np.array([[3, 6]])]).tolist()
+    [[2.0, 4.0]]
     """
     total: NDArray[np.float64] | None = None
     count = 0
@@ -67,6 +74,14 @@ class Dark:
     ------
     InputError
         If the frame is not a finite 2-D array.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.frames import CorrectionChain, Dark
+    >>> dark = Dark(np.array([[60.0, 61.0]]), count=8)
+    >>> CorrectionChain((dark,)).apply(np.array([[100, 50]], np.uint16)).tolist()
+    [[40.0, -11.0]]
     """
 
     frame: NDArray[Any] | None = field(default=None, repr=False)
@@ -210,6 +225,14 @@ class White:
     ------
     InputError
         If the frame is not finite, holds no light, or more than 0.1 % of it is saturated.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.frames import White
+    >>> white = White(np.array([[110, 110, 110, 60]] * 4), dark=10.0)
+    >>> white.gain[0].tolist()
+    [1.0, 1.0, 1.0, 2.0]
     """
 
     frame: InitVar[NDArray[Any]]
@@ -271,7 +294,14 @@ class White:
 
 @dataclass(frozen=True)
 class Exposure:
-    """Scale a frame to what it would show at ``reference_s`` (s), by the ratio of exposures."""
+    """Scale a frame to what it would show at ``reference_s`` (s), by the ratio of exposures.
+
+    Examples
+    --------
+    >>> from lfcal.frames import Exposure
+    >>> Exposure(reference_s=0.02).factor(0.005)
+    4.0
+    """
 
     reference_s: float
 

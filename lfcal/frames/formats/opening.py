@@ -51,6 +51,14 @@ def open_image(path: str | os.PathLike[str], *, colour: str | None = None, datas
         If it asks for more memory than its size warrants, or holds Python objects.
     StorageError
         If it cannot be read.
+
+    Examples
+    --------
+    >>> from lfcal.frames import open_image
+    >>> image = open_image("session/frames/z0_y00_x00.png")
+    >>> print(image.pages, image.shape, image.dtype)
+    1 (80, 96) uint16
+    >>> image.close()
     """
     path = Path(path)
     if colour is not None and colour not in ("R", "G", "B"):
@@ -64,7 +72,15 @@ def open_image(path: str | os.PathLike[str], *, colour: str | None = None, datas
 
 
 def read_image(path: str | os.PathLike[str], page: int = 0, *, colour: str | None = None) -> NDArray[Any]:
-    """Return one page of an image file, ``(rows, columns)``: for dark and white frames. Raises as `open_image`."""
+    """Return one page of an image file, ``(rows, columns)``: for dark and white frames. Raises as `open_image`.
+
+    Examples
+    --------
+    >>> from lfcal.frames import read_image
+    >>> white = read_image("session/white/white_0.png")
+    >>> print(white.shape, white.max())
+    (80, 96) 2547
+    """
     image = open_image(path, colour=colour)
     try:
         return image.read(image.check_page(page))

@@ -41,6 +41,15 @@ class ArraySource(Frames):
     ------
     InputError
         If axes, dtype or counts do not fit.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.frames import ArraySource
+    >>> scan = np.zeros((1, 2, 3, 40, 60), np.uint16)
+    >>> source = ArraySource(scan, metadata={"bit_depth": 12, "exposure_s": 0.02})
+    >>> print(len(source), source.shape, source.info(5).position, source.info(5).exposure_s)
+    6 (40, 60) Position(z=0, y=1, x=2) 0.02
     """
 
     def __init__(

@@ -106,6 +106,13 @@ class FolderSource(Frames):
     ------
     LfcalError
         If a file is missing or outside the folder, or the first frame is not what the manifest says.
+
+    Examples
+    --------
+    >>> from lfcal.frames import FolderSource, read_manifest
+    >>> with FolderSource("session/frames", read_manifest("session/frames/manifest.csv")) as source:
+    ...     print(len(source), source.info(33).label, source.read(33).shape)
+    1254 z0_y01_x32.png (80, 96)
     """
 
     def __init__(
