@@ -125,6 +125,15 @@ def coarse_order(plan: ScanPlan) -> NDArray[np.intp]:
     The first pass visits every plane on a grid of up to 16 pixels' pitch, each later pass the points of a
     grid twice as fine that are not yet taken; so that after 1/256 of the session all planes have been seen.
     Within a pass the plan's own order holds.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> plan = replace(ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=21), period=(4, 4))
+    >>> from lfcal.acquire import coarse_order
+    >>> print(coarse_order(plan)[:5].tolist())  # corners of blocks first, then what lies between
+    [[0, 0, 0], [0, 0, 2], [0, 2, 0], [0, 2, 2], [0, 0, 1]]
     """
     order = plan.order_indices()
     largest = 1 << max(0, min(4, (max(plan.period) - 1).bit_length() - 1))
@@ -137,7 +146,16 @@ def coarse_order(plan: ScanPlan) -> NDArray[np.intp]:
 
 
 def window_shape(plan: ScanPlan, options: Options) -> tuple[int, int]:
-    """Return the rows and columns kept of each frame, odd: what the cutout covers, and the margin."""
+    """Return the rows and columns kept of each frame, odd: what the cutout covers, and the margin.
+
+    Examples
+    --------
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=21)
+    >>> from lfcal.acquire import Options, window_shape
+    >>> print(window_shape(plan, Options(margin_px=4)))  # of a cutout of 21 x 21, with room for the stage's errors
+    (29, 29)
+    """
     rows, columns = Cutout.for_plan(plan).reach
     margin = options.margin_px
     if margin is None:

@@ -22,7 +22,16 @@ class Aborted(Cancelled):
 
 
 class Control:
-    """Hand requests from any thread to the thread that records."""
+    """Hand requests from any thread to the thread that records.
+
+    Examples
+    --------
+    >>> from lfcal.acquire import Control
+    >>> control = Control()  # handed to iter_record, and asked by it between frames
+    >>> control.stop()
+    >>> print(control.stopping, control.aborting)
+    True False
+    """
 
     def __init__(self) -> None:
         self._paused = threading.Event()

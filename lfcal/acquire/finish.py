@@ -65,6 +65,16 @@ def iter_assemble_session(
     ------
     InputError
         If the frames certainly do not lie as the plan says (`lfcal.psf.upright`).
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lfcal.acquire import iter_assemble_session
+    >>> from lfcal.progress import drain
+    >>> report = drain(iter_assemble_session(Path("recorded"), "new.h5"))
+    >>> with report.matrix as H:
+    ...     print(report.frames, "frames:", H.shape)
+    627 frames: (1, 19, 33, 55, 55)
     """
     with RecordingSource(folder, planes=planes, skip_damaged=skip_damaged) as source:
         frames: FrameSource = source
@@ -87,6 +97,16 @@ def iter_finish(folder: Path, *, workers: int | None = None) -> Work[Packed]:
     """Repack every finished recording of a session.
 
     A recording that lacks frames, or holds a damaged one, is left as it is, ready to be resumed.
+
+    Examples
+    --------
+    >>> import shutil
+    >>> from pathlib import Path
+    >>> from lfcal.acquire import iter_finish
+    >>> from lfcal.progress import drain
+    >>> packed = drain(iter_finish(Path(shutil.copytree("recorded", "copy"))))
+    >>> print(packed.left)  # what could not be packed, and why
+    ()
     """
     session = SessionFile.read(folder)
     lock = FolderLock(folder)

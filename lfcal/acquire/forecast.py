@@ -65,6 +65,18 @@ def forecast(
     ------
     InputError, DeviceError, StorageError
         What would stop the session at its start.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from dataclasses import replace
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> plan = replace(ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=21), period=(2, 3))
+    >>> from lfcal.devices import simulated_rig
+    >>> from lfcal.acquire import Options, SessionForecast, forecast
+    >>> expected: SessionForecast = forecast(plan, simulated_rig(plan), Options(darks=4), Path("new"))
+    >>> print(expected.positions, "positions and", expected.other_frames, "other frames")
+    6 positions and 3 other frames
     """
     scan = scan_of(plan)
     devices = check_devices(scan, rig)

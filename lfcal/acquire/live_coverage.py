@@ -65,6 +65,18 @@ class LiveCoverage:
     ----------
     plan
         The session's.
+
+    Examples
+    --------
+    >>> from lfcal.acquire import CoverageState, LiveCoverage
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.targets import Wishes, parse_target, plan_target
+    >>> scan = ScanPlan.for_camera(preset("bench"), virtual_depths=(4.0,), cutout=31)
+    >>> plan = plan_target(scan, parse_target("array:3x3@2mm"), Wishes(most_frames=3, level="geometric"))
+    >>> watch = LiveCoverage(plan)  # handed to record as an observer
+    >>> state: CoverageState = watch.state()
+    >>> print(state.done, "of", state.total, "frames,", f"{state.coverage:.0%} of the positions shown")
+    0 of 3 frames, 0% of the positions shown
     """
 
     def __init__(self, plan: TargetPlan) -> None:

@@ -36,6 +36,13 @@ class Alarm:
         Numbers in that unit.
     advice
         What it may be and what to do.
+
+    Examples
+    --------
+    >>> from lfcal.acquire import Alarm
+    >>> alarm = Alarm("the lamp fell", value=0.91, limit=0.95, advice="let it warm up")
+    >>> print(f"{alarm.what}: {alarm.value:.0%} of the first light; {alarm.advice}")
+    the lamp fell: 91% of the first light; let it warm up
     """
 
     what: str
@@ -91,6 +98,20 @@ class LiveQuality:
         Rows and columns of the recorded frames.
     stride
         Every how many frames the image's place in the cutout is measured, after the first 200.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from dataclasses import replace
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> plan = replace(ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=21), period=(2, 3))
+    >>> from lfcal.devices import simulated_rig
+    >>> from lfcal.acquire import LiveQuality, Options, QualityState, record, window_shape
+    >>> watch = LiveQuality(plan, window_shape(plan, Options()))
+    >>> _ = record(Path("new"), plan, simulated_rig(plan), observers=(watch,))
+    >>> state: QualityState = watch.state()
+    >>> print(state.done, "positions,", int(state.saturated.max()), "saturated pixels,", state.alarms)
+    6 positions, 0 saturated pixels, ()
     """
 
     def __init__(self, plan: ScanPlan, window: tuple[int, int], *, stride: int = 4) -> None:

@@ -61,6 +61,13 @@ class Options:
     suspend, steady_s
         Bounds of gauges as `Bound.parse` reads them, such as ``"temperature=20:22"``: the session holds while one is
         outside, and goes on when all have been within for so long (s).
+
+    Examples
+    --------
+    >>> from lfcal.acquire import Options
+    >>> options = Options(order="coarse", darks=16, reference_every=50, bracket=(1.0, 0.1))
+    >>> print(options.darks, "darks; each position exposed", len(options.bracket), "times")
+    16 darks; each position exposed 2 times
     """
 
     order: str = "plan"

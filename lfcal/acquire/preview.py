@@ -44,7 +44,16 @@ class LiveFrame:
 
 
 class Preview:
-    """A queue from the recording thread to one reader, never longer than ``size``; neither side ever waits."""
+    """A queue from the recording thread to one reader, never longer than ``size``; neither side ever waits.
+
+    Examples
+    --------
+    >>> from lfcal.acquire import LiveFrame, Preview
+    >>> preview = Preview()  # handed to iter_record; another thread looks
+    >>> frame: LiveFrame | None = preview.latest()
+    >>> print(frame)  # nothing was recorded yet
+    None
+    """
 
     def __init__(self, size: int = 2) -> None:
         self._items: deque[LiveFrame] = deque(maxlen=max(1, size))

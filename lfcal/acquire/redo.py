@@ -25,6 +25,15 @@ class RedoList:
     """Positions (z, y, x) to record, with a reason each.
 
     ``kept_aside`` are those among them that a fit must not use: they tell how good it is.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lfcal.acquire import RedoList
+    >>> RedoList.of([(0, 2, 5)], ["stage off by 3 px"]).write(Path("redo.json"))  # for lfcal acquire --redo
+    >>> found = RedoList.read(Path("redo.json"))
+    >>> print(tuple(found.positions[0]), found.reasons)
+    (0, 2, 5) ('stage off by 3 px',)
     """
 
     positions: tuple[Position, ...]

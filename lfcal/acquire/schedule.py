@@ -55,6 +55,16 @@ class Schedule:
         Region read for all but control frames; ``control_roi`` for those.
     grid
         ``(nz, ny, nx)`` that positions are counted on: the plan's, or that of `frame_grid`.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> plan = replace(ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=21), period=(2, 3))
+    >>> from lfcal.acquire import Kind, Options, Schedule
+    >>> schedule = Schedule.of(plan, Options(darks=2, reference_every=3))
+    >>> print(schedule.count(Kind.POSITION), "positions among", len(schedule), "frames")
+    6 positions among 10 frames
     """
 
     kinds: NDArray[np.uint8]

@@ -83,6 +83,19 @@ def iter_record(
         Before anything moves, and with nothing left behind.
     AcquisitionStopped
         When the session had to end early; it can be resumed.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from dataclasses import replace
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> plan = replace(ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=21), period=(2, 3))
+    >>> from lfcal.devices import simulated_rig
+    >>> from lfcal.acquire import iter_record
+    >>> for step in iter_record(Path("watched"), plan, simulated_rig(plan)):
+    ...     last = step
+    >>> print(last.count, "frames")
+    6 of 6 frames
     """
     control = control or Control()
     scan = scan_of(plan)
@@ -130,7 +143,20 @@ def record(
     control: Control | None = None,
     observers: tuple[Observer, ...] = (),
 ) -> Outcome:
-    """Record ``plan`` into the session ``folder``; see `iter_record`."""
+    """Record ``plan`` into the session ``folder``; see `iter_record`.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from dataclasses import replace
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> plan = replace(ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=21), period=(2, 3))
+    >>> from lfcal.devices import simulated_rig
+    >>> from lfcal.acquire import Options, Outcome, record
+    >>> outcome: Outcome = record(Path("new"), plan, simulated_rig(plan), Options(darks=2))
+    >>> print(outcome.how, outcome.acknowledged, "of", outcome.total)
+    complete 6 of 6
+    """
     return drain(
         iter_record(
             folder,
@@ -148,7 +174,19 @@ def record(
 
 
 def check_devices(plan: ScanPlan, rig: Rig) -> Devices:
-    """Return what the devices say of themselves; raise `InputError` if the camera is not the plan's."""
+    """Return what the devices say of themselves; raise `InputError` if the camera is not the plan's.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> plan = replace(ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=21), period=(2, 3))
+    >>> from lfcal.devices import simulated_rig
+    >>> from lfcal.acquire import check_devices
+    >>> devices = check_devices(plan, simulated_rig(plan))
+    >>> print(devices.camera, tuple(devices.sensor_shape))
+    simulated camera (320, 320)
+    """
     devices = Devices.of(rig)
     if tuple(devices.sensor_shape) != tuple(plan.camera.sensor.shape):
         raise InputError.expected(

@@ -84,6 +84,14 @@ class SessionFile:
         Positions (z, y, x) that a fit is not to use: they tell how good it is.
     target
         The plan of a target whose whole frames are recorded, `plan` the scan that it stands for; None: single points.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lfcal.acquire import SessionFile
+    >>> session = SessionFile.read(Path("recorded"))
+    >>> print(session.plan.period, session.recordings, session.devices.camera)
+    (19, 33) ('recording.h5',) simulated camera
     """
 
     identity: str

@@ -55,6 +55,16 @@ def find_spot(frame: NDArray[Any]) -> Spot:
     ------
     InputError
         If no light stands out.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.acquire.setup import Spot, find_spot
+    >>> y, x = np.mgrid[:80, :100]
+    >>> frame = 100 + 900 * np.exp(-((y - 30.25) ** 2 + (x - 61.5) ** 2) / 8)
+    >>> spot: Spot = find_spot(frame)
+    >>> print(f"row {spot.row:.2f}, column {spot.column:.2f}")
+    row 30.26, column 61.50
     """
     # a sample is enough for the median of millions of pixels
     step = max(1, math.isqrt(frame.size // SAMPLE))
@@ -105,6 +115,16 @@ def image_shift(before: NDArray[Any], after: NDArray[Any]) -> tuple[float, float
     ------
     InputError
         If one of them shows no light.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.acquire.setup import image_shift
+    >>> y, x = np.mgrid[:64, :64]
+    >>> before = 1000 * np.exp(-((y - 30) ** 2 + (x - 35) ** 2) / 8)
+    >>> rows, columns, _ = image_shift(before, np.roll(before, (3, -2), (0, 1)))
+    >>> print(f"{rows:.1f} down, {-columns:.1f} to the left")
+    3.0 down, 2.0 to the left
     """
     first, second = find_spot(before), find_spot(after)
     a = before - np.median(before).astype(np.float64)

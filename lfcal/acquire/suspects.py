@@ -19,6 +19,13 @@ def read_suspects(folder: Path) -> RedoList:
         If there is no session, or it is damaged.
     InputError
         If nothing was recorded.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lfcal.acquire import read_suspects
+    >>> print(len(read_suspects(Path("recorded")).positions), "frames look unlike their neighbours")
+    0 frames look unlike their neighbours
     """
     with open_session(folder) as source:
         found = source.suspects()

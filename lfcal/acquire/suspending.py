@@ -33,6 +33,13 @@ class Bound:
         Name of one of the rig's gauges, or path of a text file that ends with the newest number.
     low, high
         Smallest and largest reading, in the gauge's unit; infinite: no bound.
+
+    Examples
+    --------
+    >>> from lfcal.acquire import Bound
+    >>> lamp = Bound("temperature", low=20.0, high=22.0)  # the session holds while it reads something else
+    >>> print(lamp.gauge, lamp.low, lamp.high)
+    temperature 20.0 22.0
     """
 
     gauge: str
@@ -78,7 +85,7 @@ def gauge_of(rig: Rig, name: str) -> Gauge:
 
 
 class Suspender:
-    """Say why a session is to hold, by gauges read every second.
+    r"""Say why a session is to hold, by gauges read every second.
 
     Parameters
     ----------
@@ -93,6 +100,19 @@ class Suspender:
     ------
     InputError
         At once, where a gauge is not there.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> plan = replace(ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=21), period=(2, 3))
+    >>> from lfcal.devices import simulated_rig
+    >>> from pathlib import Path
+    >>> from lfcal.acquire import Bound, Suspender
+    >>> _ = Path("room.csv").write_text("25.5\n")
+    >>> hold = Suspender(simulated_rig(plan), (Bound("room.csv", 20, 22),), steady_s=60.0)
+    >>> print(hold())
+    suspended: room.csv 25.5, outside 20 to 22
     """
 
     def __init__(self, rig: Rig, bounds: Sequence[Bound], steady_s: float) -> None:

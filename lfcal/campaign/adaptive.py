@@ -78,6 +78,20 @@ def iter_adaptive(
         if patterns are not of such a camera.
     AcquisitionStopped
         When recording had to end early; it can be resumed.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lfcal.acquire import Options
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.campaign import Adapted, AdaptiveStep, Goal, iter_adaptive
+    >>> from lfcal.devices import simulated_rig
+    >>> plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=21)
+    >>> steps: list[AdaptiveStep] = []  # how good H is after each round
+    >>> work = iter_adaptive(Path("new"), plan, simulated_rig(plan), Goal(error=0.01), seen=steps.append)
+    >>> print(next(work).stage)
+    what patterns tell
+    >>> work.close()  # run to its end, it returns an Adapted
     """
     campaign = _Campaign(folder, plan, rig, goal, options, control or Control(), preview, observers, workers)
     outcome = yield from campaign.begin(resume=resume)

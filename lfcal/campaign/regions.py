@@ -48,7 +48,23 @@ def is_regions(folder: Path) -> bool:
 
 
 def read_regions(folder: Path) -> RegionPlan:
-    """Return the plan of the session in ``folder``."""
+    """Return the plan of the session in ``folder``.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from pathlib import Path
+    >>> from lfcal.acquire import Options
+    >>> from lfcal.camera import RegionPlan, ScanPlan, preset
+    >>> from lfcal.campaign import iter_record_regions, read_regions
+    >>> from lfcal.devices import simulated_rig
+    >>> from lfcal.progress import drain
+    >>> scan = replace(ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=21), period=(1, 2))
+    >>> rig, options = simulated_rig(scan), Options(darks=0, reference_every=0)
+    >>> _ = drain(iter_record_regions(Path("recorded there"), RegionPlan.spread(scan, (1, 2)), rig, options))
+    >>> read_regions(Path("recorded there")).names
+    ('r1c2', 'r1c1')
+    """
     return RegionPlan.from_json(read_text(folder / REGIONS_FILE))
 
 
@@ -80,6 +96,21 @@ def iter_record_regions(
         Go on with the first region that is not complete, after a check of all of them.
     observers
         Returns who sees the frames of a region, by its number.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from pathlib import Path
+    >>> from lfcal.acquire import Options
+    >>> from lfcal.camera import RegionPlan, ScanPlan, preset
+    >>> from lfcal.campaign import iter_record_regions
+    >>> from lfcal.devices import simulated_rig
+    >>> from lfcal.progress import drain
+    >>> scan = replace(ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=21), period=(1, 2))
+    >>> plan = RegionPlan.spread(scan, (1, 2))
+    >>> done = drain(iter_record_regions(Path("new"), plan, simulated_rig(scan), Options(darks=0, reference_every=0)))
+    >>> print(done.acknowledged, "positions in", len(plan), "regions")
+    4 positions in 2 regions
     """
     control = control or Control()
     _begin(folder, plan, resume=resume)

@@ -46,6 +46,13 @@ class Goal:
         Groups of unknowns, or ``"auto"``, as of `lfcal.fit.fit_camera`.
     candidates
         Positions that are looked at for each choice; 0: all.
+
+    Examples
+    --------
+    >>> from lfcal.campaign import Goal
+    >>> goal = Goal(error=0.01, most=60)  # H is to be known to 1 %, with 60 positions at most
+    >>> print(goal.first, "positions before the first fit")
+    12 positions before the first fit
     """
 
     error: float

@@ -25,7 +25,20 @@ class _Ended(BaseException):
 
 
 def main() -> None:
-    """Run ``lfcal``: bad input ends with one clear line and exit code 2, a signal with 128 and its number."""
+    """Run ``lfcal``: bad input ends with one clear line and exit code 2, a signal with 128 and its number.
+
+    Examples
+    --------
+    >>> import sys
+    >>> from lfcal.cli import main
+    >>> sys.argv = ["lfcal", "--version"]
+    >>> try:
+    ...     main()
+    ... except SystemExit as ended:
+    ...     print("exit code", ended.code)
+    lfcal ...
+    exit code 0
+    """
     try:
         with _signals_clean_up():
             _run()

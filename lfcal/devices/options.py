@@ -14,7 +14,14 @@ __all__ = ["limits_option", "number_option"]
 def number_option(
     options: Mapping[str, str], key: str, default: float, *, low: float = -math.inf, high: float = math.inf
 ) -> float:
-    """Return option ``key`` as a number within [``low``, ``high``]."""
+    """Return option ``key`` as a number within [``low``, ``high``].
+
+    Examples
+    --------
+    >>> from lfcal.devices import number_option
+    >>> number_option({"speed": "250"}, "speed", 100.0, low=0.0), number_option({}, "speed", 100.0)
+    (250.0, 100.0)
+    """
     text = options.get(key)
     if text is None:
         return default
@@ -28,7 +35,14 @@ def number_option(
 
 
 def limits_option(options: Mapping[str, str], key: str = "limits") -> Limits | None:
-    """Return option ``key``, ``x0:x1,y0:y1,z0:z1`` in µm, as limits; None if it is not given."""
+    """Return option ``key``, ``x0:x1,y0:y1,z0:z1`` in µm, as limits; None if it is not given.
+
+    Examples
+    --------
+    >>> from lfcal.devices import limits_option
+    >>> limits_option({"limits": "0:50000,0:50000,-1000:1000"})  # of each axis (um)
+    ((0.0, 50000.0), (0.0, 50000.0), (-1000.0, 1000.0))
+    """
     text = options.get(key)
     if text is None:
         return None

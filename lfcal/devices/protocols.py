@@ -44,7 +44,15 @@ Limits = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 
 @dataclass(frozen=True, slots=True)
 class Roi:
-    """A rectangle of the sensor: first row and column, number of rows and columns (pixels)."""
+    """A rectangle of the sensor: first row and column, number of rows and columns (pixels).
+
+    Examples
+    --------
+    >>> from lfcal.devices import Roi
+    >>> region = Roi(row=100, column=80, rows=64, columns=48)  # of the sensor
+    >>> print(region.rows * region.columns, "pixels")
+    3072 pixels
+    """
 
     row: int
     column: int
@@ -73,7 +81,18 @@ class Roi:
 
 @dataclass(frozen=True, slots=True)
 class Setting(Generic[T]):
-    """A value asked for and the value the device took."""
+    """A value asked for and the value the device took.
+
+    Examples
+    --------
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.devices import Setting, simulated_rig
+    >>> plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=21)
+    >>> with simulated_rig(plan) as rig:
+    ...     exposure: Setting[float] = rig.camera.set_exposure(0.0123)
+    >>> print(f"asked for {1e3 * exposure.requested:.1f} ms, the camera takes {1e3 * exposure.actual:.1f} ms")
+    asked for 12.3 ms, the camera takes 12.3 ms
+    """
 
     requested: T
     actual: T
@@ -95,6 +114,17 @@ class Frame:
         Earliest start of the exposure on the rig's clock (s), or None where only `number` shows that the frame is new.
     status
         ``"complete"``, or what is wrong with the buffer.
+
+    Examples
+    --------
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.devices import Frame, Roi, simulated_rig
+    >>> plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=21)
+    >>> with simulated_rig(plan) as rig:
+    ...     _ = rig.camera.set_roi(Roi(row=100, column=80, rows=64, columns=48))
+    ...     frame: Frame = rig.camera.grab(1.0)
+    >>> print(frame.data.shape, frame.status)
+    (64, 48) complete
     """
 
     data: NDArray[Any]
@@ -234,7 +264,17 @@ class TimeSource(Protocol):
 
 
 class SystemTime:
-    """The computer's own clocks."""
+    """The computer's own clocks.
+
+    Examples
+    --------
+    >>> from lfcal.devices import SystemTime
+    >>> clock = SystemTime()
+    >>> begun = clock.monotonic()
+    >>> clock.sleep(0.001)
+    >>> print(clock.monotonic() >= begun + 0.001)
+    True
+    """
 
     def monotonic(self) -> float:
         """Return `time.monotonic`."""
@@ -256,6 +296,18 @@ class Rig:
     ``others`` are devices that had to be opened along with these and are closed with them; ``grabber`` waits for the
     camera's frames. ``gauges`` tell how the lab is, where there are any. ``switches`` says that points of a display are
     switched with the stage's moves, as a simulator does.
+
+    Examples
+    --------
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.devices import Rig, simulated_rig
+    >>> plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=21)
+    >>> rig: Rig
+    >>> with simulated_rig(plan) as rig:  # camera and stage are released at its end
+    ...     rig.stage.move((100.0, -50.0, 0.0))
+    ...     rig.time.sleep(10.0)
+    ...     print([round(um) for um in rig.stage.position()])
+    [100, -50, 0]
     """
 
     camera: CameraDevice

@@ -99,7 +99,14 @@ BACKENDS = backend_registry()
 
 
 def get_backend(name: str) -> Backend:
-    """Return backend ``name``; raises `InputError` if there is none, `DeviceMissing` if it does not load."""
+    """Return backend ``name``; raises `InputError` if there is none, `DeviceMissing` if it does not load.
+
+    Examples
+    --------
+    >>> from lfcal.devices import get_backend
+    >>> print(get_backend("sim").title)
+    simulated camera and stage
+    """
     reason = BACKENDS.failures().get(name)
     if reason is not None and name not in BACKENDS:
         raise DeviceMissing(f"{reason}; update or remove the package that brings it")
@@ -107,7 +114,15 @@ def get_backend(name: str) -> Backend:
 
 
 def find_backends() -> list[Finding]:
-    """Return what is found of every backend, with the reason where it cannot be used."""
+    """Return what is found of every backend, with the reason where it cannot be used.
+
+    Examples
+    --------
+    >>> from lfcal.devices import Finding, find_backends
+    >>> found: list[Finding] = find_backends()
+    >>> print([one.title for one in found if one.name == "sim" and one.available])
+    ['simulated camera and stage']
+    """
     findings = [_probed(backend) for backend in BACKENDS]
     known = {finding.name for finding in findings}
     failures = BACKENDS.failures().items()
@@ -136,6 +151,15 @@ def open_rig(
         If an option is unknown, or no stage is named and the backend has none.
     DeviceError
         If a device is not there.
+
+    Examples
+    --------
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.devices import open_rig
+    >>> plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=21)
+    >>> with open_rig(plan, "sim") as rig:
+    ...     print(rig.camera.name, tuple(rig.camera.sensor_shape))
+    simulated camera (320, 320)
     """
     if isinstance(backend, str):
         backend = get_backend(backend)

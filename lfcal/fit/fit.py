@@ -68,6 +68,17 @@ def iter_fit_camera(
     """Fit as `fit_camera`; yields progress in derivatives, and closing it stops the fit.
 
     The start and the end of each round of them are a `FitProgress`.
+
+    Examples
+    --------
+    >>> from lfcal.fit import FitProgress, iter_fit_camera, measured_of
+    >>> from lfcal.psf import open_psf
+    >>> with open_psf("H.h5") as H:
+    ...     work = iter_fit_camera(measured_of(H, most=8, cutout=31), unknowns=["geometry"])
+    >>> step: FitProgress = next(work)
+    >>> print(step.stage)
+    as described
+    >>> work.close()  # the rest is not wanted
     """
     measured = source if isinstance(source, Measured) else measured_of(source, camera, **reading)
     if isinstance(source, Measured) and camera is not None:
@@ -180,6 +191,16 @@ def fit_camera(
     ------
     InputError
         If the patterns are not of such a camera, or too few, or their noise is not known.
+
+    Examples
+    --------
+    >>> from lfcal.fit import Fit, fit_camera, measured_of
+    >>> from lfcal.psf import open_psf
+    >>> with open_psf("H.h5") as H:
+    ...     found: Fit = fit_camera(measured_of(H, most=8, cutout=31), unknowns=["geometry"])
+    >>> gap = found.parameters["gap_um"]
+    >>> print(f"gap between lenslets and sensor: {gap.value:.1f} um found, {gap.start:.1f} um described")
+    gap between lenslets and sensor: 290.4 um found, 290.4 um described
     """
     work = iter_fit_camera(source, camera, unknowns, effects=effects, stage=stage, workers=workers, **reading)
     return drain(work)

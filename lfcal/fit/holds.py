@@ -189,6 +189,21 @@ def check(
     ------
     InputError
         If H is none of untouched pixels, or a frame shows no light where H has a pattern.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lfcal.camera import ScanPlan
+    >>> from lfcal.fit import Check, check
+    >>> from lfcal.frames import CorrectionRecipe, corrected_view, open_frames
+    >>> from lfcal.psf import open_psf
+    >>> plan = ScanPlan.from_json(Path("session/plan.json").read_text())
+    >>> with open_frames("session/frames", plan=plan) as frames, open_psf("H.h5") as H:
+    ...     recipe = CorrectionRecipe(dark="session/dark", white="session/white")
+    ...     frame = corrected_view(frames, recipe, plan).read(200)
+    ...     found: Check = check(H, frame, suspects=False)
+    >>> print("H holds:", found.holds)
+    H holds: True
     """
     return drain(iter_check(matrix, _as_frames(frames), noise=noise, limit=limit, suspects=suspects))
 

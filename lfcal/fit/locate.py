@@ -45,6 +45,14 @@ class NewFrame:
         Depth plane of H, where it is known.
     label
         For messages.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.fit import NewFrame
+    >>> frame = NewFrame(np.zeros((80, 96), np.float32), place=(40.0, 48.0), plane=1, label="monday.tif")
+    >>> print(frame.label, "has its source at row, column", frame.place)
+    monday.tif has its source at row, column (40.0, 48.0)
     """
 
     values: NDArray[np.float32]

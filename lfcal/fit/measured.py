@@ -50,6 +50,15 @@ class Measured:
         holes (`lfcal.fit.setup.Setup.hole_um`). None: no such size is told.
     blurred_um
         Diameter of the holes whose light ``beside`` holds (µm).
+
+    Examples
+    --------
+    >>> from lfcal.fit import Measured, measured_of
+    >>> from lfcal.psf import open_psf
+    >>> with open_psf("H.h5") as H:
+    ...     measured: Measured = measured_of(H, most=12)
+    >>> print(len(measured), "patterns,", int(measured.left_out.sum()), "of them kept aside to judge a fit by")
+    12 patterns, 2 of them kept aside to judge a fit by
     """
 
     plan: ScanPlan
@@ -173,6 +182,15 @@ def measured_of(
     ------
     InputError
         Where H has no camera, no noise, or too few patterns.
+
+    Examples
+    --------
+    >>> from lfcal.fit import measured_of
+    >>> from lfcal.psf import open_psf
+    >>> with open_psf("H.h5") as H:
+    ...     few = measured_of(H, positions=[(0, 3, 4), (0, 9, 16), (1, 5, 8)], cutout=41)
+    >>> print(few.index.tolist(), few.patterns.shape)
+    [[0, 3, 4], [0, 9, 16], [1, 5, 8]] (3, 41, 41)
     """
     if matrix.is_transposed:
         raise InputError.expected("patterns", "those of H", "those of HT", "give H")

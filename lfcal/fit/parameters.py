@@ -85,6 +85,13 @@ class Unknown:
         Patterns change with its square, which is what is fitted: a width that adds in quadrature.
     gauge
         What is held so that this unknown means something, for people; empty where nothing must be.
+
+    Examples
+    --------
+    >>> from lfcal.fit import Unknown
+    >>> gap = Unknown("gap_um", "geometry", "um", start=290.0, scale=1.0, low=0.0)
+    >>> print(gap.value(0.4), gap.unit)  # 0.4 scales from the start
+    290.4 um
     """
 
     name: str
@@ -138,7 +145,15 @@ class Unknown:
 
 
 class Group(ABC):
-    """Unknowns that belong together, and what they change."""
+    """Unknowns that belong together, and what they change.
+
+    Examples
+    --------
+    >>> from lfcal.fit import GROUPS, Group
+    >>> group: Group = GROUPS.get("geometry")
+    >>> print(group.title)
+    gap, rotation and offset of the array
+    """
 
     name: str
     """What options, files and commands call it."""

@@ -43,6 +43,13 @@ class Parameter:
         What the description said.
     sigma_held
         Standard deviation with all else held as it is: what fits of the same groups differ by.
+
+    Examples
+    --------
+    >>> from lfcal.fit import Parameter
+    >>> gap = Parameter("gap_um", "geometry", "um", value=290.4, sigma=0.1, start=290.0, sigma_held=0.05)
+    >>> print(f"{(gap.value - gap.start) / gap.sigma:.0f} standard deviations from the description")
+    4 standard deviations from the description
     """
 
     name: str
@@ -56,7 +63,15 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True)
 class Outlier:
-    """A pattern that was left out of the fit because it is not like the others; ``region`` is its number."""
+    """A pattern that was left out of the fit because it is not like the others; ``region`` is its number.
+
+    Examples
+    --------
+    >>> from lfcal.fit import Outlier
+    >>> lost = Outlier(0, 4, 7, "no light")
+    >>> print(f"({lost.z}, {lost.y}, {lost.x}): {lost.reason}")
+    (0, 4, 7): no light
+    """
 
     z: int
     y: int

@@ -69,6 +69,15 @@ class Setup:
     hole_um
         Diameter of the holes of a target whose patterns hold their light beside what is computed here
         (`lfcal.fit.measured.Measured.blur`) (µm); None: sources are what the effects say.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.fit import Setup
+    >>> from lfcal.simulate.effects import LensletDiffraction
+    >>> setup = Setup(preset("bench"), (LensletDiffraction(),), depth_errors_um=(0.0, 0.0))
+    >>> print(setup.camera.name, [effect.name for effect in setup.effects])
+    bench ['lenslet_diffraction']
     """
 
     camera: Camera

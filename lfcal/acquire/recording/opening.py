@@ -13,7 +13,17 @@ __all__ = ["SOURCE", "open_session"]
 
 
 def open_session(folder: Path, *, skip_damaged: bool = False) -> RecordingSource:
-    """Return the frames of a session: cutouts of a single point, or whole frames of a target."""
+    """Return the frames of a session: cutouts of a single point, or whole frames of a target.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lfcal.acquire import RecordingSource, open_session
+    >>> session: RecordingSource
+    >>> with open_session(Path("recorded")) as session:
+    ...     print(len(session), "frames of", session.dtype, "- the first at", tuple(session.info(0).position))
+    627 frames of uint16 - the first at (0, 0, 0)
+    """
     kind = RecordingSource if SessionFile.read(folder).target is None else TargetRecording
     return kind(folder, skip_damaged=skip_damaged)
 

@@ -58,6 +58,20 @@ class Note:
     """What is noted with a frame: the fields, their order and their stored types are the record's layout.
 
     Lengths in µm, times in s, light in counts. ``sequence`` and ``frame_crc`` are filled in when the frame is written.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from dataclasses import replace
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> plan = replace(ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=21), period=(2, 3))
+    >>> from lfcal.devices import simulated_rig
+    >>> from lfcal.acquire import Note, record
+    >>> def watch(step, note: Note, frame):
+    ...     if note.index == 5:
+    ...         print(f"position 5: exposed {1e3 * note.exposure_s:.0f} ms, {note.saturated} saturated pixels")
+    >>> _ = record(Path("new"), plan, simulated_rig(plan), observers=(watch,))
+    position 5: exposed 20 ms, 0 saturated pixels
     """
 
     index: Annotated[int, "<u4"]  # position in the scan plan, (z * ny + y) * nx + x

@@ -237,7 +237,16 @@ class CheckFrame(NamedTuple):
 
 
 def read_checks(folder: Path) -> list[CheckFrame]:
-    """Return the reference frames (lamp drift) and control frames (periodicity) of a session, in time order."""
+    """Return the reference frames (lamp drift) and control frames (periodicity) of a session, in time order.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lfcal.acquire import CheckFrame, read_checks
+    >>> checks: list[CheckFrame] = read_checks(Path("recorded"))
+    >>> print(len(checks), "frames of the first position again, to see lamp and stage")
+    8 frames of the first position again, to see lamp and stage
+    """
     session = SessionFile.read(folder)
     found = []
     for run in range(len(session.recordings)):

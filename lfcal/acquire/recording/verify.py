@@ -135,6 +135,17 @@ def iter_verify(folder: Path, *, workers: int | None = None) -> Work[SessionRepo
     ------
     StorageError, FileFormatError
         If there is no session, or its ``session.json`` is damaged.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lfcal.acquire import iter_verify
+    >>> from lfcal.progress import drain
+    >>> for file in drain(iter_verify(Path("recorded"))).files:
+    ...     print(file.file, file.whole, "of", file.frames)
+    recording.h5 627 of 627
+    checks.h5 8 of 8
+    darks.h5 1 of 1
     """
     session = SessionFile.read(folder)
     schedules = [session.schedule(run) for run in range(len(session.recordings))]
@@ -158,7 +169,17 @@ def iter_verify(folder: Path, *, workers: int | None = None) -> Work[SessionRepo
 
 
 def verify(folder: Path, *, workers: int | None = None) -> SessionReport:
-    """Check every record and every frame of a session; see `iter_verify`."""
+    """Check every record and every frame of a session; see `iter_verify`.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lfcal.acquire import DamagedFrame, SessionReport, verify
+    >>> report: SessionReport = verify(Path("recorded"))
+    >>> damaged: tuple[DamagedFrame, ...] = report.damaged
+    >>> print(report.ok, len(damaged), "damaged,", len(report.never_taken), "never taken")
+    True 0 damaged, 0 never taken
+    """
     return drain(iter_verify(folder, workers=workers))
 
 

@@ -32,6 +32,21 @@ class TargetRecording(RecordingSource):
     ----------
     folder, skip_damaged
         As of `RecordingSource`, which raises the same.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lfcal.acquire import Options, TargetRecording, open_session, record
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.devices import simulated_rig
+    >>> from lfcal.targets import Wishes, parse_target, plan_target
+    >>> scan = ScanPlan.for_camera(preset("bench"), virtual_depths=(4.0,), cutout=31)
+    >>> plan = plan_target(scan, parse_target("array:3x3@2mm"), Wishes(most_frames=3, level="geometric"))
+    >>> _ = record(Path("new"), plan, simulated_rig(scan), Options(darks=0, reference_every=0, on_suspect="flag"))
+    >>> session: TargetRecording
+    >>> with open_session(Path("new")) as session:
+    ...     print(len(session), "whole frames", session.shape, "- of", len(session.info(0).points), "points each")
+    3 whole frames (320, 320) - of 9 points each
     """
 
     of_whole_frames = True

@@ -27,6 +27,14 @@ def suggest_exposure(
     """Return the exposure at which ``peak`` counts become ``target`` of the range above black (s).
 
     None when the frame is saturated, which hides how bright it is, or shows no light.
+
+    Examples
+    --------
+    >>> from lfcal.acquire.setup import suggest_exposure
+    >>> print(f"{suggest_exposure(2000, 0.01, black_level=0, max_value=4000):.3f} s")  # 70 % where 50 % were
+    0.014 s
+    >>> print(suggest_exposure(4000, 0.01, black_level=0, max_value=4000))  # saturated: nobody knows by how much
+    None
     """
     if peak >= max_value or peak <= black_level:
         return None
@@ -51,6 +59,18 @@ def iter_exposures(
     ------
     InputError
         If a plane stays dark at ``longest_s``, or saturated at any exposure.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> plan = replace(ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=21), period=(2, 3))
+    >>> from lfcal.devices import simulated_rig
+    >>> from lfcal.acquire.setup import iter_exposures
+    >>> from lfcal.progress import drain
+    >>> (seconds,) = drain(iter_exposures(simulated_rig(plan), plan, target=0.7))
+    >>> print(f"{seconds:.2f} s bring the brightest pixel to 70 % of full scale")
+    0.02 s bring the brightest pixel to 70 % of full scale
     """
     options, control = options or Options(), control or Control()
     schedule = Schedule.of(plan, Options(margin_px=options.margin_px))

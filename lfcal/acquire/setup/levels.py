@@ -58,7 +58,16 @@ class Levels:
 
 
 def levels(frame: NDArray[Any], max_value: int) -> Levels:
-    """Return the histogram of ``frame`` ``(rows, columns)``, unsigned samples that saturate at ``max_value``."""
+    """Return the histogram of ``frame`` ``(rows, columns)``, unsigned samples that saturate at ``max_value``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.acquire.setup import Levels, levels
+    >>> found: Levels = levels(np.array([[0, 100], [200, 4095]], np.uint16), max_value=4095)
+    >>> print(found.saturated, "saturated pixel")
+    1 saturated pixel
+    """
     if frame.ndim != 2 or frame.dtype.kind != "u" or frame.size == 0:
         raise InputError.expected(
             "frame", "a 2-D array of unsigned samples", f"{frame.ndim}-D {frame.dtype}", "pass a raw frame"

@@ -52,7 +52,18 @@ class LiveState:
 
 
 def predicted_image(plan: ScanPlan, stage_um: Point) -> tuple[float, float]:
-    """Return where the plan expects the image (row, column) with the stage at ``stage_um``; sensor pixels."""
+    """Return where the plan expects the image (row, column) with the stage at ``stage_um``; sensor pixels.
+
+    Examples
+    --------
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=21)
+    >>> from lfcal.acquire.setup import predicted_image
+    >>> stage = tuple(plan.stage_um([0, 4, 2]).tolist())
+    >>> row, column = predicted_image(plan, stage)
+    >>> print(plan.image_px([0, 4, 2]).round(1).tolist(), round(row, 1), round(column, 1))  # there and back
+    [154.0, 146.0] 154.0 146.0
+    """
     right, down, away = plan.stage.to_object(np.array(stage_um)).tolist()
     step = plan.camera.step_um(away)
     row, column = plan.camera.sensor.centre_px
@@ -78,6 +89,20 @@ def iter_live(
     DeviceLost
     DeviceError
         If a driver fails in a way of its own.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> plan = replace(ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=21), period=(2, 3))
+    >>> from lfcal.devices import simulated_rig
+    >>> from lfcal.acquire import Control, Preview
+    >>> from lfcal.acquire.setup import LiveState, iter_live
+    >>> live = iter_live(simulated_rig(plan), Preview(), Control(), exposure_s=0.02, plan=plan)
+    >>> state: LiveState = next(live)
+    >>> print(state.levels.saturated, state.trouble or "no trouble")
+    1 no trouble
+    >>> live.close()
     """
     camera, watched = rig.camera, driver_errors(rig.camera.name)
     with watched:

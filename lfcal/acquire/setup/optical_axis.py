@@ -56,6 +56,16 @@ def find_optical_axis(object_um: ArrayLike, image_px: ArrayLike) -> OpticalAxis:
     InputError
         If the magnification does not change over the depths: a telecentric system has no such place, and
         what moves the image then is a tilted stage axis.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.acquire.setup import OpticalAxis, find_optical_axis
+    >>> places = np.random.default_rng(0).uniform(-500, 500, (3, 6, 2))  # six in each of three planes (um)
+    >>> images = [(150, 160) + m * (p - (30, -80))[:, ::-1] for m, p in zip((0.03, 0.04, 0.05), places)]
+    >>> axis: OpticalAxis = find_optical_axis(places, images)
+    >>> print([round(v, 1) for v in axis.object_um], [round(v, 1) for v in axis.image_px])
+    [30.0, -80.0] [150.0, 160.0]
     """
     places, seen = np.asarray(object_um, float), np.asarray(image_px, float)
     if places.shape != seen.shape or places.ndim != 3 or places.shape[0] < 2 or places.shape[1] < 3:
@@ -103,6 +113,17 @@ def iter_optical_axis(
     ------
     InputError
         Before anything moves: if these are not two planes or more.
+
+    Examples
+    --------
+    >>> from lfcal.acquire.setup import iter_optical_axis
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.devices import simulated_rig
+    >>> from lfcal.progress import drain
+    >>> plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0, 5.0], cutout=21)
+    >>> axis = drain(iter_optical_axis(simulated_rig(plan), plan))
+    >>> print(all(abs(v - 159.5) < 1 for v in axis.image_px))  # at the sensor's centre, within a pixel
+    True
     """
     options, control = options or Options(), control or Control()
     chosen = sorted(set(planes if planes is not None else (0, len(plan.depths_um) - 1)))

@@ -89,6 +89,18 @@ def fit_stage(plan: ScanPlan, z: int, stage_um: ArrayLike, image_px: ArrayLike) 
     ------
     InputError
         If the moves do not span the plane, or the image did not move.
+
+    Examples
+    --------
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=21)
+    >>> import numpy as np
+    >>> from lfcal.acquire.setup import StageFit, fit_stage
+    >>> step = plan.camera.step_um(plan.depths_um[0])
+    >>> stage = [(x * step, y * step, plan.depths_um[0]) for x, y in ((0, 0), (10, 0), (0, 10))]
+    >>> found: StageFit = fit_stage(plan, 0, stage, [(50, 60), (50, 70), (60, 60)])  # images as (row, column)
+    >>> print([round(s, 3) for s in found.scale], f"{abs(found.rotation_rad):.3f} rad", found.mirrored)
+    [1.0, 1.0] 0.000 rad False
     """
     objects = plan.stage.to_object(np.asarray(stage_um, float))[:, :2]
     seen = np.asarray(image_px, float)[:, ::-1]
@@ -146,6 +158,21 @@ def check_stage(
         What was seen, and what it is held against.
     scale, rotation_rad, residual_px
         Largest relative error of the scale, rotation (rad), and RMS residual (pixels).
+
+    Examples
+    --------
+    >>> from lfcal.acquire.setup import check_stage, iter_stage_fit
+    >>> from lfcal.camera import ScanPlan, StageAxes, preset
+    >>> from lfcal.devices import simulated_rig
+    >>> from lfcal.errors import InputError
+    >>> from lfcal.progress import drain
+    >>> plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=21)
+    >>> rig = simulated_rig(plan, axes=StageAxes("-x", "+y", "+z"))  # mounted the other way round
+    >>> try:
+    ...     check_stage(drain(iter_stage_fit(rig, plan)), plan)
+    ... except InputError as error:
+    ...     print(str(error).partition(":")[0])
+    stage axes (right, down)
     """
     old, new = plan.stage, fit.axes
     if (old.right, old.down) != (new.right, new.down):
@@ -187,6 +214,17 @@ def iter_stage_fit(
 
     The square spans two periods or a tenth of the sensor, the larger of the two; over whole periods the
     lenslets' pattern cancels. Nothing is recorded.
+
+    Examples
+    --------
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=21)
+    >>> from lfcal.devices import simulated_rig
+    >>> from lfcal.acquire.setup import iter_stage_fit
+    >>> from lfcal.progress import drain
+    >>> found = drain(iter_stage_fit(simulated_rig(plan), plan))
+    >>> print(found.axes.right, found.axes.down, [round(s, 2) for s in found.scale])
+    +x +y [1.0, 1.0]
     """
     options, control = options or Options(), control or Control()
     targets, _ = _targets(plan, z)

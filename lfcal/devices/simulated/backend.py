@@ -51,6 +51,17 @@ def simulated_rig(
         By default virtual: waits pass at once.
     seed
         Of the camera's noise.
+
+    Examples
+    --------
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.devices import simulated_rig
+    >>> plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=21)
+    >>> with simulated_rig(plan) as rig:
+    ...     rig.stage.move(tuple(plan.stage_um([0, 9, 16]).tolist()))
+    ...     frame = rig.camera.grab(1.0)
+    >>> print(frame.data.shape, frame.data.dtype)
+    (320, 320) uint16
     """
     faults = tuple(faults)
     clock = time or VirtualTime()
