@@ -82,7 +82,6 @@ def iter_adaptive(
     Examples
     --------
     >>> from pathlib import Path
-    >>> from lfcal.acquire import Options
     >>> from lfcal.camera import ScanPlan, preset
     >>> from lfcal.campaign import Adapted, AdaptiveStep, Goal, iter_adaptive
     >>> from lfcal.devices import simulated_rig

@@ -199,8 +199,8 @@ def fit_camera(
     >>> with open_psf("H.h5") as H:
     ...     found: Fit = fit_camera(measured_of(H, most=8, cutout=31), unknowns=["geometry"])
     >>> gap = found.parameters["gap_um"]
-    >>> print(f"gap between lenslets and sensor: {gap.value:.1f} um found, {gap.start:.1f} um described")
-    gap between lenslets and sensor: 290.4 um found, 290.4 um described
+    >>> print(f"gap between lenslets and sensor: {gap.value:.0f} um, known to {gap.sigma:.2f} um")
+    gap between lenslets and sensor: 290 um, known to 0.0... um
     """
     work = iter_fit_camera(source, camera, unknowns, effects=effects, stage=stage, workers=workers, **reading)
     return drain(work)
