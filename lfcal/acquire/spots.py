@@ -61,10 +61,10 @@ def find_spot(frame: NDArray[Any]) -> Spot:
     >>> import numpy as np
     >>> from lfcal.acquire.setup import Spot, find_spot
     >>> y, x = np.mgrid[:80, :100]
-    >>> frame = 100 + 900 * np.exp(-((y - 30.25) ** 2 + (x - 61.5) ** 2) / 8)
+    >>> frame = 100 + 900 * np.exp(-((y - 30.4) ** 2 + (x - 61.5) ** 2) / 8)
     >>> spot: Spot = find_spot(frame)
-    >>> print(f"row {spot.row:.2f}, column {spot.column:.2f}")
-    row 30.26, column 61.50
+    >>> print(f"row {spot.row:.1f}, column {spot.column:.1f}")
+    row 30.4, column 61.5
     """
     # a sample is enough for the median of millions of pixels
     step = max(1, math.isqrt(frame.size // SAMPLE))

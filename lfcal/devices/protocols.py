@@ -268,12 +268,12 @@ class SystemTime:
 
     Examples
     --------
-    >>> from lfcal.devices import SystemTime
-    >>> clock = SystemTime()
-    >>> begun = clock.monotonic()
-    >>> clock.sleep(0.001)
-    >>> print(clock.monotonic() >= begun + 0.001)
-    True
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.devices import SystemTime, simulated_rig
+    >>> plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=21)
+    >>> with simulated_rig(plan, time=SystemTime()) as rig:  # its waits are real; by default they pass at once
+    ...     print(type(rig.time).__name__)
+    SystemTime
     """
 
     def monotonic(self) -> float:

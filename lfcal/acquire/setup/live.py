@@ -98,10 +98,10 @@ def iter_live(
     >>> from lfcal.devices import simulated_rig
     >>> from lfcal.acquire import Control, Preview
     >>> from lfcal.acquire.setup import LiveState, iter_live
-    >>> live = iter_live(simulated_rig(plan), Preview(), Control(), exposure_s=0.02, plan=plan)
+    >>> live = iter_live(simulated_rig(plan), Preview(), Control(), exposure_s=0.01, plan=plan)
     >>> state: LiveState = next(live)
-    >>> print(state.levels.saturated, state.trouble or "no trouble")
-    1 no trouble
+    >>> print(state.levels.saturated, "saturated pixels, spot expected at", state.expected_px)
+    0 saturated pixels, spot expected at (159.5, 159.5)
     >>> live.close()
     """
     camera, watched = rig.camera, driver_errors(rig.camera.name)
