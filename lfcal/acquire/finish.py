@@ -100,13 +100,17 @@ def iter_finish(folder: Path, *, workers: int | None = None) -> Work[Packed]:
 
     Examples
     --------
-    >>> import shutil
+    >>> from dataclasses import replace
     >>> from pathlib import Path
-    >>> from lfcal.acquire import iter_finish
+    >>> from lfcal.acquire import iter_finish, record
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.devices import simulated_rig
     >>> from lfcal.progress import drain
-    >>> packed = drain(iter_finish(Path(shutil.copytree("recorded", "copy"))))
-    >>> print(packed.left)  # what could not be packed, and why
-    ()
+    >>> plan = replace(ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=61), period=(3, 4))
+    >>> _ = record(Path("wide"), plan, simulated_rig(plan))
+    >>> packed = drain(iter_finish(Path("wide")))
+    >>> print(f"{packed.bytes_gained / 1e3:.0f} kB smaller;", "; ".join(packed.left) or "all files are packed")
+    8... kB smaller; all files are packed
     """
     session = SessionFile.read(folder)
     lock = FolderLock(folder)

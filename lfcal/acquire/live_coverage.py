@@ -73,10 +73,11 @@ class LiveCoverage:
     >>> from lfcal.targets import Wishes, parse_target, plan_target
     >>> scan = ScanPlan.for_camera(preset("bench"), virtual_depths=(4.0,), cutout=31)
     >>> plan = plan_target(scan, parse_target("array:3x3@2mm"), Wishes(most_frames=3, level="geometric"))
-    >>> watch = LiveCoverage(plan)  # handed to record as an observer
+    >>> watch = LiveCoverage(plan)  # handed to record as an observer, it counts every frame by itself
+    >>> watch.know(0, 0)  # a frame of an earlier run
     >>> state: CoverageState = watch.state()
     >>> print(state.done, "of", state.total, "frames,", f"{state.coverage:.0%} of the positions shown")
-    0 of 3 frames, 0% of the positions shown
+    1 of 3 frames, 1% of the positions shown
     """
 
     def __init__(self, plan: TargetPlan) -> None:

@@ -48,11 +48,18 @@ class Preview:
 
     Examples
     --------
-    >>> from lfcal.acquire import LiveFrame, Preview
-    >>> preview = Preview()  # handed to iter_record; another thread looks
+    >>> from dataclasses import replace
+    >>> from pathlib import Path
+    >>> from lfcal.acquire import LiveFrame, Preview, iter_record
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.devices import simulated_rig
+    >>> from lfcal.progress import drain
+    >>> plan = replace(ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=21), period=(1, 2))
+    >>> preview = Preview()  # another thread may look while it records
+    >>> _ = drain(iter_record(Path("watched"), plan, simulated_rig(plan), preview=preview))
     >>> frame: LiveFrame | None = preview.latest()
-    >>> print(frame)  # nothing was recorded yet
-    None
+    >>> print("the last one:", frame.what, "frame of", frame.data.shape, "pixels;", preview.latest() or "none since")
+    the last one: reference frame of (21, 22) pixels; none since
     """
 
     def __init__(self, size: int = 2) -> None:

@@ -62,7 +62,7 @@ def read_regions(folder: Path) -> RegionPlan:
     >>> scan = replace(ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=21), period=(1, 2))
     >>> rig, options = simulated_rig(scan), Options(darks=0, reference_every=0)
     >>> _ = drain(iter_record_regions(Path("recorded there"), RegionPlan.spread(scan, (1, 2)), rig, options))
-    >>> read_regions(Path("recorded there")).names
+    >>> read_regions(Path("recorded there")).names  # by row and column; that nearest to the sensor's middle first
     ('r1c2', 'r1c1')
     """
     return RegionPlan.from_json(read_text(folder / REGIONS_FILE))
