@@ -282,12 +282,20 @@ def in_order(function: Callable[[T], R], items: Iterable[T], workers: int | None
     try:
         under_way.extend((item, _HELPERS.submit(one, item)) for item in itertools.islice(waiting, count + 1))
         while under_way:
-            item, result = under_way.popleft()
-            # whoever asks does what no thread has begun
-            yield one(item) if result.cancel() else result.result()
+            yield _first(under_way, one)
             under_way.extend((item, _HELPERS.submit(one, item)) for item in itertools.islice(waiting, 1))
     finally:
         wait([result for _, result in under_way if not result.cancel()])
+
+
+def _first(under_way: deque[tuple[T, Future[R]]], one: Callable[[T], R]) -> R:
+    """Take the first result; whoever asks does what no thread has begun."""
+    item, result = under_way.popleft()
+    try:
+        return one(item) if result.cancel() else result.result()
+    finally:
+        # an error holds this frame, and is held by its result: both would stay until garbage is collected
+        del item, result
 
 
 class _BlasGate:

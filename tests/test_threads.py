@@ -297,6 +297,30 @@ def test_an_error_lets_go_of_what_failed_at_once() -> None:
         gc.enable()
 
 
+@pytest.mark.parametrize("workers", [2, 3])
+def test_an_error_among_results_lets_go_at_once_too(workers: int) -> None:
+    class Large:
+        pass
+
+    def fail(_: Large) -> None:
+        raise KeyError("no")
+
+    items = [Large() for _ in range(5)]
+    held = [weakref.ref(item) for item in items]
+    gc.disable()
+    try:
+        with suppress(KeyError):
+            list(in_order(fail, items, workers))
+        del items
+        patience = 10_000  # of threads that have done their last and are about to let go of it
+        while patience and any(one() is not None for one in held):
+            time.sleep(0.001)
+            patience -= 1
+        assert patience, "held until garbage is collected"
+    finally:
+        gc.enable()
+
+
 def test_what_helps_is_waited_for_at_the_end_of_the_program() -> None:
     """A thread that the end of the program does not wait for asked for it: what it writes is whole all the same."""
     code = (

@@ -141,13 +141,18 @@ def compared_with(expected: Says, frame: NewFrame, at: Found, noise: tuple[float
         error,
         chi2,
         expected.doubt(offset),
-        None if frame.place is None else (at.row + offset[0] - frame.place[0], at.column + offset[1] - frame.place[1]),
+        None if frame.place is None else _beside(at, offset, frame.place),
         data - background,
         shown,
         variance,
         weight,
         gain * steps,
     )
+
+
+def _beside(at: Found, offset: F8, place: tuple[float, float]) -> tuple[float, float]:
+    """Return how far a source is from where its frame says it was (dy, dx)."""
+    return float(at.row + offset[0] - place[0]), float(at.column + offset[1] - place[1])
 
 
 def _check_light(label: str, data: F8, noise: tuple[float, float]) -> None:

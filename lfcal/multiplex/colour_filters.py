@@ -60,13 +60,14 @@ def parse_pattern(pattern: str, filters: Mapping[str, Sequence[float]] = FILTERS
         if side * side == len(text):
             rows = [text[k : k + side] for k in range(0, len(text), side or 1)]
     letters = set("".join(rows))
-    square = len(rows) > 1 or len(rows[0] if rows else "") == 1
-    if not rows or not letters <= set(filters) or len({len(r) for r in rows}) != 1 or not rows[0] or not square:
+    filters_only = letters <= set(filters)
+    row = filters_only and len(rows) == 1 and len(rows[0]) > 1  # letters of no square
+    if row or not filters_only or len({len(r) for r in rows}) != 1 or not rows[0]:
         raise InputError.expected(
             "colour filter pattern",
             f"{', '.join(CFA_PATTERNS)}, or equal rows of {''.join(filters)}",
             repr(pattern),
-            'for example "RG/GB" or "GRBG"',
+            f'stripes are "{rows[0]}/{rows[0]}"' if row and len(text) <= MAX_SIDE else 'for example "RG/GB" or "GRBG"',
         )
     if max(len(rows), len(rows[0])) > MAX_SIDE:
         raise InputError.expected(

@@ -158,7 +158,7 @@ def save_frontier(frontier: Frontier, path: Path, *, named: int = 8) -> None:
             ms=4,
             label="nothing better in both",
         )
-        best = int(np.argmax(frontier.chosen))
+        best = frontier.best_index
         axes.plot(
             frontier.photon[best],
             frontier.additive[best],

@@ -34,6 +34,9 @@ Array = NDArray[np.float64]
 
 FREE_LETTERS = "RGBCMYW"
 
+ROUNDING_DB = 1e-9
+"""Gains that differ by less are the same."""
+
 CHANGES = 6
 """Changed masks to each random one: near a good mask there are better ones more often than elsewhere."""
 
@@ -78,16 +81,21 @@ class Frontier:
 
     @property
     def best(self) -> Modulator:
-        """The candidate of most gain at `chi2`."""
-        return self.modulators[int(np.argmax(self.chosen))]
+        """The candidate of most gain at `chi2`; of several as good the first."""
+        return self.modulators[self.best_index]
+
+    @property
+    def best_index(self) -> int:
+        """Where `best` stands among the candidates."""
+        return int(np.flatnonzero(self.chosen >= self.chosen.max() - ROUNDING_DB)[0])
 
 
 def _frontier(modulators: Sequence[Modulator], reference: Modulator, chi2: float) -> Frontier:
     gains = np.array([snr_gain(m, reference, [0.0, math.inf, chi2]) for m in modulators])
     additive, photon, chosen = gains.T.copy()
     # a candidate is efficient where no other is as good in both limits and better in one
-    more = (additive[None] >= additive[:, None]) & (photon[None] >= photon[:, None])
-    better = more & ((additive[None] > additive[:, None] + 1e-9) | (photon[None] > photon[:, None] + 1e-9))
+    over = np.stack([gain[None] - gain[:, None] for gain in (additive, photon)])
+    better = (over >= -ROUNDING_DB).all(0) & (over > ROUNDING_DB).any(0)
     return Frontier(tuple(modulators), reference.name, additive, photon, chosen, chi2, ~better.any(1))
 
 

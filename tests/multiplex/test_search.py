@@ -11,6 +11,7 @@ from scipy.optimize import approx_fprime, minimize
 
 from lfcal.errors import InputError
 from lfcal.multiplex import (
+    Frontier,
     best_binary_mask,
     best_filter_set,
     best_mask,
@@ -45,6 +46,27 @@ def test_ideal_filter_sets_by_trying_all() -> None:
     assert 0 < len(best) < len(low.modulators)
     names = {m.name for m in low.modulators}
     assert {"Bayer", "CYMG", "CYYM", "CMYW", "RGBW"} <= names
+
+
+def test_rounding_decides_nothing() -> None:
+    """Gains that are equal but for the last bits: the first one is the best, and what is beaten is not efficient."""
+    arrays, gains = tuple(map(cfa, ("CYMG", "RG/GB", "GB/RG"))), np.array([0.2, 1.0, 1 + 3e-16])
+    found = Frontier(arrays, "Bayer", gains, gains, gains, 0.0, np.ones(3, bool))
+    assert gains[2] > gains[1] and found.best_index == 1 and found.best is arrays[1]
+    every = filter_set_frontier(1.0)
+    both = np.stack([every.additive, every.photon]).round(7)
+    over = both[:, None, :] - both[:, :, None]
+    assert np.array_equal(every.efficient, ~((over >= 0).all(0) & (over > 0).any(0)).any(1))
+
+
+@pytest.mark.parametrize(("typed", "means"), [("RGB", "RGB/RGB"), ("rc", "RC/RC")])
+def test_one_row_is_told_how_to_be_stripes(typed: str, means: str) -> None:
+    with pytest.raises(InputError, match=f'stripes are "{means}"'):
+        cfa(typed)
+    assert cfa(means).side == (2, len(typed))
+    for other in ("", "R" * 40, "RGX"):
+        with pytest.raises(InputError, match='for example "RG/GB"'):
+            cfa(other)
 
 
 @pytest.mark.parametrize("chi2", [0.0, 3.0])

@@ -104,7 +104,7 @@ class MechanicalVignetting(SceneEffect):
         return outlook.field_um[0] * unit, outlook.field_um[1] * unit
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the light lost between two discs whose centres are s apart; 1.27 s/D for equal discs."""
+        """Return light lost over light left, of two discs whose centres are s apart; 1.27 s/D for equal ones."""
         shift = math.hypot(*self.shift(outlook))
         kept = overlap(shift, self.radius)
         error = min(2.0, (1.0 - kept) / max(kept, 1e-9))

@@ -69,7 +69,7 @@ class MissingLenslets(SceneEffect):
         object.__setattr__(self, "lenslets", tuple((r, q, t) for (r, q), t in known.items()))
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the light lost, 1 - t of what the lenslets' shares of the shadow are, averaged over the positions."""
+        """Return light lost over light left: 1 - t of the lenslets' shares of the shadow, over all positions."""
         lattice, px = outlook.camera.lattice, outlook.pixel_um
         first = [
             c + f / px - (n - 1) / 2

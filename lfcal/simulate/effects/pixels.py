@@ -56,7 +56,7 @@ class PixelFill(SceneEffect):
         return share
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the sensitive share, and the larger of the light lost and the blur that is less."""
+        """Return the sensitive share, and the larger of light lost over light left and the blur that is less."""
         share = self.share(outlook.camera)
         sharper = outlook.blurred(math.sqrt((1.0 - share) / 12.0))
         error = min(2.0, max((1.0 - share) / share, sharper))
@@ -152,7 +152,7 @@ class AngularResponse(SceneEffect):
         return y / away, x / away
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the light lost at the rms of the angles: of the chief ray, the cone, and across a lenslet."""
+        """Return light lost over light left at the rms of the angles of chief ray, cone, and across a lenslet."""
         focal = outlook.camera.lattice.types[0].focal_length_um
         bend = outlook.lit_px * outlook.pixel_um * abs(1 / outlook.shift_um + 1 / focal)
         near = min(1.0, abs(outlook.virtual_depth))  # there the lenslet sees the whole cone at once
