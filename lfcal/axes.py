@@ -15,7 +15,9 @@ paraxial image, and the cutout with it, by exactly one sensor pixel. Image rows 
 
 Projection of a volume ``g[z, Y, X]`` with zero borders::
 
-    f[p] = sum_v g[v] * H[v mod n][p - v + c]
+    f[p] = sum_v g[v] * H[(v - a) mod n][p - v + c]
+
+where ``a`` is the anchor, the pixel that position (0, 0) is imaged to, rounded down.
 
 The transposed matrix is the index permutation ::
 

@@ -20,6 +20,21 @@ from lfcal.h5.probe import probe
 __all__ = ["H5File"]
 
 
+def _opened(path: Path) -> Any:
+    import h5py
+
+    # Without HDF5's lock a file can be read while another program writes it, and on network disks. In one program it is
+    # opened a second time only by whoever asks for the same lock: a notebook's file has h5py's default, or any.
+    for options in ({"locking": False}, {}, {"locking": True}):
+        try:
+            return h5py.File(path, "r", **options)
+        except OSError as error:
+            if "flag values don't match" not in str(error):
+                raise
+            refused = error
+    raise refused
+
+
 class H5File:
     """An HDF5 file opened for reading; everything asked of it is checked and answers with one-line errors.
 
@@ -42,14 +57,12 @@ class H5File:
             # a plain open first: h5py's own error does not tell a missing permission from damaged data
             path.open("rb").close()
         probe(path)
-        import h5py
         import hdf5plugin  # noqa: F401  registers zstd, blosc and lz4 with HDF5
 
         self.path = path
         self._given: WeakSet[H5Data] = WeakSet()
         try:
-            # without HDF5's lock a file can be read while another program writes it, and on network disks
-            self._file = h5py.File(path, "r", locking=False)
+            self._file = _opened(path)
         except (OSError, RuntimeError, ValueError) as error:
             raise FileFormatError.expected(
                 str(path), "an intact HDF5 file", "a damaged or other file", "record or copy it again"

@@ -95,7 +95,7 @@ def _frontier(modulators: Sequence[Modulator], reference: Modulator, chi2: float
     additive, photon, chosen = gains.T.copy()
     # a candidate is efficient where no other is as good in both limits and better in one
     over = np.stack([gain[None] - gain[:, None] for gain in (additive, photon)])
-    better = (over >= -ROUNDING_DB).all(0) & (over > ROUNDING_DB).any(0)
+    better = np.all(over >= -ROUNDING_DB, axis=0) & np.any(over > ROUNDING_DB, axis=0)
     return Frontier(tuple(modulators), reference.name, additive, photon, chosen, chi2, ~better.any(1))
 
 

@@ -7,6 +7,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+import pytest
 import yaml
 
 import lfcal
@@ -69,3 +70,28 @@ def test_what_the_commands_of_the_pages_install_is_there() -> None:
     assert {("extra", "gui"), ("group", "docs")} <= set(said) <= {(k, name) for k in names for name in names[k]}
     # the site is built by its group alone, and its pictures are of the window
     assert "lfcal[gui]" in project["dependency-groups"]["docs"]
+
+
+def test_the_map_names_every_package() -> None:
+    text = (DOCS / "map.md").read_text(encoding="utf-8")
+    packages = {path.parent.name for path in (ROOT / "lfcal").glob("*/__init__.py")}
+    assert not {name for name in packages if f" {name}/" not in text}
+
+
+def test_the_projection_formula_says_where_voxels_and_pixels_count_from() -> None:
+    """On whole sensor frames they count from the anchor: without it every phase is another."""
+    without = []
+    for path in DOCS.rglob("*.md"):
+        for part in re.split(r"\n\s*\n|\n[-*] ", path.read_text(encoding="utf-8")):
+            if "f[p] =" in part and "anchor" not in part and "position (0, 0)" not in part:
+                without.append(path.name)
+    assert not without
+
+
+@pytest.mark.parametrize("page", sorted(path.name for path in DOCS.glob("adding_a*.md")))
+def test_modules_that_pages_show_say_what_they_are(page: str) -> None:
+    """As the tests of the architecture ask of every module of lfcal and its window."""
+    blocks = re.findall(r"```python\n(.*?)```", (DOCS / page).read_text(encoding="utf-8"), re.DOTALL)
+    modules = [block for block in blocks if re.search(r"^(def|class) ", block, re.MULTILINE)]
+    # a backend is a package of its own, to which they do not apply
+    assert modules and (page == "adding_a_device.md" or all(block.startswith('"""') for block in modules))

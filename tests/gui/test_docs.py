@@ -14,6 +14,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
+from gui.base_page import page_class
 from gui.help import cheat_sheet
 from gui.models.page import PageSpec, PageState, available_pages, page_registry
 from gui.models.project import Project
@@ -92,5 +93,7 @@ def test_a_folder_in_the_window_s_own_package_is_found_too(
     try:
         spec = page_registry().get("notes")
         assert spec.package == "gui.pages.notes"
+        assert page_class(spec).__module__ == "gui.pages.notes.page"
     finally:
-        sys.modules.pop("gui.pages.notes", None)
+        for module in [m for m in sys.modules if m.startswith("gui.pages.notes")]:
+            del sys.modules[module]

@@ -41,6 +41,14 @@ def path(tmp_path: Path) -> Path:
     return target
 
 
+@pytest.mark.parametrize("options", [{}, {"locking": True}, {"locking": False}])
+@pytest.mark.parametrize("mode", ["r", "r+"])
+def test_a_file_that_a_notebook_has_open_is_not_damaged(path: Path, mode: str, options: dict[str, bool]) -> None:
+    """HDF5 opens no file twice in one program unless both ask for the same lock."""
+    with h5py.File(path, mode, **options), H5File(path) as file:
+        assert "numbers" in file and file.names()
+
+
 def test_what_is_there(path: Path) -> None:
     with H5File(path) as file:
         assert set(file.names()) == {"numbers", "floats", "group", "text", "empty", "soft", "external"}

@@ -46,8 +46,8 @@ SMALL_S = 3e-3
 class Projector:
     """The operator of a periodic PSF matrix and its exact adjoint, with zero borders.
 
-    ``forward`` computes ``f[p] = sum_z sum_v g[z, v] H[z, v mod n][p - v + c]``, ``adjoint`` its transpose
-    ``b[z, v] = sum_p f[p] H[z, v mod n][p - v + c]`` (Eberhart et al. 2020, equation 1, H and HT).
+    ``forward`` computes ``f[p] = sum_z sum_v g[z, v] H[z, (v - anchor) mod n][p - v + c]``, ``adjoint`` its transpose
+    ``b[z, v] = sum_p f[p] H[z, (v - anchor) mod n][p - v + c]`` (Eberhart et al. 2020, equation 1, H and HT).
 
     Parameters
     ----------
