@@ -77,6 +77,8 @@ def parse(field: Field, text: str) -> Any:
         wanted = "a decimal point" + (", and a space after a comma between numbers" * (field.kind == "floats"))
         raise InputError.expected(field.label, wanted, repr(text), "write 2.5 instead of 2,5")
     try:
+        if "_" in text:  # to Python 1_00 is a hundred
+            raise ValueError
         if field.kind == "float":
             return _number(field, text)
         if field.kind == "int":

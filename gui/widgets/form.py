@@ -24,6 +24,8 @@ __all__ = ["Form"]
 
 LONGEST_MARK = "measured"
 
+_UNKNOWN = object()
+
 
 class Form(QWidget):
     """A column of fields.
@@ -31,7 +33,8 @@ class Form(QWidget):
     With ``marked`` there is room for a word beside each field (`set_marks`). A ``dense`` form is low: for many fields.
 
     A value that does not parse, or that ``check`` refuses, is marked red with the reason under the form; only
-    values that pass are reported.
+    values that pass are reported. Where what was typed first did pass, as the 2 of "2,8", the value from before the
+    field was touched is reported again, and the refused text stays until the value becomes another one.
 
     Signals
     -------
@@ -52,6 +55,10 @@ class Form(QWidget):
         self.fields = {f.key: f for f in fields}
         self.check: Callable[[str, Any], str] = lambda key, value: ""
         self._editors: dict[str, QWidget] = {}
+        # what each field stands for, and what it stood for before it was typed in
+        self._values: dict[str, Any] = {}
+        self._untouched: dict[str, Any] = {}
+        self._selected: dict[str, str] = {}
         self._layout = QFormLayout(self)
         self._layout.setContentsMargins(0, 0, 0, 0)
         self._layout.setHorizontalSpacing(10)
@@ -85,6 +92,8 @@ class Form(QWidget):
             editor.setPlaceholderText(field.empty)
             editor.setMinimumWidth(68 if self._marked else 80)
             editor.textEdited.connect(lambda _="", key=field.key: self._changed(key))
+            editor.editingFinished.connect(lambda key=field.key: self._untouched.pop(key, None))
+            editor.selectionChanged.connect(lambda key=field.key, editor=editor: self._select(key, editor))
         for widget in (label, editor):
             widget.setToolTip(field.tip)
         label.setBuddy(editor)
@@ -141,6 +150,11 @@ class Form(QWidget):
             elif isinstance(editor, QLabel):
                 editor.setText(str(value))
             elif isinstance(editor, QLineEdit):
+                refused_for = bool(editor.property("reason")) and self._stands_for(key, value)
+                self._values[key] = value
+                if refused_for:  # nothing else is wanted: the text that was refused can still be corrected
+                    blocker.unblock()
+                    continue
                 if not editor.text() or not _means(field, editor.text(), value):
                     editor.setText(text_of(field, value))
                     editor.setCursorPosition(0)  # of a long number the beginning counts
@@ -163,6 +177,11 @@ class Form(QWidget):
         """Show or hide one field with its label."""
         self._layout.setRowVisible(self._editors[key], shown)
 
+    def _select(self, key: str, editor: QLineEdit) -> None:
+        """Remember a text that is selected whole: what is typed over it is a new beginning."""
+        if editor.selectedText() and editor.selectedText() == editor.text():
+            self._selected[key] = editor.text()
+
     def _changed(self, key: str) -> None:
         editor, field = self._editors[key], self.fields[key]
         error = ""
@@ -172,6 +191,9 @@ class Form(QWidget):
             value = editor.isChecked()
         else:
             assert isinstance(editor, QLineEdit)
+            if self._selected.pop(key, editor.text()) not in editor.text():
+                self._untouched.pop(key, None)
+            self._untouched.setdefault(key, self._values.get(key, None if field.optional else _UNKNOWN))
             try:
                 value = parse(field, editor.text())
             except InputError as refused:
@@ -179,8 +201,16 @@ class Form(QWidget):
         error = error or self.check(key, value)
         self._mark(editor, error)
         self._show_error()
-        if not error:
-            self.edited.emit(key, value)
+        if error:
+            value = self._untouched.get(key, _UNKNOWN)
+            if value is _UNKNOWN or self._stands_for(key, value):
+                return
+        self._values[key] = value
+        self.edited.emit(key, value)
+
+    def _stands_for(self, key: str, value: Any) -> bool:
+        """Return whether the field was last shown, or reported, with this value."""
+        return key in self._values and text_of(self.fields[key], self._values[key]) == text_of(self.fields[key], value)
 
     def _mark(self, editor: QWidget, error: str) -> None:
         set_look(editor, "invalid", bool(error))

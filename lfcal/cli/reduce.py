@@ -57,7 +57,7 @@ def command(
     check_output(out, source, force=may_replace(out, resume=resume, force=force))
     start = time.perf_counter()
     with open_psf(source) as matrix:
-        if source.suffix.lower() == ".h5" and len(names := regions_of(source)) > 1:
+        if len(names := regions_of(source)) > 1:
             report(f"note: of {len(names)} regions of the field {matrix.region or 'the first'} alone is written")
         run = run_choice(out, executor, scheduler, workers, resume=resume, force=force, seconds=matrix.nbytes / RATE)
         if run is None:

@@ -28,11 +28,14 @@ from lfcal.psf.planes import DatasetPlanes, FilePlanes, Planes, ScaledPlanes
 from lfcal.psf.steps import SteppedPlanes
 from lfcal.psf.store import FORMAT, REGIONS, STEPPED_VERSION, VERSION
 
-__all__ = ["facts_in", "open_psf", "opening_notes", "regions_of", "scaling_of", "steps_in"]
+__all__ = ["FOREIGN", "facts_in", "open_psf", "opening_notes", "regions_of", "scaling_of", "steps_in"]
 
 
 VERSIONS = (1, VERSION, STEPPED_VERSION)
 """Versions of the format that are read; what version 1 does not hold is unknown."""
+
+FOREIGN = (".npy", ".mat", ".lfc")
+"""Suffixes of the files of other codes that `open_psf` reads."""
 
 
 def open_psf(path: str | os.PathLike[str], *, region: str = "", check: bool = False) -> PSFMatrix:
@@ -108,6 +111,8 @@ def opening_notes(matrix: PSFMatrix) -> tuple[str, ...]:
 def regions_of(path: str | os.PathLike[str]) -> tuple[str, ...]:
     """Return the names of the regions of the field in an H file, the one it opens with first (``""`` if unnamed).
 
+    Files of other codes, as `open_psf` reads them, hold one.
+
     Examples
     --------
     >>> import numpy as np
@@ -117,6 +122,8 @@ def regions_of(path: str | os.PathLike[str]) -> tuple[str, ...]:
     >>> regions_of(path)
     ('centre', 'edge')
     """
+    if Path(path).suffix.lower() in FOREIGN:
+        return ("",)
     with H5File(Path(path)) as file:
         _check_format(file)
         return (file.attributes().text("region", ""), *file.names(REGIONS))

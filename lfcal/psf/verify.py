@@ -18,7 +18,7 @@ from lfcal.h5.file import H5File
 from lfcal.progress import Clock, Work, drain
 from lfcal.psf.chunk_codec import parallel_read
 from lfcal.psf.layout import plane_checksum
-from lfcal.psf.opening import open_psf, regions_of, steps_in
+from lfcal.psf.opening import FOREIGN, open_psf, regions_of, steps_in
 from lfcal.psf.specification import deviations_of
 from lfcal.psf.steps import plane_of_steps
 from lfcal.psf.store import REGIONS, VERSION, facts_of
@@ -116,6 +116,9 @@ def iter_verify(path: str | os.PathLike[str], *, workers: int | None = None) -> 
     check planes 2 of 2
     """
     source = Path(path)
+    if source.suffix.lower() in FOREIGN:
+        got = f"a {source.suffix.lower()} file, which has no checksums"
+        raise FileFormatError.expected(str(source), "an H file of lfcal (.h5)", got, "look at it by lfcal inspect")
     regions = regions_of(source)
     with H5File(source) as file:
         strays = deviations_of(file) if (file.attributes().integer("version") or 0) >= VERSION else []

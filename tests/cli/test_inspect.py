@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -9,7 +10,7 @@ import pytest
 
 from lfcal.acquire.redo import RedoList
 from lfcal.acquire.session import record
-from lfcal.psf import PSFMatrix, save
+from lfcal.psf import PSFMatrix, open_psf, save
 from tests.acquire.rigs import CAREFUL, rig_for, small_plan
 from tests.cli.conftest import Run
 
@@ -30,6 +31,24 @@ def H(tmp_path: Path) -> Path:
     recorded[MISSING] = 0
     save(PSFMatrix(values, depths=[-20e3], recorded=recorded), tmp_path / "H.h5")
     return tmp_path / "H.h5"
+
+
+@pytest.mark.parametrize("suffix", [".npy", ".mat"])
+def test_files_of_other_codes_are_whole(lfcal: Lfcal, H: Path, tmp_path: Path, suffix: str) -> None:
+    """Regions of the field are looked for at the end: only an H file of lfcal can have them."""
+    other = tmp_path / f"other{suffix}"
+    if suffix == ".npy":
+        with open_psf(H) as matrix:
+            np.save(other, np.asarray(matrix))
+    else:
+        assert lfcal("export", H, "-o", other).code == 0
+    run = lfcal("inspect", other, "--report", tmp_path / "out")
+    assert run.code == 0 and "report: " in run.out, run.err
+    run = lfcal("inspect", other, "--json")
+    assert run.code == 0 and json.loads(run.out), run.err
+    run = lfcal("verify", other)
+    assert run.code == 2 and run.err.count("\n") == 1 and "which has no checksums" in run.err
+    assert lfcal("reduce", other, "-o", tmp_path / "small.h5").code == 0
 
 
 def test_numbers_then_report(lfcal: Lfcal, H: Path, tmp_path: Path) -> None:

@@ -25,7 +25,16 @@ def state(project: ProjectState) -> PageState:
     """Return whether a session is recorded, and whether positions of it are to be recorded again."""
     if project.redo:
         return PageState.ATTENTION
-    return file_state(project.recording, ready=project.plan is not None)
+    # a folder that is not there yet, or holds nothing, is where the next session goes
+    begun = project.recording if _holds_something(project.recording) else ""
+    return file_state(begun, ready=project.plan is not None)
+
+
+def _holds_something(folder: str) -> bool:
+    try:
+        return bool(folder) and next(Path(folder).iterdir(), None) is not None
+    except OSError:
+        return False
 
 
 def icon(sketch: Sketch) -> None:

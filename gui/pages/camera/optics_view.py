@@ -76,8 +76,10 @@ class OpticsView(QWidget):
         p.setBrush(QColor(theme.bad))
         p.setPen(Qt.PenStyle.NoPen)
         p.drawEllipse(QPointF(left, axis), 3.5, 3.5)
-        first = format_length(before) if isinstance(optics, MainLens) else "objective (not to scale)"
-        self._dimension(p, left, lens, axis + height * 1.15 + 10, first)
+        whole = isinstance(optics, MainLens)
+        self._dimension(p, left, lens, axis + height * 1.15 + 10, format_length(before) if whole else "")
+        if not whole:  # above, where there is room for words
+            self._words(p, left, lens, axis - height * 1.15 - 22, "objective (not to scale)")
         self._dimension(p, lens, array, axis + height * 1.15 + 10, format_length(behind))
 
     def _draw_lens(self, p: QPainter, x: float, y: float, half: float) -> None:
@@ -99,8 +101,14 @@ class OpticsView(QWidget):
         p.drawLine(QPointF(a, y), QPointF(b, y))
         for x in (a, b):
             p.drawLine(QPointF(x, y - 3), QPointF(x, y + 3))
-        p.setPen(QColor(theme.text))
-        p.drawText(QRectF(min(a, b) - 60, y + 2, abs(b - a) + 120, 16), Qt.AlignmentFlag.AlignHCenter, text)
+        self._words(p, a, b, y + 2, text)
+
+    def _words(self, p: QPainter, a: float, b: float, y: float, text: str) -> None:
+        """Write centred between ``a`` and ``b``, and whole within the drawing."""
+        p.setPen(QColor(current_theme().text))
+        wide = p.fontMetrics().horizontalAdvance(text) + 2
+        left = max(0.0, min((a + b - wide) / 2, self.width() - wide))
+        p.drawText(QRectF(left, y, wide, 16), Qt.AlignmentFlag.AlignHCenter, text)
 
     # -- lenslets and sensor -----------------------------------------------------------------------------
     def _draw_array(self, p: QPainter, box: QRectF) -> None:

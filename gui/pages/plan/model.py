@@ -89,8 +89,9 @@ def default_plan(camera: Camera) -> ScanPlan:
 def values_of(plan: ScanPlan) -> dict[str, Any]:
     """Return the value of every field."""
     return {
-        "virtual_depths": tuple(float(f"{v:.6g}") for v in plan.virtual_depths),
-        "depths_um": tuple(float(f"{z:.8g}") for z in plan.depths_um),
+        # no minus before a zero
+        "virtual_depths": tuple(float(f"{v:.6g}") + 0.0 for v in plan.virtual_depths),
+        "depths_um": tuple(float(f"{z:.8g}") + 0.0 for z in plan.depths_um),
         "cutout_rows": plan.cutout[0],
         "cutout_columns": plan.cutout[1],
         "anchor_row": plan.anchor[0],
@@ -204,6 +205,6 @@ def forecast_rows(plan: ScanPlan, stage_um_per_s: float = 1000.0) -> list[tuple[
         ("Memory to assemble", format_bytes(found.assembly_bytes)),
         ("Lateral step, first plane", format_length(plan.step_um(0)[1])),
         ("Lateral step, last plane", format_length(plan.step_um(len(plan.depths_um) - 1)[1])),
-        ("Period residual, x", f"{rx:+.3f} px"),
-        ("Period residual, y", f"{ry:+.3f} px"),
+        ("Period residual, x", f"{round(rx, 3) + 0.0:+.3f} px"),
+        ("Period residual, y", f"{round(ry, 3) + 0.0:+.3f} px"),
     ]

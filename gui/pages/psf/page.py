@@ -99,6 +99,8 @@ class Page(BasePage):
         """Open what the project names now."""
         if (old.psf, old.reference) != (new.psf, new.reference):
             self._open()
+        elif old.camera != new.camera and self.matrix is not None:
+            self._show_hint(self.matrix)
         asked = ExportSettings.of(new)
         if asked != ExportSettings.of(old):
             self._export_intent = asked.on(self._export_intent)
@@ -125,14 +127,22 @@ class Page(BasePage):
             return
         self.reference = self._comparable(matrix, state.reference)
         self.show_body()
-        about = f"{Path(state.psf).name}: (z, y, x, t, s) = {matrix.shape}, {format_bytes(matrix.nbytes)}"
-        self.hint.setText("; ".join((about, *opening_notes(matrix))))
+        self._show_hint(matrix)
         self.panel.show_matrix(matrix.depths, unit_of(matrix), reference=self.reference is not None)
         self._summed = None
         if matrix is before:
             self.set_intent()
         else:
             self.set_intent(z=len(matrix) // 2, y=matrix.period[0] // 2, x=matrix.period[1] // 2, pixel=None)
+
+    def _show_hint(self, matrix: PSFMatrix) -> None:
+        """Say what H is, how it was read, and where its reference is of another camera than the described one."""
+        state = self.context.state
+        notes = [f"{Path(state.psf).name}: (z, y, x, t, s) = {matrix.shape}, {format_bytes(matrix.nbytes)}"]
+        notes += opening_notes(matrix)
+        if self.reference is not None and self.reference.camera not in (None, state.camera):
+            notes.append("the reference is of another camera than the one described now: simulate it again")
+        self.hint.setText("; ".join(notes))
 
     def _comparable(self, matrix: PSFMatrix, path: str) -> PSFMatrix | None:
         """Return the reference if it can be compared with H."""

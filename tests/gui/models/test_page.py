@@ -109,6 +109,15 @@ def test_states_follow_from_the_project(tmp_path: Path) -> None:
     assert gone["psf"] is PageState.ATTENTION and gone["quality"] is PageState.NOTHING
 
 
+def test_a_folder_for_the_next_session_is_no_matter_of_concern(tmp_path: Path) -> None:
+    project = ProjectState(plan=default_plan(preset("bench")), recording=str(tmp_path / "next"))
+    assert page_states(project)["acquire"] is PageState.READY
+    (tmp_path / "next").mkdir()
+    assert page_states(project)["acquire"] is PageState.READY, "nothing is in it yet"
+    (tmp_path / "next" / "session.json").write_text("{}")
+    assert page_states(project)["acquire"] is PageState.DONE
+
+
 def test_states_of_files(tmp_path: Path) -> None:
     assert file_state("", ready=True) is PageState.READY
     assert file_state("", ready=False) is PageState.NOTHING

@@ -119,6 +119,7 @@ def test_another_error_is_answered_at_once(page: Page, qtbot: QtBot) -> None:
     assert page.settings.error == 0.3 and page.curve is not None
     assert page.panel.answer.text() == page.curve.answer(0.3)
     assert page.panel.chart.limit.value() == pytest.approx(np.log10(30))
+    editor.editingFinished.emit()
     editor.setText("0")
     editor.textEdited.emit("0")
     assert editor.property("invalid") and page.settings.error == 0.3

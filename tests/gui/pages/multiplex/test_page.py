@@ -49,6 +49,7 @@ def type_in(page: Page, key: str, text: str) -> None:
     editor = editor_of(page, key)
     editor.setText(text)
     editor.textEdited.emit(text)
+    editor.editingFinished.emit()
 
 
 def cells(page: Page) -> dict[str, str]:
@@ -267,6 +268,7 @@ def test_search_and_use(page: Page, qtbot: QtBot, tmp_path: Path, monkeypatch: p
     settle(page, qtbot)
     assert page.settings.written == target and cells(page)["Samples N"] == "9"
     assert page.settings.modulator().views == (3, 3), "it is a light field still"
+    size.editingFinished.emit()
     size.setText("40")
     size.textEdited.emit("40")
     assert "2 to 13" in search.form.error and page.settings.search_size == 3

@@ -1,7 +1,10 @@
 from __future__ import annotations
 
+import re
+
 import pytest
 
+from gui.models.form import text_of
 from gui.pages.plan import model as plan_form
 from lfcal.camera import PRESETS, MainLens, preset
 
@@ -36,3 +39,13 @@ def test_region_drawing_and_forecast() -> None:
     rows = dict(plan_form.forecast_rows(plan))
     assert rows["Positions"] == str(plan.n_positions) and rows["H, float32"].endswith("B")
     assert isinstance(plan.camera.optics, MainLens)
+
+
+def test_no_minus_before_a_zero() -> None:
+    plan = plan_form.default_plan(preset("lfm_20x05"))
+    values = plan_form.values_of(plan)
+    shown = [text_of(field, values[field.key]) for field in plan_form.FIELDS if field.key in values]
+    assert not [text for text in shown if re.search(r"-0([, ]|$)", text)], shown
+    for name in PRESETS:
+        told = plan_form.forecast_rows(plan_form.default_plan(preset(name)))
+        assert "-0.000" not in str(told)

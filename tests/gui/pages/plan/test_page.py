@@ -27,6 +27,7 @@ def test_plan_both_ways(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> Non
     changed = window.project.state.plan
     assert changed is not None and changed.cutout == (41, plan.cutout[1])
     before = page.panel.forecast.text()
+    editor.editingFinished.emit()
     editor.setText("40")
     editor.textEdited.emit("40")
     assert "odd" in page.panel.form.error and window.project.state.plan == changed

@@ -299,3 +299,21 @@ def test_the_planes_and_their_legend_are_red_where_all_is_red(window: MainWindow
     window.set_theme("light")
     assert FITTED in page.panel.legend.text() and FITTED in large.legend.text()
     large.close()
+
+
+def test_a_reference_of_another_camera_is_told(
+    open_page: OpenPage, context: Context, qtbot: QtBot, tmp_path: Path
+) -> None:
+    """The camera is changed after its H was simulated; what differs then is not only the measurement."""
+    camera = context.state.camera
+    values = np.ones((1, 3, 4, 5, 7), np.float32)
+    for name in ("H.h5", "R.h5"):
+        save(PSFMatrix(values, depths=[-10], camera=camera), tmp_path / name)
+    context.project.update("open", psf=str(tmp_path / "H.h5"), reference=str(tmp_path / "R.h5"))
+    page: Any = open_page("psf")
+    idle(context.jobs, qtbot)
+    assert page.reference is not None and "another camera" not in page.hint.text()
+    context.project.update("other", camera=preset("r29" if camera != preset("r29") else "bench"))
+    assert "the reference is of another camera" in page.hint.text()
+    context.project.update("back", camera=camera)
+    assert "another camera" not in page.hint.text()
