@@ -71,17 +71,21 @@ def _numbers(aperture: Aperture) -> dict[str, str]:
     told = aperture.confident and aperture.blades > 0
     sigma = aperture.curvature_sigma
     error = f" ± {sigma:.2f}" if np.isfinite(sigma) and sigma > 0 else ""
+
+    def seen(text: str) -> str:  # where no outline is to be seen, nothing of it was measured
+        return text if aperture.seen else UNKNOWN
+
     return {
         "Shape": KINDS[aperture.kind],
         "Blades": f"{aperture.blades}" if told else UNKNOWN,
         "Rotation": f"{np.degrees(aperture.rotation_rad):.1f}°" if told else UNKNOWN,
-        "Centre t": f"{row:.2f} px",
-        "Centre s": f"{column:.2f} px",
-        "Apothem": f"{aperture.apothem_px:.2f} px",
-        "Area": f"{aperture.area_px2:.0f} px²",
+        "Centre t": seen(f"{row:.2f} px"),
+        "Centre s": seen(f"{column:.2f} px"),
+        "Apothem": seen(f"{aperture.apothem_px:.2f} px"),
+        "Area": seen(f"{aperture.area_px2:.0f} px²"),
         "Curvature": f"{aperture.curvature:.2f}{error}" if told else UNKNOWN,
-        "Edge blur": f"{aperture.blur_px:.2f} px",
-        "Ellipticity": f"{100 * aperture.ellipticity:.1f} %",
+        "Edge blur": seen(f"{aperture.blur_px:.2f} px"),
+        "Ellipticity": seen(f"{100 * aperture.ellipticity:.1f} %"),
         "Confidence": f"{100 * aperture.confidence:.0f} %",
     }
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from gui.pages.psf.model_aperture import aperture_tip, aperture_words
-from lfcal.psf.aperture import Aperture
+from lfcal.psf.aperture import Aperture, fit_aperture
 
 
 def fitted(**changes: object) -> Aperture:
@@ -31,3 +33,10 @@ def test_a_plane_in_a_few_lines() -> None:
         f"Plane 1 (0 to 1): z = -26.02 mm\nfitted: {refused.describe()}"
     )
     assert "reaches the edge" in refused.describe()
+
+
+def test_of_what_is_not_seen_nothing_is_measured() -> None:
+    dark = fit_aperture(np.zeros((31, 31)))
+    words = aperture_words(dark, Aperture(7, (27, 27), 0.2, 15.63, 823.0, confident=True, kind="polygon"))
+    assert "nan" not in words and "0.00 px" not in words and "0.0 %" not in words
+    assert words.count("<b>—</b>") >= 6
