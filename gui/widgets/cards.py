@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QComboBox, QFrame, QHBoxLayout, QLabel, QScrollArea, QStackedWidget, QVBoxLayout, QWidget
 
-__all__ = ["card", "choice_box", "clear", "column_area", "heading", "line", "told_or_shown"]
+__all__ = ["card", "choice_box", "clear", "column_area", "heading", "line", "scrolling", "told_or_shown"]
 
 
 def heading(text: str) -> QLabel:
@@ -42,11 +42,17 @@ def column_area(width: int, *cards: QWidget, dense: bool = False) -> QScrollArea
     for one in cards:
         column.addWidget(one)
     column.addStretch()
+    area = scrolling(inner)
+    area.setFixedWidth(width)
+    return area
+
+
+def scrolling(inner: QWidget) -> QScrollArea:
+    """Return a widget in an area that scrolls up and down where the window is low."""
     area = QScrollArea()
     area.setWidgetResizable(True)
     area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
     area.setWidget(inner)
-    area.setFixedWidth(width)
     return area
 
 

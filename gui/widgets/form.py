@@ -59,6 +59,7 @@ class Form(QWidget):
         self._values: dict[str, Any] = {}
         self._untouched: dict[str, Any] = {}
         self._selected: dict[str, str] = {}
+        self._reported = ""
         self._layout = QFormLayout(self)
         self._layout.setContentsMargins(0, 0, 0, 0)
         self._layout.setHorizontalSpacing(10)
@@ -141,7 +142,7 @@ class Form(QWidget):
     def set_values(self, values: dict[str, Any]) -> None:
         """Show values without reporting them; a field being typed in keeps its text if it means the same."""
         for key, value in values.items():
-            editor, field = self._editors[key], self.fields[key]
+            editor = self._editors[key]
             blocker = QSignalBlocker(editor)
             if isinstance(editor, QComboBox):
                 editor.setCurrentIndex(max(0, editor.findData(value)))
@@ -150,17 +151,21 @@ class Form(QWidget):
             elif isinstance(editor, QLabel):
                 editor.setText(str(value))
             elif isinstance(editor, QLineEdit):
-                refused_for = bool(editor.property("reason")) and self._stands_for(key, value)
-                self._values[key] = value
-                if refused_for:  # nothing else is wanted: the text that was refused can still be corrected
-                    blocker.unblock()
-                    continue
-                if not editor.text() or not _means(field, editor.text(), value):
-                    editor.setText(text_of(field, value))
-                    editor.setCursorPosition(0)  # of a long number the beginning counts
-                self._mark(editor, "")
+                self._set_text(key, editor, value)
             blocker.unblock()
         self._show_error()
+
+    def _set_text(self, key: str, editor: QLineEdit, value: Any) -> None:
+        same = self._stands_for(key, value)
+        self._values[key] = value
+        if not same and key != self._reported:  # changed elsewhere: what was typed before is over
+            self._untouched.pop(key, None)
+        if same and editor.property("reason"):
+            return  # the text that was refused can still be corrected
+        if not editor.text() or not _means(self.fields[key], editor.text(), value):
+            editor.setText(text_of(self.fields[key], value))
+            editor.setCursorPosition(0)  # of a long number the beginning counts
+        self._mark(editor, "")
 
     def set_enabled(self, key: str, enabled: bool, why: str = "") -> None:
         """Enable or disable one field with its label; ``why`` it is disabled is said in its tip meanwhile."""
@@ -205,8 +210,11 @@ class Form(QWidget):
             value = self._untouched.get(key, _UNKNOWN)
             if value is _UNKNOWN or self._stands_for(key, value):
                 return
-        self._values[key] = value
-        self.edited.emit(key, value)
+        self._values[key], self._reported = value, key
+        try:
+            self.edited.emit(key, value)
+        finally:
+            self._reported = ""
 
     def _stands_for(self, key: str, value: Any) -> bool:
         """Return whether the field was last shown, or reported, with this value."""

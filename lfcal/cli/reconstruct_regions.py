@@ -32,15 +32,12 @@ def _places(psf: Path, regions: Sequence[str]) -> list[tuple[Path, str]]:
     InputError
         If it is neither.
     """
-    from lfcal.errors import InputError, LfcalError
+    from lfcal.errors import InputError
     from lfcal.psf.opening import regions_of
 
     if not regions:
         return []
-    try:
-        own = regions_of(psf)
-    except LfcalError:  # of another code, which has one region
-        own = ("",)
+    own = regions_of(psf)
     found: list[tuple[Path, str]] = []
     for name in regions:
         if name == ALL:

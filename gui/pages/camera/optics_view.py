@@ -76,9 +76,9 @@ class OpticsView(QWidget):
         p.setBrush(QColor(theme.bad))
         p.setPen(Qt.PenStyle.NoPen)
         p.drawEllipse(QPointF(left, axis), 3.5, 3.5)
-        whole = isinstance(optics, MainLens)
-        self._dimension(p, left, lens, axis + height * 1.15 + 10, format_length(before) if whole else "")
-        if not whole:  # above, where there is room for words
+        to_scale = isinstance(optics, MainLens)
+        self._dimension(p, left, lens, axis + height * 1.15 + 10, format_length(before) if to_scale else "")
+        if not to_scale:  # above, where there is room for words
             self._words(p, left, lens, axis - height * 1.15 - 22, "objective (not to scale)")
         self._dimension(p, lens, array, axis + height * 1.15 + 10, format_length(behind))
 

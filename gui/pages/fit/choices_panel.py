@@ -12,7 +12,6 @@ from PySide6.QtWidgets import (
     QLineEdit,
     QListWidget,
     QListWidgetItem,
-    QScrollArea,
     QVBoxLayout,
     QWidget,
 )
@@ -20,7 +19,7 @@ from PySide6.QtWidgets import (
 from gui.models.project import ProjectState
 from gui.models.words import typeset
 from gui.pages.fit.model import FIELDS, FitSettings, Offer, group_rows
-from gui.widgets.cards import card, choice_box
+from gui.widgets.cards import card, choice_box, scrolling
 from gui.widgets.form import Form
 from gui.widgets.words import WrappedLabel, set_role
 from lfcal.fit import Fit
@@ -56,13 +55,9 @@ class ChoicesPanel(QWidget):
         column.setSpacing(8)
         column.addWidget(self._source_card())
         column.addWidget(self._groups_card(), 1)
-        area = QScrollArea()  # where the window is low
-        area.setWidgetResizable(True)
-        area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        area.setWidget(inner)
         outer = QVBoxLayout(self)
         outer.setContentsMargins(0, 0, 0, 0)
-        outer.addWidget(area)
+        outer.addWidget(scrolling(inner))
         self.setFixedWidth(WIDTH)
 
     def fit_width(self, page: int) -> None:

@@ -92,3 +92,9 @@ def test_what_becomes_another_value_elsewhere_is_shown(page: Kept) -> None:
     editor = page.type("f", "2,8")
     page.form.set_values({**BEFORE, "f": 5.6})
     assert editor.text() == "5.6" and not page.form.error and not editor.property("invalid")
+    # in the midst of typing: half a number leads back to what is shown, not to what was before it
+    QTest.keyClicks(editor, "8")
+    page.form.set_values({**BEFORE, "f": 11.0})
+    editor.setCursorPosition(2)
+    QTest.keyClicks(editor, "2,")
+    assert page.values["f"] == 11 and page.form.error
