@@ -64,7 +64,7 @@ def _value(text: str) -> str:
 
 
 def _numbers(aperture: Aperture) -> dict[str, str]:
-    from lfcal.psf.aperture.shape import KINDS
+    from lfcal.psf.aperture.shape import KINDS, with_error
 
     row, column = aperture.centre
     # a count that is refused is none to be named
@@ -81,8 +81,8 @@ def _numbers(aperture: Aperture) -> dict[str, str]:
         "Rotation": f"{np.degrees(aperture.rotation_rad):.1f}°" if told else UNKNOWN,
         "Centre t": seen(f"{row:.2f} px"),
         "Centre s": seen(f"{column:.2f} px"),
-        "Apothem": seen(f"{aperture.apothem_px:.2f} px"),
-        "Area": seen(f"{aperture.area_px2:.0f} px²"),
+        "Apothem": seen(f"{with_error(aperture.apothem_px, aperture.apothem_sigma_px, 2)} px"),
+        "Area": seen(f"{with_error(aperture.area_px2, aperture.area_sigma_px2, 0)} px²"),
         "Curvature": f"{aperture.curvature:.2f}{error}" if told else UNKNOWN,
         "Edge blur": seen(f"{aperture.blur_px:.2f} px"),
         "Ellipticity": seen(f"{100 * aperture.ellipticity:.1f} %"),

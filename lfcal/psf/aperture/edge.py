@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.psf.aperture.locate import LitPatch, flatten, offsets
+from lfcal.psf.aperture.locate import LitPatch, offsets, shading
 from lfcal.psf.aperture.obstruction import dark_place, find_obstruction
 from lfcal.psf.aperture.profile import ANGLES, RAYS, edge_profile, shrink
 from lfcal.psf.aperture.ripple import Ripple, find_ripple
@@ -66,6 +66,8 @@ class Edge:
         Lit level and noise of a pixel.
     flat
         The image with lit level 1, without ripple.
+    shade
+        The smooth lit level that was divided by, 1 at the centre.
     ripple
         What was taken out.
     smooth, half
@@ -86,6 +88,7 @@ class Edge:
     level: float
     noise: float
     flat: Values
+    shade: Values
     ripple: Ripple
     smooth: Values
     half: float
@@ -103,9 +106,10 @@ def measured_edge(image: Values, patch: LitPatch) -> Edge | None:
     """Return the edge of a patch; None where it has no lit level, or none in the image."""
     row, column, radius = patch.row, patch.column, patch.radius
     for _ in range(3):
-        flat, level, vignetting = flatten(image, patch.background, row, column, radius)
+        shade, level, vignetting = shading(image, patch.background, row, column, radius)
         if not level > 0:
             return None
+        flat = (image - patch.background) / shade
         profile = edge_profile(flat, row, column, radius)
         # a centre off by (dx, dy) adds dx cos + dy sin to the edge radius: twice the first coefficient, the imaginary
         # part negated
@@ -147,6 +151,7 @@ def measured_edge(image: Values, patch: LitPatch) -> Edge | None:
         level,
         patch.noise,
         flat,
+        shade / level,
         ripple,
         smooth,
         half,

@@ -14,6 +14,7 @@ from lfcal.psf.aperture.edge import BLUR_ERROR, Edge, measured_edge
 from lfcal.psf.aperture.locate import LitPatch, despike, find_patch
 from lfcal.psf.aperture.profile import ANGLES
 from lfcal.psf.aperture.shape import Aperture, CountFit, StuckBlade
+from lfcal.psf.aperture.size import measured_area
 from lfcal.psf.aperture.verdict import Verdict, judged
 
 __all__ = ["fit_aperture", "plane_verdict"]
@@ -81,7 +82,7 @@ def plane_verdict(depth_sum: ArrayLike, *, footprint_px: float = 0.0) -> tuple[A
     if edge is None:
         return _circle(patch, "irregular"), None
     verdict = judged(edge, _snr(edge.level, patch.noise))
-    answer = _aperture(verdict, _snr(edge.level, patch.noise))
+    answer = _aperture(verdict, patch)
     if touching:
         return replace(answer, kind="", confident=False, refusal="cut off"), None
     if edge.radius < footprint_px:
@@ -128,7 +129,7 @@ def _snr(level: float, noise: float) -> float:
     return level / noise if noise > 0 else math.inf
 
 
-def _aperture(verdict: Verdict, snr: float) -> Aperture:
+def _aperture(verdict: Verdict, patch: LitPatch) -> Aperture:
     """Return the aperture of a verdict, with what lies inside it."""
     fit, edge = verdict.fit, verdict.edge
     kind, refusal = verdict.kind, verdict.refusal
@@ -139,7 +140,8 @@ def _aperture(verdict: Verdict, snr: float) -> Aperture:
         kind = "obstructed" if kind in ("round", "polygon", "rounded polygon") else kind
     arcs = fit.arcs
     e = math.hypot(arcs.stretch, arcs.shear)
-    radius = arcs.radius(ANGLES)
+    fitted = math.pi * float(np.mean(arcs.radius(ANGLES) ** 2))
+    area, sigma = measured_area(patch, edge, fitted)
     step = 2 * math.pi / max(1, fit.blades)
     # the first vertex lies within one blade of angle 0, and blades are counted from it
     skipped = math.floor(arcs.rotation_rad / step) if fit.blades else 0
@@ -147,14 +149,16 @@ def _aperture(verdict: Verdict, snr: float) -> Aperture:
         blades=fit.blades,
         centre=(edge.row + fit.row, edge.column + fit.column),
         rotation_rad=arcs.rotation_rad - skipped * step if fit.blades else 0.0,
-        apothem_px=arcs.apothem,
-        area_px2=math.pi * float(np.mean(radius**2)),
+        # the shape is the edge's, the size that of the light
+        apothem_px=arcs.apothem * math.sqrt(area / fitted),
+        area_px2=area,
+        area_sigma_px2=sigma,
         curvature=arcs.curvature if fit.blades else 1.0,
         blur_px=edge.blur_px,
         ellipticity=2 * e / (1 + e),
         ellipse_axis_rad=0.5 * math.atan2(-arcs.shear, -arcs.stretch),
         vignetting=edge.vignetting,
-        snr=snr,
+        snr=_snr(edge.level, patch.noise),
         confidence=verdict.confidence,
         confident=not refusal,
         refusal=refusal,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LitPatch", "despike", "find_patch", "flatten", "mad", "offsets"]
+__all__ = ["LitPatch", "despike", "find_patch", "mad", "offsets", "shading"]
 
 Image = NDArray[np.float64]
 
@@ -115,8 +115,8 @@ def find_patch(image: Image) -> LitPatch | None:
     return LitPatch(background, noise, level, float(row), float(column), radius, mask)
 
 
-def flatten(image: Image, background: float, row: float, column: float, radius: float) -> tuple[Image, float, float]:
-    """Return the image over its smooth lit level, that level at the centre, and its fall to the radius (a share of it).
+def shading(image: Image, background: float, row: float, column: float, radius: float) -> tuple[Image, float, float]:
+    """Return the smooth lit level of an image, the one at the centre, and its fall to the radius (a share of that).
 
     A plane plus a paraboloid is fitted robustly inside three quarters of ``radius`` and continued outwards.
     """
@@ -138,4 +138,4 @@ def flatten(image: Image, background: float, row: float, column: float, radius: 
     # a paraboloid continued far outwards would turn negative
     lit = p[0] + p[1] * np.clip(x, -1.2, 1.2) + p[2] * np.clip(y, -1.2, 1.2) + p[3] * np.minimum(r2, 1.3**2)
     top = max(float(p[0]), 1e-300)
-    return (image - background) / np.clip(lit, 0.3 * top, 3 * top), float(p[0]), -float(p[3] / top)
+    return np.clip(lit, 0.3 * top, 3 * top), float(p[0]), -float(p[3] / top)

@@ -11,7 +11,17 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.errors import InputError
 from lfcal.psf.aperture.arcs import Arcs
 
-__all__ = ["KINDS", "REFUSALS", "Aperture", "CountFit", "Obstruction", "StuckBlade", "blade_radius", "polygon_area"]
+__all__ = [
+    "KINDS",
+    "REFUSALS",
+    "Aperture",
+    "CountFit",
+    "Obstruction",
+    "StuckBlade",
+    "blade_radius",
+    "polygon_area",
+    "with_error",
+]
 
 REFUSALS = {
     "too dim": "no lit patch stands out of the noise",
@@ -77,6 +87,22 @@ def polygon_area(blades: int, apothem: float, curvature: float = 0.0) -> float:
     # rounding may push the sine of a full half circle above one
     opening = 2 * math.asin(min(1.0, vertex * math.sin(half) / radius))
     return polygon + blades * radius * radius * (opening - math.sin(opening)) / 2
+
+
+def with_error(value: float, sigma: float, digits: int) -> str:
+    """Return a value of at least ``digits`` decimals with its standard error, where that is known.
+
+    Examples
+    --------
+    >>> from lfcal.psf.aperture.shape import with_error
+    >>> with_error(31.86, 0.024, 1), with_error(31.86, 2.4, 1), with_error(31.86, float("nan"), 1)
+    ('31.86 ± 0.02', '31.9 ± 2.4', '31.9')
+    """
+    if not math.isfinite(sigma):
+        return f"{value:.{digits}f}"
+    # an error has one digit at least, and a value no more than its error
+    digits = max(digits, min(3, -math.floor(math.log10(sigma)))) if sigma > 0 else digits
+    return f"{value:.{digits}f} ± {sigma:.{digits}f}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,6 +215,9 @@ class Aperture:
         Amplitude of the strongest wave that was taken out, relative to the light, and its pitch (pixels).
     counts
         What the plane says of each regular iris, best first; empty where none was tried.
+    area_sigma_px2
+        Standard error of ``area_px2``: of noise, of shading, and of light that diffraction took further out than the
+        cutout reaches (pixels squared); NaN where the light has no even level to measure by.
 
     Examples
     --------
@@ -222,6 +251,7 @@ class Aperture:
     ripple: float = 0.0
     ripple_pitch_px: float = math.nan
     counts: tuple[CountFit, ...] = ()
+    area_sigma_px2: float = math.nan
 
     def __post_init__(self) -> None:
         """Check every value."""
@@ -245,6 +275,16 @@ class Aperture:
     def diameter_px(self) -> float:
         """Diameter of the circle of the same area (pixels)."""
         return 2.0 * math.sqrt(max(0.0, self.area_px2) / math.pi)
+
+    @property
+    def diameter_sigma_px(self) -> float:
+        """Standard error of ``diameter_px`` (pixels); NaN where it is not known."""
+        return self.diameter_px * self.area_sigma_px2 / (2.0 * self.area_px2) if self.area_px2 > 0 else math.nan
+
+    @property
+    def apothem_sigma_px(self) -> float:
+        """Standard error of ``apothem_px``, as far as it is that of the size (pixels); NaN where it is not known."""
+        return self.apothem_px * self.area_sigma_px2 / (2.0 * self.area_px2) if self.area_px2 > 0 else math.nan
 
     @property
     def reason(self) -> str:
@@ -295,7 +335,8 @@ class Aperture:
         """Return one line for people."""
         if not self.seen:
             return f"no aperture: {self.reason}"
-        where = f"centre ({self.centre[0]:.1f}, {self.centre[1]:.1f}) px, diameter {self.diameter_px:.1f} px"
+        size = with_error(self.diameter_px, self.diameter_sigma_px, 1)
+        where = f"centre ({self.centre[0]:.1f}, {self.centre[1]:.1f}) px, diameter {size} px"
         if self.refusal or not self.confident:
             return f"unknown shape, {where}" + (f"; {self.reason}" if self.reason else "")
         return ", ".join(filter(None, (self._what(), where, self._turn(), self.fault)))

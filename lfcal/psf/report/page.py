@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from lfcal.psf.aperture import Aperture
-from lfcal.psf.aperture.shape import KINDS
+from lfcal.psf.aperture.shape import KINDS, with_error
 from lfcal.psf.compare import Comparison
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.quality import Metric, QualityReport
@@ -183,7 +183,7 @@ def _apertures(H: PSFMatrix, quality: QualityReport) -> str:
                 _number(float(quality.virtual_depths[z])),
                 text(KINDS[a.kind]),
                 str(a.blades) if a.blades and a.confident else "—",
-                f"{a.diameter_px:.2f}" if a.seen else "—",
+                with_error(a.diameter_px, a.diameter_sigma_px, 2) if a.seen else "—",
                 f"{a.centre[0]:.2f}, {a.centre[1]:.2f}" if a.seen else "—",
                 f"{math.degrees(a.rotation_rad):.1f}" if a.blades and a.confident else "—",
                 _curvature(a),
