@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-__all__ = ["format_bytes", "format_count", "format_length", "format_seconds", "format_share"]
+import math
+
+__all__ = ["format_bytes", "format_count", "format_length", "format_plane", "format_seconds", "format_share"]
 
 
 def format_bytes(n: float) -> str:
@@ -42,6 +44,13 @@ def format_length(um: float) -> str:
     if size >= 1 or size == 0:
         return f"{um:.4g} µm"
     return f"{um * 1e3:.4g} nm"
+
+
+def format_plane(depth_um: float, z: int, name: str = "") -> str:
+    """Return plane ``z`` in words: its depth (µm), the value of ``name`` if given; its number where that is NaN."""
+    if math.isnan(depth_um):
+        return f"plane {z}"
+    return f"{name} = {format_length(depth_um)}" if name else format_length(depth_um)
 
 
 def format_number(value: float, digits: int = 3) -> str:

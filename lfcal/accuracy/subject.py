@@ -188,7 +188,7 @@ class Subject:
                 yield clock.at(k * ny + y)
                 for x in range(nx):
                     values[k, y, x] = H[first + k, y, x, crop[0], crop[1]]
-        depths = H.depths[first : first + count]
+        depths = H.known_depths[first : first + count]
         made = PSFMatrix(values, depths=depths, camera=H.camera, anchor=H.anchor)
         return Sample(made, math.prod(H.shape) / values.size, (_sample_note(made, H.shape, f"of {self.name}"),))
 

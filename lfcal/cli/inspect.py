@@ -195,7 +195,7 @@ def _show(
     """Print verdict, metrics, apertures and the comparison."""
     from lfcal.cli.console import print_table
     from lfcal.psf.report.page import limits, value_text
-    from lfcal.units import format_length, format_seconds
+    from lfcal.units import format_seconds
 
     typer.echo(f"H (z, y, x, t, s) = {quality.shape}, inspected in {format_seconds(quality.seconds)}")
     turned = H.provenance.get("orientation", {}).get("applied", "as is")
@@ -212,7 +212,7 @@ def _show(
     )
     print_table(
         ["depth z", "aperture"],
-        [[format_length(float(quality.depths[z])), a.describe()] for z, a in enumerate(quality.apertures)],
+        [[quality.plane_words(z), a.describe()] for z, a in enumerate(quality.apertures)],
     )
     if quality.iris is not None:
         typer.echo(f"iris from all planes: {quality.iris.describe()}")

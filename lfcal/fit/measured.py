@@ -248,6 +248,8 @@ def _plan_of(matrix: PSFMatrix, camera: Camera | None) -> ScanPlan:
         raise InputError.expected(
             "patterns", "on the sensor's own pixels", "on resampled ones", "assemble them without resampling"
         )
+    if not matrix.knows_depths:
+        raise InputError.expected("patterns", "an H that states its depths", "one without", "give PSFMatrix its depths")
     depths = tuple(float(z) for z in matrix.depths)
     return ScanPlan(owner, matrix.period, matrix.cutout, depths, matrix.anchor)
 

@@ -106,13 +106,14 @@ def _matrices(source: Path) -> list[Layer]:
 
 
 def _matrix_layer(H: PSFMatrix, name: str, *, visible: bool) -> Layer:
-    known = _along_z(H.depths if H.camera is not None else None)
+    known = _along_z(H.depths if H.camera is not None and H.knows_depths else None)
     step, pixel = voxel_um(H), pixel_um(H)
     sides = (*(step or (1.0, 1.0)), *(pixel or (1.0, 1.0)))
     sides = (*sides[2:], *sides[:2]) if H.is_transposed else sides  # positions of HT are pixels
     unit = PIXEL if step is None or pixel is None else MICROMETRE
     middle = [n // 2 for n in H.shape[:3]]
-    facts = {"anchor": H.anchor, "region": H.region, "path": H.path, "depths_um": H.depths.tolist()}
+    depths = H.depths.tolist() if H.knows_depths else None
+    facts = {"anchor": H.anchor, "region": H.region, "path": H.path, "depths_um": depths}
     words = {
         "name": name,
         "axis_labels": H_AXES,

@@ -203,7 +203,7 @@ def iter_difference(both: Pair, *, workers: int | None = None) -> Work[Differenc
     planes = tuple(
         PlaneFigures(
             both.planes[k],
-            (float(both.a.depths[both.planes[k][0]]), float(both.b.depths[both.planes[k][1]])),
+            (float(both.a.known_depths[both.planes[k][0]]), float(both.b.known_depths[both.planes[k][1]])),
             int(counts[k]),
             _figures(sums[k, 0], starts[k]),
             tuple(_figures(one, starts[k]) for one in sums[k, 1:]),

@@ -124,7 +124,7 @@ def _write_h5(matrix: PSFMatrix, z: int, out: Path, workers: int, *, dtype: str,
     with PSFWriter(
         out,
         (1, *matrix.shape[1:]),
-        depths=matrix.depths[z : z + 1],
+        depths=matrix.known_depths[z : z + 1],
         dtype=dtype,
         compression=compression,
         transposed=matrix.is_transposed,

@@ -40,6 +40,8 @@ CENTRE_RULE = "(n - 1) // 2"
 UNCERTAINTY_STEPS = 65535
 COMPRESSIONS = ("gzip", "zstd", "none")
 Convert = Callable[[NDArray[Any]], NDArray[Any]]
+PLANE_NUMBER = "plane"
+"""Unit of depths that nobody stated: they are numbers of planes."""
 STORED_TYPES = ("float32", "uint16", "float64", "uint8")
 
 
@@ -305,7 +307,10 @@ class MatrixGroup:
         group, header = self._group, self._header
         self._complete_uncertainty()
         group.create_dataset("depth_sum", data=self._sums)
-        group.create_dataset("depths", data=header.depths).attrs["unit"] = "um"
+        known = not np.isnan(header.depths).any()
+        stored = header.depths if known else np.arange(header.depths.size, dtype=np.float64)
+        depths = group.create_dataset("depths", data=stored)
+        depths.attrs["unit"] = "um" if known else PLANE_NUMBER
         for name, values in stacked(self._facts).known().items():
             group.create_dataset(name, data=values, compression="gzip")
         if self._in_steps:

@@ -150,7 +150,7 @@ def lens_centred(matrix: PSFMatrix, lens: LensCentre, interpolation: str = "near
     moved = {"lens_centred": {"shift": list(lens.shift), "rest": list(lens.rest), "interpolation": interpolation}}
     return PSFMatrix(
         planes,
-        depths=matrix.depths,
+        depths=matrix.known_depths,
         camera=matrix.camera,
         anchor=(row, column),
         facts=Facts(**facts),

@@ -219,7 +219,7 @@ def _small(matrix: PSFMatrix, options: MatOptions) -> dict[str, NDArray[np.float
     values: dict[str, NDArray[np.float64] | str] = {
         "Nnum": _pair((ny, nx), options) if ny != nx else np.array([[float(nx)]]),
         "cutout": _pair(matrix.cutout, options),
-        "x3objspace": (matrix.depths * 1e-6)[:, None],
+        **({"x3objspace": (matrix.depths * 1e-6)[:, None]} if matrix.knows_depths else {}),
         "axisOrder": ROWS_FIRST if options.rows_first else COLUMNS_FIRST,
     }
     first = np.array(first_pixel(matrix))

@@ -100,7 +100,11 @@ class PSFMatrix:
             planes = ScaledPlanes(planes, scales, offsets)
         self._planes: Planes = planes
         self._shape = shape
-        self._depths = fitting("depths", np.arange(shape[0]) if depths is None else depths, per_plane, np.float64)
+        self._depths = fitting("depths", np.full(shape[0], np.nan) if depths is None else depths, per_plane, np.float64)
+        if np.isnan(self._depths).any() and not np.isnan(self._depths).all():
+            raise InputError.expected("depths", "one for each plane, or none", self._depths.tolist(), "complete them")
+        if camera is not None and not self.knows_depths:
+            raise InputError.expected("depths of a camera's planes", f"{shape[0]} in µm", "none", "give depths, too")
         self._camera = camera
         self._anchor = (float(anchor[0]), float(anchor[1]))
         given = {"recorded": recorded, "saturated": saturated} if facts is None else facts.known()
@@ -173,8 +177,18 @@ class PSFMatrix:
 
     @property
     def depths(self) -> NDArray[np.float64]:
-        """Object-space depth of each plane (µm), positive away from the camera."""
+        """Object-space depth of each plane (µm), positive away from the camera; plane numbers where none is known."""
+        return self._depths if self.knows_depths else np.arange(self._shape[0], dtype=np.float64)
+
+    @property
+    def known_depths(self) -> NDArray[np.float64]:
+        """Object-space depth of each plane (µm); not-a-number where H states none, as files of other codes do."""
         return self._depths
+
+    @property
+    def knows_depths(self) -> bool:
+        """Whether H states the depths of its planes."""
+        return not bool(np.isnan(self._depths).any())
 
     @property
     def camera(self) -> Camera | None:

@@ -30,7 +30,9 @@ def mark_default_plot(file: Any) -> None:
     entry = file.create_group("entry")
     file.attrs.update({"NX_class": "NXroot", "default": "entry"})
     entry.attrs.update({"NX_class": "NXentry", "default": "depth_sum"})
-    file["depths"].attrs.update({"units": "um", "long_name": "depth away from the camera (um)"})
+    known = file["depths"].attrs["unit"] == "um"
+    units, said = ("um", "depth away from the camera (um)") if known else ("", "plane number")
+    file["depths"].attrs.update({"units": units, "long_name": said})
     file["depth_sum"].attrs.update({"long_name": f"{name} summed over all positions", "interpretation": "image"})
     file["H"].attrs.update({"long_name": f"{name}, stored values", "interpretation": "image"})
     offsets = {"t": np.arange(nt) - centre(nt), "s": np.arange(ns) - centre(ns)}

@@ -22,7 +22,7 @@ from lfcal.npy import map_npy
 from lfcal.plain import parse_json
 from lfcal.psf.chunk_codec import parallel_read
 from lfcal.psf.facts import Facts
-from lfcal.psf.layout import CENTRE_RULE, plane_checksum
+from lfcal.psf.layout import CENTRE_RULE, PLANE_NUMBER, plane_checksum
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.planes import DatasetPlanes, FilePlanes, Planes, ScaledPlanes
 from lfcal.psf.steps import SteppedPlanes
@@ -189,7 +189,9 @@ def _matrix_of(file: H5File, group: str) -> PSFMatrix:
 
 
 def _depths(file: H5File, prefix: str, planes: int) -> NDArray[np.float64]:
-    """Return the depth of each plane (µm), no two the same."""
+    """Return the depth of each plane (µm), no two the same; not-a-number where none was stated."""
+    if file.attributes(f"{prefix}depths").text("unit") == PLANE_NUMBER:
+        return np.full(planes, np.nan)
     depths = file.values(f"{prefix}depths", (planes,), finite=True).astype(np.float64)
     if np.unique(depths).size < planes:
         raise FileFormatError.expected(

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.axes import centre
 from lfcal.errors import InputError
 from lfcal.psf.matrix import PSFMatrix
-from lfcal.units import format_length
+from lfcal.units import format_plane
 
 __all__ = ["Pair", "pair"]
 
@@ -128,9 +128,13 @@ def _straight(matrix: PSFMatrix | ArrayLike) -> PSFMatrix:
 
 def _planes(a: PSFMatrix, b: PSFMatrix, by_number: bool, notes: list[str]) -> tuple[tuple[int, int], ...]:
     """Return the planes of the same depth, or of the same number."""
-    if by_number:
+    known = a.knows_depths and b.knows_depths
+    if by_number or not known:
         common = min(len(a), len(b))
-        apart = [z for z in range(common) if abs(a.depths[z] - b.depths[z]) > _close(a, b)]
+        apart = [z for z in range(common) if known and abs(a.depths[z] - b.depths[z]) > _close(a, b)]
+        if not by_number and a.knows_depths != b.knows_depths:
+            which = "second" if a.knows_depths else "first"
+            notes.append(f"the {which} H does not state depths: planes of equal numbers are compared")
         if apart:
             notes.append(f"planes of equal numbers are compared; {len(apart)} of them differ in depth")
         _left_out(notes, "first", a, range(common))
@@ -174,7 +178,7 @@ def _left_out(notes: list[str], which: str, matrix: PSFMatrix, used: range | lis
 
 
 def _listed(matrix: PSFMatrix, planes: range | list[int]) -> str:
-    told = [format_length(float(matrix.depths[z])) for z in planes]
+    told = [format_plane(float(matrix.known_depths[z]), z) for z in planes]
     return ", ".join(told[:6]) + (f" and {len(told) - 6} more" if len(told) > 6 else "")
 
 

@@ -124,7 +124,7 @@ class PSFWriter:
             )
         self._header = MatrixHeader(
             self.shape,
-            np.asarray(np.arange(self.shape[0]) if depths is None else depths, np.float64),
+            np.asarray(np.full(self.shape[0], np.nan) if depths is None else depths, np.float64),
             camera,
             anchor,
             dict(provenance or {}),
@@ -248,7 +248,7 @@ def writer_of(
     return PSFWriter(
         path,
         matrix.shape,
-        depths=matrix.depths,
+        depths=matrix.known_depths,
         camera=matrix.camera,
         anchor=matrix.anchor,
         dtype=dtype or stored_type(matrix),
@@ -357,7 +357,7 @@ def save_regions(
             group = file if number == 0 else file.require_group(REGIONS).create_group(name)
             header = MatrixHeader(
                 matrix.shape,
-                matrix.depths,
+                matrix.known_depths,
                 matrix.camera,
                 matrix.anchor,
                 matrix.provenance,

@@ -6,6 +6,7 @@ Fiji opens through Bio-Formats.
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -96,9 +97,12 @@ def _write(
     """Write patterns ``(positions, planes, nt, ns)``."""
     pixel, spacing = _pixel_um(matrix, planes), _spacing_um(matrix, planes)
     about = _description(matrix, planes)
-    labels = [f"z={matrix.depths[z]:g} um y={y} x={x}" for y, x in positions for z in planes]
+    named = [f"z={depth:g} um" if math.isfinite(depth) else f"plane={z}" for z, depth in enumerate(matrix.known_depths)]
+    labels = [f"{named[z]} y={y} x={x}" for y, x in positions for z in planes]
     if matrix.dtype.name in IMAGEJ_TYPES and pages.nbytes < IMAGEJ_BYTES:
-        known: dict[str, Any] = {"unit": "um"} if pixel else {"unit": "pixel", "zunit": "um"}
+        known: dict[str, Any] = {"unit": "um" if pixel else "pixel"}
+        if not pixel and matrix.knows_depths:
+            known["zunit"] = "um"
         if spacing:
             known["spacing"] = spacing
         metadata = {"axes": "TZYX", "hyperstack": True, "mode": "grayscale", "Labels": labels, "Info": about, **known}
@@ -109,8 +113,8 @@ def _write(
     sizes = {f"PhysicalSize{axis}": size for axis, size in (("X", columns), ("Y", rows), ("Z", spacing)) if size}
     units = {f"{name}Unit": "µm" for name in sizes}
     depths = [float(matrix.depths[z]) for _ in positions for z in planes]
-    plane = {"PositionZ": depths, "PositionZUnit": ["µm"] * len(depths)}
-    ome = {"axes": "TZYX", "Name": file.stem, "Description": about, "Plane": plane, **sizes, **units}
+    plane = {"Plane": {"PositionZ": depths, "PositionZUnit": ["µm"] * len(depths)}} if matrix.knows_depths else {}
+    ome = {"axes": "TZYX", "Name": file.stem, "Description": about, **plane, **sizes, **units}
     write_tiff(file, pages, ome=True, bigtiff=pages.nbytes > 1 << 31, metadata=ome)
 
 
@@ -122,7 +126,7 @@ def _pixel_um(matrix: PSFMatrix, planes: Sequence[int]) -> tuple[float, float] |
 
 def _spacing_um(matrix: PSFMatrix, planes: Sequence[int]) -> float | None:
     depths = matrix.depths[list(planes)]
-    return float(np.abs(np.diff(depths)).mean()) if len(depths) > 1 else None
+    return float(np.abs(np.diff(depths)).mean()) if len(depths) > 1 and matrix.knows_depths else None
 
 
 def _description(matrix: PSFMatrix, planes: Sequence[int]) -> str:
@@ -135,7 +139,7 @@ def _description(matrix: PSFMatrix, planes: Sequence[int]) -> str:
         [
             f"PSF matrix {name} of lfcal; patterns of {matrix.cutout[0]} x {matrix.cutout[1]} pixels {where}",
             f"T: positions of {ny} x {nx}, y slow, x fast; Z: depth, away from the camera",
-            f"depths (um): {' '.join(f'{z:g}' for z in depths)}",
+            f"depths (um): {' '.join(f'{z:g}' for z in depths)}" if matrix.knows_depths else "depths: not stated",
             *([] if even else ["the depths are not evenly spaced: the spacing is their mean, the labels say each"]),
         ]
     )

@@ -76,7 +76,7 @@ def do_plane(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None
         with PSFWriter(
             out,
             (1, *matrix.shape[1:]),
-            depths=matrix.depths[z : z + 1],
+            depths=matrix.known_depths[z : z + 1],
             dtype=arguments["dtype"],
             compression=arguments["compression"],
             transposed=not matrix.is_transposed,

@@ -117,3 +117,13 @@ def test_bad_input_is_one_line(lfcal: Lfcal, H: Path, tmp_path: Path, case: str)
     run = lfcal("inspect", *options)
     assert run.code == 2 and run.out == "" and len(run.err.strip().splitlines()) == 1, run.err
     assert not (tmp_path / "out").exists()
+
+
+def test_without_depths_planes_are_named_by_number(lfcal: Lfcal, tmp_path: Path) -> None:
+    t, s = np.indices((15, 15)) - 7.0
+    spot = 100 * np.exp(-0.5 * (t**2 + s**2) / 2.5**2)
+    np.save(tmp_path / "H.npy", spot + np.random.default_rng(5).random((3, 3, 3, 15, 15)))
+    said = lfcal("inspect", tmp_path / "H.npy").out
+    assert "plane 2" in said and "2 µm" not in said
+    told = json.loads(lfcal("inspect", tmp_path / "H.npy", "--json").out)
+    assert [plane["depth_um"] for plane in told["planes"]] == [None] * 3

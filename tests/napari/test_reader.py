@@ -48,8 +48,9 @@ def matrix(tmp_path: Path) -> Path:
 
 
 def test_h_and_ht(matrix: Path) -> None:
-    H = PSFMatrix(np.random.default_rng(0).random((3, 3, 3, 21, 21), np.float32), camera=PLAN.camera)
-    H = PSFMatrix(np.asarray(H), depths=PLAN.depths_um, camera=PLAN.camera)
+    H = PSFMatrix(
+        np.random.default_rng(0).random((3, 3, 3, 21, 21), np.float32), depths=PLAN.depths_um, camera=PLAN.camera
+    )
     (first, words, kind), (second, other, _) = read_layers(matrix)
     assert kind == "image" and words["visible"] and not other["visible"]
     assert words["name"] == "H (H)" and other["name"] == "H (HT)"

@@ -99,7 +99,7 @@ def test_one_window_fits_rows_and_columns_of_any_cutout(tmp_path: Path) -> None:
 
 def test_periods_that_the_codes_cannot_use_are_told() -> None:
     def said(ny: int, nx: int) -> str:
-        return " ".join(mat_notes(PSFMatrix(np.ones((1, ny, nx, 3, 3)), camera=preset("bench"))))
+        return " ".join(mat_notes(PSFMatrix(np.ones((1, ny, nx, 3, 3)), depths=[-500.0], camera=preset("bench"))))
 
     assert "the period is 3 x 4; codes that take one square period" in said(3, 4)
     assert "odd Nnum" in said(4, 4) and "Nnum" not in said(3, 3)

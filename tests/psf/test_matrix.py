@@ -203,7 +203,10 @@ def test_facts_are_checked() -> None:
 # -- to another process ------------------------------------------------------------------------------------
 def test_what_is_in_a_file_travels_as_its_path(tmp_path: Path) -> None:
     values = random_matrix()
-    save(PSFMatrix(values, camera=preset("bench"), provenance={"from": "a test"}), tmp_path / "H.h5")
+    save(
+        PSFMatrix(values, depths=-1.0 - np.arange(len(values)), camera=preset("bench"), provenance={"from": "a test"}),
+        tmp_path / "H.h5",
+    )
     np.save(tmp_path / "H.npy", values)
     for name in ("H.h5", "H.npy"):
         with open_psf(tmp_path / name) as H:

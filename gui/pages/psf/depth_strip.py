@@ -15,7 +15,7 @@ from gui.models.display import Display, levels_of, to_uint8
 from gui.pages.psf.model_aperture import aperture_tip
 from gui.theme import current_theme, style_sheet
 from gui.widgets.colour_bar import theme_table
-from lfcal.units import format_length
+from lfcal.units import format_plane
 
 if TYPE_CHECKING:
     from lfcal.psf.aperture import Aperture
@@ -130,7 +130,7 @@ class DepthStrip(QListWidget):
         self.clear()
         self.tiles = []
         for z, tile in enumerate(tiles):
-            self.addItem(QListWidgetItem(format_length(tile.depth_um)))
+            self.addItem(QListWidgetItem(format_plane(tile.depth_um, z)))
             self.tiles.append(tile)
             self._show(z, count=len(tiles))
         self.blockSignals(False)

@@ -242,9 +242,10 @@ def pixel_words(picture: PSFPicture, pixel: Pixel, unit: str) -> str:
 
 def place_words(matrix: PSFMatrix, intent: PSFIntent) -> tuple[str, str]:
     """Return plane and position in words."""
-    depth = float(matrix.depths[intent.z])
+    depth = float(matrix.known_depths[intent.z])
     virtual = f", v = {matrix.camera.virtual_depth(depth):.2f}" if matrix.camera is not None else ""
-    at = f"z = {format_length(depth)}{virtual}".replace(" ", "\u00a0").replace(",\u00a0", ", ")  # no line ends in it
+    at = f"z = {format_length(depth)}{virtual}" if matrix.knows_depths else "depth not stated"
+    at = at.replace(" ", "\u00a0").replace(",\u00a0", ", ")  # no line ends in it
     ny, nx = matrix.period
     return (
         f"{plane_words(intent.z, len(matrix))}: {at}",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -92,6 +93,6 @@ def _numbers(aperture: Aperture) -> dict[str, str]:
 
 def aperture_tip(z: int, depth_um: float, count: int, fitted: Aperture | None, expected: Aperture | None) -> str:
     """Return what is known of the aperture of plane ``z`` of ``count`` planes, in lines."""
-    told = [f"{plane_words(z, count)}: z = {format_length(depth_um)}"]
+    told = [plane_words(z, count) + (f": z = {format_length(depth_um)}" if math.isfinite(depth_um) else "")]
     told += [f"{what}: {one.describe()}" for what, one in (("fitted", fitted), ("expected", expected)) if one]
     return "\n".join(told)

@@ -128,7 +128,7 @@ class Page(BasePage):
         self.reference = self._comparable(matrix, state.reference)
         self.show_body()
         self._show_hint(matrix)
-        self.panel.show_matrix(matrix.depths, unit_of(matrix), reference=self.reference is not None)
+        self.panel.show_matrix(matrix.known_depths, unit_of(matrix), reference=self.reference is not None)
         self._summed = None
         if matrix is before:
             self.set_intent()

@@ -212,7 +212,10 @@ class PSFPanel(QWidget):
 
     # -- showing ---------------------------------------------------------------------------------------
     def show_matrix(self, depths: NDArray[np.float64], unit: str, *, reference: bool) -> None:
-        """Offer the planes at ``depths`` (µm) of an H with values in ``unit``; ``reference``: there is one."""
+        """Offer the planes of an H with values in ``unit``; ``reference``: there is one.
+
+        ``depths`` are in µm, not-a-number where H states none.
+        """
         self.plane_slider.setRange(0, len(depths) - 1)
         self.plane_slider.setEnabled(len(depths) > 1)
         self._each_strip(lambda strip: strip.set_planes(depths))

@@ -33,6 +33,7 @@ from gui.pages.quality.model_compare import (
 from gui.pages.quality.step import compared
 from gui.saving import may_replace
 from lfcal.errors import LfcalError
+from lfcal.units import format_plane
 
 if TYPE_CHECKING:
     from lfcal.psf.difference import Difference
@@ -225,8 +226,8 @@ class Comparing:
             return
         self._place = place
         k = place[0]
-        depth = found.planes[k].depths_um[0] / 1e3
-        self._panel.show_map(k, f"Difference over the positions, z = {depth:.4g} mm", 100 * found.error[k])
+        plane = format_plane(found.planes[k].depths_um[0], found.planes[k].planes[0], "z")
+        self._panel.show_map(k, f"Difference over the positions, {plane}", 100 * found.error[k])
         pair = self._opened()
         if pair is None:
             return

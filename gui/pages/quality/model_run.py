@@ -95,7 +95,7 @@ def iter_judge(asked: Question, kept: Kept) -> Work[None]:
         matrix = opened.T if opened.is_transposed else opened
         setup = _setup_of(asked, matrix)
         report = yield from iter_inspect(matrix)
-        kept.depths, kept.report = np.array(matrix.depths), report
+        kept.depths, kept.report = np.array(matrix.known_depths), report
         if asked.seconds > 0:
             found = yield from iter_inspection(matrix, report, setup=setup, seconds=asked.seconds)
             # what takes a fault out of patterns holds on to them

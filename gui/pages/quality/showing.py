@@ -103,7 +103,8 @@ class Showing:
         depths, values = found.quality.depths, metric.per_plane
         if values.size > 1 and values.size == len(depths):
             title = title_of(metric)
-            self._panel.evidence.show_curve("Over depth", "depth z (mm)", title, depths / 1e3, values)
+            label, along = ("depth z (mm)", depths / 1e3) if found.quality.extent else ("plane", np.arange(values.size))
+            self._panel.evidence.show_curve("Over depth", label, title, along, values)
         else:
             self._panel.evidence.show_none("Over depth", NO_CURVE)
         self._show_map()

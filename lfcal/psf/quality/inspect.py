@@ -185,7 +185,7 @@ def _report(measures: MatrixMeasures, metrics: tuple[Metric, ...], seconds: floa
     apertures = tuple(_told(p, size) for p, size in zip(planes, measures.shadows_px, strict=True))
     return QualityReport(
         shape=H.shape,
-        depths=H.depths,
+        depths=H.known_depths,
         metrics=metrics,
         apertures=apertures,
         virtual_depths=_virtual_depths(measures),

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from lfcal.psf.aperture import Aperture, FNumber, Iris
 from lfcal.psf.quality.metric import RANK, Merit, Metric
 from lfcal.psf.quality.periodicity import Periodicity
+from lfcal.units import format_length, format_plane
 
 __all__ = ["QualityReport"]
 
@@ -25,7 +26,7 @@ class QualityReport:
     shape
         ``(nz, ny, nx, nt, ns)``.
     depths
-        Depth of each plane (µm).
+        Depth of each plane (µm); not-a-number where H states none.
     metrics
         All metrics, ranked: bad ones first, and among equals what costs most in a reconstruction.
     apertures
@@ -74,6 +75,18 @@ class QualityReport:
             if metric.key == key:
                 return metric
         raise KeyError(key)
+
+    def plane_words(self, z: int, name: str = "") -> str:
+        """Return plane ``z`` in words: its depth, as a value of ``name`` where that is given, or else its number."""
+        return format_plane(float(self.depths[z]), z, name)
+
+    @property
+    def extent(self) -> str:
+        """From which depth to which the planes lie, in words; empty where H states none."""
+        if not np.isfinite(self.depths).all():
+            return ""
+        ends = (self.depths[0], self.depths[-1])[: min(2, self.depths.size)]
+        return " to ".join(format_length(float(v)) for v in ends)
 
     @property
     def alarms(self) -> tuple[Metric, ...]:
@@ -137,7 +150,7 @@ class QualityReport:
 
     def _plane(self, z: int) -> dict[str, object]:
         return {
-            "depth_um": float(self.depths[z]),
+            "depth_um": float(self.depths[z]) if math.isfinite(self.depths[z]) else None,
             "virtual_depth": float(self.virtual_depths[z]),
             "noise": float(self.noise[z]),
             "peak": float(self.peak[z]),

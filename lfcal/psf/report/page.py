@@ -18,7 +18,7 @@ from lfcal.psf.quality import Metric, QualityReport
 from lfcal.psf.report.beside import Beside
 from lfcal.psf.report.parts import document, figures, section, table, text
 from lfcal.psf.report.pictures import Picture
-from lfcal.units import format_bytes, format_length, format_seconds
+from lfcal.units import format_bytes, format_length, format_plane, format_seconds
 
 __all__ = ["limits", "page", "redo_of", "value_text"]
 
@@ -106,10 +106,9 @@ def _faults(beside: Beside) -> str:
 def _facts(H: PSFMatrix, quality: QualityReport, redo: Sequence[object]) -> str:
     nz, ny, nx, nt, ns = quality.shape
     counts = {m: sum(k.merit == m for k in quality.metrics) for m in ("good", "fair", "bad", "unknown")}
-    depths = " to ".join(format_length(float(v)) for v in (quality.depths[0], quality.depths[-1])[: min(2, nz)])
     facts = [
         ("source positions y × x", f"{ny} × {nx}"),
-        (f"depth planes, {depths}", str(nz)),
+        (f"depth planes, {quality.extent or 'depths not stated'}", str(nz)),
         ("cutout t × s", f"{nt} × {ns} px"),
         (f"of values, {H.dtype}", format_bytes(H.nbytes)),
         ("metrics good / fair / bad / unknown", "{good} / {fair} / {bad} / {unknown}".format(**counts)),
@@ -179,7 +178,7 @@ def _apertures(H: PSFMatrix, quality: QualityReport) -> str:
     for z, a in enumerate(quality.apertures):
         rows.append(
             [
-                text(format_length(float(quality.depths[z]))),
+                text(quality.plane_words(z)),
                 _number(float(quality.virtual_depths[z])),
                 text(KINDS[a.kind]),
                 str(a.blades) if a.blades and a.confident else "—",
@@ -236,7 +235,7 @@ def _tilings(quality: QualityReport) -> str:
             y, x = tiling.fitting_period
             rows.append(
                 [
-                    text(format_length(float(quality.depths[z]))),
+                    text(quality.plane_words(z)),
                     str(len(tiling.difference)),
                     f"{100 * float(np.median(tiling.difference)):.1f}",
                     f"{100 * float(tiling.difference.max()):.1f}",
@@ -266,7 +265,7 @@ def _compared(H: PSFMatrix, c: Comparison, reference: str, pictures: Sequence[Pi
         f"{c.compared} positions compared, {left} left out.</p>"
     )
     rows = [
-        [text(format_length(float(H.depths[z]))), f"{c.per_plane[z]:.5f}", _number(float(c.scale[z]), 4)]
+        [text(format_plane(float(H.known_depths[z]), z)), f"{c.per_plane[z]:.5f}", _number(float(c.scale[z]), 4)]
         for z in range(len(H))
     ]
     return (

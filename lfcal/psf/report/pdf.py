@@ -18,7 +18,6 @@ from lfcal.psf.quality import QualityReport
 from lfcal.psf.report.beside import Beside
 from lfcal.psf.report.page import limits, redo_of, value_text
 from lfcal.psf.report.pictures import Picture
-from lfcal.units import format_length
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -113,7 +112,7 @@ def blocks(
     """Return everything that the pages hold, in their order: what a decision needs comes first."""
     merit = quality.merit if beside is None else beside.merit
     nz, ny, nx, nt, ns = quality.shape
-    ends = " to ".join(format_length(float(v)) for v in (quality.depths[0], quality.depths[-1])[: min(2, nz)])
+    ends = quality.extent or "depths not stated"
     camera = f"; camera {H.camera.name}" if H.camera is not None else ""
     facts = f"{nz} planes, {ends}; {ny} × {nx} positions; cutout {nt} × {ns} pixels{camera}"
     found = [
@@ -180,7 +179,7 @@ def _metrics(quality: QualityReport, beside: Beside | None) -> Iterator[Block]:
 def _apertures(quality: QualityReport) -> Iterator[Block]:
     yield _heading("Aperture")
     for z, aperture in enumerate(quality.apertures):
-        yield Block(f"{format_length(float(quality.depths[z]))}: {aperture.describe()}", 8)
+        yield Block(f"{quality.plane_words(z)}: {aperture.describe()}", 8)
     if quality.iris is not None:
         yield Block(f"All planes together: {quality.iris.describe()}", 8)
     f = quality.f_number

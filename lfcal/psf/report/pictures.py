@@ -18,7 +18,7 @@ from lfcal.psf.compare import Comparison
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.quality import Metric, QualityReport
 from lfcal.psf.transpose import depth_sum
-from lfcal.units import format_length
+from lfcal.units import format_plane
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -113,8 +113,8 @@ def _columns(n: int) -> tuple[int, int]:
     return min(n, 3), -(-n // 3)
 
 
-def _depth(depth: float) -> str:
-    return f"z = {format_length(depth)}"
+def _depth(depths: NDArray[np.float64], z: int) -> str:
+    return format_plane(float(depths[z]), z, "z")
 
 
 def _depth_sums(H: PSFMatrix, quality: QualityReport) -> Picture:
@@ -125,7 +125,7 @@ def _depth_sums(H: PSFMatrix, quality: QualityReport) -> Picture:
             aperture = quality.apertures[z]
             words = _shape(aperture)
             shown, unit = _unspoilt(H.depth_sum(z))
-            draw_image(axes, shown, title=f"{_depth(quality.depths[z])}: {words}", unit=f"sum of H{unit}")
+            draw_image(axes, shown, title=f"{_depth(quality.depths, z)}: {words}", unit=f"sum of H{unit}")
             expected = _expected(H, z)
             if expected is not None:
                 line = expected.outline()
@@ -175,7 +175,7 @@ def _transposed_sum(H: PSFMatrix) -> Picture:
     apart = (turned - straight) / (np.abs(straight).max() or 1.0)
     with _sheet(2, _row_height(H.cutout)) as sheet:
         left, right = sheet.grid(2, 2)
-        draw_image(left, turned, title=f"HT turned, {_depth(H.depths[z])}", unit="sum of HT")
+        draw_image(left, turned, title=f"HT turned, {_depth(H.known_depths, z)}", unit="sum of HT")
         draw_image(right, apart, title="difference from H", unit="of peak", signed=True)
         # rounding alone must not fill the range of colours
         top = max(float(np.abs(apart).max()), 1e-6)
@@ -185,7 +185,11 @@ def _transposed_sum(H: PSFMatrix) -> Picture:
 
 
 def _over_depth(quality: QualityReport) -> Picture:
-    depths, unit = (quality.depths / 1e3, "mm") if np.abs(quality.depths).max() >= 1e3 else (quality.depths, "µm")
+    depths, label = quality.depths, "depth z (µm)"
+    if not quality.extent:
+        depths, label = np.arange(depths.size, dtype=np.float64), "plane"
+    elif np.abs(depths).max() >= 1e3:
+        depths, label = depths / 1e3, "depth z (mm)"
     sizes = np.array([a.diameter_px if a.seen else np.nan for a in quality.apertures])
     curves = (
         (sizes, "aperture diameter (px)"),
@@ -195,7 +199,7 @@ def _over_depth(quality: QualityReport) -> Picture:
     with _sheet(3, 2.5) as sheet:
         for (values, label), axes in zip(curves, sheet.grid(3, 3), strict=True):
             axes.plot(depths, values, "o-", color=LINES[0], ms=4)
-            axes.set_xlabel(f"depth z ({unit})")
+            axes.set_xlabel(label)
             axes.set_ylabel(label)
             axes.ticklabel_format(useOffset=False, axis="y", scilimits=(-3, 5))
             top = np.nanmax(values, initial=0.0)
@@ -209,11 +213,11 @@ def _slices(H: PSFMatrix) -> Picture:
     with _sheet(2, len(planes) * _row_height(H.cutout)) as sheet:
         grid = sheet.grid(2 * len(planes), 2)
         for z in planes:
-            draw_image(next(grid), H[z, y, x], title=f"H: point at {_depth(H.depths[z])}", unit="value")
+            draw_image(next(grid), H[z, y, x], title=f"H: point at {_depth(H.known_depths, z)}", unit="value")
             draw_image(
                 next(grid),
                 H.T[z, y, x],
-                title=f"HT: pixel at {_depth(H.depths[z])}",
+                title=f"HT: pixel at {_depth(H.known_depths, z)}",
                 unit="value",
                 xlabel="voxel column s (px)",
                 ylabel="voxel row t (px)",
@@ -234,7 +238,7 @@ def _metric_map(metric: Metric, quality: QualityReport) -> Picture:
     low, high = _range(metric)
     with _sheet(columns, rows * _row_height(quality.shape[1:3])) as sheet:
         for z, axes in zip(planes, sheet.grid(len(planes), columns), strict=True):
-            where, unit = _depth(quality.depths[z]), metric.spec.map_unit or metric.spec.unit
+            where, unit = _depth(quality.depths, z), metric.spec.map_unit or metric.spec.unit
             _positions_map(axes, metric.map[z], where, unit, signed=low < 0)
             axes.images[0].set_clim(low, high)
             here = metric.positions[metric.positions[:, 0] == z]
@@ -275,7 +279,7 @@ def _tiling(quality: QualityReport) -> Picture:
                 dots = axes.scatter(columns, rows, c=values, s=60, edgecolor="white", linewidth=0.6, vmin=0, zorder=3)
                 axes.invert_yaxis()
                 axes.set_aspect("equal", adjustable="datalim")
-                axes.set_title(_depth(quality.depths[z]))
+                axes.set_title(_depth(quality.depths, z))
                 axes.set_xlabel("sensor column (px)")
                 axes.set_ylabel("sensor row (px)")
                 sheet.fig.colorbar(dots, ax=axes, shrink=0.85).set_label(unit)
@@ -293,7 +297,7 @@ def _against(H: PSFMatrix, reference: PSFMatrix, comparison: Comparison) -> Pict
             ours, theirs = (np.asarray(m[z, y, x], float) for m in (H, reference))
             energy = float(ours.sum())
             scaled = ours * (float(theirs.sum()) / energy) if energy else ours
-            draw_image(next(grid), scaled, title=f"H, {_depth(H.depths[z])}", unit="at the reference's energy")
+            draw_image(next(grid), scaled, title=f"H, {_depth(H.known_depths, z)}", unit="at the reference's energy")
             draw_image(next(grid), theirs, title="reference", unit="value")
             draw_image(next(grid), scaled - theirs, title="difference", unit="value", signed=True)
     return Picture("comparison", "against_reference.png", f"Position y {y}, x {x} and the reference's.", sheet.png)
@@ -304,7 +308,7 @@ def _shifts(H: PSFMatrix, comparison: Comparison) -> Picture:
     with _sheet(3, len(planes) * _row_height(H.period)) as sheet:
         grid = sheet.grid(3 * len(planes), 3)
         for z in planes:
-            where = _depth(H.depths[z])
+            where = _depth(H.known_depths, z)
             _positions_map(next(grid), 100 * comparison.error[z], f"error, {where}", "% (L2)")
             _positions_map(next(grid), comparison.shift_px[z, ..., 0], "shift of the centroid, rows", "px", signed=True)
             _positions_map(next(grid), comparison.shift_px[z, ..., 1], "columns", "px", signed=True)

@@ -19,7 +19,7 @@ from lfcal.progress import Clock, Work
 from lfcal.psf.difference import Difference, Figures
 from lfcal.psf.report.parts import document, figures, section, table, text
 from lfcal.psf.report.pictures import Picture
-from lfcal.units import format_length, format_number, format_seconds
+from lfcal.units import format_length, format_number, format_plane, format_seconds
 
 __all__ = ["COLUMNS", "compared_words", "figure_rows", "iter_compared_report", "report_files", "verdict"]
 
@@ -78,7 +78,9 @@ def figure_rows(found: Difference) -> list[tuple[str, ...]]:
     for one in found.planes:
         # of planes whose numbers differ both are said
         number = f"{one.planes[0]}" if one.planes[0] == one.planes[1] else f"{one.planes[0]}, {one.planes[1]}"
-        rows += _rows(f"{number}: {format_length(one.depths_um[0])}", one.all, one.types)
+        if math.isfinite(one.depths_um[0]):
+            number += f": {format_length(one.depths_um[0])}"
+        rows += _rows(number, one.all, one.types)
     return rows
 
 
@@ -203,9 +205,9 @@ def _maps(found: Difference) -> Picture:
     planes = sorted(np.argsort(-rank, kind="stable")[:PLANES].tolist())
     with figure(9.6, 0.3 + 2.4 * len(planes)) as fig:
         for row, k in enumerate(planes):
-            depth = format_length(found.planes[k].depths_um[0])
+            depth = format_plane(found.planes[k].depths_um[0], found.planes[k].planes[0], "z")
             panels = (
-                (100 * found.error[k], f"difference, z = {depth}", "% at equal light", False),
+                (100 * found.error[k], f"difference, {depth}", "% at equal light", False),
                 (found.shift_px[k, ..., 0], "shift of the centroid, rows", "px", True),
                 (found.shift_px[k, ..., 1], "columns", "px", True),
             )

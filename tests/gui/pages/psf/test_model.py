@@ -7,8 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gui.pages.psf.model import LoadedPlane, PSFIntent, linked_pixel, resolve, turn_pixel
-from lfcal.psf import transpose
+from gui.pages.psf.model import LoadedPlane, PSFIntent, linked_pixel, place_words, resolve, turn_pixel
+from gui.pages.psf.model_aperture import aperture_tip
+from lfcal.psf import PSFMatrix, transpose
+from lfcal.units import format_plane
 
 SHAPE = (3, 4, 5, 7, 9)
 
@@ -59,3 +61,15 @@ def test_intents_stay_inside() -> None:
     assert (intent.z, intent.y, intent.x, intent.pixel) == (2, 0, 4, None)
     assert PSFIntent(0, 0, 0).moved(-1, -1, (4, 5)).y == 3
     assert turn_pixel((0, 0), (7, 9)) == (6, 8)
+
+
+def test_a_depth_that_h_does_not_state_is_not_told() -> None:
+    values = np.ones((2, 3, 3, 5, 5), np.float32)
+    assert place_words(PSFMatrix(values), PSFIntent(z=1))[0] == "Plane 1 (0 to 1): depth\u00a0not\u00a0stated"
+    known = PSFMatrix(values, depths=[-2000.0, -1000.0])
+    assert place_words(known, PSFIntent(z=1))[0] == "Plane 1 (0 to 1): z\u00a0=\u00a0-1\u00a0mm"
+
+
+def test_planes_without_depths_have_numbers_under_their_pictures() -> None:
+    assert aperture_tip(1, float("nan"), 2, None, None) == "Plane 1 (0 to 1)"
+    assert format_plane(float("nan"), 1) == "plane 1" and format_plane(-1000.0, 1) == "-1 mm"
