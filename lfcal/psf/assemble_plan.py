@@ -159,14 +159,16 @@ def iter_assemble_plan(
 
 
 def find_plan_cutout(source: FrameSource, plan: ScanPlan, settings: AssemblySettings) -> Cutout:
-    """Return the cutout that ``settings`` ask for; raises `InputError` where a pedestal would stay in H."""
+    """Return the cutout that ``settings`` ask for; raises `InputError` where a pedestal would stay in H, or lack."""
     outside = "zero" if settings.pad else "error"
     cutout = Cutout.for_plan(plan, interpolation=settings.interpolation, outside=outside)
     if settings.cutout is not None:
         cutout = replace(cutout, shape=_cutout_shape(source, cutout, settings))
-    if source.metadata.get("keeps_level", False) and not settings.keep_pedestal:
+    keeps_level = source.metadata.get("keeps_level")
+    # of frames that went through no corrections nothing is known
+    if keeps_level is not None and not settings.keep_pedestal:
         infos = tuple(source.info(k) for k in range(len(source)))
-        check_pedestal(Gatherer(source, infos, cutout), plan.shape[0])
+        check_pedestal(Gatherer(source, infos, cutout), plan.shape[0], subtracted=not keeps_level)
     return cutout
 
 

@@ -1,6 +1,8 @@
-"""A black level that nothing subtracts: the constant pedestal it would leave in H, found before any work."""
+"""A black level that nothing subtracts, or a wrong one that is: the constant it would leave in H, found before any work."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +23,13 @@ BLOCKS = 8
 """Blocks along each axis in which a cutout without surroundings is looked at."""
 
 
-def pedestal_share(gatherer: Gatherer, indices: list[int]) -> tuple[float, float]:
+def pedestal_share(gatherer: Gatherer, indices: list[int]) -> tuple[float, float, bool]:
     """Return the constant level of some frames of a plane (sample values), and its share of their cutouts' light.
 
-    On whole sensor frames the level is the median beyond the cutout, where the point sends nothing. Frames that are
+    The last is whether it was seen where the point sends nothing. A level below none has a negative share, and one of
+    more light than there is an infinite one.
+
+    On whole sensor frames the level is that beyond the cutout, where the point sends nothing. Frames that are
     cutouts have no such place: there it is the darkest block of their mean, which a pattern that fills the cutout
     raises.
     """
@@ -34,11 +39,20 @@ def pedestal_share(gatherer: Gatherer, indices: list[int]) -> tuple[float, float
         cuts.append(cut.values.astype(np.float64))
         around = _surroundings(gatherer, index)
         if around is not None:
-            levels.append(float(np.median(around)))
+            levels.append(_level(around))
     mean = np.mean(cuts, axis=0)
     level = float(np.median(levels)) if levels else _darkest_block(mean)
     total = float(mean.sum())
-    return level, (max(0.0, level) * mean.size / total if total > 0 else 0.0)
+    if level == 0:
+        return 0.0, 0.0, bool(levels)
+    return level, level * mean.size / total if total > 0 else math.copysign(math.inf, level), bool(levels)
+
+
+def _level(around: NDArray[np.float64]) -> float:
+    """Return the level of samples that few of are lit: their mean near the median, which itself is a whole number."""
+    middle = float(np.median(around))
+    away = np.abs(around - middle)
+    return float(around[away <= 3 * 1.4826 * float(np.median(away)) + 1].mean())
 
 
 def _surroundings(gatherer: Gatherer, index: int) -> NDArray[np.float64] | None:
@@ -55,8 +69,11 @@ def _darkest_block(mean: NDArray[np.float64]) -> float:
     return min(float(mean[np.ix_(r, c)].mean()) for r in rows for c in columns)
 
 
-def check_pedestal(gatherer: Gatherer, planes: int, limit: float = LIMIT) -> None:
-    """Raise `InputError` where a constant level would make more than the share ``limit`` of a plane's light."""
+def check_pedestal(gatherer: Gatherer, planes: int, limit: float = LIMIT, *, subtracted: bool = False) -> None:
+    """Raise `InputError` where a constant level would make more than the share ``limit`` of a plane's light.
+
+    So it does where it is too high or too low, if something was ``subtracted`` before.
+    """
     by_plane: list[list[int]] = [[] for _ in range(planes)]
     for index, info in enumerate(gatherer.infos):
         if info.position.z < planes:
@@ -64,11 +81,21 @@ def check_pedestal(gatherer: Gatherer, planes: int, limit: float = LIMIT) -> Non
     for z, indices in enumerate(by_plane):
         if not indices:
             continue
-        level, share = pedestal_share(gatherer, indices[:: max(1, len(indices) // SAMPLED)])
-        if share > limit:
-            raise InputError.expected(
-                f"plane {z}",
-                f"frames less their black level (at most {100 * limit:g} % of the light of H)",
-                f"a constant level of {level:.4g}, {100 * share:.3g} %",
-                "give dark frames, the black level, or background border; or keep it (--keep-pedestal)",
+        level, share, seen = pedestal_share(gatherer, indices[:: max(1, len(indices) // SAMPLED)])
+        # a pattern that fills its cutout raises the darkest block of one that had its level subtracted rightly
+        if abs(share) <= limit or (subtracted and level > 0 and not seen):
+            continue
+        told = f"{100 * share:.3g} %" if math.isfinite(share) else "more than all their light"
+        how = "give dark frames, the black level, or background border; or keep it (--keep-pedestal)"
+        if subtracted:
+            told += " after dark or black level"
+            how = (
+                "give those of these frames (gain, exposure, bits: --shift), or background border; or keep it "
+                "(--keep-pedestal)"
             )
+        raise InputError.expected(
+            f"plane {z}",
+            f"frames less their black level (at most {100 * limit:g} % of the light of H)",
+            f"a constant level of {level:.4g}, {told}",
+            how,
+        )

@@ -329,7 +329,7 @@ def test_frames_of_several_colours_are_refused_with_the_way_out(lfcal: Lfcal, pl
         channel = "G1" if name == "mosaic" else "G"
         assert f"type lfcal assemble {name} --channel {channel} -o H.h5, then lfcal fit H.h5" in run.err
         typed = run.err.partition("type lfcal ")[2].partition(", then")[0]
-        assert lfcal(*shlex.split(typed), "--orientation", "as-is", "--force").code == 0
+        assert lfcal(*shlex.split(typed), "--orientation", "as-is", "--force", "--keep-pedestal").code == 0
 
 
 @pytest.mark.long

@@ -122,7 +122,7 @@ def test_auto_does_not_guess(lfcal: Callable[..., Run], tmp_path: Path) -> None:
     assert done.code == 2
     assert "name their --orientation" in done.err
     told = lfcal(*arguments(folder, tmp_path / "H.h5"))
-    assert told.code == 0
+    assert told.code == 0, told.err
     assert "cannot be told" in told.err
 
 

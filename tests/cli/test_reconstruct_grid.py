@@ -28,7 +28,7 @@ def drawn(phase: int) -> tuple[WhiteFrame, PSFMatrix]:
     types = tuple(LensType.focused_at(v, 400.0) for v in (2.0, 3.0, 5.0))
     lattice = LensletLattice("hexagonal", 5 * PITCH, 400.0, types, offset_um=(5 * column, 5 * row))
     camera = Camera("c", MainLens(), lattice, Sensor(truth.frame.shape, 5.0))
-    return truth, PSFMatrix(np.ones((1, 28, 48, 3, 3)), camera=camera, anchor=(100.0, 120.0))
+    return truth, PSFMatrix(np.ones((1, 28, 48, 3, 3)), depths=[-500.0], camera=camera, anchor=(100.0, 120.0))
 
 
 @pytest.mark.few(1)

@@ -46,7 +46,7 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> tuple[ScanPlan, dict[str
             rows, columns = (slice(a, a + n) for a, n in zip(info.origin, session.shape, strict=True))
             full[k, rows, columns] = session.read(k)
             positions.append(tuple(info.position))
-    sensor_dark = np.zeros(camera.sensor.shape, np.float32)
+    sensor_dark = np.full(camera.sensor.shape, 64, np.float32)
     top, left = dark.origin
     sensor_dark[top : top + dark.frame.shape[0], left : left + dark.frame.shape[1]] = dark.frame
     np.save(root / "dark.npy", sensor_dark)
@@ -138,12 +138,15 @@ def test_a_level_nobody_subtracts_is_refused(places: tuple[ScanPlan, dict[str, P
         for recipe in (
             CorrectionRecipe(background="border"),
             CorrectionRecipe(black_level=64.0),
-            CorrectionRecipe(black_level=0.0),  # said to be none
             CorrectionRecipe(dark=ways["dark.npy"]),
         ):
             assert assemble_plan(corrected_view(source, recipe, bare), bare).frames == 12
         kept = assemble_plan(corrected_view(source, CorrectionRecipe(), bare), bare, None, EXACT)
         assert kept.frames == 12, "kept when the user says so"
+        said_to_be_none = corrected_view(source, CorrectionRecipe(black_level=0.0), bare)
+        with pytest.raises(InputError, match="after dark or black level"):
+            assemble_plan(said_to_be_none, bare)
+        assert assemble_plan(said_to_be_none, bare, None, EXACT).frames == 12
     with opened(ways, "session") as source, pytest.raises(InputError, match="give dark frames, the black level"):
         assemble_plan(corrected_view(source, CorrectionRecipe(dark="none"), bare), bare)
 

@@ -1,0 +1,42 @@
+"""What is subtracted from frames must be their level: more or less of it is no figure of H."""
+
+import numpy as np
+import pytest
+
+from lfcal.errors import InputError
+from lfcal.frames import ArraySource, CorrectionRecipe, corrected_view
+from lfcal.psf.assemble_plan import AssemblySettings, find_plan_cutout
+from lfcal.psf.gather import Gatherer
+from lfcal.psf.pedestal import pedestal_share
+from tests.psf.test_orientation import a_plan, upright
+
+
+@pytest.fixture(scope="module")
+def scan():
+    plan = a_plan((60, 72), (3, 4), (25.0, 30.0), 2, (25, 25))
+    frames, places = upright(plan, width=4.0, noise=2.0)
+    return plan, ArraySource(np.rint(frames).astype(np.uint16), places)
+
+
+@pytest.mark.parametrize("off", [-50.0, -10.0, 10.0, 200.0, 1500.0])
+def test_a_wrong_level_is_refused_with_its_size(scan, off):
+    plan, frames = scan
+    view = corrected_view(frames, CorrectionRecipe(black_level=100.0 + off), plan)
+    with pytest.raises(InputError, match="after dark or black level; give those of these frames") as told:
+        find_plan_cutout(view, plan, AssemblySettings())
+    said = float(str(told.value).split("a constant level of ")[1].split(",")[0])
+    assert said == pytest.approx(-off, abs=0.3)
+    assert ("more than all their light" in str(told.value)) == (off > 100)
+    find_plan_cutout(view, plan, AssemblySettings(keep_pedestal=True))
+    border = corrected_view(frames, CorrectionRecipe(black_level=100.0 + off, background="border"), plan)
+    find_plan_cutout(border, plan, AssemblySettings())
+
+
+@pytest.mark.parametrize("off", [-0.4, 0.0, 0.4])
+def test_a_level_that_is_right_but_for_its_rounding_passes(scan, off):
+    plan, frames = scan
+    view = corrected_view(frames, CorrectionRecipe(black_level=100.0 + off), plan)
+    cutout = find_plan_cutout(view, plan, AssemblySettings())
+    infos = tuple(view.info(k) for k in range(len(view)))
+    level, _, seen = pedestal_share(Gatherer(view, infos, cutout), [0, 1])
+    assert seen and level == pytest.approx(-off, abs=0.15)  # the median of whole numbers would be one
