@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +14,7 @@ from lfcal.lattice.checkered import check_cell, mean_cell
 from lfcal.lattice.doubts import check_white, evenness
 from lfcal.lattice.forms import Frame, fit_form
 from lfcal.lattice.growth import followed, start_reach
+from lfcal.lattice.iris_centre import iris_centre
 from lfcal.lattice.lattice_fit import LatticeErrors, LatticeFit
 from lfcal.lattice.local_means import best_places
 from lfcal.lattice.model import LatticeModel
@@ -45,7 +47,9 @@ def fit_lattice(
     The spectrum gives a first lattice (`guess_lattice`), which is followed from the middle of the frame outwards
     (`followed`). Then, in turns, the mean micro-image is made, each lenslet is placed by it to a fraction of a pixel
     (least squares, Lucas and Kanade 1981), and a flexible lattice is fitted to the places with outliers weighed
-    down. At last the form is chosen that the places call for (`select_form`): straight, or with a distortion.
+    down. The form is chosen that the places call for (`select_form`): straight, or with a distortion. At last the
+    lattice is moved to the middle of the iris, which micro-images of odd corners are not symmetric about
+    (`iris_centre`).
 
     Parameters
     ----------
@@ -84,9 +88,11 @@ def fit_lattice(
     frame = Frame.of(image.shape)
     model = centred(image, model, workers, start_reach(model, frame))
     model = followed(image, model, workers)
-    model, lenslets = _settled(evened(image, model, workers), model, frame, workers)
+    flat = evened(image, model, workers)
+    model, lenslets = _settled(flat, model, frame, workers)
     sound = lenslets.sound
     chosen = select_form(model, lenslets.index[sound], lenslets.places[sound], frame)
+    chosen, lenslets = _on_the_iris(flat, chosen, lenslets, workers)
     # the light is that of the image as taken: evened out, it would show no vignetting
     light = mean_light(image, chosen.fitted.model, lenslets.index, workers)
     if model.kind == "square":
@@ -113,6 +119,24 @@ def _settled(
         if math.sqrt(float((moved**2).mean())) < SETTLED_PX:
             break
     return model, lenslets
+
+
+def _on_the_iris(
+    flat: NDArray[np.float32], chosen: Selection, lenslets: PlacedLenslets, workers: int | None
+) -> tuple[Selection, PlacedLenslets]:
+    """Return lattice and lenslets moved from where the micro-images are most symmetric to the middle of the iris."""
+    model, sound = chosen.fitted.model, lenslets.sound
+    centres = model.places(lenslets.index[sound])
+    light = mean_light(flat, model, lenslets.index[sound], workers)
+    middle = iris_centre(flat, model, centres, light, workers)
+    if middle is None:
+        return chosen, lenslets
+    # origin x and y are the first of the free numbers
+    covariance = chosen.covariance.copy()
+    covariance[:2, :2] += middle.covariance
+    fitted = replace(chosen.fitted, model=model.moved(middle.shift))
+    moved = replace(lenslets, places=lenslets.places + middle.shift)
+    return replace(chosen, fitted=fitted, covariance=covariance), moved
 
 
 def _described(shape: tuple[int, int], lenslets: PlacedLenslets, chosen: Selection, light: Array) -> LatticeFit:
