@@ -60,7 +60,7 @@ class IrisCentre:
     covariance
         ``(2, 2)`` of the shift (pixels squared).
     blades
-        Of the polygon that was fitted; 0 where a symmetric micro-image does.
+        Of the polygon that was fitted.
     """
 
     shift: Array
@@ -71,7 +71,7 @@ class IrisCentre:
 def iris_centre(
     image: NDArray[np.float32], model: LatticeModel, centres: Array, light: Array, workers: int | None = None
 ) -> IrisCentre | None:
-    """Return the middle of the iris about a lattice's points, or None where the micro-images have too little contrast.
+    """Return the middle of an iris with odd corners about a lattice's points, None where micro-images show none.
 
     Parameters
     ----------
@@ -91,8 +91,10 @@ def iris_centre(
     pitch = float(min(model.pitch, model.row_pitch))
     symmetric = _symmetric(about, pitch)
     odd = min((_polygon(about, blades, pitch) for blades in BLADES), key=lambda fit: fit.cost)
-    best = odd if BETTER * odd.odd < symmetric.odd else symmetric
-    middle = best.by_first(about)
+    if BETTER * odd.odd > symmetric.odd:
+        # of what has a centre of symmetry that one is known better: no unequal neighbours come in
+        return None
+    middle = odd.by_first(about)
     return middle if math.hypot(*middle.shift) < LARGEST * pitch else None
 
 
