@@ -26,6 +26,12 @@ F8 = NDArray[np.float64]
 WIDER = 8.0
 """How many times larger the standard deviation of what was found would be, for it to be named."""
 
+BESIDE, COUNTED = 3.0, 1.2
+"""The same for what nobody asked to look at; and from where on it counts in the standard deviations there."""
+
+CLEAR = 2.0
+"""Standard deviations by which what few patterns say of what is held must differ from it, to count as an error."""
+
 NAMED = 3
 """Parameters that are named of what one unknown would change."""
 
@@ -70,12 +76,17 @@ class StandIns:
 
 
 def standing_in(
-    problem: Problem, point: Point, columns: Columns, which: NDArray[np.intp], times: float = 1.0
+    problem: Problem,
+    point: Point,
+    columns: Columns,
+    which: NDArray[np.intp],
+    times: float = 1.0,
+    limits: tuple[float, float] = (WIDER, WIDER),
 ) -> StandIns:
     """Return what of the unknowns that were tried, but not found, those found at ``which`` stand in for.
 
     The scan may show that something changed without telling which of them did. ``columns`` has the derivatives by all;
-    each pattern stands for ``times`` as many.
+    each pattern stands for ``times`` as many; ``limits`` as of `stand_ins`.
     """
     normal = problem.normal(columns, point, problem.fitted)
     normal = replace(normal, matrix=times * normal.matrix, gradient=times * normal.gradient)
@@ -84,15 +95,15 @@ def standing_in(
     held = np.array([j for j in range(k) if j not in which and normal.matrix[j, j] > 0], np.intp)
     data = eliminated(matrix, k)
     slope = gradient[:k] - matrix[:k, k:] @ np.linalg.pinv(matrix[k:, k:], rcond=1e-13) @ gradient[k:]
-    return stand_ins(problem.vector.unknowns, which, held, data, slope, point.u)
+    return stand_ins(problem.vector.unknowns, which, held, data, slope, point.u, limits)
 
 
 def iter_held_beside(problem: Problem, point: Point, columns: Columns, groups: Sequence[str]) -> Work[StandIns]:
     """Return what of the camera's other unknowns those of ``groups``, that were asked for by name, stand in for.
 
     By a few patterns, each of which stands for several: enough for the spread, but what they say of the others' values
-    is less than all patterns do, so there is no shift. Groups of which each pattern takes many runs are not looked at.
-    Yields progress in derivatives.
+    is less than all patterns do, so that of the shift only what is clear of their noise counts. Groups of which each
+    pattern takes many runs are not looked at. Yields progress in derivatives.
     """
     measured, keep = problem.measured, _some(problem)
     others = [group.name for group in GROUPS if not group.late and group.name not in groups]
@@ -113,11 +124,13 @@ def iter_held_beside(problem: Problem, point: Point, columns: Columns, groups: S
     shared = found.shared
     shared[own] = columns.shared[own][:, keep]
     some = Columns(shared, None if columns.own is None else columns.own[:, keep])
-    told = standing_in(part, at, some, which, problem.fitted.sum() / keep.sum())
+    times = float(problem.fitted.sum() / keep.sum())
+    told = standing_in(part, at, some, which, times, (BESIDE, COUNTED))
     # few patterns may tell what was found less well than all do: what is known is how much wider it is
     sure, sigmas = (_sigmas(one, here, its, which) for one, here, its in ((problem, point, columns), (part, at, some)))
     size = np.minimum(1.0, sure / (sigmas * math.sqrt(keep.sum() / problem.fitted.sum())))
-    return StandIns(told.words, told.spread * np.outer(size, size), np.zeros_like(told.shift))
+    clear = np.maximum(np.square(told.shift) - CLEAR**2 * times * np.diag(told.spread), 0.0)
+    return StandIns(told.words, told.spread * np.outer(size, size), np.copysign(np.sqrt(clear), told.shift))
 
 
 def _some(problem: Problem) -> NDArray[np.bool_]:
@@ -138,13 +151,21 @@ def _sigmas(problem: Problem, point: Point, columns: Columns, which: NDArray[np.
 
 
 def stand_ins(
-    unknowns: Sequence[Unknown], which: NDArray[np.intp], held: NDArray[np.intp], data: F8, slope: F8, u: F8
+    unknowns: Sequence[Unknown],
+    which: NDArray[np.intp],
+    held: NDArray[np.intp],
+    data: F8,
+    slope: F8,
+    u: F8,
+    limits: tuple[float, float] = (WIDER, WIDER),
 ) -> StandIns:
     """Return which of the unknowns ``held`` stand behind those found at ``which``.
 
     ``data`` ``(k, k)`` and ``slope`` ``(k,)`` are matrix and gradient of the data and priors in scales, ``u`` where the
-    unknowns are.
+    unknowns are. ``limits`` are how many times wider something found would be, for what is held to be named, and to
+    count in its standard deviation.
     """
+    named, counted = limits
     inner = data[np.ix_(which, which)]
     size = np.sqrt(np.maximum(np.diag(inner), 1e-300))
     spread = np.linalg.pinv(inner / np.outer(size, size), rcond=1e-13, hermitian=True) / np.outer(size, size)
@@ -158,7 +179,9 @@ def stand_ins(
         if left <= 1e-9 * data[k, k]:
             left = 1e-9 * float(data[k, k])
         wider = np.sqrt(1.0 + np.square(moves / sigmas) / left)
-        order = [int(j) for j in np.argsort(-wider) if wider[j] > WIDER][:NAMED]
+        if wider.max() > counted and left > VAGUE**-2:
+            told.append(k)
+        order = [int(j) for j in np.argsort(-wider) if wider[j] > named][:NAMED]
         if not order:
             continue
         parts = []
@@ -169,8 +192,6 @@ def stand_ins(
         own = unknowns[k]
         value = f"{own.value(float(u[k])):.6g} {own.unit}".rstrip()
         found.append((float(wider[order[0]]), f"{own.name}, held at {value}, with {', '.join(parts)}"))
-        if left > VAGUE**-2:
-            told.append(k)
     words = tuple(words for _, words in sorted(found, reverse=True))
     return StandIns(words, *_allowed(which, np.array(told, np.intp), data, slope, spread))
 

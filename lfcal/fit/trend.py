@@ -22,6 +22,9 @@ __all__ = ["Drift", "Jump", "Point", "Trend", "draw_trend", "trend"]
 SIGMAS = 5.0
 """Standard deviations by which a parameter must have changed to have moved."""
 
+AS_DISTANCE = ("gap_um", "f_number", "focal_0_um", "focal_1_um", "focal_2_um")
+"""What a source that is nearer or farther than described looks like."""
+
 MONTH_S = 365.25 / 12 * 86400.0
 
 SHIFTS = {"offset_y_um": 1, "offset_x_um": 0}
@@ -151,6 +154,11 @@ def trend(fits: Sequence[Dated], sigmas: float = SIGMAS) -> Trend:
     poor = [one.label for one in ordered if not one.complete]
     if poor:
         notes.append(f"{', '.join(poor)}: the model was incomplete; values may be off by more than their sigmas")
+    if "distance" not in newest.groups and any(drift.moved and drift.name in AS_DISTANCE for drift in drifts):
+        notes.append(
+            "distance was held in these fits: a point source that is not as far away each time looks alike; fit it, too "
+            "(--unknowns with distance)"
+        )
     return Trend(ordered, drifts, sigmas, tuple(notes))
 
 

@@ -86,6 +86,16 @@ def test_a_drift_is_found_with_its_rate(tmp_path: Path) -> None:
     assert not gap.jumps and abs(gap.change_sigmas) > 5
 
 
+def test_a_source_elsewhere_is_named_beside_a_gap_that_moved(tmp_path: Path) -> None:
+    told = "distance was held in these fits"
+    fits = [read_fit(path) for path in months(tmp_path / "a", drift=0.5)]
+    assert any(note.startswith(told) for note in trend(fits).notes)
+    found = [replace(one, groups=one.groups | {"distance"}) for one in fits]
+    assert not any(note.startswith(told) for note in trend(found).notes)
+    still = [read_fit(path) for path in months(tmp_path / "b")]
+    assert not any(note.startswith(told) for note in trend(still).notes)
+
+
 def test_a_jump_is_found_where_it_was(tmp_path: Path) -> None:
     fits = [read_fit(one) for one in months(tmp_path, jump=1.5)]
     gap = by_name(trend(fits))["gap_um"]
