@@ -200,7 +200,7 @@ def test_what_an_earlier_fit_tells_is_its_covariance_in_scales() -> None:
     fit, _ = fitted(0)
     unknowns = vector_of(SMALL, CORE).unknowns
     scales = np.array([one.scale for one in unknowns])
-    sigmas = np.array([fit.parameters[one.name].sigma for one in unknowns])
+    sigmas = np.array([fit.parameters[one.name].sigma_held for one in unknowns])
     covariance = fit.correlations * np.outer(sigmas, sigmas) / np.outer(scales, scales)
     found = Earlier.of(fit).information(unknowns)
     np.testing.assert_allclose(found @ covariance, np.eye(len(unknowns)), atol=1e-6)
