@@ -71,7 +71,9 @@ def command(
         "", "--dark", help="Dark frame, or a folder of them to average; none: not even those recorded with the frames."
     ),
     black_level: float | None = typer.Option(
-        None, "--black-level", help="Sample value of no light, where there is no dark frame; 0 says there is none."
+        None,
+        "--black-level",
+        help="Sample value of no light (after --shift), where there is no dark frame; 0 says there is none.",
     ),
     white: Path | None = typer.Option(None, "--white", help="White image, or a folder of them to average."),
     white_mode: str = typer.Option(
@@ -83,7 +85,7 @@ def command(
     exposure: str = typer.Option(
         "auto", "--exposure", help="auto: scale frames of unequal known exposure to one; none; or seconds to scale to."
     ),
-    saturation: float | None = typer.Option(None, "--saturation", help="Sample value of saturation."),
+    saturation: float | None = typer.Option(None, "--saturation", help="Sample value of saturation (after --shift)."),
     shift: str = typer.Option("0", "--shift", help="Bits by which left-aligned samples are moved down, or auto."),
     channel: str = typer.Option(
         "",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -10,6 +11,7 @@ from typing import Any
 from lfcal.camera import ScanPlan
 from lfcal.checks import check_number
 from lfcal.errors import InputError
+from lfcal.frames.cfa import pattern_side
 from lfcal.frames.source import FrameSource
 from lfcal.progress import Work, drain
 from lfcal.psf.assemble import iter_assemble
@@ -164,12 +166,29 @@ def find_plan_cutout(source: FrameSource, plan: ScanPlan, settings: AssemblySett
     cutout = Cutout.for_plan(plan, interpolation=settings.interpolation, outside=outside)
     if settings.cutout is not None:
         cutout = replace(cutout, shape=_cutout_shape(source, cutout, settings))
+    _check_filter(source, plan)
     keeps_level = source.metadata.get("keeps_level")
     # of frames that went through no corrections nothing is known
     if keeps_level is not None and not settings.keep_pedestal:
         infos = tuple(source.info(k) for k in range(len(source)))
         check_pedestal(Gatherer(source, infos, cutout), plan.shape[0], subtracted=not keeps_level)
     return cutout
+
+
+def _check_filter(source: FrameSource, plan: ScanPlan) -> None:
+    """Raise `InputError` where the colours of a mosaic do not come back with the lenslets."""
+    cfa = source.metadata.get("cfa")
+    if not cfa or source.metadata.get("channel"):
+        return
+    step = pattern_side(str(cfa))
+    if any(n % step for n in plan.period):
+        period = " x ".join(str(math.lcm(n, step)) for n in plan.period)
+        raise InputError.expected(
+            "period of a scan through a colour filter",
+            f"a multiple of {step} pixels, the filter's pattern",
+            f"{plan.period[0]} x {plan.period[1]}, after which the same place of a lenslet lies on another colour",
+            f"scan {period} positions, or describe the sensor without its filter if it has none",
+        )
 
 
 def known_of(source: FrameSource, plan: ScanPlan, provenance: Mapping[str, Any] | None) -> dict[str, Any]:

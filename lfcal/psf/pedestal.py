@@ -1,4 +1,4 @@
-"""A black level that nothing subtracts, or a wrong one that is: the constant it would leave in H, found before any work."""
+"""A black level that nothing subtracts, or a wrong one: the constant it would leave in H, found before any work."""
 
 from __future__ import annotations
 

@@ -98,7 +98,7 @@ def test_wrong_frames_are_taken_as_they_are_where_that_is_asked_for(
     lfcal: Callable[..., Run], tmp_path: Path, scan: tuple[np.ndarray, list[str]]
 ) -> None:
     folder = deliver(tmp_path / "s", *scan, "mirror y")
-    assert lfcal(*arguments(folder, tmp_path / "H.h5", "--orientation", "as-is")).code == 0
+    assert lfcal(*arguments(folder, tmp_path / "H.h5", "--orientation", "as-is", "--keep-pedestal")).code == 0
 
 
 def test_a_reversed_scan_is_not_mended_by_turning_frames(

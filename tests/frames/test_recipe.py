@@ -177,3 +177,13 @@ def test_what_does_not_fit_cutouts_is_refused() -> None:
     ):
         with pytest.raises(InputError, match=word):
             corrected_view(frames, recipe).read(0)
+
+
+@pytest.mark.parametrize("shift", [0, 4])
+@pytest.mark.parametrize("level", ["black_level", "saturation"])
+def test_a_level_that_no_sample_can_have_is_refused(shift: int, level: str) -> None:
+    most = 65535 >> shift
+    corrected_view(source(), CorrectionRecipe(shift=shift, **{level: float(most)}))
+    with pytest.raises(InputError, match=f"at most {most}, the largest sample") as told:
+        corrected_view(source(), CorrectionRecipe(shift=shift, **{level: 16.0 * most + 15}))
+    assert ("after a shift by 4 bits, got 65535; give 4095.94" in str(told.value)) == (shift == 4)

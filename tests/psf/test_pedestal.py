@@ -1,5 +1,7 @@
 """What is subtracted from frames must be their level: more or less of it is no figure of H."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -40,3 +42,18 @@ def test_a_level_that_is_right_but_for_its_rounding_passes(scan, off):
     infos = tuple(view.info(k) for k in range(len(view)))
     level, _, seen = pedestal_share(Gatherer(view, infos, cutout), [0, 1])
     assert seen and level == pytest.approx(-off, abs=0.15)  # the median of whole numbers would be one
+
+
+def test_a_mosaic_whose_colours_do_not_come_back_is_refused(scan):
+    plan, frames = scan
+    recipe = CorrectionRecipe(black_level=100.0)
+
+    def chosen(cfa, period):
+        sensor = replace(plan.camera.sensor, cfa=cfa)
+        seen = replace(plan, camera=replace(plan.camera, sensor=sensor), period=period)
+        return find_plan_cutout(corrected_view(frames, recipe, seen), seen, AssemblySettings(strict=False))
+
+    with pytest.raises(InputError, match=r"got 3 x 4, after which the same place .* scan 6 x 4 positions"):
+        chosen("RGGB", (3, 4))
+    chosen("", (3, 4))
+    chosen("RGGB", (2, 4))

@@ -47,6 +47,12 @@ def test_each_damaged_pattern_is_located(tmp_path: Path, dtype: str, compression
     }
 
 
+@pytest.mark.parametrize("name", ["gone.npy", "gone.mat", "gone.h5"])
+def test_a_file_that_is_not_there_is_said_first(tmp_path: Path, name: str) -> None:
+    with pytest.raises(StorageError, match=f"{name}: no such file or folder; check the path"):
+        verify(tmp_path / name)
+
+
 def test_values_written_by_others_are_seen_though_they_decode(tmp_path: Path) -> None:
     path = save(PSFMatrix(VALUES), tmp_path / "H.h5")
     with h5py.File(path, "r+") as file:

@@ -39,7 +39,8 @@ class CorrectionRecipe:
         A frame, or a folder of frames that are averaged; empty: the darks recorded with the frames, else the black
         level that file or plan states; ``"none"``: nothing is subtracted.
     black_level
-        Sample value of no light, where it is known and there is no dark frame; None: what file or plan state.
+        Sample value of no light, where it is known and there is no dark frame; None: what file or plan state. As of
+        ``saturation``, that of samples that were moved down, where there is a ``shift``.
     white
         A frame, or a folder of frames that are averaged; empty: not corrected.
     white_mode
@@ -112,6 +113,7 @@ def corrected_view(source: FrameSource, recipe: CorrectionRecipe, plan: ScanPlan
     """
     # samples first, then what they mean, then which of them: each view reads the facts of the one before
     view = ShiftedSource(source, recipe.shift) if recipe.shift else source
+    _check_levels(source, recipe)
     if plan is not None:
         view = DescribedSource(view, plan)
     if recipe.channel:
@@ -199,6 +201,18 @@ def _pages(path: Path, colour: str | None) -> list[NDArray[Any]]:
         return [image.read(page) for page in range(image.pages)]
     finally:
         image.close()
+
+
+def _check_levels(source: FrameSource, recipe: CorrectionRecipe) -> None:
+    """Raise `InputError` for a level that no sample can have: those of left-aligned samples move down with them."""
+    if source.dtype.kind != "u":
+        return
+    most = (1 << (8 * source.dtype.itemsize - recipe.shift)) - 1
+    for name, level in (("black level", recipe.black_level), ("saturation", recipe.saturation)):
+        if level is not None and level > most:
+            after = f" after a shift by {recipe.shift} bits" if recipe.shift else ""
+            what = f"give {level / (1 << recipe.shift):g}" if recipe.shift else "correct it"
+            raise InputError.expected(name, f"at most {most}, the largest sample{after}", f"{level:g}", what)
 
 
 def build_chain(source: FrameSource, recipe: CorrectionRecipe) -> CorrectionChain:
