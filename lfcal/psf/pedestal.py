@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import InputError
+from lfcal.errors import FileFormatError, InputError
 from lfcal.frames.regions import clipped
 from lfcal.psf.gather import Gatherer
 
@@ -35,11 +35,15 @@ def pedestal_share(gatherer: Gatherer, indices: list[int]) -> tuple[float, float
     """
     levels, cuts = [], []
     for index in indices:
-        cut = gatherer.cut(index)
+        try:
+            cut, around = gatherer.cut(index), _surroundings(gatherer, index)
+        except FileFormatError:
+            continue  # damaged: who cuts it out says so, or leaves it out
         cuts.append(cut.values.astype(np.float64))
-        around = _surroundings(gatherer, index)
         if around is not None:
             levels.append(_level(around))
+    if not cuts:
+        return 0.0, 0.0, False
     mean = np.mean(cuts, axis=0)
     level = float(np.median(levels)) if levels else _darkest_block(mean)
     total = float(mean.sum())
