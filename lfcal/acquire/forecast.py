@@ -19,6 +19,7 @@ from lfcal.acquire.schedule import Schedule
 from lfcal.acquire.session import check_devices
 from lfcal.acquire.session_file import frame_dtype
 from lfcal.camera import Forecast, ScanPlan
+from lfcal.camera.forecast import readout_hours
 from lfcal.devices.protocols import Rig
 from lfcal.files import require_space, storage_errors
 from lfcal.frames.source import Position
@@ -38,11 +39,14 @@ class SessionForecast:
     positions, other_frames
         Frames of the plan's positions (of a target: its frames), and dark, reference and control frames.
     seconds
-        Exposures, settling and movement; retries and the approach from one side come on top (s).
+        Exposures, settling, movement, and readout where it is known; retries and the approach from one side come on
+        top (s).
     recording_bytes, free_bytes
         Size of the recording, and what the disk has.
     camera, stage
         The devices.
+    readout_seconds
+        Reading frames out (s); None where the camera's rate is not known, and nothing is counted.
     """
 
     positions: int
@@ -52,14 +56,22 @@ class SessionForecast:
     free_bytes: int
     camera: str
     stage: str
+    readout_seconds: float | None = None
 
 
 def forecast(
-    plan: ScanPlan | FramePlan, rig: Rig, options: Options, folder: Path, *, only: Sequence[Position] = ()
+    plan: ScanPlan | FramePlan,
+    rig: Rig,
+    options: Options,
+    folder: Path,
+    *,
+    only: Sequence[Position] = (),
+    frames_per_s: float | None = None,
 ) -> SessionForecast:
     """Return what the session will cost, after checking devices, limits, light and disk; nothing moves.
 
-    With ``only`` positions no others are recorded.
+    With ``only`` positions no others are recorded. ``frames_per_s`` is the most that the camera delivers, of the region
+    that it reads.
 
     Raises
     ------
@@ -98,14 +110,16 @@ def forecast(
         place = place.parent
     with storage_errors(place):
         free = shutil.disk_usage(place).free
+    reading = readout_hours(_exposures(scan, options, schedule), frames_per_s)
     return SessionForecast(
         positions,
         len(schedule) - positions,
-        _seconds(scan, options, schedule, whole=scan is not plan),
+        _seconds(scan, options, schedule, whole=scan is not plan) + 3600 * (reading or 0.0),
         size,
         free,
         devices.camera,
         devices.stage,
+        None if reading is None else 3600 * reading,
     )
 
 
@@ -113,6 +127,12 @@ def _recording_bytes(schedule: Schedule, sample_bytes: int) -> int:
     darks = schedule.count(Kind.DARK)
     lit = (len(schedule) - darks) * math.prod(schedule.window) * sample_bytes
     return lit + darks * math.prod(schedule.roi.shape) * 4 + len(schedule) * RECORD.itemsize
+
+
+def _exposures(plan: ScanPlan, options: Options, schedule: Schedule) -> int:
+    """Return how often the sensor is read."""
+    darks = schedule.count(Kind.DARK)
+    return len(options.bracket) * ((len(schedule) - darks) * plan.frames_averaged + darks * options.darks)
 
 
 def _seconds(plan: ScanPlan, options: Options, schedule: Schedule, *, whole: bool) -> float:

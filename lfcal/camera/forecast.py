@@ -11,7 +11,22 @@ from numpy.typing import NDArray
 from lfcal.camera.plan import ScanPlan
 from lfcal.checks import check_number
 
-__all__ = ["Forecast"]
+__all__ = ["Forecast", "readout_hours"]
+
+SLOWEST = 1e-6
+"""Least speed of a stage (µm/s) and least frame rate (frames/s): with less a scan has no end."""
+
+
+def readout_hours(frames: int, frames_per_s: float | None) -> float | None:
+    """Return how long so many frames are read out and transferred (h); None where the camera's rate is not known.
+
+    A frame is waited for before the stage moves or the next one is exposed: its readout adds to its exposure, even of
+    cameras that can do both at once.
+    """
+    if frames_per_s is None:
+        return None
+    check_number("frame rate (frames/s)", frames_per_s, at_least=SLOWEST)
+    return frames / frames_per_s / 3600
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +39,8 @@ class Forecast:
         Source positions, and frames recorded (several where they are averaged).
     exposure_hours, settle_hours, move_hours
         Time in hours spent exposing, settling and moving.
+    readout_hours
+        Time in hours spent reading frames out; None where the camera's rate is not known, and nothing is counted.
     frame_bytes, cutout_bytes
         All frames as the camera gives them, and only their cutouts as uint16.
     h_float32_bytes, h_uint16_bytes
@@ -45,6 +62,7 @@ class Forecast:
     exposure_hours: float
     settle_hours: float
     move_hours: float
+    readout_hours: float | None
     frame_bytes: int
     cutout_bytes: int
     h_float32_bytes: int
@@ -53,8 +71,13 @@ class Forecast:
 
     @property
     def hours(self) -> float:
-        """Time in all (h)."""
-        return self.exposure_hours + self.settle_hours + self.move_hours
+        """Time in all (h), readout included where it is known."""
+        return self.exposure_hours + self.settle_hours + self.move_hours + (self.readout_hours or 0.0)
+
+    @property
+    def bytes_per_s(self) -> float:
+        """Bytes that the camera delivers in a second, whole frames in this time."""
+        return self.frame_bytes / (3600 * self.hours) if self.hours else math.inf
 
     @property
     def ht_float32_bytes(self) -> int:
@@ -63,14 +86,19 @@ class Forecast:
 
     @classmethod
     def of(
-        cls, plan: ScanPlan, *, stage_um_per_s: float = 1000.0, positions: NDArray[np.intp] | None = None
+        cls,
+        plan: ScanPlan,
+        *,
+        stage_um_per_s: float = 1000.0,
+        frames_per_s: float | None = None,
+        positions: NDArray[np.intp] | None = None,
     ) -> Forecast:
-        """Return the forecast of ``plan`` with a stage that moves at ``stage_um_per_s`` (µm/s).
+        """Return the forecast of ``plan`` with a stage that moves at ``stage_um_per_s`` (µm/s), its axes at once.
 
-        With ``positions`` ``(n, 3)`` as (z, y, x) no others are recorded, in that order; H has all of them all the
-        same. The axes move at the same time; the camera's readout is taken to fall into the settle time.
+        ``frames_per_s`` is the most that the camera delivers, of the region that it reads; see `readout_hours`. With
+        ``positions`` ``(n, 3)`` as (z, y, x) no others are recorded, in that order; H has all of them all the same.
         """
-        check_number("stage speed (µm/s)", stage_um_per_s, above=0)
+        check_number("stage speed (µm/s)", stage_um_per_s, at_least=SLOWEST)
         _, ny, nx, nt, ns = plan.shape
         per_plane = ny * nx
         pixels = math.prod(plan.camera.sensor.shape)
@@ -84,6 +112,7 @@ class Forecast:
             exposure_hours=sum(plan.exposures[z] * n for z, n in enumerate(planes)) * plan.frames_averaged / 3600,
             settle_hours=len(order) * plan.settle_s / 3600,
             move_hours=_travel_um(plan, order) / stage_um_per_s / 3600,
+            readout_hours=readout_hours(frames, frames_per_s),
             # cameras deliver up to 8 bits in one byte, up to 16 in two
             frame_bytes=frames * pixels * (1 if plan.camera.sensor.bit_depth <= 8 else 2),
             cutout_bytes=2 * len(order) * nt * ns,

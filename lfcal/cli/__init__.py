@@ -20,8 +20,10 @@ class _Ended(BaseException):
     Not a KeyboardInterrupt, which the command parser would end without a word.
     """
 
-    def __init__(self, number: int) -> None:
+    def __init__(self, number: int, cause: BaseException | None = None) -> None:
         self.number = number
+        for note in getattr(cause, "__notes__", ()):
+            self.add_note(note)
 
 
 def main() -> None:
@@ -44,7 +46,12 @@ def main() -> None:
             _run()
     except _Ended as ended:
         # What shells expect of a program that a signal has ended.
-        _stop(128 + ended.number, "stopped; nothing half-written stays behind")
+        from lfcal.cli.console import KEPT
+
+        kept = KEPT in getattr(ended, "__notes__", ())
+        _stop(
+            128 + ended.number, f"stopped; {'only whole units stay' if kept else 'nothing half-written stays behind'}"
+        )
 
 
 def _run() -> None:
@@ -66,10 +73,8 @@ def _run() -> None:
         from lfcal.cli.usage import usage_line
 
         _stop(2, usage_line(error, sys.argv[1:]))
-    except typer.Abort:
-        raise _Ended(signal.SIGINT) from None
-    except Cancelled:
-        raise _Ended(signal.SIGINT) from None
+    except (typer.Abort, Cancelled) as error:
+        raise _Ended(signal.SIGINT, error) from None
     except LfcalError as error:
         _stop(2, str(error))
     except MemoryError:

@@ -17,6 +17,7 @@ from lfcal.cli.acquire_outcome import list_suspects, show_outcome
 from lfcal.cli.acquire_until import adapted_facts, parse_goal, show_adapted, tell_step
 from lfcal.cli.acquire_words import numbers, options_of, pairs, read_plan
 from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
+from lfcal.cli.plan_pace import WITHOUT_READOUT, FrameRateOption
 
 if TYPE_CHECKING:
     from lfcal.acquire.control import Control
@@ -93,6 +94,7 @@ def command(
     assemble: Path | None = typer.Option(None, "--assemble", help="Assemble H into this file at the end (.h5)."),
     pack: bool = typer.Option(True, help="Compress the finished recording."),
     dry_run: bool = typer.Option(False, "--dry-run", help="Check everything and say what it will cost; move nothing."),
+    frame_rate: FrameRateOption = None,
     workers: WorkersOption = None,
     force: ForceOption = False,
     json: JsonOption = False,
@@ -116,6 +118,8 @@ def command(
     from lfcal.devices.registry import open_rig
     from lfcal.errors import InputError, LfcalError
 
+    if frame_rate is not None and not dry_run:
+        raise InputError("--frame-rate: is for the time that --dry-run tells; leave it out, or add --dry-run")
     if assemble is not None:
         check_output(assemble, plan, redo, positions, out, force=force)
     if positions is not None and (resume or redo is not None):
@@ -164,7 +168,7 @@ def command(
         if cover and rig.light is None:
             rig = replace(rig, light=_Cover())
         if dry_run:
-            _show_forecast(task, rig)
+            _show_forecast(task, rig, frame_rate)
             return
         found, seen, ended_by = _run(task, rig, check_stage)
     adapted = None if isinstance(found, Outcome) else found
@@ -371,7 +375,7 @@ def _check_stage(task: _Task, rig: Rig, control: Control) -> None:
     check_stage(run_work(work, quiet=task.quiet), scan)
 
 
-def _show_forecast(task: _Task, rig: Rig) -> None:
+def _show_forecast(task: _Task, rig: Rig, frame_rate: float | None) -> None:
     from lfcal.acquire.forecast import forecast
     from lfcal.acquire.frame_plan import scan_of
     from lfcal.camera import RegionPlan
@@ -388,16 +392,17 @@ def _show_forecast(task: _Task, rig: Rig) -> None:
         only = tuple(Position(*place) for place in scan.order_indices()[:most].tolist())
         report("note: at most so much: the session ends when the wanted error of H is reached")
     if isinstance(task.plan, RegionPlan):
-        found = forecast_regions(task.plan, rig, task.options, task.out)
+        found = forecast_regions(task.plan, rig, task.options, task.out, frame_rate)
     else:
-        found = forecast(task.plan, rig, task.options, task.out, only=only)
+        found = forecast(task.plan, rig, task.options, task.out, only=only, frames_per_s=frame_rate)
     if task.quiet:
         print_json(plain(found) | {"assumed": scan_of(task.plan).camera.marks.paths("assumed")})
         return
+    unread = f" {WITHOUT_READOUT}" if found.readout_seconds is None else ""
     rows = [
         ["positions", f"{found.positions}"],
         ["other frames (dark, reference, control)", f"{found.other_frames}"],
-        ["time at least", format_seconds(found.seconds)],
+        ["time at least", format_seconds(found.seconds) + unread],
         ["recording", format_bytes(found.recording_bytes)],
         ["free on the disk", format_bytes(found.free_bytes)],
         ["camera", found.camera],

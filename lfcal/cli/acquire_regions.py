@@ -52,15 +52,21 @@ def record_regions(
     return outcome, {"alarms": alarms, "regions": plan.names}
 
 
-def forecast_regions(plan: RegionPlan, rig: Rig, options: Options, out: Path) -> SessionForecast:
+def forecast_regions(
+    plan: RegionPlan, rig: Rig, options: Options, out: Path, frames_per_s: float | None = None
+) -> SessionForecast:
     """Return what all regions cost together; each is checked."""
     from lfcal.acquire.forecast import forecast
 
-    found = [forecast(plan.plan(k), rig, options, out / name) for k, name in enumerate(plan.names)]
+    found = [
+        forecast(plan.plan(k), rig, options, out / name, frames_per_s=frames_per_s) for k, name in enumerate(plan.names)
+    ]
     sums = {
         name: sum(getattr(one, name) for one in found)
         for name in ("positions", "other_frames", "seconds", "recording_bytes")
     }
+    if frames_per_s is not None:
+        sums["readout_seconds"] = sum(one.readout_seconds or 0.0 for one in found)
     return replace(found[0], **sums)
 
 

@@ -15,9 +15,12 @@ from lfcal.units import format_seconds
 if TYPE_CHECKING:
     from lfcal.psf import PSFMatrix
 
-__all__ = ["done_text", "print_json", "print_table", "report", "report_dark", "run_work"]
+__all__ = ["KEPT", "done_text", "print_json", "print_table", "report", "report_dark", "run_work"]
 
 R = TypeVar("R")
+
+KEPT = "whole units are kept"
+"""Note of an exception behind which work stays to go on with: the last line must not say that nothing does."""
 
 
 def report(message: str) -> None:

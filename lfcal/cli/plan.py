@@ -27,6 +27,7 @@ from lfcal.cli.options import (
 )
 from lfcal.cli.outputs import check_output
 from lfcal.cli.plan_for_fit import Wanted, check_wanted, half_positions, ready_plan, show_chosen, write_positions
+from lfcal.cli.plan_pace import WITHOUT_READOUT, FrameRateOption, Pace
 from lfcal.cli.plan_regions import RegionsOption, plan_regions
 from lfcal.cli.plan_target import (
     CrosstalkOption,
@@ -146,8 +147,9 @@ def _rows(plan: ScanPlan, forecast: Forecast, speed: float, computed: tuple[str,
         ["order", plan.order],
         ["source positions", f"{forecast.positions}"],
         ["frames", f"{forecast.frames} ({plan.frames_averaged} per position)"],
-        ["time in all", format_seconds(forecast.hours * 3600)],
+        ["time in all", format_seconds(forecast.hours * 3600) + _unread(forecast)],
         ["  exposing", format_seconds(forecast.exposure_hours * 3600)],
+        *_reading(forecast),
         ["  settling", f"{format_seconds(forecast.settle_hours * 3600)} ({format_seconds(plan.settle_s)} per move)"],
         ["  moving", f"{format_seconds(forecast.move_hours * 3600)} at {format_length(speed)}/s"],
         ["whole frames on disk", format_bytes(forecast.frame_bytes) + _rests(plan, WHOLE_FRAMES)],
@@ -158,6 +160,22 @@ def _rows(plan: ScanPlan, forecast: Forecast, speed: float, computed: tuple[str,
         ["memory to assemble (two planes)", format_bytes(forecast.assembly_bytes)],
     ]
     return rows
+
+
+def _reading(forecast: Forecast) -> list[list[str]]:
+    """Return the row of the readout, where it is known."""
+    hours = forecast.readout_hours
+    if hours is None:
+        return []
+    rate = forecast.frames / hours / 3600
+    return [["  reading out", f"{format_seconds(hours * 3600)} at {rate:.4g} frames/s"]]
+
+
+def _unread(forecast: Forecast) -> str:
+    """Return what is to be said of a time in which no readout is counted."""
+    if forecast.readout_hours is not None:
+        return ""
+    return f" {WITHOUT_READOUT}: the camera would deliver {format_bytes(forecast.bytes_per_s)}/s"
 
 
 def _cure(plan: ScanPlan) -> str:
@@ -187,7 +205,12 @@ def _as_json(plan: ScanPlan, forecast: Forecast) -> dict[str, object]:
         "virtual_depths": plan.virtual_depths,
         "steps_um": [plan.step_um(z) for z in range(len(plan.depths_um))],
         "assumed": plan.camera.marks.paths("assumed"),
-        "forecast": {**costs, "hours": forecast.hours, "ht_float32_bytes": forecast.ht_float32_bytes},
+        "forecast": {
+            **costs,
+            "hours": forecast.hours,
+            "bytes_per_s": forecast.bytes_per_s,
+            "ht_float32_bytes": forecast.ht_float32_bytes,
+        },
         "plan": plan.to_dict(),
     }
 
@@ -219,6 +242,7 @@ def command(
     settle: float = typer.Option(0.05, help="Wait after each move (s)."),
     average: int = typer.Option(1, help="Frames per position."),
     speed: float = typer.Option(1000.0, help="Speed of the stage (µm/s)."),
+    frame_rate: FrameRateOption = None,
     half_cell: bool = typer.Option(
         False, "--half-cell", help="Record half of a hexagonal period, where the other half is the same patterns."
     ),
@@ -258,9 +282,10 @@ def command(
 
     Example: `lfcal plan r29 --virtual-depths 2:5.5:0.35 -o plan.json`
     """
-    wanted = Wanted(for_fit, half_cell, chosen, earlier, unknowns, full, beside, candidates, draw, speed, workers)
+    pace = Pace(speed, frame_rate)
+    wanted = Wanted(for_fit, half_cell, chosen, earlier, unknowns, full, beside, candidates, draw, pace, workers)
     check_wanted(wanted, out, camera, positions, force=force)
-    aimed = TargetWanted(source, tolerance, crosstalk, pose, pose_within, most_frames, speed, signal, patterns)
+    aimed = TargetWanted(source, tolerance, crosstalk, pose, pose_within, most_frames, pace, signal, patterns)
     if regions and (for_fit or half_cell or positions is not None):
         other = "--for-fit" if for_fit else "--half-cell" if half_cell else "--positions"
         raise InputError(f"{other}: is of one region or of the whole frame; leave it out beside --regions")
@@ -313,24 +338,24 @@ def command(
         plan_source(plan, aimed, regions, out, json=json)
         return
     if regions:
-        plan_regions(plan, regions, speed, out, json=json)
+        plan_regions(plan, regions, pace, out, json=json)
         return
     # of a list that states neither, both follow from the steps
     computed = [name for name, given in (("depths", lengths), ("virtual depths", virtual)) if given is None]
     if for_fit:
-        _write(plan, speed, out)
+        _write(plan, pace, out)
         show_chosen(plan, wanted, json=json)
         return
     half = half_positions(plan) if half_cell else None
-    _show(plan, speed, out, json, computed=tuple(computed), half=half)
+    _show(plan, pace, out, json, computed=tuple(computed), half=half)
     if half is not None and chosen is not None:
         write_positions(half, chosen, json=json)
 
 
-def _write(plan: ScanPlan, speed: float, out: Path | None, positions: NDArray[np.intp] | None = None) -> Forecast:
+def _write(plan: ScanPlan, pace: Pace, out: Path | None, positions: NDArray[np.intp] | None = None) -> Forecast:
     """Write the plan where asked, and return the forecast of its positions or of some of them."""
     # Forecast before writing: a speed that makes no sense must leave no file behind.
-    forecast = Forecast.of(plan, stage_um_per_s=speed, positions=positions)
+    forecast = pace.forecast(plan, positions)
     if out is not None:
         with replace_whole(out) as part:
             part.write_text(plan.to_json(), encoding="utf-8")
@@ -339,7 +364,7 @@ def _write(plan: ScanPlan, speed: float, out: Path | None, positions: NDArray[np
 
 def _show(
     plan: ScanPlan,
-    speed: float,
+    pace: Pace,
     out: Path | None,
     json: bool,
     *,
@@ -350,11 +375,11 @@ def _show(
 
     ``computed`` are the planes that follow from others, ``half`` the positions of a half-cell scan.
     """
-    forecast = _write(plan, speed, out, half)
+    forecast = _write(plan, pace, out, half)
     if json:
         print_json(_as_json(plan, forecast) | {"half_cell": half})
         return
-    rows = _rows(plan, forecast, speed, computed)
+    rows = _rows(plan, forecast, pace.stage_um_per_s, computed)
     if half is not None:
         ny, nx = plan.period
         rows.append(["half-cell scan", f"rows 0 to {ny // 2 - 1}; the rest is the same, {ny // 2}, {nx // 2} px away"])

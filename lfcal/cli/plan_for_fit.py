@@ -15,7 +15,8 @@ from lfcal.cli.outputs import check_outputs
 from lfcal.errors import InputError
 
 if TYPE_CHECKING:
-    from lfcal.camera import ScanPlan
+    from lfcal.camera import Forecast, ScanPlan
+    from lfcal.cli.plan_pace import Pace
     from lfcal.fit.design import Design
     from lfcal.fit.earlier import Earlier
     from lfcal.fit.nuisance import Spread
@@ -43,7 +44,7 @@ class Wanted:
     beside: float | None
     candidates: int
     draw: Path | None
-    speed: float
+    pace: Pace
     workers: int | None
 
     @property
@@ -102,7 +103,6 @@ def ready_plan(path: Path) -> ScanPlan | None:
 def show_chosen(plan: ScanPlan, wanted: Wanted, *, json: bool) -> dict[str, Any]:
     """Choose positions, write the list and the picture, and print the curve; return what ``--json`` prints."""
     from lfcal.acquire.redo import RedoList
-    from lfcal.camera import Forecast
     from lfcal.fit.design import iter_next_positions
     from lfcal.fit.design_drawing import draw_design
     from lfcal.fit.earlier import read_earlier
@@ -116,11 +116,12 @@ def show_chosen(plan: ScanPlan, wanted: Wanted, *, json: bool) -> dict[str, Any]
         earlier=earlier,
         expected=Expected(wanted.full, **asdict(_steadiness(wanted, earlier))),
         candidates=wanted.candidates,
-        stage_um_per_s=wanted.speed,
+        stage_um_per_s=wanted.pace.stage_um_per_s,
         workers=wanted.workers,
     )
-    found = run_work(work, quiet=json)
-    whole = Forecast.of(plan, stage_um_per_s=wanted.speed)
+    # a frame rate that makes no sense must not wait for the choice
+    whole = wanted.pace.forecast(plan)
+    found = _read_out(run_work(work, quiet=json), plan, wanted.pace)
     fitted, aside = found.fitted.tolist(), found.kept_aside.tolist()
     if wanted.out is not None:
         reasons = [TOLD] * len(fitted) + [ASIDE] * len(aside)
@@ -135,16 +136,22 @@ def show_chosen(plan: ScanPlan, wanted: Wanted, *, json: bool) -> dict[str, Any]
         "start_error": found.start_error,
         "sigmas": found.sigmas,
         "candidates": found.candidates,
-        "whole_scan": {"positions": whole.positions, "hours": whole.hours},
+        "whole_scan": {"positions": whole.positions, "hours": whole.hours, "readout_hours": whole.readout_hours},
         "files": wanted.files,
     }
     if json:
         print_json(facts)
     else:
-        _show(found, whole, earlier)
+        _show(found, whole, earlier, wanted.pace)
         for path in wanted.files:
             typer.echo(f"written: {path}")
     return facts
+
+
+def _read_out(found: Design, plan: ScanPlan, pace: Pace) -> Design:
+    """Return what was found with the readout of its frames in its times."""
+    each = pace.reading(plan.frames_averaged)
+    return replace(found, curve=tuple(replace(p, hours=p.hours + p.positions * each) for p in found.curve))
 
 
 def _groups(text: str) -> tuple[str, ...] | None:
@@ -162,7 +169,7 @@ def _steadiness(wanted: Wanted, earlier: Earlier | None) -> Spread:
     return found if wanted.beside is None else replace(found, stage_px=wanted.beside)
 
 
-def _show(found: Design, whole: Any, earlier: Earlier | None) -> None:
+def _show(found: Design, whole: Forecast, earlier: Earlier | None, pace: Pace) -> None:
     from lfcal.fit.model import Fineness
     from lfcal.fit.problem import ERRORS
     from lfcal.units import format_seconds, format_share
@@ -176,7 +183,7 @@ def _show(found: Design, whole: Any, earlier: Earlier | None) -> None:
     if found.start_error is not None:
         typer.echo(f"error of H by the earlier fit: {format_share(found.start_error)}")
     typer.echo(
-        f"the whole scan instead: {whole.positions} positions, {format_seconds(3600 * whole.hours)}, "
+        f"the whole scan instead: {whole.positions} positions, {format_seconds(3600 * whole.hours)}{pace.note}, "
         f"each pattern with {format_share(found.pattern_error)} of noise"
     )
     if earlier is not None and not earlier.complete:

@@ -13,6 +13,7 @@ from lfcal.units import format_seconds
 
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
+    from lfcal.cli.plan_pace import Pace
 
 __all__ = ["RegionsOption", "plan_regions"]
 
@@ -26,12 +27,12 @@ RegionsOption: TypeAlias = Annotated[
 """How many regions, and where."""
 
 
-def plan_regions(scan: ScanPlan, text: str, speed: float, out: Path | None, *, json: bool) -> None:
+def plan_regions(scan: ScanPlan, text: str, pace: Pace, out: Path | None, *, json: bool) -> None:
     """Plan the regions, write the plan where asked, and print where they lie and what they cost."""
-    from lfcal.camera import Forecast, RegionPlan
+    from lfcal.camera import RegionPlan
     from lfcal.camera.regions import parse_regions
 
-    one = Forecast.of(scan, stage_um_per_s=speed)
+    one = pace.forecast(scan)
     plan = RegionPlan.spread(scan, parse_regions(text))
     if out is not None:
         with replace_whole(out) as part:
@@ -43,6 +44,7 @@ def plan_regions(scan: ScanPlan, text: str, speed: float, out: Path | None, *, j
         ],
         "frames": len(plan) * one.frames,
         "hours": len(plan) * one.hours,
+        "readout_hours": None if one.readout_hours is None else len(plan) * one.readout_hours,
         "single_region": {"frames": one.frames, "hours": one.hours},
         "plan": plan.to_dict(),
     }
@@ -57,6 +59,8 @@ def plan_regions(scan: ScanPlan, text: str, speed: float, out: Path | None, *, j
     title = f"{len(plan)} regions of {ny} x {nx} positions in {len(scan.depths_um)} planes"
     print_table(["region", "anchor (row, column)", "beside the first one's phases (px)"], rows, title=title)
     frames, hours = facts["frames"], 3600 * facts["hours"]
-    typer.echo(f"{frames} frames, {format_seconds(hours)} in all; one region {format_seconds(3600 * one.hours)}")
+    typer.echo(
+        f"{frames} frames, {format_seconds(hours)} in all{pace.note}; one region {format_seconds(3600 * one.hours)}"
+    )
     if out is not None:
         typer.echo(f"written: {out}")

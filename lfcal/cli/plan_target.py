@@ -10,6 +10,7 @@ import typer
 
 from lfcal.cli.console import print_json, print_table, report, run_work
 from lfcal.cli.outputs import check_outputs
+from lfcal.cli.plan_pace import WITHOUT_READOUT, Pace
 from lfcal.errors import InputError
 from lfcal.files import read_text, replace_whole
 from lfcal.units import format_length, format_seconds, format_share
@@ -99,7 +100,7 @@ class TargetWanted:
     pose: str
     within: str
     most_frames: int | None
-    speed: float
+    pace: Pace
     signal_e: float | None = None
     patterns: Path | None = None
 
@@ -175,13 +176,13 @@ def plan_source(scan: ScanPlan, wanted: TargetWanted, regions: str, out: Path | 
     ``regions`` are those of the field, in the words of ``--regions``, that frames of a target serve all at once.
     """
     # a speed that makes no sense must not wait for the plan
-    from lfcal.camera import Forecast, RegionPlan
+    from lfcal.camera import RegionPlan
     from lfcal.camera.regions import parse_regions
     from lfcal.cli.plan_coding import coding_facts, coding_verdict, planned_for_display, write_patterns
     from lfcal.targets import iter_plan_display, iter_plan_target
     from lfcal.targets.planning import shown_within
 
-    Forecast.of(scan, stage_um_per_s=wanted.speed)
+    wanted.pace.forecast(scan)
     field = RegionPlan.spread(scan, parse_regions(regions)) if regions else None
     display = wanted.display()
     if display is None:
@@ -199,11 +200,11 @@ def plan_source(scan: ScanPlan, wanted: TargetWanted, regions: str, out: Path | 
     if out is not None:
         with replace_whole(out) as part:
             part.write_text(plan.to_json(), encoding="utf-8")
-    facts = _facts(plan, wanted.speed, unsure) | {"expected_error": _expected(plan), "coding": coding_facts(verdict)}
+    facts = _facts(plan, wanted.pace, unsure) | {"expected_error": _expected(plan), "coding": coding_facts(verdict)}
     if display is not None and wanted.patterns is not None:
         facts["patterns"] = write_patterns(plan, display, wanted.patterns)
     if field is not None:
-        facts["regions"] = _regions(plan, field, wanted.speed)
+        facts["regions"] = _regions(plan, field, wanted.pace)
     if json:
         print_json(facts)
         return
@@ -213,10 +214,11 @@ def plan_source(scan: ScanPlan, wanted: TargetWanted, regions: str, out: Path | 
         typer.echo(f"written: {out}")
 
 
-def _facts(plan: TargetPlan, speed: float, unsure: list[Any] | None) -> dict[str, Any]:
+def _facts(plan: TargetPlan, pace: Pace, unsure: list[Any] | None) -> dict[str, Any]:
     from lfcal.targets.parsing import target_words
 
-    forecast, single = plan.forecast(speed), plan.single(speed)
+    forecast, single = plan.forecast(pace.stage_um_per_s), pace.forecast(plan.scan)
+    reading = pace.reading(forecast.frames)
     planes = []
     for z, depth in enumerate(plan.scan.depths_um):
         counts = plan.shown(z)
@@ -238,18 +240,19 @@ def _facts(plan: TargetPlan, speed: float, unsure: list[Any] | None) -> dict[str
         "tails": plan.tails,
         "planes": planes,
         "frames": forecast.frames,
-        "hours": forecast.hours,
+        "hours": forecast.hours + reading,
+        "readout_hours": None if pace.frames_per_s is None else reading,
         "single_point": {"frames": single.frames, "hours": single.hours},
         "plan": plan.to_dict(),
     }
 
 
-def _regions(plan: TargetPlan, field: RegionPlan, speed: float) -> dict[str, Any]:
+def _regions(plan: TargetPlan, field: RegionPlan, pace: Pace) -> dict[str, Any]:
     """Return what each region has of the frames, and what a single point would need for all of them."""
     from lfcal.targets.region_points import region_points
 
     counts = [region_points(plan, field, z) for z in range(len(plan.scan.depths_um))]
-    single = plan.single(speed)
+    single = pace.forecast(plan.scan)
     found = [
         {
             "name": name,
@@ -324,7 +327,8 @@ def _show(plan: TargetPlan, facts: dict[str, Any]) -> None:
         ["this target", str(facts["frames"]), format_seconds(3600 * hours)],
         ["a single point", str(single["frames"]), format_seconds(3600 * single["hours"])],
     ]
-    print_table(["source", "frames", "time in all"], rows)
+    unread = "" if facts["readout_hours"] is not None else f" {WITHOUT_READOUT}"
+    print_table(["source", "frames", f"time in all{unread}"], rows)
     middle = len(facts["expected_error"]) // 2
     _show_expected(facts["expected_error"][middle], plan.scan.depths_um[middle])
     if "regions" in facts:

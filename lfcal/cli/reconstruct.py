@@ -36,6 +36,10 @@ if TYPE_CHECKING:
     from lfcal.work import RunChoice
 
 
+MOST_MEMORY = 1e6
+"""Of ``--memory`` (GB): more than any machine has."""
+
+
 def register(app: typer.Typer) -> None:
     """Add ``reconstruct`` to the app."""
     app.command("reconstruct")(command)
@@ -130,8 +134,11 @@ def command(
 ) -> None:
     """Reconstruct the volume behind a light-field frame, or those behind a time series, with H.
 
+    Exit code 0: each frame has its volume; 1: a frame of several is damaged or tells nothing, and has none.
+
     Example: `lfcal reconstruct H.h5 frame.tif -o volume.tif --solver rl-tv --iterations 30`
     """
+    from lfcal.checks import check_number
     from lfcal.cli.outputs import check_outputs
     from lfcal.cli.reconstruct_forecast import show_forecast, total_seconds
     from lfcal.cli.reconstruct_grid import anchor_of, check_grid, check_lattice, grid_of, view_of, wide
@@ -148,6 +155,8 @@ def command(
         _list_solvers()
         return
     check_lattice(lattice, resample=resample)
+    if memory is not None:
+        check_number("--memory (GB)", memory, above=0, at_most=MOST_MEMORY)
     count, auto, stop = iterations_of(iterations)
     choice = SolverChoice(
         solver, count, background, read_noise, saturation, strength, subsets, tolerance, auto, stop=stop, gain=gain
@@ -207,6 +216,8 @@ def command(
         else:
             results = _solve_in_units(task, P, shared, out, run, saved, (room, device))
     _show_results(P, volume, results, targets, json)
+    if any(result.failed for result in results):
+        raise typer.Exit(1)
 
 
 @dataclass(frozen=True)
@@ -256,7 +267,10 @@ def _solve(task: _Task, P: Projector, clean: Cleaner, view: Resampling | None, s
         known = {"notes": result.notes, "residual": result.history[-1].residual, "stopped": result.stopped}
         save(name, result.volume, known)
 
-    work = iter_series(P, frames, len(frames), task.choice, take, weights=weights, warm=task.warm)
+    def leave(name: str) -> None:
+        save(name, None, {})
+
+    work = iter_series(P, frames, len(frames), task.choice, take, weights=weights, warm=task.warm, missing=leave)
     # The forecast goes to standard error, before the wait that it is about.
     if not task.quiet:
         report(f"{P.forecast()}; memory {run_memory(P, task.choice, warm=task.warm)}")
@@ -280,6 +294,7 @@ def _solve_in_units(
     """
     from lfcal.cli.reconstruct_units import device_hints, frame_units, iter_collect
     from lfcal.errors import InputError
+    from lfcal.reconstruct.series import check_any
     from lfcal.threads import worker_count
     from lfcal.work import iter_made
 
@@ -301,6 +316,7 @@ def _solve_in_units(
         joined=False,
     )
     run_kept(made, out, quiet=task.quiet)
+    check_any(results)
     return tuple(results)
 
 
@@ -320,7 +336,8 @@ def _show_results(
     from lfcal.cli.console import print_json
 
     if json:
-        files = [{**asdict(r), "file": targets[r.name]} for r in results]
+        whole = len(set(targets.values())) < len(results)  # one file holds all, and a place for each
+        files = [{**asdict(r), "file": None if r.failed and not whole else targets[r.name]} for r in results]
         print_json({"method": P.method, "forecast": str(P.forecast()), "volumes": files})
         return
     for result in results:
@@ -349,6 +366,9 @@ def _show(result: Any, target: Path, shape: tuple[int, ...]) -> None:
     from lfcal.cli.console import report
     from lfcal.units import format_seconds
 
+    if result.failed:
+        report(f"{result.name}: no volume; {result.failed}")
+        return
     for note in result.notes:
         report(f"note: {result.name}: {note}")
     took = format_seconds(result.seconds)

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Save", "Saved", "saving", "targets_of"]
 
-Save = Callable[[str, "NDArray[Any]", Mapping[str, Any]], None]
-"""Takes the name of a frame, the volume behind it, and what is known of it."""
+Save = Callable[[str, "NDArray[Any] | None", Mapping[str, Any]], None]
+"""Takes the name of a frame, the volume behind it, and what is known of it; None: there is no volume."""
 
 Saved = Callable[[], AbstractContextManager[Save]]
 """Gives what saves volumes; files that hold several are there when its block has ended."""
@@ -55,6 +55,8 @@ def saving(
 ) -> Iterator[Save]:
     """Give what saves the volume of a frame: into its own file, or into one file that holds them all.
 
+    A frame without volume gets no file; in one that holds all, NaN keeps its place in time.
+
     Parameters
     ----------
     P
@@ -91,10 +93,13 @@ def saving(
         times = known if len(known) == len(targets) else None
         facts = VolumeFacts(depths, voxel, {**details, "frames": list(targets)}, origin, times)
         with write_volumes(files[0], (len(targets), *shape), facts) as add:
-            yield lambda _, volume, known: add(placed(volume))
+            nothing = np.broadcast_to(np.float32(np.nan), shape)
+            yield lambda _, volume, known: add(nothing if volume is None else placed(volume))
         return
 
-    def save(name: str, volume: NDArray[Any], known: Mapping[str, Any]) -> None:
+    def save(name: str, volume: NDArray[Any] | None, known: Mapping[str, Any]) -> None:
+        if volume is None:
+            return
         facts = VolumeFacts(depths, voxel, {**details, "frame": name, **known}, origin)
         with write_volumes(targets[name], shape, facts) as add:
             add(placed(volume))

@@ -82,6 +82,7 @@ def frame_units(
 
     ``hints`` are the memory that projections may use, and `device_hints`; ``recipe`` is how they are quickest here.
     """
+    hints = {**hints, "alone": len(frames) == 1}
     shared = {"settings": settings.plain(), "choice": asdict(choice)}
     units: list[Unit] = []
     before = ""
@@ -103,23 +104,39 @@ def frame_units(
 
 
 def do_frame(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]:
-    """Reconstruct one frame into a volume file of its own: the task of a unit."""
+    """Reconstruct one frame into a volume file of its own: the task of a unit.
+
+    Of a frame of several that has no volume the file says why, and holds what the next one begins with.
+    """
     from lfcal.cli.reconstruct_frames import read_frame
-    from lfcal.reconstruct.solvers.choice import SolverChoice, iter_reconstruct
-    from lfcal.reconstruct.volumes import load_volume, save_volume
+    from lfcal.errors import FileFormatError, InputError
+    from lfcal.reconstruct.series import iter_frame
+    from lfcal.reconstruct.solvers.choice import SolverChoice
+    from lfcal.reconstruct.volumes import save_volume
 
     began = time.perf_counter()
-    image = read_frame(Path(arguments["file"]), arguments["page"])
+    initial = _begun_from(arguments["initial"])
+    try:
+        image = read_frame(Path(arguments["file"]), arguments["page"])
+    except FileFormatError as error:
+        if arguments["alone"]:
+            raise
+        _save_nothing(out, initial, error, began)
+        return
     settings = Settings.of(arguments["settings"])
     choice = SolverChoice(**arguments["choice"])
     place = device_for(arguments.get("device", "cpu"), arguments.get("device_room"))
     how = (arguments["projection"], arguments["memory"], workers, choice.margin, place)
     tool = _tool_for(settings, image.shape, how)
-    initial = load_volume(arguments["initial"]) if arguments["initial"] else None
     if not choice.solver.in_parts:
         yield from tool.projector.iter_prepare()
     weights = None if tool.view is None else tool.view.inside(image.shape)
-    result = yield from iter_reconstruct(tool.projector, tool.clean(image), choice, weights=weights, initial=initial)
+    result = yield from iter_frame(tool.projector, lambda: tool.clean(image), choice, weights=weights, initial=initial)
+    if isinstance(result, InputError):
+        if arguments["alone"]:
+            raise result
+        _save_nothing(out, initial, result, began)
+        return
     last = result.history[-1]
     details = {
         "iterations": result.state.iteration,
@@ -130,6 +147,32 @@ def do_frame(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None
         "method": tool.projector.method,
     }
     save_volume(out, result.volume, details=details)
+
+
+def _save_nothing(out: Path, initial: NDArray[Any] | None, error: Exception, began: float) -> None:
+    """Write why there is no volume; where the frames before had one, it goes on to the next frame."""
+    import numpy as np
+
+    from lfcal.reconstruct.volumes import save_volume
+
+    details = {"failed": str(error), "seconds": time.perf_counter() - began, "empty": initial is None}
+    save_volume(out, np.zeros((1, 1, 1)) if initial is None else initial, details=details)
+
+
+def _begun_from(file: str) -> NDArray[Any] | None:
+    """Return the volume that a frame begins with, which the unit of the frame before has written."""
+    from lfcal.reconstruct.volumes import load_volume
+
+    return None if not file or _details(Path(file)).get("empty", False) else load_volume(file)
+
+
+def _details(part: Path) -> dict[str, Any]:
+    """Return what the file of a unit says of its volume."""
+    from lfcal.h5.file import H5File
+
+    with H5File(part) as file:
+        found: dict[str, Any] = json.loads(file.attributes().text("details", "{}"))
+    return found
 
 
 @dataclass(frozen=True)
@@ -203,20 +246,29 @@ def _made(settings: Settings, shape: tuple[int, ...], how: How) -> _Tool:
 
 
 def iter_collect(parts: Sequence[Path], names: Sequence[str], saved: Saved, results: list[FrameResult]) -> Work[None]:
-    """Save the volume of each frame with what is known of it; note in ``results`` how each went."""
-    from lfcal.h5.file import H5File
+    """Save the volume of each frame with what is known of it; note in ``results`` how each went.
+
+    Where no frame has a volume nothing is saved.
+    """
     from lfcal.progress import Clock
     from lfcal.reconstruct.series import FrameResult
     from lfcal.reconstruct.volumes import load_volume
 
+    told = [_details(part) for part in parts]
+    for name, known in zip(names, told, strict=True):
+        if "failed" in known:
+            results.append(FrameResult.without_volume(name, known["failed"], known["seconds"]))
+            continue
+        counts = known["iterations"], known["residual"], known["seconds"]
+        results.append(FrameResult(name, *counts, tuple(known["notes"]), known["stopped"]))
+    if all(result.failed for result in results):
+        return
     clock = Clock("write volumes", len(parts))
     with saved() as save:
-        for k, (part, name) in enumerate(zip(parts, names, strict=True)):
-            with H5File(part) as file:
-                known = json.loads(file.attributes().text("details", "{}"))
-            notes, stopped = tuple(known["notes"]), known["stopped"]
+        for k, (part, result, known) in enumerate(zip(parts, results, told, strict=True)):
             # a run that went on took the method that it was begun with
-            told = {key: known[key] for key in ("residual", "stopped", "method")}
-            save(name, load_volume(part), told | {"notes": notes})
-            results.append(FrameResult(name, known["iterations"], known["residual"], known["seconds"], notes, stopped))
+            said: dict[str, Any] = {
+                key: known[key] for key in ("residual", "stopped", "method", "notes") if key in known
+            }
+            save(result.name, None if result.failed else load_volume(part), said)
             yield clock.at(k + 1)

@@ -6,7 +6,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from lfcal.cli.console import report, run_work
+from lfcal.cli.console import KEPT, report, run_work
 from lfcal.errors import LfcalError
 
 if TYPE_CHECKING:
@@ -77,14 +77,28 @@ def may_replace(out: Path, *, resume: bool, force: bool) -> bool:
 
 
 def run_kept(work: Work[R], out: Path, *, quiet: bool) -> R:
-    """Drain work in units with a progress bar; where it ends early, say what is kept of it."""
-    from lfcal.work import parts_folder, read_run
-
+    """Drain work in units with a progress bar; where it ends early, say what is kept of it, and else keep nothing."""
     try:
         return run_work(work, quiet=quiet)
-    except BaseException:
-        folder = parts_folder(out)
+    except BaseException as error:
         with suppress(LfcalError):  # it may have ended before it began
-            state = read_run(folder)
-            report(f"kept: {state.count('done')} of {len(state.units)} units in {folder}; --resume goes on with them")
+            _say_kept(error, out)
         raise
+
+
+def _say_kept(error: BaseException, out: Path) -> None:
+    """Say what is kept of work that ``error`` ended; the folder of a run that has done nothing goes."""
+    from lfcal.work import parts_folder, read_run
+    from lfcal.work.journal import PASS, read_events
+    from lfcal.work.runs import discard, unit_files
+
+    folder = parts_folder(out)
+    state = read_run(folder)
+    if state.running:  # another program's, which is at work in it
+        return
+    kept = len(unit_files(folder))
+    if not kept and PASS not in read_events(folder):  # a pass that is whole lies at ``out``
+        discard(folder)
+        return
+    report(f"kept: {kept} of {len(state.units)} units in {folder}; --resume goes on with them")
+    error.add_note(KEPT)

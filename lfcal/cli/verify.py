@@ -10,7 +10,7 @@ import typer
 
 from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
 from lfcal.cli.outputs import check_output
-from lfcal.errors import InputError
+from lfcal.errors import InputError, StorageError
 from lfcal.units import format_count
 
 if TYPE_CHECKING:
@@ -44,6 +44,8 @@ def command(
     """
     from lfcal.campaign.regions import is_regions, region_sessions
 
+    if not path.exists():
+        raise StorageError(f"{path}: no such file or folder; check the path")
     if redo is not None:
         check_output(redo, path, force=force)
     if is_regions(path):
@@ -108,7 +110,7 @@ def _show_session(report: SessionReport, redo: Path | None) -> None:
 
 def _matrix(path: Path, redo: Path | None, workers: int | None, json: bool) -> bool:
     from lfcal.cli.console import print_json, run_work
-    from lfcal.errors import FileFormatError, InputError
+    from lfcal.errors import FileFormatError
     from lfcal.plain import plain
     from lfcal.psf.verify import iter_verify
 

@@ -116,6 +116,8 @@ def iter_verify(path: str | os.PathLike[str], *, workers: int | None = None) -> 
     check planes 2 of 2
     """
     source = Path(path)
+    if not source.exists():
+        raise StorageError(f"{source}: no such file or folder; check the path")
     if source.suffix.lower() in FOREIGN:
         got = f"a {source.suffix.lower()} file, which has no checksums"
         raise FileFormatError.expected(str(source), "an H file of lfcal (.h5)", got, "look at it by lfcal inspect")

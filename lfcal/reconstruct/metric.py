@@ -28,6 +28,9 @@ Pair = tuple[float, float]
 MOST_VOXELS = 1 << 31
 """Voxels of a volume; more are a mistake in the size asked for."""
 
+SMALLEST_UM = 1e-6
+"""Side of a voxel (µm); the number of smaller ones cannot even be counted."""
+
 
 @dataclass(frozen=True, eq=False)
 class MetricGrid:
@@ -73,7 +76,7 @@ class MetricGrid:
             If the side is no size, or makes more voxels than there may be.
         """
         side = min(min(pair) for pair in sides_um) if voxel is None else voxel
-        check_number("voxel (µm)", side, above=0)
+        check_number("voxel (µm)", side, at_least=SMALLEST_UM)
         lows, counts = [], []
         for k in range(2):
             low = min((-axis[k] - 0.5) * pair[k] for pair in sides_um)

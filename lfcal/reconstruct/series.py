@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.errors import InputError
+from lfcal.errors import FileFormatError, InputError
 from lfcal.progress import Progress, Work
 from lfcal.reconstruct.projectors.projector import Projector
 from lfcal.reconstruct.solvers.choice import SOLVERS, SolverChoice, iter_reconstruct
-from lfcal.reconstruct.solvers.records import Reconstruction
+from lfcal.reconstruct.solvers.measurement import NothingMeasured
+from lfcal.reconstruct.solvers.records import Reconstruction, SolverProgress
 
-__all__ = ["FrameResult", "check_warm", "iter_series"]
+__all__ = ["FrameResult", "check_any", "check_warm", "iter_frame", "iter_series"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +37,8 @@ class FrameResult:
         What was done to the frame.
     stopped
         Why the solver ended where it did; empty where all iterations were done.
+    failed
+        Why there is no volume of this frame; empty where there is one.
     """
 
     name: str
@@ -44,6 +47,18 @@ class FrameResult:
     seconds: float
     notes: tuple[str, ...]
     stopped: str = ""
+    failed: str = ""
+
+    @classmethod
+    def without_volume(cls, name: str, why: str, seconds: float) -> FrameResult:
+        """Return what is to be said of a frame that has no volume."""
+        return cls(name, 0, float("nan"), seconds, (), failed=why)
+
+
+def check_any(results: Sequence[FrameResult]) -> None:
+    """Raise `InputError` where a series has frames and no volume at all: it may be what all of them are seen with."""
+    if results and all(result.failed for result in results):
+        raise InputError(f"{results[0].failed}; and none of the {len(results)} frames has a volume")
 
 
 def check_warm(choice: SolverChoice) -> None:
@@ -51,6 +66,28 @@ def check_warm(choice: SolverChoice) -> None:
     if "initial" not in choice.solver.honours:
         able = " or ".join(solver.name for solver in SOLVERS if "initial" in solver.honours)
         raise InputError.expected("warm start", "a solver that starts from a volume", choice.name, f"choose {able}")
+
+
+def iter_frame(
+    P: Projector,
+    read: Callable[[], NDArray[Any]],
+    choice: SolverChoice,
+    *,
+    weights: ArrayLike | None = None,
+    initial: ArrayLike | None = None,
+) -> Generator[SolverProgress, None, Reconstruction | InputError]:
+    """Reconstruct one frame; return what is wrong with it where it is damaged, or tells nothing.
+
+    All else that is wrong would be wrong with the next frame, too, and is raised.
+    """
+    try:
+        image = read()
+    except FileFormatError as error:
+        return error
+    try:
+        return (yield from iter_reconstruct(P, image, choice, weights=weights, initial=initial))
+    except NothingMeasured as error:
+        return error
 
 
 def iter_series(
@@ -62,8 +99,11 @@ def iter_series(
     *,
     weights: ArrayLike | None = None,
     warm: bool = False,
+    missing: Callable[[str], None] | None = None,
 ) -> Work[tuple[FrameResult, ...]]:
     """Reconstruct each frame and hand it to ``save``; yields progress in iterations over the whole series.
+
+    A frame of several that is damaged, or tells nothing, has no volume: its `FrameResult` says why, and others go on.
 
     Parameters
     ----------
@@ -82,11 +122,14 @@ def iter_series(
     warm
         Start each frame from the last one's volume: fewer iterations where little moves between frames. Voxels
         that became zero stay zero under multiplicative solvers.
+    missing
+        Called with the name of a frame without a volume, in place of ``save``.
 
     Raises
     ------
     InputError
-        If frames, weights and choice do not fit, or ``warm`` is asked of a solver that has no start.
+        If frames, weights and choice do not fit, ``warm`` is asked of a solver that has no start, or there is no
+        volume of any frame.
 
     Examples
     --------
@@ -111,7 +154,7 @@ def iter_series(
     previous: NDArray[Any] | None = None
     for k, (name, read) in enumerate(frames):
         start = time.perf_counter()
-        work = iter_reconstruct(P, read(), choice, weights=weights, initial=previous)
+        work = iter_frame(P, read, choice, weights=weights, initial=previous)
         try:
             while True:
                 record = next(work)
@@ -119,9 +162,16 @@ def iter_series(
                 note = f"{name}: {record.note}"
                 yield Progress(done, total, "reconstructing", time.perf_counter() - began, note)
         except StopIteration as stop:
-            result: Reconstruction = stop.value
+            result: Reconstruction | InputError = stop.value
         finally:
             work.close()
+        if isinstance(result, InputError):
+            if count == 1:
+                raise result
+            if missing is not None:
+                missing(name)
+            results.append(FrameResult.without_volume(name, str(result), time.perf_counter() - start))
+            continue
         save(name, result)
         # Only the volume: the solver's memory belongs to the frame before.
         previous = result.volume if warm else None
@@ -129,4 +179,5 @@ def iter_series(
         seconds = time.perf_counter() - start
         done = result.state.iteration
         results.append(FrameResult(name, done, last.residual, seconds, result.notes, result.stopped))
+    check_any(results)
     return tuple(results)

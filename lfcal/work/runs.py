@@ -22,7 +22,7 @@ from lfcal.work.following import Following
 from lfcal.work.journal import JOURNAL, Journal, read_events, read_run, read_seals, read_settled
 from lfcal.work.unit import Job, Unit, file_name, seal_of
 
-__all__ = ["check_begun", "discard", "iter_run", "note_joining", "parts_folder", "was_joining"]
+__all__ = ["check_begun", "discard", "iter_run", "note_joining", "parts_folder", "unit_files", "was_joining"]
 
 ATTEMPTS = 4
 """Times that a unit is begun before it is given up, where its worker ends before it does."""
@@ -56,6 +56,14 @@ def check_begun(folder: Path, *, resume: bool) -> None:
         f"{folder}: an earlier run left {state.count('done')} of {len(state.units)} units; "
         "--resume goes on with them, --force begins anew"
     )
+
+
+def unit_files(folder: Path) -> list[Path]:
+    """Return the files of units in a run's folder: each is whole, and all that a run that goes on needs.
+
+    The journal may lack those of an earlier run, where this one ended before it had looked at them.
+    """
+    return [p for p in folder.iterdir() if p.is_file() and p.name != JOURNAL and not p.name.startswith(".")]
 
 
 def note_joining(folder: Path) -> None:
@@ -193,8 +201,8 @@ def _note_settled(journal: Journal, units: Sequence[Unit], prints: Sequence[str]
 
 def _sweep(folder: Path, wanted: set[str]) -> None:
     """Remove the files of other inputs and settings."""
-    for path in folder.iterdir():
-        if path.is_file() and path.name != JOURNAL and path.name not in wanted and not path.name.startswith("."):
+    for path in unit_files(folder):
+        if path.name not in wanted:
             with suppress(OSError):
                 path.unlink()
 

@@ -111,6 +111,18 @@ def test_what_it_costs(tmp_path: Path) -> None:
     assert exposed * 3600 == pytest.approx(2 * 0.01 + 0.02 + 2 * 0.04)
 
 
+def test_every_exposure_is_read_out(tmp_path: Path) -> None:
+    """Those of a bracket, of repetitions, and of dark frames; where the rate is not known, none is counted."""
+    plan, options = replace(PLAN, frames_averaged=3), replace(CAREFUL, bracket=(1.0, 0.25), darks=4)
+    without, known = (
+        forecast(plan, rig_for(plan), options, tmp_path / "s", frames_per_s=rate) for rate in (None, 10.0)
+    )
+    lit = known.positions + known.other_frames - 1  # a dark frame at the start
+    assert without.readout_seconds is None
+    assert known.readout_seconds == pytest.approx(2 * (3 * lit + 4) / 10)
+    assert known.seconds == pytest.approx(without.seconds + known.readout_seconds)
+
+
 @pytest.mark.parametrize(("only", "what"), [([], "at least one"), ([Position(0, 0, 3)], r"inside \(3, 3, 3\)")])
 def test_what_cannot_be_recorded_leaves_nothing(tmp_path: Path, only: list[Position], what: str) -> None:
     with pytest.raises(InputError, match=what):

@@ -151,7 +151,13 @@ def test_dry_run_moves_and_writes_nothing(
     assert found["recording_bytes"] == 50 * (21 * 21 * 2 + 128) + (24 * 25 * 4 + 128)
     assert not out.exists()
     assert run("acquire", plan_file, "--out", out, "--dry-run", monkeypatch=monkeypatch) == 0
-    assert "nothing was moved" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "nothing was moved" in said and "without readout (--frame-rate)" in said
+    rate = ("--frame-rate", 10)
+    assert run("acquire", plan_file, "--out", out, "--dry-run", *rate, monkeypatch=monkeypatch) == 0
+    assert "without readout" not in capsys.readouterr().out
+    assert run("acquire", plan_file, "--out", out, *rate, monkeypatch=monkeypatch) == 2
+    assert "--frame-rate: is for the time that --dry-run tells" in capsys.readouterr().err and not out.exists()
 
 
 def test_fault_resume_redo_and_coarse_order(

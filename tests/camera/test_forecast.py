@@ -34,6 +34,26 @@ def test_moving_time_is_the_walked_way_over_the_speed() -> None:
     assert 1.5 < back.move_hours / cost.move_hours < 2.0
 
 
+def test_each_frame_is_read_out_after_its_exposure() -> None:
+    """The stage waits for the frame: the camera's least time between frames adds to all else."""
+    scan = plan(frames_averaged=3, exposure_s=0.1)
+    unknown, known = Forecast.of(scan), Forecast.of(scan, frames_per_s=5.0)
+    assert unknown.readout_hours is None and known.readout_hours == pytest.approx(known.frames / 5 / 3600)
+    assert known.hours - unknown.hours == pytest.approx(known.readout_hours)
+    assert unknown.bytes_per_s == pytest.approx(unknown.frame_bytes / (3600 * unknown.hours))
+    assert known.bytes_per_s < 5.0 * known.frame_bytes / known.frames, "no more than the camera delivers"
+    some = Forecast.of(scan, frames_per_s=5.0, positions=scan.order_indices()[:10])
+    assert some.readout_hours == pytest.approx(30 / 5 / 3600)
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, float("nan"), float("inf"), 1e-300])
+def test_a_camera_must_deliver(rate: float) -> None:
+    with pytest.raises(InputError, match=r"frame rate \(frames/s\)"):
+        Forecast.of(plan(), frames_per_s=rate)
+
+
 def test_a_stage_must_move() -> None:
     with pytest.raises(InputError, match="stage speed"):
         Forecast.of(plan(), stage_um_per_s=0.0)
+    with pytest.raises(InputError, match="stage speed"):
+        Forecast.of(plan(), stage_um_per_s=5e-324)  # it would never arrive

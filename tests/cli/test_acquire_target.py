@@ -82,7 +82,11 @@ def test_its_cost_is_told_before_anything_moves(
     assert run("acquire", file, "-o", out, *QUICK, "--dry-run", "--json", monkeypatch=monkeypatch) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["positions"] == 8 and told["seconds"] == pytest.approx(3600 * plan.forecast().hours)
-    assert told["recording_bytes"] == 8 * (200 * 200 * 2 + 128)
+    assert told["recording_bytes"] == 8 * (200 * 200 * 2 + 128) and told["readout_seconds"] is None
+    rate = ("--frame-rate", "4")
+    assert run("acquire", file, "-o", out, *QUICK, "--dry-run", "--json", *rate, monkeypatch=monkeypatch) == 0
+    read = json.loads(capsys.readouterr().out)
+    assert read["readout_seconds"] == 2 and read["seconds"] == pytest.approx(told["seconds"] + 2)
     assert not out.exists()
 
 

@@ -42,6 +42,35 @@ def test_the_table_shows_the_cell_and_the_cost(run: Run, tmp_path: Path) -> None
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_a_time_without_readout_says_so(run: Run) -> None:
+    words = ("plan", "r29", "--virtual-depths", "4")
+    _, out, _ = run(*words)
+    said = "7 min 54 s without readout (--frame-rate): the camera would deliver 635.2 MB/s"
+    assert said in out and "reading out" not in out
+    code, out, _ = run(*words, "--frame-rate", "5")
+    assert code == 0 and "17 min 25 s at 5 frames/s" in out and "25 min 19 s" in out and "without readout" not in out
+    told = [json.loads(run(*words, *more, "--json")[1])["forecast"] for more in ((), ("--frame-rate", "5"))]
+    assert told[0]["readout_hours"] is None and told[1]["readout_hours"] * 3600 == pytest.approx(5225 / 5)
+    assert told[1]["hours"] - told[0]["hours"] == pytest.approx(told[1]["readout_hours"])
+    assert told[0]["bytes_per_s"] == pytest.approx(635.2e6, rel=1e-3)
+
+
+def test_regions_and_positions_for_a_fit_are_read_out_too(run: Run) -> None:
+    words, rate = ("plan", "bench", "--virtual-depths", "4"), ("--frame-rate", "5")
+    regions = (*words, "--regions", "2x1")
+    assert "in all without readout (--frame-rate); one region" in run(*regions)[1]
+    assert "without readout" not in run(*regions, *rate)[1]
+    told = [json.loads(run(*regions, *more, "--json")[1]) for more in ((), rate)]
+    assert told[0]["readout_hours"] is None
+    assert (told[1]["hours"] - told[0]["hours"]) * 3600 == pytest.approx(told[1]["frames"] / 5)
+    fit = (*words, "--for-fit", "4", "--candidates", "12", "--cutout", "15")
+    assert "without readout (--frame-rate), each pattern" in run(*fit)[1]
+    told = [json.loads(run(*fit, *more, "--json")[1]) for more in ((), rate)]
+    for few, many in zip(told[0]["curve"], told[1]["curve"], strict=True):
+        assert (many["hours"] - few["hours"]) * 3600 == pytest.approx(few["positions"] / 5)
+    assert told[1]["whole_scan"]["readout_hours"] * 3600 == pytest.approx(627 / 5)
+
+
 def test_json_holds_numbers_and_the_plan(run: Run) -> None:
     code, out, _ = run("plan", "lfm_60x12", "--depths", "-10um:10um:5", "--resample", "--json")
     data: dict[str, Any] = json.loads(out)

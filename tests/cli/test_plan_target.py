@@ -55,6 +55,17 @@ def test_json_holds_what_the_table_says(lfcal: Lfcal, place: Path) -> None:
     assert plan.target.within == Pose(math.radians(0.5)) and plan.coverage(0) == 1.0
 
 
+def test_its_frames_are_read_out(lfcal: Lfcal, place: Path) -> None:
+    del place
+    words = (*PLAN, "array:6x6@1021.3um", "--most-frames", "3")
+    assert "time in all without readout (--frame-rate)" in lfcal(*words).out
+    assert "without readout" not in lfcal(*words, "--frame-rate", "0.5").out
+    plain, read = (lfcal(*words, *more, "--json").json for more in ((), ("--frame-rate", "0.5")))
+    assert isinstance(plain, dict) and isinstance(read, dict) and plain["readout_hours"] is None
+    assert (read["hours"] - plain["hours"]) * 3600 == pytest.approx(3 / 0.5)
+    assert (read["single_point"]["hours"] - plain["single_point"]["hours"]) * 3600 == pytest.approx(252 / 0.5)
+
+
 def test_a_pose_that_is_not_known_is_said(lfcal: Lfcal, place: Path) -> None:
     del place
     run = lfcal(*PLAN, "array:6x6@1.0213mm", "--pose-within", "rotation=1", "--tolerance", "0.5")
@@ -81,6 +92,7 @@ WRONG = {
     "tolerance": (("array:6x6@1mm", "--tolerance", "0"), "tolerance of a phase"),
     "crosstalk": (("array:6x6@1mm", "--crosstalk", "2"), "crosstalk allowed"),
     "speed": (("array:6x6@1mm", "--speed", "0"), "stage speed"),
+    "frame rate": (("array:6x6@1mm", "--frame-rate", "0"), "frame rate"),
     "half a cell": (("array:6x6@1mm", "--half-cell"), "--half-cell: is of single points"),
     "for a fit": (("array:6x6@1mm", "--for-fit", "10"), "--for-fit: is of single points"),
     "the target itself": (("t.json", "-o", "t.json"), "another file than the input"),

@@ -12,6 +12,7 @@ import cv2
 import h5py
 import numpy as np
 import pytest
+import tifffile
 
 from lfcal.cli.reconstruct_units import device_for, device_hints
 from lfcal.psf import PSFMatrix, save
@@ -199,11 +200,79 @@ def test_it_stops_by_the_noise_that_it_is_told(lfcal: Callable[..., Run], folder
         (("--tolerance", -1), "tolerance"),
         (("--workers", 0), "--workers"),
         (("--device", "gpu"), "auto, cpu, cuda or cuda:NUMBER"),
+        (("--anchor", "nan,1"), "anchor (pixels): expected a number"),
+        (("--anchor", "1,inf"), "anchor (pixels): expected a number"),
+        (("--anchor", "1,1e30"), "anchor (pixels): expected a number"),
+        (("--memory", "nan"), "--memory (GB): expected a number > 0"),
+        (("--memory", "inf"), "--memory (GB): expected a number > 0"),
+        (("--memory", -1), "--memory (GB): expected a number > 0"),
+        (("--background", 1e308), "background (counts): expected a number"),
+        (("--read-noise", "nan"), "read noise (counts): expected a number"),
+        (("--read-noise", 1e308), "read noise (counts): expected a number"),
+        (("--saturation", 0), "saturation (counts): expected a number > 0"),
+        (("--saturation", "nan"), "saturation (counts): expected a number > 0"),
+        (("--tolerance", "inf"), "tolerance: expected a number"),
+        (("--solver", "cg", "--strength", "nan"), "strength: expected a number"),
+        (("--solver", "phase-space", "--subsets", -1), "subsets: expected a whole number ≥ 1"),
+        (("--iterations", "auto:discrepancy", "--gain", 1e308), "gain (counts per photo-electron): expected a number"),
     ],
 )
 def test_values_that_make_no_sense_are_refused(
     lfcal: Callable[..., Run], folder: Path, tmp_path: Path, options: tuple[object, ...], words: str
 ) -> None:
     done = lfcal("reconstruct", folder / "H.h5", folder / "frame.png", "--out", tmp_path / "v.npy", *options)
-    assert done.code == 2 and words in done.err
+    assert done.code == 2 and words in done.err and len(done.err.splitlines()) == 1
     assert not (tmp_path / "v.npy").exists()
+
+
+@pytest.fixture
+def one_bad(folder: Path, tmp_path: Path) -> Path:
+    """Write a good frame, one without light, one of NaN, one that is damaged, and a good one."""
+    place = tmp_path / "frames"
+    place.mkdir()
+    good = cv2.imread(str(folder / "frame.png"), cv2.IMREAD_UNCHANGED).astype(np.float32)
+    for name, frame in {"0": good, "1": 0 * good, "2": np.nan * good, "4": good}.items():
+        np.save(place / f"{name}.npy", frame)
+    tifffile.imwrite(place / "3.tif", good, compression="zlib")
+    with tifffile.TiffFile(place / "3.tif") as file:
+        at = file.pages[0].dataoffsets[0]
+    spoilt = bytearray((place / "3.tif").read_bytes())
+    spoilt[at : at + 40] = bytes(40)
+    (place / "3.tif").write_bytes(spoilt)
+    return place
+
+
+@pytest.mark.parametrize("more", [(), ("--executor", "threads"), ("--warm",), ("--warm", "--executor", "threads")])
+def test_one_bad_frame_does_not_end_the_others(
+    lfcal: Callable[..., Run], folder: Path, one_bad: Path, tmp_path: Path, more: tuple[str, ...]
+) -> None:
+    words = ("reconstruct", folder / "H.h5", "--batch", one_bad, "--solver", "rl", "-n", 2, *more)
+    done = lfcal(*words, "--out", tmp_path / "each")
+    assert done.code == 1 and done.out.count("residual") == 2
+    assert sorted(path.name for path in (tmp_path / "each").iterdir()) == ["0.tif", "4.tif"]
+    assert "1: no volume; image: expected light, got no pixel above 0; check the light" in done.err
+    assert "2: no volume; image: expected pixels to fit, got none; 930 pixels are not finite and left out" in done.err
+    assert "3: no volume; " in done.err and "expected an intact TIFF file" in done.err
+    told: Any = lfcal(*words, "--out", tmp_path / "all.npy", "--json").json
+    assert [bool(one["failed"]) for one in told["volumes"]] == [False, True, True, True, False]
+    volumes = np.load(tmp_path / "all.npy")
+    assert [bool(np.isnan(volume).all()) for volume in volumes] == [False, True, True, True, False]
+    np.testing.assert_array_equal(volumes[4], load_volume(tmp_path / "each" / "4.tif"))
+    assert (np.abs(volumes[4] - volumes[0]).max() > 0) == ("--warm" in more), "it begins where the last volume ended"
+
+
+@pytest.mark.parametrize("more", [(), ("--executor", "threads")])
+def test_frames_that_tell_nothing_are_refused(
+    lfcal: Callable[..., Run], folder: Path, one_bad: Path, tmp_path: Path, more: tuple[str, ...]
+) -> None:
+    words = ("reconstruct", folder / "H.h5", "--out", tmp_path / "v.npy", "--solver", "rl", "-n", 2, *more)
+    alone = lfcal(*words, one_bad / "1.npy")
+    assert alone.code == 2 and alone.err.endswith(
+        "expected light, got no pixel above 0; check the light, and what is subtracted\n"
+    )
+    assert not list(tmp_path.glob("v.npy*"))
+    for name in ("0.npy", "3.tif", "4.npy"):
+        (one_bad / name).unlink()
+    none = lfcal(*words, "--batch", one_bad)
+    assert none.code == 2 and "none of the 2 frames has a volume" in none.err and "kept" not in none.err
+    assert not list(tmp_path.glob("v.npy*"))

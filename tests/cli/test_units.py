@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 import re
+import signal
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -252,6 +253,46 @@ def test_a_refusal_says_what_is_kept(lfcal: Lfcal, place: Path) -> None:
     damaged.write_bytes(whole)
     assert lfcal(*words, "--dark", "dark.tif", "--resume").code == 0
     assert sorted(path.name for path in (place / "out").iterdir()) == ["t0.tif", "t1.tif", "t2.tif"]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_stop_says_what_stays_and_no_more(
+    lfcal: Lfcal, place: Path, monkeypatch: pytest.MonkeyPatch, number: signal.Signals
+) -> None:
+    """Before the first unit is done nothing stays, not even the folder; behind it the whole ones do."""
+    words = ("reconstruct", "H.h5", "--batch", "frames.tif", "-n", 1, "--executor", "threads", "-o", "out")
+    begun = 0
+
+    def stop(_: str) -> None:
+        nonlocal begun
+        begun += 1
+        if begun == last:
+            signal.raise_signal(number)
+
+    monkeypatch.setattr("lfcal.cli.reconstruct_units._begun_from", stop)
+    last = 1
+    run = lfcal(*words)
+    assert (run.code, run.err) == (128 + number, "lfcal: stopped; nothing half-written stays behind\n")
+    assert not parts_folder(place / "out").exists()
+    begun, last = 0, 2
+    run = lfcal(*words)
+    kept = "lfcal: kept: 1 of 3 units in out.parts; --resume goes on with them"
+    assert (run.code, run.err.splitlines()) == (128 + number, [kept, "lfcal: stopped; only whole units stay"])
+    monkeypatch.setattr("lfcal.work.runs.seal_of", lambda _: signal.raise_signal(number))
+    run = lfcal(*words, "--resume")
+    assert kept in run.err, "what an earlier run made stays, also where this one has not looked at it yet"
+    monkeypatch.undo()
+    monkeypatch.chdir(place)
+    assert lfcal(*words, "--resume").code == 0
+
+
+def test_a_run_that_failed_before_its_first_unit_leaves_nothing(
+    lfcal: Lfcal, place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tifffile.imwrite(place / "frame.tif", np.full((30, 31), 50, np.uint16))
+    monkeypatch.setattr("lfcal.cli.reconstruct_units._tool_for", lambda *_: (_ for _ in ()).throw(StorageError("gone")))
+    run = lfcal("reconstruct", "H.h5", "frame.tif", "-n", 1, "--executor", "threads", "-o", "v.tif")
+    assert run.code == 2 and run.err == "lfcal: gone\n" and not parts_folder(place / "v.tif").exists()
 
 
 def test_long_work_is_kept_without_being_asked(lfcal: Lfcal, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:

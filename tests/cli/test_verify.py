@@ -35,6 +35,13 @@ def test_a_whole_session_and_its_h(lfcal: Lfcal, sample: Path, tmp_path: Path) -
     assert run.code == 0 and "1 of 1 planes are whole (compared with their checksums)" in run.out
 
 
+@pytest.mark.parametrize("name", ["gone.npy", "gone.h5", "recording.h5", "gone"])
+def test_what_is_not_there_is_said_first(lfcal: Lfcal, tmp_path: Path, name: str) -> None:
+    for more in ((), ("--redo", tmp_path / "redo.json")):
+        run = lfcal("verify", tmp_path / name, *more)
+        assert (run.code, run.err) == (2, f"lfcal: {tmp_path / name}: no such file or folder; check the path\n")
+
+
 def test_one_damaged_frame_is_named_listed_and_left_out(lfcal: Lfcal, sample: Path, tmp_path: Path) -> None:
     rot_frame(sample / "recording.h5", 400)
     run = lfcal("verify", sample, "--redo", tmp_path / "redo.json")

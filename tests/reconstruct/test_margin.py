@@ -9,6 +9,7 @@ from lfcal.errors import InputError
 from lfcal.reconstruct import Projector
 from lfcal.reconstruct.margin import cropped, usual_margin, widened, widened_start
 from lfcal.reconstruct.solvers.choice import SOLVERS, SolverChoice, reconstruct
+from lfcal.reconstruct.solvers.measurement import Measurement
 from lfcal.reconstruct.solvers.solver import Solver
 from tests.reconstruct.oracles import dense, lenslet_psf
 
@@ -77,6 +78,19 @@ def test_starts_and_weights_are_continued(scene):
     assert kept.max() < 10 * first.volume.max()
     with pytest.raises(InputError, match="initial volume"):
         reconstruct(P, image, SolverChoice("rl", 1, margin=MARGIN), initial=np.ones((3, 7, 7)))
+
+
+def test_pixels_of_the_margin_are_not_counted(scene):
+    """Nothing was recorded there: it is neither saturated nor lost."""
+    _, image = scene
+    weights = widened(np.ones_like(image), 4)
+    for fill in (np.nan, 1e6):
+        found = Measurement.of(widened(image, 4, fill), dtype=float, weights=weights, saturation=1e5)
+        assert found.notes == () and (found.weights == weights).all()
+    image = image.copy()
+    image[3, 5] = 1e6
+    choice = SolverChoice("rl", 1, saturation=1e5, margin=4)
+    assert reconstruct(with_margin(scene[0], 4), image, choice).notes == ("1 saturated pixel is left out",)
 
 
 def test_arrays_and_sizes():

@@ -92,6 +92,8 @@ def test_a_cone_is_a_cone_again() -> None:
 def test_what_cannot_be() -> None:
     with pytest.raises(InputError, match="voxel"):
         MetricGrid.of(SIDES, (30, 40), (0, 0), -1.0)
+    with pytest.raises(InputError, match="voxel"):
+        MetricGrid.of(SIDES, (30, 40), (0, 0), 1e-320)  # so many that they have no number
     with pytest.raises(InputError, match="choose larger ones"):
         MetricGrid.of(SIDES, (30000, 40000), (0, 0), 0.1)
     with pytest.raises(InputError, match="an H with its camera"):

@@ -10,6 +10,7 @@ from lfcal.reconstruct.phantoms import phantom
 from lfcal.reconstruct.solvers.choice import SOLVERS, SolverChoice, reconstruct
 from lfcal.reconstruct.solvers.isra import isra
 from lfcal.reconstruct.solvers.least_squares import conjugate_gradient, iter_conjugate_gradient
+from lfcal.reconstruct.solvers.measurement import NothingMeasured
 from lfcal.reconstruct.solvers.penalty import Tikhonov, TotalVariation
 from lfcal.reconstruct.solvers.richardson_lucy import iter_richardson_lucy, richardson_lucy
 from lfcal.reconstruct.solvers.subsets import angular_subsets, by_energy, interleaved_subsets
@@ -211,6 +212,32 @@ def test_bad_arguments_are_named(scene, options, message):
     P, _, image = scene
     with pytest.raises(InputError, match=message):
         richardson_lucy(P, image, **{"iterations": 2, **options})
+
+
+@pytest.mark.parametrize("name", ["rl", "cg", "isra", "sieve"])
+def test_an_image_that_tells_nothing_is_refused(name):
+    """It had a volume of zeros, as if it were met exactly."""
+    P, _, image, _ = tiny()
+    with pytest.raises(NothingMeasured, match="expected light, got no pixel above 0"):
+        reconstruct(P, 0 * image, SolverChoice(name))
+    with pytest.raises(NothingMeasured, match="pixels to fit, got none; 72 pixels are not finite"):
+        reconstruct(P, np.nan * image, SolverChoice(name))
+    with pytest.raises(NothingMeasured, match="got none; 72 saturated pixels are left out"):
+        reconstruct(P, image, SolverChoice(name, saturation=0.5))
+    with pytest.raises(NothingMeasured, match="pixels to fit, got none"):
+        reconstruct(P, image, SolverChoice(name), weights=np.zeros(image.shape))
+    half = np.where(np.arange(8) < 4, image, 0)
+    assert reconstruct(P, half, SolverChoice(name, iterations=1)).volume.any(), "a part of it has light"
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [("read_noise", np.nan), ("read_noise", -1.0), ("saturation", np.nan), ("saturation", 0.0)],
+)
+def test_counts_that_no_pixel_can_have_are_refused(option, value):
+    P, _, image, _ = tiny()
+    with pytest.raises(InputError, match=r"\(counts\)"):
+        richardson_lucy(P, image, 1, **{option: value})
 
 
 IGNORED = [

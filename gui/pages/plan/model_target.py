@@ -216,7 +216,7 @@ class PlannedTarget:
         ours, single = self.plan.forecast(), self.plan.single()
         return [
             ("Frames", f"{ours.frames}", f"{single.frames}"),
-            ("Time in all", format_seconds(ours.hours * 3600), format_seconds(single.hours * 3600)),
+            ("Time, no readout", format_seconds(ours.hours * 3600), format_seconds(single.hours * 3600)),
             ("  exposing", format_seconds(ours.exposure_hours * 3600), format_seconds(single.exposure_hours * 3600)),
             ("  settling", format_seconds(ours.settle_hours * 3600), format_seconds(single.settle_hours * 3600)),
             ("  moving", format_seconds(ours.move_hours * 3600), format_seconds(single.move_hours * 3600)),

@@ -17,7 +17,7 @@ from lfcal.reconstruct.projectors.blending import field_weights
 from lfcal.reconstruct.projectors.device import ArrayDevice, find_device
 from lfcal.reconstruct.projectors.engine import Cost, DeviceUse
 from lfcal.reconstruct.projectors.forecast import ProjectionForecast
-from lfcal.reconstruct.projectors.grid import Grid
+from lfcal.reconstruct.projectors.grid import Grid, anchor_pixel
 from lfcal.reconstruct.projectors.planes import PlaneReader
 from lfcal.reconstruct.projectors.projector import Projector
 from lfcal.reconstruct.projectors.recipe import BESIDE
@@ -111,14 +111,14 @@ class FieldProjector(Projector):
         self._moved = (0.0, 0.0) if anchor is None else (anchor[0] - first.anchor[0], anchor[1] - first.anchor[1])
         # a hair more: what was moved there and back is not to be a pixel less
         anchors = [
-            tuple(int(np.floor(a + d + 1e-9)) for a, d in zip(H.anchor, self._moved, strict=True))
+            anchor_pixel((H.anchor[0] + self._moved[0], H.anchor[1] + self._moved[1]), hair=1e-9)
             for H in self._matrices
         ]
         period = (int(first.shape[1]), int(first.shape[2]))
         self._settings: dict[str, Any] = {"dtype": dtype, "threshold": threshold, "tolerance": tolerance}
         self._tolerance = float(tolerance)
         self._reader = PlaneReader(first, np.dtype(dtype), threshold)
-        self._grid = Grid(shape, period, (int(first.shape[3]), int(first.shape[4])), (anchors[0][0], anchors[0][1]))
+        self._grid = Grid(shape, period, (int(first.shape[3]), int(first.shape[4])), anchors[0])
         self._phases = None if phases is None else np.array(phases, np.bool_)
         self._workers = worker_count(workers)
         self._limit = free_memory() // 2 if memory_limit is None else int(memory_limit)

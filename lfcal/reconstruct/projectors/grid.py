@@ -10,11 +10,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.axes import centre, check_cutout
+from lfcal.checks import check_number
 from lfcal.errors import InputError
 
-__all__ = ["Grid"]
+__all__ = ["Grid", "anchor_pixel"]
 
 Pair = tuple[int, int]
+
+FARTHEST = 1e9
+"""Pixels that an anchor may lie from the image: beyond, not even its period would be sure."""
+
+
+def anchor_pixel(anchor: tuple[float, float], *, hair: float = 0.0) -> Pair:
+    """Return the pixel (row, column) that ``anchor`` lies in; ``hair`` is how far below a pixel still counts as it.
+
+    Raises
+    ------
+    InputError
+        If it is no place.
+    """
+    for value in anchor:
+        check_number("anchor (pixels)", value, at_least=-FARTHEST, at_most=FARTHEST)
+    row, column = (int(np.floor(value + hair)) for value in anchor)
+    return row, column
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from lfcal.reconstruct.projectors.forecast import (
     ProjectionForecast,
     reading_seconds,
 )
-from lfcal.reconstruct.projectors.grid import Grid
+from lfcal.reconstruct.projectors.grid import Grid, anchor_pixel
 from lfcal.reconstruct.projectors.planes import PlaneReader
 from lfcal.reconstruct.projectors.polyphase import Polyphase
 from lfcal.reconstruct.projectors.position_fft import PositionFFT
@@ -128,7 +128,7 @@ class Projector:
         _, ny, nx, nt, ns = self._reader.shape
         at = getattr(H, "anchor", (0, 0)) if anchor is None else anchor
         shape = (int(image_shape[0]), int(image_shape[1]))
-        self._grid = Grid(shape, (ny, nx), (nt, ns), (int(np.floor(at[0])), int(np.floor(at[1]))))
+        self._grid = Grid(shape, (ny, nx), (nt, ns), anchor_pixel(at))
         self._phases = None if phases is None else _phase_mask(phases, (ny, nx))
         self._workers = worker_count(workers)
         self._limit = free_memory() // 2 if memory_limit is None else int(memory_limit)

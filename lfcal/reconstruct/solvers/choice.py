@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.checks import check_choice, check_number
+from lfcal.checks import MAX_SAMPLE, check_choice, check_number
 from lfcal.errors import InputError
 from lfcal.progress import drain
 from lfcal.reconstruct.margin import cropped, widened, widened_start
 from lfcal.reconstruct.projectors.projector import Projector
-from lfcal.reconstruct.solvers.measurement import foretold
+from lfcal.reconstruct.solvers.measurement import check_counts, foretold
 from lfcal.reconstruct.solvers.records import Reconstruction, SolverProgress, SolverState, SolverWork
 from lfcal.reconstruct.solvers.solver import Solver, SolverRun
 from lfcal.reconstruct.solvers.stopping import STOPS, iter_until_best, iter_until_noise, left_out_pixels, misfit
@@ -86,7 +86,7 @@ class SolverChoice:
     Raises
     ------
     InputError
-        If the solver is unknown, or would ignore a setting that is given.
+        If the solver is unknown, would ignore a setting that is given, or a setting is no number that can be.
 
     Examples
     --------
@@ -112,14 +112,21 @@ class SolverChoice:
     gain: float = 1.0
 
     def __post_init__(self) -> None:
-        """Check name and settings; the solvers check the values."""
+        """Check name and settings, before anything is prepared for them."""
         for option in CHOSEN:
             check_option(self.solver, option, getattr(self, option))
         if self.margin < 0:
             raise InputError.expected("margin (pixels)", "not negative", self.margin, "correct it")
         check_choice("stop", self.stop, STOPS)
         discrepancy = self.auto and self.stop == "discrepancy"
-        check_number("gain (counts per photo-electron)", self.gain, above=0)
+        check_counts(self.read_noise, self.saturation)
+        check_number("background (counts)", self.background, at_least=0, at_most=MAX_SAMPLE)
+        check_number("tolerance", self.tolerance, at_least=0)
+        if self.strength is not None:
+            check_number("strength", self.strength, at_least=0, at_most=MAX_SAMPLE)
+        if self.subsets is not None:
+            check_number("subsets", self.subsets, at_least=1, integer=True)
+        check_number("gain (counts per photo-electron)", self.gain, above=0, at_most=MAX_SAMPLE)
         if self.gain != 1 and not discrepancy:
             raise InputError.expected("gain", "the stop by discrepancy, which alone uses it", self.gain, "leave it out")
         if "weights" not in self.solver.honours:

@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
+from lfcal.checks import MAX_SAMPLE, check_number
 from lfcal.errors import InputError
 from lfcal.threads import in_order
 from lfcal.units import format_count
 
-__all__ = ["GoodnessOfFit", "Measurement", "foretold", "no_light"]
+__all__ = ["GoodnessOfFit", "Measurement", "NothingMeasured", "check_counts", "foretold", "no_light"]
 
 
 BAND = 1 << 17
@@ -29,6 +30,17 @@ TINY = float(np.finfo(np.float64).tiny)
 
 HALF_MEDIAN = 0.22747
 """Median of half of chi squared of one degree of freedom."""
+
+
+class NothingMeasured(InputError):
+    """An image tells nothing of a volume: none of its pixels counts, or none of those that do has light."""
+
+
+def check_counts(read_noise: float, saturation: float | None) -> None:
+    """Raise `InputError` unless read noise and saturation are counts that a pixel can have; None: no saturation."""
+    check_number("read noise (counts)", read_noise, at_least=0, at_most=math.sqrt(MAX_SAMPLE))
+    if saturation is not None:
+        check_number("saturation (counts)", saturation, above=0, at_most=MAX_SAMPLE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +101,7 @@ class Measurement:
         weights
             Weight of each pixel, not negative.
         saturation
-            Pixels at or above this value get weight 0.
+            Pixels at or above this value get weight 0, positive.
         background
             Expected image without any source, not negative; a number or ``(Y, X)``.
         read_noise
@@ -103,27 +115,31 @@ class Measurement:
         Raises
         ------
         InputError
-            If shapes differ, or weights or background are negative or not finite.
+            If shapes differ, or weights, background, read noise or saturation are none that can be.
+        NothingMeasured
+            If no pixel has both weight and light: no volume follows from it.
         """
+        check_counts(read_noise, saturation)
         data = np.array(image, dtype)
         if data.ndim != 2:
             raise InputError.expected("image", "two axes (y, x)", f"{data.ndim} axes", "give one frame")
         trust = None if weights is None else _fitting("weights", weights, data.shape, dtype)
         floor = _fitting("background", background, data.shape, dtype)
         bad = ~np.isfinite(data)
-        notes = (
-            [f"{format_count(int(bad.sum()), 'pixel is', 'pixels are')} not finite and left out"] if bad.any() else []
-        )
+        # what has no weight, as the margin around a frame, is left out already
+        counted = np.broadcast_to(True, data.shape) if trust is None else trust > 0
+        notes = []
+        if lost := int(np.count_nonzero(bad & counted)):
+            notes.append(f"{format_count(lost, 'pixel is', 'pixels are')} not finite and left out")
         if saturation is not None:
             full = np.greater_equal(data, saturation, where=~bad, out=np.zeros(data.shape, bool))
-            if full.any():
-                notes.append(f"{format_count(int(full.sum()), 'saturated pixel is', 'saturated pixels are')} left out")
+            if lost := int(np.count_nonzero(full & counted)):
+                notes.append(f"{format_count(lost, 'saturated pixel is', 'saturated pixels are')} left out")
             bad |= full
         if bad.any():
             trust = np.where(bad, 0, 1 if trust is None else trust).astype(dtype)
             data[bad] = 0
-        if read_noise < 0:
-            raise InputError.expected("read noise (counts)", "not negative", read_noise, "correct it")
+        _check_told(data, counted & ~bad, notes)
         if read_noise > 0:
             data += np.asarray(read_noise**2, dtype)
             floor = floor + np.asarray(read_noise**2, dtype)
@@ -207,6 +223,19 @@ def foretold(terms: NDArray[np.float64], held: NDArray[Any]) -> tuple[float, flo
     weights, values = held[chosen].astype(np.float64), terms[chosen]
     scale = float(np.median(values)) / HALF_MEDIAN if values.size else 0.0
     return -float((weights * values).sum()), scale * float(np.sqrt((weights**2).sum() / 2))
+
+
+def _check_told(data: NDArray[Any], counted: NDArray[np.bool_], notes: list[str]) -> None:
+    """Raise `NothingMeasured` unless a pixel that is ``counted`` has light; ``notes`` say what became of the others."""
+    if np.any(data > 0, where=counted):
+        return
+    said = "".join(f"; {note}" for note in notes)
+    remedy = "check the frame, saturation and weights"
+    if not counted.any():
+        raise NothingMeasured.expected("image", "pixels to fit", f"none{said}", remedy)
+    raise NothingMeasured.expected(
+        "image", "light", f"no pixel above 0{said}", remedy if notes else "check the light, and what is subtracted"
+    )
 
 
 def no_light() -> InputError:

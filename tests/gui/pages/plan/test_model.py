@@ -38,6 +38,7 @@ def test_region_drawing_and_forecast() -> None:
     assert set(drawing.types) == {0, 1, 2}
     rows = dict(plan_form.forecast_rows(plan))
     assert rows["Positions"] == str(plan.n_positions) and rows["H, float32"].endswith("B")
+    assert "Time without readout" in rows and rows["  whole frames at"].endswith("B/s"), "what is not counted is told"
     assert isinstance(plan.camera.optics, MainLens)
 
 
