@@ -35,13 +35,15 @@ def command(
         "", help="Of a colour image: R, G or B; of a mosaic the mean of its colours by default."
     ),
     out: Path | None = typer.Option(None, "-o", "--out", help="Write the camera with the measured lattice as JSON."),
+    anyway: bool = typer.Option(False, "--anyway", help="With -o: write also where camera and white image do not fit."),
     workers: WorkersOption = None,
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
     """Hold a camera against a white image: what it says, what is measured, and whether the two fit.
 
-    Ends with exit code 1 where they do not fit, or differ and the measured camera is not written.
+    Where they differ -o writes the camera as measured; where they do not fit at all, another camera or another unit
+    is likely, and it is written with --anyway alone. Ends with exit code 1 where they part and nothing is written.
 
     Example: `lfcal camera check camera.json white.tif --dark dark.tif -o measured.json`
     """
@@ -52,9 +54,11 @@ def command(
     described = load_camera(camera)
     frame = read_white(white, dark, channel, described.sensor.cfa)
     found = check_camera(described, frame, workers=workers)
-    written = _write(found, out)
+    # a camera whose kind or sensor is another one has no measured lattice to write, which is refused
+    doubted = found.verdict == WRONG and found.camera is not None and not anyway
+    written = None if doubted else _write(found, out)
     _show(found, written, json)
-    if found.verdict == WRONG or (found.verdict != FITS and written is None):
+    if found.verdict != FITS and written is None:
         raise typer.Exit(1)
 
 
@@ -83,6 +87,11 @@ def _show(found: CameraCheck, written: Path | None, json: bool) -> None:
     ]
     print_table(["", "camera", "white image", "off by (px)", ""], rows)
     if found.verdict != "fits" and found.camera is not None and written is None:
-        report("note: the camera and the white image part; -o camera.json writes the camera as measured")
+        report(
+            "note: the camera and the white image part; -o camera.json writes the camera as measured"
+            if found.verdict == "differs"
+            else "note: nothing written: camera and white image do not fit, as with another camera or unit; correct "
+            "it, or have the camera as measured written with -o camera.json --anyway"
+        )
     if written is not None:
         typer.echo(f"written: {written}")

@@ -33,12 +33,28 @@ def tell_size(shape: tuple[int, int], camera: Camera, *, folder: str = "the fram
     sizes = {shape, shape[::-1]}
     if channel:
         sizes |= {(-(-rows // 2), -(-columns // 2)) for rows, columns in sizes}
-    if camera.sensor.shape not in sizes:
-        (rows, columns), (tall, wide) = shape, camera.sensor.shape
+    if camera.sensor.shape in sizes:
+        return
+    (rows, columns), (tall, wide) = shape, camera.sensor.shape
+    what = f"{folder}: frames of {rows} x {columns} px, the camera's sensor has {tall} x {wide}"
+    times = next((n for n in range(2, 9) if any(_binned(camera.sensor.shape, n, one) for one in sizes)), 0)
+    if times:
+        sensor = f"{tall // times}x{wide // times},{camera.sensor.pixel_um * times:g}"
         report(
-            f"warning: {folder}: frames of {rows} x {columns} px, the camera's sensor has {tall} x {wide}, from whose "
-            "middle micro-images are counted; state its size with lfcal camera import CAMERA --frame FRAME"
+            f"warning: {what}, as if {times} x {times} pixels were one; if so make the camera of these: "
+            f"lfcal camera import CAMERA --sensor {sensor} --pitch {camera.lattice.pitch_um:g}um -o BINNED; "
+            "its array is measured by lfcal camera check BINNED WHITE"
         )
+        return
+    report(
+        f"warning: {what}, from whose middle micro-images are counted; state its size with lfcal camera import CAMERA "
+        "--frame FRAME"
+    )
+
+
+def _binned(sensor: tuple[int, int], times: int, shape: tuple[int, int]) -> bool:
+    """Return whether frames of ``shape`` are those of the sensor, ``times`` pixels joined along each side."""
+    return all(side // times <= length <= -(-side // times) for side, length in zip(sensor, shape, strict=True))
 
 
 def plan_from_list(

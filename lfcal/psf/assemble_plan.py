@@ -11,7 +11,6 @@ from typing import Any
 from lfcal.camera import ScanPlan
 from lfcal.checks import check_number
 from lfcal.errors import InputError
-from lfcal.frames.cfa import pattern_side
 from lfcal.frames.source import FrameSource
 from lfcal.progress import Work, drain
 from lfcal.psf.assemble import iter_assemble
@@ -180,7 +179,7 @@ def _check_filter(source: FrameSource, plan: ScanPlan) -> None:
     cfa = source.metadata.get("cfa")
     if not cfa or source.metadata.get("channel"):
         return
-    step = pattern_side(str(cfa))
+    step = math.isqrt(len(str(cfa)))  # letters by rows of a square
     if any(n % step for n in plan.period):
         period = " x ".join(str(math.lcm(n, step)) for n in plan.period)
         raise InputError.expected(

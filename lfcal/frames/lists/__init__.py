@@ -6,6 +6,8 @@
 - ``names``: files as other systems write them, found in the folder
 - ``micromanager``: what Micro-Manager writes beside its frames
 - ``grid``: planes, rows and columns in stage coordinates
+- ``step_error``: how well places tell the step of a plane
+- ``depths``: depths of planes, z held against the steps
 - ``motion``: where the light goes as the stage moves
 - ``placing``: stage coordinates to positions of a scan plan
 - ``derived``: the scan plan that a list was recorded by

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from itertools import permutations
 from typing import Any
@@ -13,10 +12,12 @@ from numpy.typing import NDArray
 from lfcal.camera import Camera, ScanPlan, StageAxes
 from lfcal.errors import InputError
 from lfcal.frames.lists.columns import LENGTHS
-from lfcal.frames.lists.grid import ScanGrid
+from lfcal.frames.lists.depths import Planes, find_depths, with_depths
+from lfcal.frames.lists.grid import PlaneGrid, ScanGrid
 from lfcal.frames.lists.listing import Listing
 from lfcal.frames.lists.motion import Motion
 from lfcal.frames.lists.placing import AXES, READ, anchor_of, grid_of, light_of, place
+from lfcal.frames.lists.step_error import step_error, step_size
 from lfcal.frames.orientation import ORIENTATIONS
 
 __all__ = ["plan_of_list"]
@@ -36,7 +37,7 @@ def plan_of_list(
     The numbers of steps give the period. Which axis moves the image where, and the anchor, come from the light in some
     frames where ``read`` gives them; else from the camera's period and ``stage``. Depths are those whose steps the
     list has: behind a main lens one pixel is a longer step the farther the plane. A microscope's steps are alike in
-    all planes: there the stage's zero is taken for the working plane.
+    all planes: there the stage's zero is taken for the working plane. See `lfcal.frames.lists.depths`.
 
     Parameters
     ----------
@@ -69,50 +70,75 @@ def plan_of_list(
     grid, lateral = grid_of(listing, said)
     light = None if read is None else light_of(grid, read)
     _check_lie(light, camera)
-    listing, unit_notes = _with_unit(listing, grid, camera)
-    factor = LENGTHS[unit_notes[1]] if unit_notes else 1.0
+    unit, unit_notes = _unit_of(listing, grid, camera)
+    factor = LENGTHS[unit]
     axes, why = _lateral_axes(grid, camera, said, lateral, light)
-    heights = np.array([plane.height for plane in grid.planes]) * factor
-    sizes = np.array([_step(plane.steps) for plane in grid.planes]) * factor
     counts = dict(zip(lateral, grid.counts, strict=True))
     period = counts[AXES.index(axes.down[1])], counts[AXES.index(axes.right[1])]
     _check_period(period, camera)
-    axes, depths, how = _depths(camera, axes, heights, sizes, depths_um)
+    found = find_depths(camera, axes, _planes(listing, grid, lateral, factor), depths_um)
+    axes, depths = found.axes, found.depths
+    ordered = grid.planes if listing.counted or axes.away[0] == "+" else grid.planes[::-1]
+    listing = _in_um(listing, factor, depths, axes)
     anchor, seen = _anchor(light, axes, lateral, period)
     given = {key: value for key, value in settings.items() if value is not None}
     plan = ScanPlan.for_camera(camera, depths_um=depths, stage=axes, **({"anchor": anchor} if anchor else {}) | given)
-    plan = replace(plan, frames_averaged=_repeats(grid, len(listing)), **_exposures(listing, grid, axes, depths))
+    plan = replace(plan, frames_averaged=_repeats(grid, len(listing)), **_exposures(listing, ordered))
     if plan.period != period:
         plan = _with_period(plan, period, "anchor" in given or anchor is not None)
-    found = place(listing, plan)
-    origin = _origin(listing, plan, found.positions)
-    how += _uncertainty(plan, found.rms_px, len(listing)) if depths_um is None else ""
-    notes = [*listing.notes, *unit_notes[:1], f"axes: {axes.right},{axes.down},{axes.away} {why}", how, *seen]
-    return replace(plan, stage=replace(axes, origin_um=origin)), (*notes, found.notes[0])
+    placed = place(listing, plan)
+    origin = _origin(listing, plan, placed.positions)
+    words = f"axes: {axes.right},{axes.down},{axes.away} {why}"
+    scales = placed.scales if depths_um is not None else ()  # depths that were found are those of the scale of z
+    notes = [*listing.notes, *unit_notes, words, *found.notes, *seen, placed.notes[0], *scales]
+    return replace(plan, stage=replace(axes, origin_um=origin)), tuple(notes)
 
 
-def _step(steps: NDArray[np.float64]) -> float:
-    return float(np.sqrt(np.abs(np.linalg.det(steps))))
+def _planes(listing: Listing, grid: ScanGrid, lateral: tuple[int, int], factor: float) -> Planes:
+    """Return the planes of a list in micrometres, of which one of its unit has ``factor``."""
+    places = listing.places[:, lateral]
+    heights = np.array([plane.height for plane in grid.planes])
+    sizes = np.array([step_size(plane.steps) for plane in grid.planes])
+    errors = np.array([step_error(places, plane) for plane in grid.planes])
+    heights = heights if listing.counted else heights * factor
+    return Planes(listing.name, heights, sizes * factor, errors * factor, listing.counted)
 
 
-def _with_unit(listing: Listing, grid: ScanGrid, camera: Camera) -> tuple[Listing, tuple[str, ...]]:
-    """Return the list in micrometres; with a note and the unit where it had to be found."""
-    if listing.unit:
-        return listing, ()
-    size = np.median([_step(plane.steps) for plane in grid.planes])
+def _in_um(listing: Listing, factor: float, depths: tuple[float, ...], axes: StageAxes) -> Listing:
+    """Return the list with all coordinates in micrometres, those of numbered planes too."""
+    places = listing.places * factor
+    if not listing.counted:
+        return replace(listing, places=places, unit="um")
+    places[:, 2] = listing.places[:, 2]
+    return with_depths(replace(listing, places=places, unit="um"), depths, axes)
+
+
+def _unit_of(listing: Listing, grid: ScanGrid, camera: Camera) -> tuple[str, list[str]]:
+    """Return the unit of a list, with a note where it had to be found.
+
+    Raises
+    ------
+    InputError
+        If the steps are nowhere near a pixel of the camera, in the unit that is stated or in any.
+    """
+    size = float(np.median([step_size(plane.steps) for plane in grid.planes]))
     nominal = camera.step_um(0.0)
     # decades apart: a working distance is known better than to a factor of five
     likely = [unit for unit in ("um", "mm", "nm", "m") if 0.2 < size * LENGTHS[unit] / nominal < 5]
-    if len(likely) != 1:
+    if listing.unit and (listing.unit in likely or not likely):
+        return listing.unit, []  # where no unit fits, planes lie far from the working plane
+    if listing.unit or len(likely) != 1:
+        remedy = "state the unit: --columns x_mm=COLUMN,y_mm=COLUMN,z_mm=COLUMN"
+        if listing.unit:  # which is the micrometre, whatever the list says
+            remedy = f"lengths that are {LENGTHS[likely[0]]:g} times as large would fit; {remedy}"
         raise InputError.expected(
             f"{listing.name}, steps",
             f"about {nominal:.4g} um, one pixel of the camera",
-            f"{size:.4g} of no unit",
-            "state the unit: --columns x_mm=COLUMN,y_mm=COLUMN,z_mm=COLUMN",
+            f"{size:.4g} {listing.unit or 'of no unit'}",
+            remedy,
         )
     (unit,) = likely
-    scaled = replace(listing, places=listing.places * LENGTHS[unit], unit="um")
-    return scaled, (f"unit: {unit}, as the size of the steps tells", unit)
+    return unit, [f"unit: {unit}, as the size of the steps tells"]
 
 
 def _lateral_axes(
@@ -136,55 +162,6 @@ def _lateral_axes(
     first, second = (AXES[axis] for axis in fitting[0])
     axes = StageAxes(said.right[0] + first, said.down[0] + second, said.away)
     return axes, "as the numbers of steps tell; their senses are assumed, --stage states them"
-
-
-def _depths(
-    camera: Camera,
-    axes: StageAxes,
-    heights: NDArray[np.float64],
-    sizes: NDArray[np.float64],
-    given: tuple[float, ...] | None,
-) -> tuple[StageAxes, tuple[float, ...], str]:
-    """Return the depth of each plane of the list, rising, with the sense of the depth axis and how it is known."""
-    rising = camera.step_um(1.0) - camera.step_um(0.0)
-    sense = axes.away[0]
-    if rising > 0 and len(heights) > 1:
-        slope = float(np.polyfit(heights, sizes, 1)[0]) / rising
-        if not 0.5 < abs(slope) < 2:
-            raise InputError.expected(
-                "steps of the list's planes",
-                "longer in farther planes, one pixel each",
-                f"{sizes.min():.5g} … {sizes.max():.5g} um",
-                "check camera and columns; scans with one step for all planes are no scan of whole pixels",
-            )
-        sense = "+" if slope > 0 else "-"
-    axes = replace(axes, away=sense + axes.away[1])
-    offsets = np.sort(heights if sense == "+" else -heights)
-    if given is not None:
-        if len(given) != len(heights):
-            raise InputError.expected("planes", f"{len(heights)} as the list has", len(given), "correct --depths")
-        return axes, tuple(sorted(given)), "depths: as given"
-    if rising <= 0:
-        return axes, _rounded(offsets), "depths: those of the stage, whose zero is taken for the working plane"
-    # one unknown for all planes: where the stage's zero is
-    zero = float(np.mean((sizes - camera.step_um(0.0)) / rising) - offsets.mean())
-    words = "depths: those whose steps are one pixel; --depths states them where they are known better"
-    return axes, _rounded(offsets + zero), words
-
-
-def _uncertainty(plan: ScanPlan, rms_px: float, frames: int) -> str:
-    """Return in words what the stage's scatter leaves open of depths that were found from steps."""
-    camera, longest = plan.camera, max(plan.period)
-    rising = camera.step_um(1.0) - camera.step_um(0.0)
-    if rising <= 0 or longest < 2:
-        return ""
-    # standard error of the slope of a line through n places of spread longest / sqrt(12)
-    relative = rms_px / math.sqrt(frames) / (longest / math.sqrt(12))
-    return f" (all by ± {camera.step_um(0.0) / rising * relative:.3g} um for the stage's scatter)"
-
-
-def _rounded(depths: NDArray[np.float64]) -> tuple[float, ...]:
-    return tuple(round(float(z), 3) for z in depths)
 
 
 def _check_lie(light: Motion | None, camera: Camera) -> None:
@@ -235,12 +212,11 @@ def _repeats(grid: ScanGrid, frames: int) -> int:
     return int(np.unique(grid.index(frames), axis=0, return_counts=True)[1].max())
 
 
-def _exposures(listing: Listing, grid: ScanGrid, axes: StageAxes, depths: tuple[float, ...]) -> dict[str, Any]:
-    """Return the exposure of each plane, where the list has them."""
+def _exposures(listing: Listing, planes: tuple[PlaneGrid, ...]) -> dict[str, Any]:
+    """Return the exposure of each plane of the plan, where the list has them."""
     if listing.exposures is None:
         return {}
     times = np.array(listing.exposures)
-    planes = grid.planes if axes.away[0] == "+" else grid.planes[::-1]
     per = tuple(float(np.median(times[plane.frames])) for plane in planes)
     return {"exposure_s": per if len(set(per)) > 1 else per[0]}
 

@@ -66,10 +66,12 @@ class ScanGrid:
         return found
 
 
-def find_grid(lateral: NDArray[np.float64], depth: NDArray[np.float64], name: str) -> ScanGrid:
+def find_grid(
+    lateral: NDArray[np.float64], depth: NDArray[np.float64], name: str, *, counted: bool = False
+) -> ScanGrid:
     """Return the regular grid that places lie on.
 
-    The step of a plane is the median difference of neighbours along each axis, so neither order nor unit, rotation
+    The step of a plane is the usual difference of neighbours along each axis, so neither order nor unit, rotation
     (up to 30 degrees) nor missing places matter; it is then fitted to all of them.
 
     Parameters
@@ -80,13 +82,18 @@ def find_grid(lateral: NDArray[np.float64], depth: NDArray[np.float64], name: st
         ``(N,)`` coordinates along it.
     name
         Of the list, for messages.
+    counted
+        Whether ``depth`` holds numbers of planes, which no step is compared with.
 
     Raises
     ------
     InputError
         If the places of a plane are no grid.
     """
-    label, heights = _levels(depth, _spacing(lateral, depth))
+    if counted:
+        heights, label = np.unique(depth, return_inverse=True)
+    else:
+        label, heights = _levels(depth, _spacing(lateral, depth))
     groups = [np.flatnonzero(label == k) for k in range(len(heights))]
     planes = [
         _plane(lateral[members], members, float(height), name) for members, height in zip(groups, heights, strict=True)
@@ -142,6 +149,8 @@ def _plane(points: NDArray[np.float64], frames: NDArray[np.intp], height: float,
         fitted = np.asarray(np.linalg.lstsq(design[:, used], points, rcond=None)[0], np.float64)
         origin = fitted[0]
         steps[spans] = fitted[1:]
+        if spans.sum() == 1:
+            steps[~spans] = _across(fitted[1], int(spans.argmin()))
     rest = np.linalg.solve(steps.T, (points - origin).T).T - index
     if np.sqrt((rest**2).mean()) > 0.2:
         raise InputError.expected(
@@ -154,7 +163,7 @@ def _plane(points: NDArray[np.float64], frames: NDArray[np.intp], height: float,
 
 
 def _steps(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the steps along the two axes as rows: the median of the nearest neighbours along each."""
+    """Return the steps along the two axes as rows: the usual one to the nearest neighbours along each."""
     steps = np.zeros((2, 2))
     if len(points) > 1:
         lengths, near = _neighbours(points)
@@ -165,9 +174,18 @@ def _steps(points: NDArray[np.float64]) -> NDArray[np.float64]:
             first = ahead.argmin(axis=1)
             there = np.flatnonzero(np.isfinite(ahead[np.arange(len(points)), first]))
             if there.size:
-                steps[axis] = np.median(vectors[there, first[there]], axis=0)
+                found = vectors[there, first[there]]
+                middle = np.median(found, axis=0)
+                # rounded steps are a few lengths, and their median is one of them; the mean has no such error to add up
+                like = np.linalg.norm(found - middle, axis=1) <= np.linalg.norm(middle) / 3
+                steps[axis] = found[like].mean(axis=0)
     for axis in (0, 1):
         if not steps[axis].any():  # a single row or column: the step across it is that along it
             other = steps[1 - axis] if steps[1 - axis].any() else np.eye(2)[1 - axis]
-            steps[axis] = (-other[1], other[0]) if axis == 1 else (other[1], -other[0])
+            steps[axis] = _across(other, axis)
     return steps
+
+
+def _across(other: NDArray[np.float64], axis: int) -> tuple[float, float]:
+    """Return the step along ``axis`` that is as long as that along the other one, and upright to it."""
+    return (-other[1], other[0]) if axis == 1 else (other[1], -other[0])

@@ -14,7 +14,10 @@ from lfcal.errors import FileFormatError, InputError
 from lfcal.frames.lists.columns import LENGTHS, TIMES, Column, columns_in_words, find_columns, parse_columns
 from lfcal.frames.lists.table import Table, read_table
 
-__all__ = ["Listing", "read_listing"]
+__all__ = ["LONGEST_S", "Listing", "read_listing"]
+
+LONGEST_S = 1000.0
+"""Exposure beyond which its unit is another one: of a scan no frame takes a quarter of an hour."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +41,8 @@ class Listing:
         ``(N, 2)`` as (dy, dx): what the list says of how far images lie from where the plan puts them (px).
     notes
         What was guessed, a line each.
+    counted
+        Whether z are numbers of planes while x and y are stage coordinates.
     """
 
     name: str
@@ -48,6 +53,7 @@ class Listing:
     exposures: tuple[float, ...] | None = None
     drift: NDArray[np.float64] | None = None
     notes: tuple[str, ...] = ()
+    counted: bool = False
 
     def __len__(self) -> int:
         """Return the number of frames."""
@@ -88,7 +94,7 @@ def read_listing(path: str | os.PathLike[str], columns: str = "") -> Listing:
     for k, axis in enumerate("xyz"):
         if axis in by_role:
             places[:, k] = _numbers(table, by_role[axis])
-    unit, scales = _unit(table, by_role, places)
+    unit, scales, counted = _unit(table, by_role, places)
     places *= scales
     exposures, said = _exposures(table, by_role.get("exposure"))
     shown = [said if column.role == "exposure" and said is not None else column for column in found]
@@ -102,6 +108,7 @@ def read_listing(path: str | os.PathLike[str], columns: str = "") -> Listing:
         exposures,
         _drift(table, by_role),
         (words + (", decimal commas" if table.decimal == "," else ""),),
+        counted,
     )
 
 
@@ -120,26 +127,47 @@ def _numbers(table: Table, column: Column) -> NDArray[np.float64]:
 
 def _unit(
     table: Table, by_role: dict[str, Column], places: NDArray[np.float64]
-) -> tuple[str, NDArray[np.float64] | float]:
-    """Return the unit of the places, and the factors that bring all axes to it."""
+) -> tuple[str, NDArray[np.float64] | float, bool]:
+    """Return the unit of the places, the factors that bring all axes to it, and whether planes alone are counted."""
     used = [by_role[axis] if axis in by_role else None for axis in "xyz"]
     units = [column.unit if column is not None else None for column in used]
     stated = {unit for unit in units if unit is not None}
-    if stated == {"index"} or (stated == {""} and _counts(places)):
-        return "index", 1.0
+    unsaid = [unit == "" for unit in units]
+    if stated <= {"index", ""} and _counts(places[:, unsaid]):
+        return "index", 1.0, False
+    counted = units[2] == "index"
+    if counted:
+        _check_planes(table, by_role["z"], places[:, 2])
+        stated = {unit for unit in units[:2] if unit is not None}
     if "index" in stated:
         names = ", ".join(str(column) for column in used if column is not None)
         raise InputError.expected(
-            f"{table.name}, places", "lengths or numbers of positions", names, "say which: --columns y_um=…,x_um=…"
+            f"{table.name}, places",
+            "numbers of positions throughout, or lengths along x and y",
+            names,
+            "say which: --columns y_index=…,x_index=…,z_index=… or y_um=…,x_um=…",
         )
     if "" in stated:
         if len(stated) == 1:
-            return "", 1.0
+            return "", 1.0, counted
         names = ", ".join(column.name for column in used if column is not None and not column.unit)
         raise InputError.expected(
             f"{table.name}, unit of {names}", "that of the other axes", "none", "say it: --columns y_um=…,x_um=…"
         )
-    return "um", np.array([1.0 if unit is None else LENGTHS[unit] for unit in units])
+    return "um", np.array([LENGTHS.get(unit or "", 1.0) for unit in units]), counted
+
+
+def _check_planes(table: Table, column: Column, numbers: NDArray[np.float64]) -> None:
+    """Raise unless planes are counted from 0 or 1."""
+    odd = np.flatnonzero((numbers != np.round(numbers)) | (numbers < 0))
+    if odd.size or numbers.min() > 1:
+        k = int(odd[0]) if odd.size else int(numbers.argmin())
+        raise FileFormatError.expected(
+            f"{table.name} line {table.lines[k]}, {column.name}",
+            "the number of a plane, from 0 or 1",
+            f"{numbers[k]:g}",
+            "correct it, or say that it is a length: --columns z_um=COLUMN",
+        )
 
 
 def _counts(places: NDArray[np.float64]) -> bool:
@@ -158,6 +186,7 @@ def _exposures(table: Table, column: Column | None) -> tuple[tuple[float, ...] |
     if column is None:
         return None, None
     values = _numbers(table, column)
+    name = f"{table.name}, {column.name}"
     # nobody exposes a point source for less than a millisecond in seconds' clothing: 0.02 are seconds, 20 milliseconds
     unit = column.unit or ("ms" if np.median(values) >= 1 else "s")
     if values.min() <= 0:
@@ -165,6 +194,13 @@ def _exposures(table: Table, column: Column | None) -> tuple[tuple[float, ...] |
         raise FileFormatError.expected(
             f"{table.name} line {line}, {column.name}", "a time above 0", values.min(), "correct it"
         )
+    if not column.unit and np.median(values) >= 1000:
+        # microseconds, as machine-vision cameras write them, or milliseconds of a faint source
+        remedy = f"say it: --columns exposure_us={column.name} or exposure_ms={column.name}"
+        raise InputError.expected(name, "a unit of times this large", f"{np.median(values):g} of none", remedy)
+    if (longest := float(values.max() * TIMES[unit])) > LONGEST_S:
+        remedy = f"correct its unit, for example --columns exposure_us={column.name}"
+        raise InputError.expected(name, f"exposures of at most {LONGEST_S:g} s", f"{longest:g} s", remedy)
     shown = Column("exposure", column.name, unit if column.unit else f"taken as {unit}")
     return tuple(float(v) for v in values * TIMES[unit]), shown
 

@@ -14,7 +14,7 @@ from lfcal.files import read_text
 from lfcal.frames.formats.opening import image_suffixes, open_image
 from lfcal.frames.lists.entries import located, manifest_of
 from lfcal.frames.lists.lie import AUTO, CHECK
-from lfcal.frames.lists.listing import Listing, read_listing
+from lfcal.frames.lists.listing import LONGEST_S, Listing, read_listing
 from lfcal.frames.lists.micromanager import read_micromanager
 from lfcal.frames.lists.table import TABLE_SUFFIXES
 from lfcal.frames.manifest import COLUMNS, Manifest
@@ -88,8 +88,12 @@ def stage_listing(path: Path, metadata: Mapping[str, Any]) -> Listing:
     places, exposures = metadata["stage_um"], metadata.get("exposure_s")
     pages = tuple(range(len(places)))
     times = None if exposures is None else tuple(float(seconds) for seconds in exposures)
-    note = f"positions: of the stage, as {path.name} states them for its {len(pages)} pages"
-    return Listing(path.name, (path.name,) * len(pages), pages, places, "um", times, notes=(note,))
+    notes = [f"positions: of the stage, as {path.name} states them for its {len(pages)} pages"]
+    if times is not None and max(times) > LONGEST_S:
+        # programs write a camera's microseconds where the format means seconds
+        notes.append(f"exposures: {max(times):g} s, as {path.name} states them, are hardly meant and left out")
+        times = None
+    return Listing(path.name, (path.name,) * len(pages), pages, places, "um", times, notes=tuple(notes))
 
 
 def _placed(listing: Listing, root: Path, options: FrameOptions) -> tuple[Manifest, tuple[str, ...]]:

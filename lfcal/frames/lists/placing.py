@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from lfcal.camera import ScanPlan, StageAxes
 from lfcal.errors import InputError
+from lfcal.frames.lists.depths import LEAST, MOST, with_depths
 from lfcal.frames.lists.grid import ScanGrid, find_grid
 from lfcal.frames.lists.lie import Lie, stage_and_lie
 from lfcal.frames.lists.listing import Listing
@@ -24,6 +25,10 @@ __all__ = ["Placing", "anchor_of", "grid_of", "light_of", "place"]
 AXES = "xyz"
 UNITS = {"um": 1.0, "mm": 1e3, "nm": 1e-3, "m": 1e6}
 """Micrometres of the units that a list without one may be in."""
+TOLD = 0.01
+"""Share by which scales may differ from the plan's without a word."""
+APART = 0.1
+"""Share of the smallest distance of planes by which one may lie off the plan's without a word."""
 READ = Callable[[int], NDArray[Any]]
 """Returns the frame of a row of the list."""
 
@@ -44,6 +49,8 @@ class Placing:
         Size of the drift, root of the mean square and largest, and the frame that has it.
     notes
         What was found, a line each.
+    scales
+        Those of them that say by how much steps and distances of planes differ from the plan's.
     """
 
     positions: NDArray[np.intp]
@@ -53,6 +60,7 @@ class Placing:
     worst_px: float
     worst: int
     notes: tuple[str, ...]
+    scales: tuple[str, ...] = ()
 
 
 def place(listing: Listing, plan: ScanPlan, read: READ | None = None, lie: str = "") -> Placing:
@@ -80,10 +88,13 @@ def place(listing: Listing, plan: ScanPlan, read: READ | None = None, lie: str =
     InputError
         If the list is of another scan than the plan, two frames belong to one position, or one lies half a step off.
     """
+    numbered = listing.counted
+    if numbered:
+        listing = with_depths(listing, plan.depths_um, plan.stage)
     grid, lateral = grid_of(listing, plan.stage, planes=plan.shape[0])
     light = None if read is None else light_of(grid, read)
     seen = None if light is None or light.axes() is None else light
-    turns = _turns(grid, plan, lateral)
+    turns = [s for s in _turns(grid, plan, lateral) if not numbered or s.away == plan.stage.away]
     reading = None if seen is None else stage_and_lie(turns, seen, plan, lateral, lie)
     if seen is not None:
         turns = [s for s in turns if reading and (s.right, s.down) == (reading.stage.right, reading.stage.down)]
@@ -114,7 +125,8 @@ def grid_of(listing: Listing, stage: StageAxes, *, planes: int = 0) -> tuple[Sca
             f"list {listing.name}", f"a column of z for {planes} planes", "none", "name it: --columns z_um=COLUMN"
         )
     places = np.where(np.isfinite(listing.places), listing.places, 0.0)
-    return find_grid(places[:, lateral], places[:, depth], listing.name), (lateral[0], lateral[1])
+    grid = find_grid(places[:, lateral], places[:, depth], listing.name, counted=listing.counted)
+    return grid, (lateral[0], lateral[1])
 
 
 def light_of(grid: ScanGrid, read: READ) -> Motion | None:
@@ -222,8 +234,9 @@ def _fitted(listing: Listing, plan: ScanPlan, positions: NDArray[np.intp], stage
         )
     rms = float(np.sqrt((size**2).mean()))
     note = f"places: {rms:.3f} px rms off the grid, {listing.label(worst)} most with {size[worst]:.3f} px"
-    notes = (note, *_scale_notes(listing, affine, plan))
-    return Placing(positions, drift, stage, rms, float(size[worst]), worst, notes)
+    unit, scales = _scale_notes(listing, affine, plan)
+    scales += _depth_notes(listing, affine, rest, plan)
+    return Placing(positions, drift, stage, rms, float(size[worst]), worst, (note, *unit, *scales), tuple(scales))
 
 
 def _check_once(listing: Listing, plan: ScanPlan, positions: NDArray[np.intp]) -> None:
@@ -240,18 +253,25 @@ def _check_once(listing: Listing, plan: ScanPlan, positions: NDArray[np.intp]) -
         )
 
 
-def _scale_notes(listing: Listing, affine: NDArray[Any], plan: ScanPlan) -> list[str]:
-    """Return what the unit was taken for, and by how much the steps differ from the plan's."""
+def _lateral_scale(listing: Listing, affine: NDArray[Any], plan: ScanPlan) -> tuple[float, str]:
+    """Return the micrometres along the plan's object space of one along x and y, 0 if none, and the unit nearest it."""
     lateral = [k for k in range(3) if AXES[k] != plan.stage.away[1]]
     per = [float(np.linalg.norm(affine[1 + k, :2])) for k in lateral if affine[1 + k].any()]
     if not per:
-        return []
+        return 0.0, listing.unit
     scale = math.prod(per) ** (1 / len(per))
-    unit = listing.unit or min(UNITS, key=lambda name: abs(math.log(scale / UNITS[name])))
+    return scale, listing.unit or min(UNITS, key=lambda name: abs(math.log(scale / UNITS[name])))
+
+
+def _scale_notes(listing: Listing, affine: NDArray[Any], plan: ScanPlan) -> tuple[list[str], list[str]]:
+    """Return what the unit was taken for, and by how much the steps differ from the plan's."""
+    scale, unit = _lateral_scale(listing, affine, plan)
+    if not scale:
+        return [], []
     ratio = UNITS[unit] / scale
     notes = [] if listing.unit else [f"unit: {unit}, as the plan's steps tell; --columns x_{unit}=… says it"]
     if not 0.8 < ratio < 1.25 and not listing.unit:
-        return [f"unit: 1 of the list is {scale:.4g} um, as the plan's steps tell"]
+        return [f"unit: 1 of the list is {scale:.4g} um, as the plan's steps tell"], []
     if not 0.8 < ratio < 1.25:
         raise InputError.expected(
             f"{listing.name}, steps",
@@ -259,8 +279,38 @@ def _scale_notes(listing: Listing, affine: NDArray[Any], plan: ScanPlan) -> list
             f"{ratio:.3g} times them",
             "correct the unit (--columns x_mm=…), or make the plan of this scan: lfcal plan CAMERA --positions LIST",
         )
-    if abs(ratio - 1) > 0.01:
-        notes.append(f"steps: {ratio:.3f} times the plan's; check pixel pitch, working distance and magnification")
+    if abs(ratio - 1) <= TOLD:
+        return notes, []
+    return notes, [f"steps: {ratio:.3f} times the plan's; check pixel pitch, working distance and magnification"]
+
+
+def _depth_notes(listing: Listing, affine: NDArray[Any], rest: NDArray[np.float64], plan: ScanPlan) -> list[str]:
+    """Return by how much the list's distances of planes differ from the plan's, or raise where they cannot be meant."""
+    if len(plan.depths_um) < 2:
+        return []
+    axis = AXES.index(plan.stage.away[1])
+    scale, unit = _lateral_scale(listing, affine, plan)
+    per = abs(float(affine[1 + axis, 2]))
+    if not listing.unit and not (scale and 0.8 < UNITS[unit] / scale < 1.25):  # axes of units of their own may differ
+        return [f"depths: 1 of the list's {AXES[axis]} is {per:.4g} um, as the plan's depths tell"]
+    ratio, what = UNITS[unit] / per, f"{AXES[axis]} of the planes"
+    if not LEAST < ratio < MOST:
+        raise InputError.expected(
+            f"{listing.name}, {what}",
+            "the distances of the plan's",
+            f"{ratio:.3g} times them",
+            f"correct unit or column (--columns {AXES[axis]}_mm=…), or make the plan of this scan: "
+            "lfcal plan CAMERA --positions LIST",
+        )
+    notes = []
+    if abs(ratio - 1) > TOLD:
+        notes.append(
+            f"depths: {what} lie {ratio:.3f} times as far apart as the plan's; check unit and scale, and the plan"
+        )
+    far = int(np.abs(rest[:, 2]).argmax())
+    off = abs(float(rest[far, 2]))
+    if off > APART * np.abs(np.diff(plan.depths_um)).min():
+        notes.append(f"depths: {what} are up to {off:.4g} um off the plan's, {listing.label(far)} most")
     return notes
 
 

@@ -31,11 +31,11 @@ def found() -> Scan:
     return Scan(ordered.camera, ordered.depths, ordered.positions[order], ordered.stage[order])
 
 
-def write_ome(path: Path, found: Scan, **pixels: Any) -> None:
+def write_ome(path: Path, found: Scan, exposure: tuple[float, str] = (20.0, "ms"), **pixels: Any) -> None:
     frames = np.stack([frame((y, x), seed=k) for k, (_, y, x) in enumerate(found.positions)])
     planes: dict[str, Any] = {f"Position{a}": (found.stage[:, k] / 1e3).tolist() for k, a in enumerate("XYZ")}
     planes |= {f"Position{a}Unit": ["mm"] * len(frames) for a in "XYZ"}
-    planes |= {"ExposureTime": [20.0] * len(frames), "ExposureTimeUnit": ["ms"] * len(frames)}
+    planes |= {"ExposureTime": [exposure[0]] * len(frames), "ExposureTimeUnit": [exposure[1]] * len(frames)}
     tifffile.imwrite(path, frames, ome=True, metadata={"axes": "TYX", "Plane": planes, **pixels})
 
 
@@ -49,6 +49,15 @@ def test_an_ome_stack_says_where_each_page_belongs(tmp_path: Path, found: Scan) 
         assert source.metadata["pixel_um"] == 1.0 and "stage_um" not in source.metadata
         np.testing.assert_array_equal(source.read(7), frame(found.positions[7, 1:], seed=7))
     assert any_listing(tmp_path / "s.ome.tif").exposures is not None
+
+
+def test_exposures_that_are_hardly_seconds_are_left_out(tmp_path: Path, found: Scan) -> None:
+    """Cameras count microseconds, and programs write their number where the format means seconds."""
+    write_ome(tmp_path / "s.ome.tif", found, exposure=(20_000.0, "s"))
+    listing = any_listing(tmp_path / "s.ome.tif")
+    assert listing.exposures is None and "exposures: 20000 s" in listing.notes[-1]
+    write_ome(tmp_path / "s.ome.tif", found, exposure=(20_000.0, "µs"))
+    assert any_listing(tmp_path / "s.ome.tif").exposures == pytest.approx((0.02,) * len(found.stage))
 
 
 def test_a_pixel_size_that_is_the_camera_s_is_not_remarked(tmp_path: Path, found: Scan) -> None:

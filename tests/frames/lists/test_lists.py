@@ -116,8 +116,29 @@ BAD = {
     "no number": ("file,x_um,y_um\na,here,2\n", "", "a.csv line 2, x_um: expected a number, got 'here'"),
     "infinite": ("file,x_um,y_um\na,inf,2\n", "", "expected a number, got 'inf'"),
     "units of some": ("file,x_um,PosY\na,1.5,2\n", "", "unit of PosY: expected that of the other axes"),
-    "counts and lengths": ("file,x_um,y_index\na,1.5,2\n", "", "expected lengths or numbers of positions"),
+    "counts and lengths": ("file,x_um,y_index\na,1.5,2\n", "", "expected numbers of positions throughout, or lengths"),
+    "counts and a length": ("file,x_index,y_index,z_mm\na,1,2,0.5\n", "", "--columns y_index=…,x_index=…,z_index=…"),
+    "half a plane": (
+        "file,x_um,y_um,plane\na,1.5,2,0.5\n",
+        "",
+        "line 2, plane: expected the number of a plane, from 0",
+    ),
+    "planes from 2": (
+        "file,x_um,y_um,plane\na,1.5,2,2\n",
+        "",
+        "from 0 or 1, got 2; correct it, or say that it is a le",
+    ),
     "exposure": ("file,x_um,y_um,exposure_s\na,1,2,0\n", "", "line 2, exposure_s: expected a time above 0"),
+    "microseconds": (
+        "file,x_um,y_um,ExposureTime\na,1,2,20000\n",
+        "",
+        "ExposureTime: expected a unit of times this large, got 20000 of none; say it: --columns exposure_us=Ex",
+    ),
+    "hours": (
+        "file,x_um,y_um,exposure_s\na,1,2,20000\n",
+        "",
+        "at most 1000 s, got 20000 s; correct its unit, for exam",
+    ),
     "no rows": ("file,x,y\n", "", "expected a row for each frame, got only a header"),
     "empty": ("# nothing\n", "", "a table with a row for each frame"),
     "no name": ("file,x_um,y_um\n,1,2\n", "", "line 2, file: expected the name of a file"),
@@ -131,6 +152,27 @@ def test_bad_lists(tmp_path: Path, case: str) -> None:
     with pytest.raises(InputError) as caught:
         read_listing(tmp_path / "a.csv", columns)
     assert words in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("header", "unit", "counted"),
+    [
+        ("file,x_mm,y_mm,plane", "um", True),
+        ("file,x,y,plane", "", True),
+        ("file,x_um,y_um,z_index", "um", True),
+        ("file,x_index,y_index,plane", "index", False),
+    ],
+)
+def test_planes_are_counted_beside_lengths(tmp_path: Path, header: str, unit: str, counted: bool) -> None:
+    (tmp_path / "a.csv").write_text(f"{header}\na,1.5,-2,1\nb,2.5,-2,1\nc,1.5,-2,2\n")
+    found = read_listing(tmp_path / "a.csv")
+    assert (found.unit, found.counted) == (unit, counted) and found.places[:, 2].tolist() == [1, 1, 2]
+    assert found.places[0, 0] == (1500 if "mm" in header else 1.5)
+
+
+def test_a_column_of_planes_beside_counted_places(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("file,x,y,plane\na,0,0,1\nb,1,0,1\nc,0,0,2\n")
+    assert read_listing(tmp_path / "a.csv").unit == "index"
 
 
 def test_other_columns_are_left_alone(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -88,6 +89,60 @@ def test_unit_is_told_by_the_steps_of_the_plan(scale: float, unit: str, words: s
     assert any(words in note for note in placed.notes)
 
 
+@pytest.mark.parametrize(("scale", "words"), [(1.3, "lie 1.300 times as far apart"), (0.97, "lie 0.970 times as far")])
+def test_a_z_of_another_scale_than_the_plan_s_is_said(scale: float, words: str) -> None:
+    placed = place(listing_of(_deep(scan(), scale)), plan_of())
+    (note,) = placed.scales
+    assert note.startswith("depths: z of the planes") and words in note and note in placed.notes
+    assert not place(listing_of(_deep(scan(), 1.005)), plan_of()).scales
+
+
+def test_a_z_that_has_a_unit_of_its_own_is_said() -> None:
+    """Counts of motors are of any length, and of another one along each axis."""
+    found = scan()
+    listing = listing_of(replace(found, stage=found.stage * [20.0, 20.0, 0.5]), unit="")
+    assert "depths: 1 of the list's z is 2 um, as the plan's depths tell" in place(listing, plan_of()).notes
+    with pytest.raises(InputError, match="z of the planes"):
+        place(listing_of(_deep(found, 1e-3), unit=""), plan_of())
+
+
+def test_a_plane_that_lies_elsewhere_than_planned_is_said() -> None:
+    depths = (-40e3, -15e3, 10e3)
+    found = scan(depths)
+    stage = found.stage.copy()
+    stage[found.positions[:, 0] == 1, 2] += 6e3
+    placed = place(listing_of(replace(found, stage=stage)), plan_of(depths))
+    assert re.search(r"z of the planes are up to .* um off the plan's, \d+\.tif most", placed.scales[-1])
+
+
+@pytest.mark.parametrize("first", [0, 1])
+@pytest.mark.parametrize("unit", ["um", ""])
+def test_planes_that_a_list_numbers_are_the_plan_s(first: int, unit: str) -> None:
+    """A number says which plane is meant, whichever way the depths run and the stage's axis points."""
+    for depths in ((-40e3, -10e3, 10e3), (10e3, -10e3, -40e3)):
+        found = scan(depths, right="-x")
+        stage = np.column_stack([found.stage[:, :2], found.positions[:, 0] + first])
+        listing = replace(listing_of(replace(found, stage=stage), shuffle=1, unit=unit), counted=True)
+        for away in ("+z", "-z"):
+            plan = plan_of(depths, stage=StageAxes("-x", "+y", away))
+            np.testing.assert_array_equal(place(listing, plan).positions, truth(found, listing))
+        plan, _ = plan_of_list(listing, found.camera, read=reader(found, listing), cutout=(9, 11))
+        np.testing.assert_allclose(plan.depths_um, depths, atol=1)
+        np.testing.assert_array_equal(place(listing, plan).positions, truth(found, listing))
+        given, _ = plan_of_list(listing, found.camera, depths_um=(-41e3, -9e3, 11e3), cutout=(9, 11))
+        assert given.depths_um == ((-41e3, -9e3, 11e3) if depths[0] < 0 else (11e3, -9e3, -41e3))
+
+
+def test_numbers_of_planes_that_the_plan_has_not() -> None:
+    found = scan((-40e3, -10e3, 10e3))
+    stage = np.column_stack([found.stage[:, :2], 2 * found.positions[:, 0]])
+    listing = replace(listing_of(replace(found, stage=stage)), counted=True)
+    with pytest.raises(InputError, match="expected one of 3, counted from 0 or 1, got 4; correct the list"):
+        place(listing, plan_of((-40e3, -10e3, 10e3)))
+    with pytest.raises(InputError, match=r"depth axis: expected z, .* got \+x; correct --stage"):
+        place(listing, plan_of((-40e3, -10e3, 10e3, 20e3, 30e3), stage=StageAxes("+y", "+z", "+x")))
+
+
 def test_light_elsewhere_than_planned_is_said() -> None:
     found, plan = scan(), plan_of()
     listing = listing_of(found)
@@ -129,12 +184,19 @@ def _moved(found: Scan, steps: float) -> Scan:
     return replace(found, stage=stage)
 
 
+def _deep(found: Scan, scale: float) -> Scan:
+    return replace(found, stage=found.stage * [1, 1, scale])
+
+
 REFUSED = {
     "planes": (lambda: scan((-40e3, -10e3, 10e3)), "2 planes of 7 across and 4 down, as the plan has, got 3 planes"),
     "steps": (lambda: scan(shape=(ROWS, 6)), "got 2 planes of 6 along x and 4 along y"),
     "half a step": (lambda: _moved(scan(), 0.45), "place of 0005.tif: expected within half a step"),
     "onto another": (lambda: _moved(scan(), 1.0), "position z=0, y=0, x=6: expected 1 frame"),
     "another scale": (lambda: replace(s := scan(), stage=s.stage * [1.5, 1.5, 1]), "1.5 times them"),
+    "a third of z": (lambda: _deep(scan(), 1 / 3), "z of the planes: expected the distances of the plan's, got 0.333"),
+    "z in mm": (lambda: _deep(scan(), 1e-3), "correct unit or column (--columns z_mm=…)"),
+    "z in nm": (lambda: _deep(scan(), 1e3), "z of the planes: expected the distances of the plan's, got 1e+03"),
 }
 
 
@@ -178,6 +240,8 @@ def test_what_no_plan_can_be_made_of() -> None:
         plan_of_list(listing_of(same), same.camera)
     with pytest.raises(InputError, match=r"expected 2 as the list has, got 1"):
         plan_of_list(listing_of(scan()), small_camera(), depths_um=(0.0,))
+    with pytest.raises(InputError, match=r"1000 times as large would fit; state the unit: --columns x_mm=COLUMN"):
+        plan_of_list(listing_of(scan(), scale=1e-3), small_camera())
     with pytest.raises(InputError, match="coordinates of the stage, got numbers of positions"):
         plan_of_list(listing_of(found, unit="index"), found.camera)
 

@@ -1,0 +1,240 @@
+"""The depths of a list's planes: the stage's, put where steps are one pixel, and how well the two fit."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import Camera, StageAxes
+from lfcal.errors import InputError
+from lfcal.frames.lists.listing import Listing
+
+__all__ = ["LEAST", "MOST", "Depths", "Planes", "find_depths", "with_depths"]
+
+LEAST, MOST = 0.5, 2.0
+"""Between these a scale of z is told: beyond, another unit or column is meant."""
+SIGMAS = 4.0
+"""Standard errors by which z and steps part for certain."""
+TOLD = 0.01
+"""Share of the range of z below which z and steps are not said to differ, however well both are known."""
+
+
+@dataclass(frozen=True, eq=False)
+class Planes:
+    """The planes of a list, of rising coordinate along the depth axis.
+
+    Attributes
+    ----------
+    name
+        The list's, for messages.
+    heights
+        Coordinate of each (µm), or its number where ``counted``.
+    sizes, errors
+        Step of each, and its standard error (µm).
+    counted
+        Whether the list numbers its planes.
+    """
+
+    name: str
+    heights: NDArray[np.float64]
+    sizes: NDArray[np.float64]
+    errors: NDArray[np.float64]
+    counted: bool = False
+
+
+@dataclass(frozen=True)
+class Depths:
+    """What was found: the sense of the depth axis, the depth of each plane (µm), and notes on it, a line each."""
+
+    axes: StageAxes
+    depths: tuple[float, ...]
+    notes: tuple[str, ...]
+
+
+def find_depths(camera: Camera, axes: StageAxes, planes: Planes, given: tuple[float, ...] | None = None) -> Depths:
+    """Return the depth of each plane of a list: rising, or in the order of their numbers where these are counted.
+
+    Behind a main lens one pixel is a longer step the farther the plane. Where the list has a z, its distances are
+    kept and the steps tell where the stage's zero is; where z and steps differ the stated error says so. Where it
+    numbers its planes the steps alone tell their depths.
+
+    Parameters
+    ----------
+    camera
+        The camera under calibration.
+    axes
+        Stage axes; the sense of the depth axis is kept where steps do not tell it.
+    planes
+        From the list.
+    given
+        Depths where they are known better, from the nearest to the farthest.
+
+    Raises
+    ------
+    InputError
+        If the steps are not those of one pixel of the camera, or of a z in another unit.
+    """
+    if given is not None and len(given) != len(planes.heights):
+        raise InputError.expected(
+            "planes", f"{len(planes.heights)} as the list has", len(given), "correct --depths or --virtual-depths"
+        )
+    rising = camera.step_um(1.0) - camera.step_um(0.0)
+    if planes.counted:
+        return _of_numbers(camera, axes, planes, given, rising)
+    if rising <= 0:
+        offsets = _offsets(planes.heights, axes)
+        words = "depths: those of the stage, whose zero is taken for the working plane"
+        return _found(axes, given, offsets, (words,))
+    scale, error = _scale(planes, rising)
+    sense = axes.away[0] if abs(scale) <= 3 * error else "+" if scale > 0 else "-"
+    axes = replace(axes, away=sense + axes.away[1])
+    offsets = _offsets(planes.heights, axes)
+    if given is not None:
+        return _found(axes, given, offsets, ())
+    order = slice(None) if sense == "+" else slice(None, None, -1)
+    by_steps = (planes.sizes[order] - camera.step_um(0.0)) / rising
+    errors = planes.errors[order] / rising
+    # one unknown for all planes: where the stage's zero is
+    depths = offsets + float(by_steps.mean() - offsets.mean())
+    common = float(np.sqrt((errors**2).sum())) / len(errors)
+    apart, note = _apart(by_steps - depths, errors, float(np.ptp(depths)), (scale, error))
+    words = (
+        "depths: those whose steps are one pixel; --depths states them where they are known better "
+        f"(all by ± {common:.4g} um for what places scatter or are rounded{apart})"
+    )
+    return _found(axes, None, depths, (words, *note))
+
+
+def _offsets(heights: NDArray[np.float64], axes: StageAxes) -> NDArray[np.float64]:
+    """Return the heights as they rise away from the camera."""
+    return np.sort(heights if axes.away[0] == "+" else -heights)
+
+
+def _found(
+    axes: StageAxes, given: tuple[float, ...] | None, depths: NDArray[np.float64], notes: tuple[str, ...]
+) -> Depths:
+    if given is not None:
+        return Depths(axes, tuple(sorted(given)), ("depths: as given",))
+    return Depths(axes, _rounded(depths), notes)
+
+
+def _rounded(depths: NDArray[np.float64]) -> tuple[float, ...]:
+    return tuple(round(float(z), 3) for z in depths)
+
+
+def _scale(planes: Planes, rising: float) -> tuple[float, float]:
+    """Return by how much the steps rise over what they should for the list's z, with its standard error.
+
+    One plane, whose steps tell no scale, has 1.
+    """
+    heights = planes.heights - planes.heights.mean()
+    if len(heights) < 2:
+        return 1.0, math.inf
+    weights = heights / (heights @ heights) / rising
+    scale, error = float(weights @ planes.sizes), float(np.sqrt((weights**2) @ (planes.errors**2)))
+    if LEAST < abs(scale) + 3 * error and abs(scale) - 3 * error < MOST:
+        return scale, error
+    if abs(scale) > max(5 * error, 1e-5):
+        z = float(np.ptp(planes.heights))
+        raise InputError.expected(
+            f"{planes.name}, z of the planes",
+            f"a range of about {z * abs(scale):.4g} um, as the steps of its planes tell",
+            f"{z:.4g} um",
+            _remedy(abs(scale)),
+        )
+    raise InputError.expected(
+        "steps of the list's planes",
+        "longer in farther planes, one pixel each",
+        f"{planes.sizes.min():.5g} … {planes.sizes.max():.5g} um",
+        "check camera and columns; scans with one step for all planes are no scan of whole pixels",
+    )
+
+
+def _remedy(factor: float) -> str:
+    """Return what to do about a z that has to be ``factor`` times as long: name the unit where it looks like one."""
+    for unit, power in (("mm", 1e3), ("um", 1e-3)):
+        if LEAST < factor / power < MOST:
+            return f"is it in {unit}? state its unit: --columns z_{unit}=COLUMN"
+    return "check unit and column of z (--columns z_um=COLUMN), and the camera's distances"
+
+
+def _apart(
+    rest: NDArray[np.float64], errors: NDArray[np.float64], span: float, scale: tuple[float, float]
+) -> tuple[str, tuple[str, ...]]:
+    """Return in words how far z and steps part, for the stated error, and a note; nothing where they fit.
+
+    ``rest`` are the depths that the steps of each plane tell, less those of z.
+    """
+    if len(rest) < 2:
+        return "", ()
+    slope, error = scale
+    most = float(np.abs(rest).max())
+    # each is held against the mean of all
+    own = np.sqrt(errors**2 * (1 - 2 / len(rest)) + (errors**2).sum() / len(rest) ** 2)
+    off = abs(abs(slope) - 1) > SIGMAS * error or (np.abs(rest) > SIGMAS * own).any()
+    if not off or 2 * most < TOLD * span:
+        return "", ()
+    note = (
+        f"z: its range is {1 / abs(slope):.3f} times what the steps of the planes tell, and up to {most:.4g} um apart "
+        "from them; check unit and scale of z, pixel pitch, focal length and working distance"
+    )
+    return f", single ones by ± {most:.4g} um as z and steps part", (note,)
+
+
+def _of_numbers(
+    camera: Camera, axes: StageAxes, planes: Planes, given: tuple[float, ...] | None, rising: float
+) -> Depths:
+    """Return the depths of numbered planes, in the order of their numbers."""
+    falling = rising > 0 and bool(planes.sizes[-1] < planes.sizes[0])
+    if given is not None:
+        ordered = sorted(given, reverse=falling) if rising > 0 else list(given)
+        return Depths(axes, tuple(ordered), ("depths: as given, a plane for each number",))
+    if rising <= 0:
+        raise InputError.expected(
+            f"{planes.name}, depths", "lengths", "numbers of planes", "state them with --depths, one for each number"
+        )
+    depths = (planes.sizes - camera.step_um(0.0)) / rising
+    errors = planes.errors / rising
+    apart = np.diff(depths) * (-1 if falling else 1)
+    if apart.size and (apart <= 3 * np.hypot(errors[1:], errors[:-1])).any():
+        raise InputError.expected(
+            f"{planes.name}, steps of its planes",
+            "longer from each plane to the next, one pixel each",
+            ", ".join(f"{size:.5g}" for size in planes.sizes) + " um",
+            "state the depths with --depths, or give z as a length",
+        )
+    words = (
+        "depths: those whose steps are one pixel; --depths states them where they are known better "
+        f"(single ones by ± {float(errors.max()):.4g} um for what places scatter or are rounded)"
+    )
+    return Depths(axes, _rounded(depths), (words,))
+
+
+def with_depths(listing: Listing, depths: tuple[float, ...], axes: StageAxes) -> Listing:
+    """Return a list that numbers its planes with the depths of these as its coordinate (µm).
+
+    Raises
+    ------
+    InputError
+        If a number is none of a plane.
+    """
+    numbers = listing.places[:, 2].astype(np.intp)
+    numbers -= numbers.min() if numbers.min() in (0, 1) else 0
+    if numbers.min() < 0 or numbers.max() >= len(depths):
+        k = int(numbers.argmax())
+        raise InputError.expected(
+            f"{listing.name}, plane of {listing.label(k)}",
+            f"one of {len(depths)}, counted from 0 or 1",
+            f"{listing.places[k, 2]:g}",
+            "correct the list, or make the plan of this scan with lfcal plan CAMERA --positions LIST",
+        )
+    if axes.away[1] != "z":
+        raise InputError.expected(
+            f"{listing.name}, depth axis", "z, as the list numbers its planes", axes.away, "correct --stage"
+        )
+    places = listing.places.copy()
+    places[:, 2] = np.array(depths)[numbers] * (1 if axes.away[0] == "+" else -1)
+    return replace(listing, places=places, counted=False)
