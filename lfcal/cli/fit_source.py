@@ -177,14 +177,24 @@ def _check_noise(matrix: PSFMatrix, source: Path, how: Reading) -> None:
         return
     noise = None if matrix.facts.noise is None else matrix.facts.noise[matrix.recorded > 0]
     if noise is None or not np.isfinite(noise).all():
-        raise InputError.expected(
-            f"{source}, noise", "a variance of the samples", "none", "state it with --noise CONSTANT,SLOPE"
-        )
+        got, remedy = "none", "state it with --noise CONSTANT,SLOPE"
+        if _assumes_noise(matrix):
+            got = "a sensor whose read noise or full well is assumed"
+            remedy = (
+                "state them (lfcal camera new --set sensor.read_noise_e=…), or state it with --noise CONSTANT,SLOPE"
+            )
+        raise InputError.expected(f"{source}, noise", "a variance of the samples", got, remedy)
     # of samples above a black level the variance begins there, and at 0 it would be below nothing
     if (noise[:, 0] < 0).any():
         raise InputError.expected(
             f"{source}, samples", "without their black level", "with it", "name --dark, or --black-level"
         )
+
+
+def _assumes_noise(matrix: PSFMatrix) -> bool:
+    """Return whether the camera has noise that nobody stated: it is counted with as little as if there were none."""
+    marks = None if matrix.camera is None else matrix.camera.marks
+    return marks is not None and "assumed" in (marks["sensor.read_noise_e"], marks["sensor.full_well_e"])
 
 
 def _recorded(source: Path) -> dict[str, Any]:

@@ -156,7 +156,7 @@ def trend(fits: Sequence[Dated], sigmas: float = SIGMAS) -> Trend:
         notes.append(f"{', '.join(poor)}: the model was incomplete; values may be off by more than their sigmas")
     if "distance" not in newest.groups and any(drift.moved and drift.name in AS_DISTANCE for drift in drifts):
         notes.append(
-            "distance was held in these fits: a point source that is not as far away each time looks alike; fit it, too "
+            "distance was held in these fits: a point source that is not always as far away looks alike; fit it, too "
             "(--unknowns with distance)"
         )
     return Trend(ordered, drifts, sigmas, tuple(notes))

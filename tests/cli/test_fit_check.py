@@ -174,9 +174,15 @@ def test_unlucky_frames_end_in_one_line(lfcal: Lfcal, place: Path, spoil: Callab
 def test_unlucky_h_files_end_in_one_line(lfcal: Lfcal, place: Path) -> None:
     (place / "empty.h5").write_bytes(b"")
     (place / "text.h5").write_text("none")
-    save(PSFMatrix(np.zeros_like(values()), depths=told().depths, camera=told().camera, anchor=plan_of().anchor), place / "zero.h5")
+    save(
+        PSFMatrix(np.zeros_like(values()), depths=told().depths, camera=told().camera, anchor=plan_of().anchor),
+        place / "zero.h5",
+    )
     scaled = {"cutout": {"scale": [1.1, 1.0]}}
-    save(PSFMatrix(values(), depths=plan_of().depths_um, camera=plan_of().camera, provenance=scaled), place / "resampled.h5")
+    save(
+        PSFMatrix(values(), depths=plan_of().depths_um, camera=plan_of().camera, provenance=scaled),
+        place / "resampled.h5",
+    )
     for name in ("missing.h5", "empty.h5", "text.h5", "zero.h5", "resampled.h5"):
         run = check(lfcal, name, "same.tif")
         assert run.code == 2 and run.err.count("\n") == 1, run.err

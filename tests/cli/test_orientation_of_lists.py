@@ -44,7 +44,9 @@ def deliver(folder: Path, frames: np.ndarray, name: str, plan: ScanPlan = PLAN, 
 
 
 def assembled(lfcal: Callable[..., Run], folder: Path, out: Path, choice: str) -> Run:
-    return lfcal("assemble", folder, "--black-level", "0", "--keep-pedestal", "-o", out, "--orientation", choice, "--json")
+    return lfcal(
+        "assemble", folder, "--black-level", "0", "--keep-pedestal", "-o", out, "--orientation", choice, "--json"
+    )
 
 
 @pytest.fixture(scope="module")
