@@ -86,7 +86,13 @@ class Camera:
         if self.distortion is not None:
             check_type("distortion", self.distortion, BrownDistortion)
         check_type("marks", self.marks, Marks)
-        check_number("wavelength (µm)", self.wavelength_um, above=0.05, below=20, remedy="give it in µm")
+        check_number(
+            "wavelength (µm)",
+            self.wavelength_um,
+            above=0.05,
+            below=20,
+            remedy="give it in µm, or to --wavelength in nm",
+        )
         check_number("bandwidth (µm)", self.bandwidth_um, at_least=0, below=self.wavelength_um)
 
     # -- derived lengths -------------------------------------------------------------------------------

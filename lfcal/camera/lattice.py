@@ -14,6 +14,9 @@ from lfcal.errors import InputError
 
 __all__ = ["LensType", "LensletLattice"]
 
+COVERS = 0.995
+"""Clear diameter over the cell's from corner to corner from which lenslets leave no gaps: 5e-5 of the light is lost."""
+
 
 @dataclass(frozen=True, slots=True)
 class LensType:
@@ -93,7 +96,10 @@ class LensletLattice:
     offset_um
         Centre (x, y) of a type-0 micro-image from the sensor's centre, x to the right, y downwards (µm).
     clear_um
-        Clear diameter of a lenslet on the sensor's scale; None: the full pitch (µm).
+        Clear diameter of a lenslet on the sensor's scale, that of the pitch: a maker's times `Camera.lattice_scale`
+        (µm). A stated one is round, and a lenslet ends at its cell: from corner to corner (square: sqrt(2) pitch;
+        hexagonal: 2/sqrt(3) pitch) the array has no gaps. None: squares without gaps, or, hexagonal, discs of the
+        pitch.
     row_pitch_um
         Distance of neighbouring rows where it is not the ideal one (square: pitch; hexagonal:
         pitch * sqrt(3)/2), as measured from a white image (µm).
@@ -145,10 +151,11 @@ class LensletLattice:
         # three types colour a hexagonal lattice so that neighbours differ; arrays of three types are made so
         if len(self.types) not in (1, 3) or (len(self.types) == 3 and self.kind == "square"):
             raise InputError.expected("lens types", "one, or three on a hexagonal array", len(self.types), "correct it")
-        if self.clear_um is not None:
-            check_number("clear diameter (µm)", self.clear_um, above=0, at_most=1.5 * self.pitch_um)
         if self.row_pitch_um is not None:
             check_number("row pitch (µm)", self.row_pitch_um, above=0)
+        if self.clear_um is not None:
+            gapless = f"lenslets without gaps are {self.cell_um[1]:.6g} µm from corner to corner"
+            check_number("clear diameter (µm)", self.clear_um, above=0, at_most=1.5 * self.pitch_um, remedy=gapless)
         check_number("step of lens types along a row", self.type_step, at_least=1, at_most=2, integer=True)
         check_number("shear of the lattice (rad)", self.shear_rad, above=-0.2, below=0.2)
         if self.distortion is not None:
@@ -163,13 +170,50 @@ class LensletLattice:
 
     @property
     def clear_diameter_um(self) -> float:
-        """Clear diameter of a lenslet (µm)."""
-        return self.pitch_um if self.clear_um is None else self.clear_um
+        """Clear diameter of a lenslet, within its cell; of squares that touch their side (µm)."""
+        if self.clear_um is None or self.edge_to_edge:
+            return self.pitch_um
+        return min(self.clear_um, self.cell_um[1])
+
+    @property
+    def cell_um(self) -> tuple[float, float]:
+        """Diameters of the circles within and about a lenslet's cell, the points nearest to it (µm)."""
+        if self.kind == "square":
+            return min(self._sides_um), math.hypot(self.pitch_um, self.row_step_um)
+        near, far = sorted((self.pitch_um, 2 * self.row_step_um))
+        return min(self._sides_um), (far + near / far * near) / 2
+
+    @property
+    def _sides_um(self) -> tuple[float, ...]:
+        """Distances of opposite sides of the cell: those of the neighbours (µm)."""
+        if self.kind == "square":
+            return self.pitch_um, self.row_step_um
+        slanted = math.hypot(self.pitch_um / 2, self.row_step_um)
+        # of rows closer than half a pitch the lenslet two rows on is a neighbour, not that beside
+        return min(self.pitch_um, 2 * self.row_step_um), slanted, slanted
 
     @property
     def edge_to_edge(self) -> bool:
-        """Whether the lenslets are squares that touch: square ones without a clear diameter of their own."""
-        return self.kind == "square" and self.clear_um is None
+        """Whether the lenslets are squares that touch."""
+        return self.kind == "square" and self.gapless
+
+    @property
+    def gapless(self) -> bool:
+        """Whether the lenslets fill their cells: squares of no stated clear diameter, discs from corner to corner."""
+        if self.clear_um is None and self.kind == "square":
+            return True
+        return (self.pitch_um if self.clear_um is None else self.clear_um) >= COVERS * self.cell_um[1]
+
+    @property
+    def fill_factor(self) -> float:
+        """Share of the array that the lenslets cover: discs of the clear diameter, within their cells."""
+        if self.gapless:
+            return 1.0
+        radius, cell = self.clear_diameter_um / 2, self.pitch_um * self.row_step_um
+        # beyond each side lies a segment; they do not overlap, as the cell's corners lie on one circle
+        cut = [math.acos(side / (2 * radius)) for side in self._sides_um if side < 2 * radius]
+        beyond = sum(2 * (angle - math.sin(2 * angle) / 2) for angle in cut)
+        return radius**2 * (math.pi - beyond) / cell
 
     @property
     def period_um(self) -> tuple[float, float]:
@@ -246,9 +290,15 @@ class LensletLattice:
             rotation_rad=self.rotation_rad + math.remainder(turn - self.rotation_rad, 2 * math.pi),
             shear_rad=math.atan(lean / row),
             offset_um=(float(x), float(y)),
-            clear_um=None if self.clear_um is None else min(self.clear_um, 1.5 * pitch),
+            clear_um=self._clear_of(pitch),
             distortion=None,
         )
+
+    def _clear_of(self, pitch_um: float) -> float | None:
+        """Return the clear diameter where the pitch is another; an array without gaps stays one."""
+        if self.clear_um is None or not self.gapless:
+            return None if self.clear_um is None else min(self.clear_um, 1.5 * pitch_um)
+        return self.clear_um * pitch_um / self.pitch_um
 
     def scaled(self, factor: float) -> LensletLattice:
         """Return the lattice ``factor`` times as large about the sensor's centre; gap and types stay."""

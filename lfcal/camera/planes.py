@@ -7,10 +7,15 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from lfcal.camera.description import Camera
+from lfcal.camera.main_lens import Microscope
 from lfcal.checks import check_number, check_tuple
 from lfcal.errors import InputError
 
 __all__ = ["MAX_WAIT_S", "checked_depths", "checked_exposures", "depths_of"]
+
+NEAR = 0.5
+"""Depth over an objective's focal length up to which its aperture is taken as that of the focal plane: at -1 the source
+would be in the lens."""
 
 MAX_WAIT_S = 86_400.0
 """A day: longer exposures and waits are slips of the pen, and their sum over all positions would overflow."""
@@ -32,6 +37,8 @@ def checked_depths(camera: Camera, depths: Sequence[float]) -> tuple[float, ...]
     for z in checked:
         # raises where the main lens has no image of the plane
         camera.step_um(z)
+        if isinstance(camera.optics, Microscope):
+            _check_near(camera.optics, z)
     steps = np.diff(np.array(checked))
     if steps.size and not (np.all(steps > 0) or np.all(steps < 0)):
         raise InputError.expected(
@@ -41,6 +48,14 @@ def checked_depths(camera: Camera, depths: Sequence[float]) -> tuple[float, ...]
             "sort them and remove repetitions",
         )
     return checked
+
+
+def _check_near(optics: Microscope, z_um: float) -> None:
+    """Raise unless the objective, which its focal length lies from the focal plane, sees depth z in the cone of it."""
+    focal = optics.medium_index * optics.tube_length_um / optics.magnification
+    if not abs(z_um) < NEAR * focal:
+        limit = f"within {NEAR * focal:.6g} µm of the focal plane ({NEAR:g} of the objective's focal length)"
+        raise InputError.expected("depth", limit, f"{z_um:g} µm", "choose a plane nearer to it")
 
 
 def checked_exposures(given: float | Sequence[float], planes: int) -> tuple[float, ...]:

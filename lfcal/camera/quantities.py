@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cache
 from typing import Any
 
 from lfcal.camera.description import Camera
+from lfcal.camera.lattice import LensletLattice
 
 __all__ = ["QUANTITIES", "Quantity", "has_value", "quantities_of", "value_at"]
 
@@ -30,6 +31,8 @@ class Quantity:
         How it is stated on the command line, where there is a way shorter than ``--set``.
     light
         Whether it concerns light and noise only, not where images lie.
+    empty, meaning
+        What is shown where there is no value, and beside one.
 
     Examples
     --------
@@ -46,21 +49,28 @@ class Quantity:
     usual: tuple[float, float] | None = None
     option: str = ""
     light: bool = False
+    empty: str = "none"
+    meaning: str = ""
 
     def text(self, value: Any) -> str:
         """Return ``value`` with its unit."""
         if value is None or value == "":
-            return "the full pitch" if self.path == "lattice.clear_um" else "none"
+            return self.empty
         if self.path == "sensor.shape":
             return f"{value[0]} x {value[1]} {self.unit}"
         parts = value if isinstance(value, tuple) else (value,)
         shown = ", ".join(part if isinstance(part, str) else f"{part / self.scale:.6g}" for part in parts)
-        return f"{shown} {self.unit}".rstrip()
+        return f"{shown} {self.unit}".rstrip() + (f", {self.meaning}" if self.meaning else "")
 
 
 LENS = "--lens FOCAL,F_NUMBER,DISTANCE"
 OBJECTIVE = "--objective MAGNIFICATION,NA,INDEX"
 SENSOR = "--sensor ROWSxCOLUMNS,PIXEL"
+
+CLEAR = "lattice.clear_um"
+UNSTATED = {"square": "squares without gaps", "hexagonal": "round, the pitch across"}
+"""What lenslets are where no clear diameter is stated, by the kind of array; a stated one is round, within its cell."""
+FULL = "; ".join(f"{kind}: {words}" for kind, words in UNSTATED.items())
 
 QUANTITIES = (
     Quantity("optics.focal_length_um", "focal length of the main lens", "mm", 1e3, (1e3, 3e6), option=LENS),
@@ -81,7 +91,7 @@ QUANTITIES = (
     Quantity("lattice.rotation_rad", "rotation of the array", "°", math.pi / 180),
     Quantity("lattice.shear_rad", "shear of the array", "°", math.pi / 180),
     Quantity("lattice.offset_um", "centre of a type-0 micro-image (x, y)", "µm"),
-    Quantity("lattice.clear_um", "clear diameter of a lenslet", "µm", usual=(4.0, 5e3)),
+    Quantity(CLEAR, "clear diameter of a lenslet, as seen on the sensor", "µm", usual=(4.0, 5e3), empty=FULL),
     Quantity("lattice.type_step", "type that follows type 0 in a row"),
     Quantity("sensor.shape", "sensor (rows x columns)", "px", option=SENSOR),
     Quantity("sensor.pixel_um", "pixel pitch", "µm", usual=(0.4, 60.0), option=SENSOR),
@@ -154,7 +164,16 @@ def quantities_of(camera: Camera) -> tuple[Quantity, ...]:
     index of the medium: 1.35
     focal length of the tube lens: 200 mm
     """
-    return tuple(quantity for quantity in QUANTITIES if has_value(camera, quantity.path))
+    found = (quantity for quantity in QUANTITIES if has_value(camera, quantity.path))
+    return tuple(_fitting(quantity, camera.lattice) if quantity.path == CLEAR else quantity for quantity in found)
+
+
+def _fitting(quantity: Quantity, lattice: LensletLattice) -> Quantity:
+    """Return the clear diameter's quantity with what it means in an array: a number alone does not tell."""
+    shape = "without gaps" if lattice.gapless else "round"
+    if not lattice.gapless and lattice.clear_diameter_um > lattice.cell_um[0]:
+        shape = "round, cut off where the next lenslet begins"
+    return replace(quantity, meaning=shape, empty=UNSTATED[lattice.kind])
 
 
 def value_at(camera: Camera, path: str) -> Any:

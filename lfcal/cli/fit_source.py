@@ -180,9 +180,7 @@ def _check_noise(matrix: PSFMatrix, source: Path, how: Reading) -> None:
         got, remedy = "none", "state it with --noise CONSTANT,SLOPE"
         if _assumes_noise(matrix):
             got = "a sensor whose read noise or full well is assumed"
-            remedy = (
-                "state them (camera new --set sensor.read_noise_e=…), or state it with --noise CONSTANT,SLOPE"
-            )
+            remedy = "state them (camera new --set sensor.read_noise_e=…), or state it with --noise CONSTANT,SLOPE"
         raise InputError.expected(f"{source}, noise", "a variance of the samples", got, remedy)
     # of samples above a black level the variance begins there, and at 0 it would be below nothing
     if (noise[:, 0] < 0).any():

@@ -11,7 +11,7 @@ import typer
 from lfcal.cli import multiplex_figures as pictures
 from lfcal.cli.console import print_json, print_table, report, run_work
 from lfcal.cli.multiplex_coding import coding
-from lfcal.cli.multiplex_frames import level_of, read_frame, write_tiff
+from lfcal.cli.multiplex_frames import check_told, level_of, read_frame, write_tiff
 from lfcal.cli.multiplex_merits import design, gain_map_command, merits
 from lfcal.cli.multiplex_recover import recover
 from lfcal.cli.multiplex_views import views
@@ -207,7 +207,7 @@ def demosaic(
     filter: str | None = typer.Option(
         None,
         help="Of the spatial route: directional, lmmse, nearest, linear, cubic, lanczos, sinc or bilateral; "
-        "by default directional, and cubic where a colour is missing.",
+        "by default directional.",
     ),
     dark: float | None = typer.Option(None, help="Level of no light; RAW files state theirs."),
     page: int = typer.Option(0, min=0, help="Page of a file of many frames."),
@@ -229,6 +229,7 @@ def demosaic(
     levels = level_of(recorded, dark)
     light = without_black_level(recorded.raw, levels)
     array = cfa(mosaic)
+    check_told(array)
     planes = demultiplex(light, array, route=route, filter=filter)
     write_tiff(out, planes)
     if json:

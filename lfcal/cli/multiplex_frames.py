@@ -12,11 +12,13 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lfcal.camera import Sensor
+    from lfcal.multiplex import Modulator
 
 __all__ = [
     "ROUTES",
     "Recorded",
     "Weighing",
+    "check_told",
     "fourier_file",
     "level_of",
     "read_frame",
@@ -95,6 +97,19 @@ def without_dark_frame(frame: NDArray[Any], dark: Path) -> NDArray[Any]:
         raise InputError.expected(f"{dark}", f"{frame.shape} px", f"{level.shape} px", "use one sensor setting")
     dimmed: NDArray[Any] = frame.astype(np.float32) - level
     return dimmed
+
+
+def check_told(modulator: Modulator) -> None:
+    """Raise where some sample is not told by the pixels at any place: it would be written as 0, or as a guess."""
+    lost = [name for name, share in zip(modulator.sample_names, modulator.lost(), strict=True) if share > 1e-9]
+    if lost:
+        names = ", ".join(lost[:4]) + (f" and {len(lost) - 4} more" if len(lost) > 4 else "")
+        raise InputError.expected(
+            f"pixels of {modulator.name}",
+            "some that tell every sample",
+            f"none for {names}",
+            "correct the pattern or matrix; `lfcal multiplex compare` says what is lost",
+        )
 
 
 def write_tiff(path: Path, planes: NDArray[Any]) -> None:

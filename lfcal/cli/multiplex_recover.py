@@ -9,7 +9,7 @@ import typer
 
 from lfcal.checks import check_choice
 from lfcal.cli.console import print_json, run_work
-from lfcal.cli.multiplex_frames import ROUTES, Weighing, fourier_file, level_of, read_frame, write_tiff
+from lfcal.cli.multiplex_frames import ROUTES, Weighing, check_told, fourier_file, level_of, read_frame, write_tiff
 from lfcal.cli.options import ForceOption, GainOption, JsonOption, WorkersOption
 from lfcal.cli.outputs import check_output
 from lfcal.errors import InputError
@@ -116,17 +116,27 @@ def _by_super_pixels(
 
     from lfcal.multiplex import demultiplex, demultiplex_weighted
 
+    check_told(modulator)
     told: dict[str, Any] = {"samples": list(modulator.sample_names)[:16]}
     if way.route != "fourier" and (weights is not None or way.filter is None):
         if way.filter not in (None, "linear"):
             raise InputError.expected("filter with weights", "linear", way.filter, "leave --filter out")
         known = np.ones(light.shape) if weights is None else weights
         found = demultiplex_weighted(light, modulator, known)
+        lost = float(np.isinf(found.deviation).any(0).mean())
+        if lost == 1:
+            wanted = "pixels that tell all samples somewhere"
+            raise InputError.expected(
+                f"frame behind {modulator.name}",
+                wanted,
+                "none",
+                "expose for less saturation, or see --dead and --camera",
+            )
         write_tiff(way.out, found.samples)
         if way.deviation is not None:
             write_tiff(way.deviation, found.deviation)
         told["pixels_left_out"] = float((known == 0).mean())
-        told["places_not_recovered"] = float(np.isinf(found.deviation).any(0).mean())
+        told["places_not_recovered"] = lost
     elif way.deviation is not None:
         raise InputError.expected("deviation", "the filter linear", way.filter or way.route, "leave --filter out")
     elif way.route != "fourier":

@@ -29,13 +29,18 @@ CFA_PATTERNS: Mapping[str, str] = {
     "Bayer": "RG/GB",
     "CYMG": "CY/MG",
     "CYYM": "CY/YM",
-    "RGBE": "RG/EB",
+    "RGBE": "RG/BE",
+    "Sony RGBE": "RG/EB",
     "RGBW": "RG/BW",
     "RGBW 4x4": "WBWG/BWGW/WGWR/GWRW",
     "CMYW": "CM/YW",
     "X-Trans": "GBGGRG/RGRBGB/GBGGRG/GRGGBG/BGBRGR/GRGGBG",
 }
-"""Patterns by rows, rows parted by a slash. ``RGBW 4x4`` is Kodak's, half of it clear."""
+"""Patterns by rows, rows parted by a slash. ``RGBW 4x4`` is Kodak's, half of it clear.
+
+A name that reads as letters is laid out as they read, ``RGBE`` too; Sony's has emerald in the place of a Bayer
+pattern's second green.
+"""
 
 MAX_SIDE = 16
 
@@ -87,8 +92,8 @@ def cfa(pattern: str, *, filters: Mapping[str, Sequence[float]] | None = None) -
     Parameters
     ----------
     pattern
-        ``"Bayer"``, ``"CYMG"``, ``"CYYM"``, ``"RGBE"``, ``"RGBW"``, ``"RGBW 4x4"``, ``"CMYW"``, ``"X-Trans"``, or
-        letters of `FILTERS` by rows: ``"GRBG"``, ``"RGB/GBR"``.
+        ``"Bayer"``, ``"CYMG"``, ``"CYYM"``, ``"RGBE"``, ``"Sony RGBE"``, ``"RGBW"``, ``"RGBW 4x4"``, ``"CMYW"``,
+        ``"X-Trans"``, or letters of `FILTERS` by rows: ``"GRBG"``, ``"RGB/GBR"``.
     filters
         Other or further filters by letter: transmissions (red, green, blue) in 0 … 1.
 

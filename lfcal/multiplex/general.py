@@ -247,6 +247,8 @@ def _transmissions(given: ArrayLike | Modulator, shape: tuple[int, int] | None) 
     if isinstance(given, Modulator):
         if shape is None:
             raise InputError.expected("frame of the modulator", "its shape (rows, columns)", "none", "give it")
+        if not given.matrix.any():
+            raise InputError.expected(f"transmissions of {given.name}", "some light", "0 everywhere", "correct them")
         rows, columns = (np.arange(n) % s for n, s in zip(shape, given.side, strict=True))
         return np.ascontiguousarray(given.matrix[rows[:, None] * given.side[1] + columns].transpose(2, 0, 1))
     if np.asarray(given).dtype.kind not in "uifb":

@@ -88,7 +88,7 @@ def _described(camera: Camera) -> dict[str, Any]:
         "wavelength_um": camera.wavelength_um,
         "pixel_um": sensor.pixel_um,
         "f_number": optics.working_f_number,
-        "aperture": "cell" if lattice.edge_to_edge else "circle",
+        "aperture": "cell" if lattice.gapless else "circle",
         # a square share of light-sensitive area: the side is its root
         "pixel_fill": math.sqrt(sensor.fill_factor),
     }

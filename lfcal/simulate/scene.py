@@ -27,6 +27,9 @@ from lfcal.errors import InputError
 from lfcal.simulate.pupil import Iris, Wavefront, check_wavefront, seidel
 from lfcal.simulate.specimen import Specimen, cone_radius_um
 
+TOUCHING = 1.001
+"""Clear diameter over the cell's width up to which a lenslet is a disc: 1e-4 of its light lies outside."""
+
 __all__ = ["Defects", "ImageMap", "Iris", "Scene", "Wavefront", "seidel"]
 
 Defects = tuple[tuple[int, int, float], ...]
@@ -56,7 +59,8 @@ class Scene:
     iris
         Shape of the pupil.
     aperture
-        Lenslet aperture: ``"circle"`` (clear diameter, opaque gaps) or ``"cell"`` (fills the lattice).
+        Lenslet aperture: ``"circle"`` (clear diameter within the lenslet's cell, opaque gaps) or ``"cell"`` (fills the
+        lattice).
     pupil_um
         Distance b of the exit pupil before the array; inf is telecentric.
     wavefront
@@ -68,7 +72,8 @@ class Scene:
         The main lens's defocus as a(1 - cos theta) instead of a theta^2 / 2.
     exact_rays
         Rays between lenslet and sensor by tan theta instead of sin theta. The wave level follows them ray by ray,
-        away from the native plane; with `exact_defocus`, chief rays are straight again: the two belong together.
+        away from the native plane; with `exact_defocus`, chief rays are straight again: the two belong together. A
+        microscope's field is exact up to the array as it is; of its levels the grid and the reference follow them.
     pixel_fill
         Light-sensitive share of a pixel's side, in (0, 1].
     objective, z_um
@@ -136,7 +141,13 @@ class Scene:
 
     def __post_init__(self) -> None:
         """Check every value."""
-        check_number("wavelength (µm)", self.wavelength_um, above=0.05, below=20, remedy="give it in µm")
+        check_number(
+            "wavelength (µm)",
+            self.wavelength_um,
+            above=0.05,
+            below=20,
+            remedy="give it in µm, or to --wavelength in nm",
+        )
         check_number("pixel pitch (µm)", self.pixel_um, above=0)
         check_number("height of a pixel over its width", self.pixel_aspect, at_least=0.25, at_most=4)
         check_number("image distance behind the array (µm)", self.image_um)
@@ -219,6 +230,17 @@ class Scene:
         return self.lattice.clear_diameter_um / 2
 
     @property
+    def gapless(self) -> bool:
+        """Whether the lenslets fill their cells."""
+        # without a clear diameter "circle" are discs of the pitch, of a square lattice too
+        return self.aperture == "cell" or (self.lattice.clear_um is not None and self.lattice.gapless)
+
+    @property
+    def round_lenslets(self) -> bool:
+        """Whether a lenslet's aperture is a disc: one that does not reach beyond its cell."""
+        return not self.gapless and self.lattice.clear_diameter_um <= TOUCHING * self.lattice.cell_um[0]
+
+    @property
     def fresnel_number(self) -> float:
         """Fresnel number |a'| / (4 Nw^2 lambda) of the iris's shadow."""
         return abs(self.reduced_image_um) / (4 * self.f_number**2 * self.wavelength_um)
@@ -238,9 +260,9 @@ class Scene:
     @property
     def fill_factor(self) -> float:
         """Transmitted share of an evenly lit array."""
-        if self.aperture == "cell":
+        if self.gapless:
             return 1.0
-        return math.pi * self.clear_radius_um**2 / (self.lattice.pitch_um * self.lattice.row_step_um)
+        return replace(self.lattice, clear_um=self.lattice.clear_diameter_um).fill_factor
 
     def quartic(self, kind: int) -> float:
         """Return the phase of a type's spherical aberration per fourth power of the distance (rad/µm^4)."""

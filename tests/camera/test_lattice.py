@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from lfcal.camera import LensletLattice, LensType
+from lfcal.camera.distortion import LatticeDistortion
 from lfcal.errors import InputError
 
 THREE = (LensType(1000.0), LensType(1100.0), LensType(1200.0))
@@ -100,3 +101,47 @@ def test_focus_depth_inverts_focused_at(v: float) -> None:
 def test_no_lenslet_focuses_between_itself_and_the_sensor(v: float) -> None:
     with pytest.raises(InputError, match="virtual depth in focus"):
         LensType.focused_at(v, 870.0)
+
+
+def nearest_lenslet_um(lattice: LensletLattice, places: np.ndarray) -> np.ndarray:
+    """Return the distance of places (x, y) to the lenslet nearest to each (µm)."""
+    q, r = (v.ravel() for v in np.meshgrid(np.arange(-4, 5), np.arange(-4, 5)))
+    centres = lattice.centres_um(q, r)
+    return np.hypot(*(places[:, None] - centres[None]).transpose(2, 0, 1)).min(1)
+
+
+@pytest.mark.parametrize("clear", [None, 25.0, 30.0, 33.0, 36.0, 45.0])
+@pytest.mark.parametrize("row", [None, 27.0, 15.0, 12.0])
+@pytest.mark.parametrize("kind", ["square", "hexagonal"])
+def test_lenslets_cover_what_lies_nearer_than_their_radius(kind: str, row: float | None, clear: float | None) -> None:
+    lattice = LensletLattice(kind, 30.0, 150.0, THREE[:1], clear_um=clear, row_pitch_um=row)
+    dy, dx = lattice.period_um
+    places = np.random.default_rng(1).random((20000, 2)) * (dx, dy)
+    distance = nearest_lenslet_um(lattice, places)
+    across = math.inf if clear is None and kind == "square" else clear or 30.0
+    assert lattice.fill_factor == pytest.approx((distance < across / 2).mean(), abs=0.01)
+    assert lattice.gapless == (lattice.fill_factor == 1.0)
+    assert lattice.cell_um[1] == pytest.approx(2 * distance.max(), rel=0.02)
+
+
+@pytest.mark.parametrize(("kind", "diagonal"), [("square", 183.8), ("hexagonal", 150.1)])
+def test_a_clear_diameter_from_corner_to_corner_leaves_no_gaps(kind: str, diagonal: float) -> None:
+    lattice = LensletLattice(kind, 130.0, 2600.0, THREE[:1], clear_um=diagonal)
+    assert lattice.gapless and lattice.fill_factor == 1.0
+    assert lattice.edge_to_edge == (kind == "square")
+    # squares that touch have one width, however they are stated
+    assert lattice.clear_diameter_um == pytest.approx(130.0 if kind == "square" else diagonal)
+    assert not LensletLattice(kind, 130.0, 2600.0, THREE[:1], clear_um=130.0).gapless
+
+
+def test_unstated_lenslets_are_whole_squares_or_discs_of_the_pitch() -> None:
+    square, hexagonal = (LensletLattice(kind, 130.0, 2600.0, THREE[:1]) for kind in ("square", "hexagonal"))
+    assert square.fill_factor == 1.0
+    assert hexagonal.fill_factor == pytest.approx(math.pi / (2 * math.sqrt(3)))
+
+
+def test_lenslets_without_gaps_stay_so_where_the_array_is_distorted() -> None:
+    wider = LatticeDistortion("radial", (0.0, 0.0), 1000.0, ((60.0,),))
+    lattice = LensletLattice("hexagonal", 30.0, 150.0, THREE[:1], clear_um=34.7, distortion=wider)
+    there = lattice.local((800.0, 0.0))
+    assert there.pitch_um > 1.05 * lattice.pitch_um and there.gapless

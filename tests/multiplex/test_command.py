@@ -69,6 +69,14 @@ def test_demosaic_writes_what_the_library_gives(lfcal, tmp_path: Path) -> None: 
     assert bad.code == 2 and "pattern" in bad.err and not (tmp_path / "no.tif").exists()
 
 
+@pytest.mark.parametrize(("pattern", "lost"), [("GG/GG", "R, B"), ("R", "G, B"), ("CY/CY", "R, G, B")])
+def test_demosaic_refuses_a_pattern_that_misses_a_colour(lfcal, tmp_path: Path, pattern: str, lost: str) -> None:  # noqa: F811
+    cv2.imwrite(str(tmp_path / "frame.png"), np.full((12, 14), 300, np.uint16))
+    out = tmp_path / "rgb.tif"
+    refused = lfcal("multiplex", "demosaic", tmp_path / "frame.png", "-o", out, "--pattern", pattern)
+    assert refused.code == 2 and f"none for {lost};" in refused.err and not out.exists(), refused.err
+
+
 def test_views_of_a_measured_lattice(lfcal, tmp_path: Path) -> None:  # noqa: F811
     folder = shared("lfm_guv/Lightfield_GUVExperim1.tif").parent
     out = tmp_path / "views.tif"

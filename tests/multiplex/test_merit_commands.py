@@ -177,3 +177,36 @@ def test_recover_by_iterations(lfcal, tmp_path: Path) -> None:  # noqa: F811
     wanted = demultiplex_generally(frame, shares, 3.0, smoothness=1e-3, most=50)
     np.testing.assert_allclose(tifffile.imread(tmp_path / "found.tif"), wanted.samples, rtol=1e-4)
     assert done.json["iterations"] == wanted.iterations and math.isfinite(done.json["residual"])
+
+
+@pytest.mark.parametrize(
+    "more", [(), ("--filter", "cubic"), ("--route", "fourier")], ids=["weighed", "cubic", "fourier"]
+)
+@pytest.mark.parametrize("matrix", [np.zeros((4, 2)), np.eye(4, 6)], ids=["dark", "more samples than pixels"])
+def test_samples_that_no_pixel_tells_are_refused(lfcal, tmp_path: Path, matrix, more: tuple[str, ...]) -> None:  # noqa: F811
+    cv2.imwrite(str(tmp_path / "frame.png"), np.full((8, 8), 500, np.uint16))
+    np.save(tmp_path / "own.npy", matrix)
+    out = tmp_path / "found.tif"
+    words = ("multiplex", "recover", tmp_path / "frame.png", "--modulator", tmp_path / "own.npy", "--out", out)
+    refused = lfcal(*words, *more)
+    assert refused.code == 2 and "some that tell every sample" in refused.err and not out.exists(), refused.err
+
+
+def test_iterations_refuse_a_dark_modulator(lfcal, tmp_path: Path) -> None:  # noqa: F811
+    cv2.imwrite(str(tmp_path / "frame.png"), np.full((8, 8), 500, np.uint16))
+    np.save(tmp_path / "own.npy", np.zeros((4, 2)))
+    out = tmp_path / "found.tif"
+    words = ("multiplex", "recover", tmp_path / "frame.png", "--modulator", tmp_path / "own.npy", "--out", out)
+    refused = lfcal(*words, "--spacing", 2)
+    assert refused.code == 2 and "expected some light" in refused.err and not out.exists(), refused.err
+
+
+def test_a_frame_that_tells_no_place_is_refused(lfcal, tmp_path: Path) -> None:  # noqa: F811
+    cv2.imwrite(str(tmp_path / "frame.png"), np.full((8, 8), 500, np.uint16))
+    dead = np.zeros((8, 8), np.uint8)
+    dead[::2, ::2] = 1  # every red pixel
+    cv2.imwrite(str(tmp_path / "dead.png"), dead)
+    out = tmp_path / "found.tif"
+    words = ("multiplex", "recover", tmp_path / "frame.png", "--modulator", "Bayer", "--out", out)
+    refused = lfcal(*words, "--dead", tmp_path / "dead.png")
+    assert refused.code == 2 and "frame behind Bayer" in refused.err and not out.exists(), refused.err

@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 
 from lfcal.errors import InputError
-from lfcal.multiplex import cfa, mask, mask_at_distance, mask_pattern, modulator_from_matrix, shadow_shift_px
+from lfcal.multiplex import (
+    CFA_PATTERNS,
+    cfa,
+    mask,
+    mask_at_distance,
+    mask_pattern,
+    modulator_from_matrix,
+    shadow_shift_px,
+)
 from lfcal.multiplex.masks import dirichlet_minimum
 from lfcal.multiplex.summary import describe
 
@@ -30,7 +38,8 @@ FILTERS = {
         ("Bayer", "RGGB"),
         ("CYMG", "CYMG"),
         ("cyym", "CYYM"),
-        ("RGBE", "RGEB"),
+        ("Sony RGBE", "RGEB"),
+        ("RGBE", "RGBE"),
         ("RGBW 2x2", "RGBW"),
         ("CMYW", "CMYW"),
         ("RGBW 4x4", "WBWGBWGWWGWRGWRW"),
@@ -45,6 +54,11 @@ def test_each_pixel_of_a_cfa_sees_its_filter(name: str, rows: str) -> None:
     np.testing.assert_allclose(m.matrix, m.spatial @ m.plenoptic.T)
     assert set(np.unique(m.spatial)) == {0, 1}
     assert m.natural_samples == m.side
+
+
+@pytest.mark.parametrize("name", [name for name in CFA_PATTERNS if set(name) <= set(FILTERS)])
+def test_a_name_that_reads_as_letters_is_laid_out_as_they_read(name: str) -> None:
+    assert name == CFA_PATTERNS[name].replace("/", "")
 
 
 def test_the_4x4_and_6x6_patterns_have_their_makers_shares() -> None:

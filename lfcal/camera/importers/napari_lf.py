@@ -55,8 +55,8 @@ def _notes(entries: Mapping[str, Any], what: str) -> tuple[str, ...]:
     if fill is None or fill == 1:
         return ()
     return (
-        f"lenslets fill {fill:g} of their area or width, the file does not say which: the full pitch is assumed; state "
-        "it with --set lattice.clear_um=…",
+        f"lenslets fill {fill:g} of their area or width, the file does not say which: as wide as the pitch "
+        "are assumed; state it with --set lattice.clear_um=…",
     )
 
 

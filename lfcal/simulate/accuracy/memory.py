@@ -137,7 +137,7 @@ def _seen(scene: Scene) -> float:
 
     None where the shadows of all positions probed are so small that they fall between lenslets.
     """
-    if scene.aperture == "circle" and all(_between_lenslets(scene, y, x) for y, x in product(*places(scene))):
+    if not scene.gapless and all(_between_lenslets(scene, y, x) for y, x in product(*places(scene))):
         return 0.0
     return math.prod(scene.cutout) / max(math.pi * grid_extent(scene).shadow ** 2, 1.0)
 
@@ -176,15 +176,20 @@ def _field_samples(scene: Scene, dx: float, half: float, mode: str) -> float:
     return float(min(1.03 * (2 * reach / dx + 24), 8192.0) ** 2)
 
 
-def _cell_bytes(scene: Scene, dx: float, reach: float) -> tuple[float, float]:
-    """Return the bytes of the table of a lenslet's cell while it is made and afterwards; none of a disc."""
-    from lfcal.simulate.engines.masks import MOST_HELD, MOST_TABLE, fineness  # compiled code: loaded when it is needed
+def _cell_bytes(scene: Scene, dx: float, reach: float, bent: bool = False) -> tuple[float, float]:
+    """Return the bytes of the table of a lenslet's cell while it is made and afterwards; none of a disc.
 
-    if scene.aperture == "circle":
+    Bent ones, of a grid, are complex.
+    """
+    # compiled code: loaded when it is needed
+    from lfcal.simulate.engines.masks import MOST_HELD, MOST_TABLE, bent_fineness, fineness
+
+    if scene.round_lenslets:
         return 0.0, 0.0
-    side = min(2 * reach / dx * fineness(reach / dx) + 3, MOST_TABLE)
+    fine = bent_fineness(reach / dx) if bent else fineness(reach / dx)
+    side = min(2 * reach / dx * fine + 3, MOST_TABLE)
     kept = CELL_KEPT + (CELL_HELD if side <= MOST_HELD else 0)
-    return CELL_MADE * side**2, kept * side**2
+    return (1 + bent) * CELL_MADE * side**2, (1 + bent) * kept * side**2
 
 
 def _mode(scene: Scene) -> str:
@@ -226,7 +231,7 @@ def _grid_bytes(scene: Scene, sampling: Sampling, workers: int) -> int:
     dx = scene.reduced_pixel_um / per
     array = 8 * math.prod(side + per * n for n in scene.period)
     field = _field_samples(scene, dx, side * dx / 2 + scene.farthest_um / scene.scale, _mode(scene))
-    made, kept = _cell_bytes(scene, dx, scene.lattice.pitch_um)
+    made, kept = _cell_bytes(scene, dx, scene.lattice.pitch_um, bent=True)
     kinds, orders = len(scene.lattice.types), tilt_orders(scene, side * dx / 2)
     # each order of a tilted array is a spectrum and a field, and its sums have their own
     tilted = 8 * side**2 * (2 * orders + 4 + 2 * workers) if orders > 1 else 0
@@ -247,7 +252,7 @@ def _reference_bytes(scene: Scene, sampling: Sampling) -> int:
 
 
 def _debye_bytes(scene: Scene, sampling: Sampling) -> int:
-    from lfcal.simulate.engines.microscope import KEPT_BYTES, MARGIN_PER_NODE, is_separable, reach_um
+    from lfcal.simulate.engines.microscope import KEPT_BYTES, MARGIN_PER_NODE, highest_order, is_separable, reach_um
 
     if not is_separable(scene):
         margin = max(sampling.margin_px, MARGIN_PER_NODE * sampling.nodes_per_px)
@@ -261,6 +266,8 @@ def _debye_bytes(scene: Scene, sampling: Sampling) -> int:
     matrices = 24 * nodes * samples * phases
     lefts = 24 * nodes * samples * phases * fields
     quarters = (12 * fields + 64) * samples**2
-    orders = 2 * scene.lattice.pitch_um**2 / (scene.wavelength_um * scene.lattice.types[0].focal_length_um) + 40
+    orders = 2 * highest_order(
+        scene.lattice.pitch_um**2 / (scene.wavelength_um * scene.lattice.types[0].focal_length_um)
+    )
     pulses = 40 * orders * (nodes + 4 * samples) * 16
     return int(min(matrices, KEPT_BYTES) + min(lefts, KEPT_BYTES) + quarters + pulses + 24 * nodes * samples)

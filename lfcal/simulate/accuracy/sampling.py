@@ -65,6 +65,10 @@ GRID: tuple[tuple[float, int, float, float], ...] = (
 """Steps on one grid: samples over the fewest that hold the light's angles, the fewest that hold the lenslets' edges,
 the share of light that its margins leave out, and the error expected of all."""
 
+KINK = 1.4
+"""Samples on one grid where light meets at the kink between lenslets, over those of other light: with 1.2 times what
+holds its angles a response on a corner errs by 5 %, with 1.6 by 0.6 % (4x/0.28, lenslets of f/7)."""
+
 OUTSIDE = 0.15
 """Share of light farther outside the shadow than r, times r / (lambda Nw)."""
 
@@ -195,10 +199,22 @@ def _grid_steps(described: Scene | Outlook, fringes: Fringes) -> tuple[Step, ...
 def _every_grid_step(described: Scene | Outlook, fringes: Fringes) -> tuple[Step, ...]:
     """Return the steps of level ``"grid"``, whatever their size."""
     steps = []
+    finest = _meeting(described) * fringes.angle
     for share, fewest, left_out, error in GRID:
-        per, margin = max(fewest, math.ceil(share * fringes.angle)), grid_margin(described, left_out)
+        per, margin = max(fewest, math.ceil(share * finest)), grid_margin(described, left_out)
         steps.append(Step("grid", Sampling(samples_per_px=per, margin_px=margin), error))
     return tuple(steps)
+
+
+def _meeting(described: Scene | Outlook) -> float:
+    """Return by how much samples are more where all light may meet at the edge between lenslets that touch."""
+    if isinstance(described, Outlook):
+        lattice, touching = described.camera.lattice, described.camera.lattice.gapless
+        shadow = described.shadow_px * described.pixel_um
+    else:
+        lattice, touching = described.lattice, not described.round_lenslets
+        shadow = described.shadow_radius_um
+    return KINK if touching and shadow < lattice.pitch_um / 2 else 1.0
 
 
 def grid_margin(described: Scene | Outlook, left_out: float) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
@@ -84,9 +83,7 @@ class MissingLenslets(SceneEffect):
             from_lens = np.hypot(*np.meshgrid(places[0] - row - y, places[1] - column - x))
             seen = [overlap(float(d) / shadow, lens / shadow) for d in from_lens.ravel()]
             lost += (1.0 - passed) * sum(seen) / len(seen)
-        cell = lattice.pitch_um * lattice.row_step_um
-        whole = 1.0 if lattice.edge_to_edge else min(1.0, math.pi * (0.5 * outlook.clear_um) ** 2 / cell)
-        share = min(1.0, lost / whole)
+        share = min(1.0, lost / lattice.fill_factor)
         missing = sum(1.0 - t for _, _, t in self.lenslets)
         return Estimate(missing, "lenslets", min(2.0, share / max(1e-9, 1.0 - share)), "light lost over light left")
 

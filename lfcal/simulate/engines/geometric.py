@@ -40,7 +40,7 @@ class GeometricPlane:
         self._pilot = Pilot()
         # both outlines in a common frame: the lenslet about its centre in µm, the pupil in radii of f/(2 Nw)
         lens: Points = aperture_outline(scene)
-        if scene.aperture == "circle":
+        if scene.round_lenslets:
             lens = regular(CIRCLE, math.pi / CIRCLE) * scene.clear_radius_um
         pupil = iris_outline(scene.iris)
         gap, a, cone = scene.reduced_gap_um, scene.reduced_image_um, 1 / (2 * scene.f_number)

@@ -26,10 +26,11 @@ from lfcal.simulate.engines._kernels import Aperture, Split, mask_from_disc, mas
 from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot, Sampling
 from lfcal.simulate.engines.extent import MOST_SAMPLES, MOST_TABLE, SWITCH, Extent
 from lfcal.simulate.engines.field import choose_mode, field_table
-from lfcal.simulate.engines.masks import RING
+from lfcal.simulate.engines.masks import RING, Bend, bent_polygon_table
 from lfcal.simulate.engines.nodes import MANY_ANGLES, conserving_rule, fitted_rule
 from lfcal.simulate.engines.propagator import sensor_propagator
 from lfcal.simulate.engines.tables import (
+    aperture_outline,
     aperture_radius,
     aperture_tables,
     lenslet_aberration,
@@ -131,14 +132,21 @@ class GridPlane:
         self._pilot = Pilot()
 
     # -- set-up ------------------------------------------------------------------------------------------
-    def _lenslets(self) -> tuple[Aperture, ...]:
-        """Return aperture and phase of each lens type on the grid's samples."""
+    def _lenslets(self) -> tuple[tuple[Aperture, ...], ...]:
+        """Return aperture and phase of each lens type on the grid's samples; of a polygon real and imaginary part."""
         scene, dx = self.scene, self._dx
         reach = (self._half_lenslet + 1) * dx * math.sqrt(2)
         bends = (-math.pi / (scene.wavelength_um * kind.focal_length_um) for kind in scene.lattice.types)
-        return tuple(
-            aperture_tables(scene, dx, reach, bend, 1.0, self._real.type, kind=kind) for kind, bend in enumerate(bends)
-        )
+        if scene.round_lenslets:
+            discs = (aperture_tables(scene, dx, reach, b, 1.0, self._real.type, kind=k) for k, b in enumerate(bends))
+            return tuple((disc,) for disc in discs)
+        outline, none, found = aperture_outline(scene), np.zeros(2, self._real), []
+        for kind, bend in enumerate(bends):
+            # a square, not the disc about it
+            tables, step = bent_polygon_table(outline, dx, reach / math.sqrt(2), Bend(bend, scene.quartic(kind)))
+            parts = (np.ascontiguousarray(part, self._real) for part in tables)
+            found.append(tuple(Aperture(none, none, 1.0, part, step, 0.0, 0.0) for part in parts))
+        return tuple(found)
 
     @property
     def _half_lenslet(self) -> int:
@@ -158,12 +166,15 @@ class GridPlane:
         height, width = (rows - 1) / 2 * dx, (columns - 1) / 2 * dx
         centres, kinds = scene.lattice.lenslets_within(width + reach, height + reach, (left + width, top + height))
         gains = np.sqrt(scene.passed(centres))
-        parts = np.empty((2, 2 * half + 1, 2 * half + 1), self._real)
+        parts, none = np.empty((2, 2, 2 * half + 1, 2 * half + 1), self._real)
         for (x, y), kind, gain in zip(centres, kinds, gains, strict=True):
-            own = self._apertures[kind]
             i, j = round((y - top) / dx), round((x - left) / dx)
-            fill = mask_from_table if own.cell.size else mask_from_disc
-            fill(own, dx, left + j * dx - x, top + i * dx - y, Split(parts[0], parts[1]))
+            place = dx, left + j * dx - x, top + i * dx - y
+            if scene.round_lenslets:
+                mask_from_disc(self._apertures[kind][0], *place, Split(parts[0], parts[1]))
+            else:
+                for own, part in zip(self._apertures[kind], parts, strict=True):
+                    mask_from_table(own, *place, Split(part, none[0]))
             _lay(gain * (parts[0] + 1j * parts[1]), i - half, j - half, array)
         return array
 

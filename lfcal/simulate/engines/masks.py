@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 import scipy.fft as sf
@@ -22,6 +23,10 @@ from lfcal.simulate.engines.quadrature import gauss_legendre
 __all__ = [
     "FLAT",
     "RING",
+    "Bend",
+    "bent_fineness",
+    "bent_polygon",
+    "bent_polygon_table",
     "cell_outline",
     "disc_table",
     "disc_values",
@@ -33,6 +38,9 @@ __all__ = [
 
 FLAT = 0.30
 """Exact part W of the band, in units of 1/dx."""
+BENT_FLAT, BENT_FINE = 0.4, 6
+"""The same of apertures low-passed with their phase, and the fewest fine samples to one on which these are bent where
+there is room: their masks are exact up to 0.15 of the rate of those."""
 RING = 3
 """Samples kept beyond the aperture's edge for the ripple of the low-passed edge."""
 FINE, FINE_UP_TO = 16, 40
@@ -41,6 +49,19 @@ MOST_TABLE = 6000
 """Largest side of a polygon's table: 0.6 GB while it is made."""
 MOST_HELD = 2400
 """Largest side of one that is held for other scenes: 46 MB."""
+
+
+class Bend(NamedTuple):
+    """The phase of a lenslet, square r^2 + quartic r^4."""
+
+    square: float
+    quartic: float = 0.0
+
+    def turned(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.complex128]:
+        """Return exp(i phase) on the grid y x x about the lenslet's centre."""
+        r2 = y[:, None] ** 2 + x[None, :] ** 2
+        turn: NDArray[np.complex128] = np.exp(1j * r2 * (self.square + self.quartic * r2))
+        return turn
 
 
 def taper(f: NDArray[np.float64], flat: float, stop: float) -> NDArray[np.float64]:
@@ -80,10 +101,16 @@ def disc_table(
 def cell_outline(pitch: float, row_step: float, hexagonal: bool, rotation_rad: float) -> Points:
     """Return the lattice's cell about a lenslet: a rectangle, or the hexagon of points nearest to it."""
     if hexagonal:
-        # bisectors with the neighbours (pitch, 0) and (pitch/2, row_step) meet here
-        x, top = pitch / 2, (row_step**2 + pitch**2 / 4) / (2 * row_step)
-        y = (row_step**2 + pitch**2 / 4 - pitch * x) / (2 * row_step)
+        # of rows closer than half a pitch the lenslet two rows on is a neighbour, not that beside
+        near, far = sorted((pitch, 2 * row_step))
+        # bisectors with the neighbours (near, 0) and (near/2, far/2) meet here
+        x, top = near / 2, (far**2 + near**2) / (4 * far)
+        y = (far**2 - near**2) / (4 * far)
         corners = np.array([(x, -y), (x, y), (0.0, top), (-x, y), (-x, -y), (0.0, -top)])
+        if y < 1e-9 * near:  # a square on its corner
+            corners = np.array([(x, 0.0), (0.0, top), (-x, 0.0), (0.0, -top)])
+        if near < pitch:
+            corners = corners[::-1, ::-1]
     else:
         corners = np.array([(1.0, -1.0), (1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0)]) * [pitch / 2, row_step / 2]
     c, s = math.cos(rotation_rad), math.sin(rotation_rad)
@@ -123,7 +150,66 @@ def polygon_table(
         Where the table would need more than `MOST_TABLE` samples a side.
     """
     chosen = fineness(reach / dx) if fine is None else fine
-    step = dx / chosen
+    n = _table_side(dx / chosen, reach)
+    corners = tuple(map(tuple, outline.tolist()))
+    make = _held_table if n <= MOST_HELD else _table
+    return make(corners, dx, n, chosen), dx / chosen
+
+
+def bent_polygon(
+    outline: Points, dx: float, centre: tuple[float, float], n: int, bend: Bend, fine: int = BENT_FINE, every: int = 1
+) -> NDArray[np.complex128]:
+    """Return a polygon times exp(i phase), low-passed as a whole, on ``n`` x ``n`` samples ``every dx / fine`` apart.
+
+    Where lenslets touch, such pieces add up to the low-passed array. Masks that are low-passed first do not: beyond the
+    edge each goes on with its own lenslet's phase, and light focused there came out up to 36 % too much.
+    ``centre`` is the polygon's origin, (x, y), from the sample (n // 2, n // 2).
+    """
+    step = dx / fine
+    size = int(sf.next_fast_len(n * every + math.ceil(4 * RING * fine)))
+    away = [(n // 2 * every - size // 2) * step + c for c in centre]
+    axis = np.arange(size, dtype=np.float64) - size // 2
+    piece = bend.turned(axis * step - away[0], axis * step - away[1])
+    piece *= polygon_mask(outline, 2 * step, (away[0], away[1]), size, fine=2)
+    f = sf.fftfreq(size, step)
+    within = sf.fft2(piece, overwrite_x=True)
+    within *= taper(np.hypot(f[None, :], f[:, None]), BENT_FLAT / dx, (1 - BENT_FLAT) / dx)
+    piece = sf.ifft2(within, overwrite_x=True)[: n * every : every, : n * every : every]
+    return np.ascontiguousarray(piece)
+
+
+def bent_polygon_table(
+    outline: Points, dx: float, reach: float, bend: Bend
+) -> tuple[tuple[NDArray[np.float64], NDArray[np.float64]], float]:
+    """Return real and imaginary part of `bent_polygon` as tables like that of `polygon_table`, and their step."""
+    fine = bent_fineness(reach / dx)
+    n = _table_side(dx / fine, reach)
+    corners = tuple(map(tuple, outline.tolist()))
+    make = _held_bent_table if n <= MOST_HELD else _bent_table
+    return make(corners, dx, n, fine, bend), dx / fine
+
+
+def bent_fineness(samples: float) -> int:
+    """Return the same as `fineness` for an aperture that is bent before it is low-passed."""
+    return max(fineness(samples), min(BENT_FINE, int((MOST_TABLE - 4) / (2 * max(samples, 1.0)))))
+
+
+def _bent_table(
+    corners: tuple[tuple[float, ...], ...], dx: float, n: int, fine: int, bend: Bend
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    made = bent_polygon(np.array(corners), dx, (0.0, 0.0), n, bend, fine)
+    parts = np.ascontiguousarray(made.real), np.ascontiguousarray(made.imag)
+    for part in parts:
+        part.setflags(write=False)
+    return parts
+
+
+_held_bent_table = lru_cache(maxsize=2)(_bent_table)
+"""Tables that planes share: see `_held_table`."""
+
+
+def _table_side(step: float, reach: float) -> int:
+    """Return the samples a side of a table ``step`` apart; refuse one too large."""
     n = 2 * math.ceil(reach / step) + 3
     if n > MOST_TABLE:
         raise InputError.expected(
@@ -132,9 +218,7 @@ def polygon_table(
             n,
             "use fewer samples or nodes per pixel, or level 'geometric'",
         )
-    corners = tuple(map(tuple, outline.tolist()))
-    make = _held_table if n <= MOST_HELD else _table
-    return make(corners, dx, n, chosen), step
+    return n
 
 
 def _table(corners: tuple[tuple[float, ...], ...], dx: float, n: int, fine: int) -> NDArray[np.float64]:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.errors import InputError
 from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot, Sampling
 from lfcal.simulate.engines.field import choose_mode, field_table
-from lfcal.simulate.engines.masks import RING, disc_table, polygon_mask
+from lfcal.simulate.engines.masks import RING, Bend, bent_polygon, disc_table
 from lfcal.simulate.engines.propagator import sensor_propagator
 from lfcal.simulate.engines.tables import (
     aperture_outline,
@@ -28,6 +28,8 @@ from lfcal.simulate.scene import Scene
 
 __all__ = ["ReferencePlane", "pixel_bins"]
 
+BENT_FINE = 4
+"""Fine samples to one of the grid on which a lenslet's cell is bent: six change a response by 2e-5."""
 MOST_SAMPLES = 6000
 """Largest side of the grid: 0.6 GB in double precision."""
 Complex = NDArray[np.complex128]
@@ -170,26 +172,24 @@ class ReferencePlane:
                 continue
             rows, columns = slice(i, i + size), slice(j, j + size)
             x, y = axis[columns] - cx, axis[rows] - cy
-            bend = -np.pi / (scene.wavelength_um * scene.lattice.types[kind].focal_length_um)
-            lens = np.exp(1j * bend * y * y)[:, None] * np.exp(1j * bend * x * x)[None, :]
-            if scene.quartic(kind):
-                r2 = y[:, None] ** 2 + x[None, :] ** 2
-                lens = lens * np.exp(1j * scene.quartic(kind) * r2 * r2)
-            behind[rows, columns] += gain * self._mask(x, y) * lens * lit[rows, columns]
+            square = -np.pi / (scene.wavelength_um * scene.lattice.types[kind].focal_length_um)
+            lens = self._lens(x, y, Bend(square, scene.quartic(kind)))
+            behind[rows, columns] += gain * lens * lit[rows, columns]
         return behind if tilted is None else sf.ifft2(tilted.left(behind, heights), overwrite_x=True)
 
-    def _mask(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _lens(self, x: NDArray[np.float64], y: NDArray[np.float64], bend: Bend) -> Complex:
+        """Return what a lenslet lets through at places (x, y) from its centre: its aperture and its phase."""
         scene, dx = self.scene, self._dx
-        if scene.aperture == "cell":
+        if not scene.round_lenslets:
             n = x.size
             centre = (-float(x[n // 2]), -float(y[n // 2]))
-            return polygon_mask(aperture_outline(scene), dx, centre, n)
+            return bent_polygon(aperture_outline(scene), dx, centre, n, bend, BENT_FINE, BENT_FINE)
         r2 = x[None, :] ** 2 + y[:, None] ** 2
         if self._disc is None:
             self._disc = disc_table(scene.clear_radius_um, dx, math.sqrt(float(r2.max())) + 3 * dx, fine=512)
         table, step = self._disc
-        mask: NDArray[np.float64] = np.interp(r2, step * np.arange(table.size), table)
-        return mask
+        lens: Complex = np.interp(r2, step * np.arange(table.size), table) * bend.turned(x, y)
+        return lens
 
     def _respond(self, source: tuple[float, float], pixel: tuple[int, int], workers: int | None) -> NDArray[np.float32]:
         scene, dx = self.scene, self._dx

@@ -15,7 +15,7 @@ from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.field import field_table
 from lfcal.simulate.engines.masks import RING, cell_outline, disc_table, polygon_table
 from lfcal.simulate.engines.nodes import NodeRule, fitted_rule
-from lfcal.simulate.engines.polygon import area, disc_transform
+from lfcal.simulate.engines.polygon import area, clip, disc_transform, regular
 from lfcal.simulate.scene import Scene
 
 __all__ = [
@@ -39,6 +39,9 @@ __all__ = [
 TAIL, NEAREST, FARTHEST = 8, 20, 64
 """How far tails beyond windows are followed: over the window's margin, at least and at most (pixels). About a tenth of
 them lies farther."""
+
+ARC_SIDES = 96
+"""Sides of the circle, of equal area, that stands for a disc which its cell cuts: 5e-4 of the radius from it."""
 
 BEST = 1 / 16
 """Share of the light from which on a lenslet counts as the best-lit one: the floor is no coarser near focus."""
@@ -102,14 +105,15 @@ class PlaneTables:
 
 
 def aperture_outline(scene: Scene) -> NDArray[np.float64]:
-    """Return the lattice's cell as a polygon about the lenslet's centre."""
+    """Return a lenslet's aperture as a polygon about its centre: its cell, or what of the clear disc lies within."""
     lattice = scene.lattice
-    return cell_outline(lattice.pitch_um, lattice.row_step_um, lattice.kind == "hexagonal", lattice.rotation_rad)
+    cell = cell_outline(lattice.pitch_um, lattice.row_step_um, lattice.kind == "hexagonal", lattice.rotation_rad)
+    return cell if scene.gapless else clip(regular(ARC_SIDES) * scene.clear_radius_um, cell)
 
 
 def aperture_radius(scene: Scene) -> float:
     """Return the radius of the circle about a lenslet's aperture."""
-    if scene.aperture == "circle":
+    if scene.round_lenslets:
         return scene.clear_radius_um
     return float(np.hypot(*aperture_outline(scene).T).max())
 
@@ -124,7 +128,7 @@ def steepest_sine(scene: Scene) -> float:
 
 def aperture_width(scene: Scene) -> float:
     """Return the larger side of the box about a lenslet's aperture."""
-    if scene.aperture == "circle":
+    if scene.round_lenslets:
         return 2 * scene.clear_radius_um
     return float(np.ptp(aperture_outline(scene), axis=0).max())
 
@@ -260,7 +264,7 @@ def aperture_tables(
 
     ``fine`` are the samples of a cell's table to one of ``dx``; None takes as many as are exact between them.
     """
-    if scene.aperture == "circle":
+    if scene.round_lenslets:
         m, step = disc_table(scene.clear_radius_um, dx, reach)
         r2, quartic = step * np.arange(m.size), scene.quartic(kind)
         value = level * m * np.exp(1j * r2 * (bend + quartic * r2))
@@ -299,7 +303,7 @@ def _field(scene: Scene, sampling: Sampling, mode: str, dx: float, half: int, ha
     n = values.shape[0]
     f = sf.fftfreq(n, dx)
     radius = scene.clear_radius_um
-    if scene.aperture == "cell":
+    if not scene.round_lenslets:
         radius = math.sqrt(abs(area(aperture_outline(scene))) / math.pi)
     shape = disc_transform(radius, np.hypot(f[None, : n // 2 + 1], f[:, None]))
     # |E|^2 convolved with the aperture's shape: the energy of a lenslet at every sample by one pair of FFTs

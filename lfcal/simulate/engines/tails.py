@@ -115,7 +115,7 @@ def tail_of(scene: Scene, sampling: Sampling, lens: LensTable, kind: int) -> Tai
 
 
 def _area(scene: Scene) -> float:
-    if scene.aperture == "circle":
+    if scene.round_lenslets:
         return math.pi * scene.clear_radius_um**2
     return abs(area(aperture_outline(scene)))
 
