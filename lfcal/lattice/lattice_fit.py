@@ -117,7 +117,7 @@ class LatticeFit:
     >>> from lfcal.lattice import LatticeFit, fit_lattice
     >>> fit: LatticeFit = fit_lattice(read_image("session/white/white_0.png"), dark=64.0)
     >>> print(fit.form, fit.dead_lenslets, fit.centres_px([0, 1], 0).round(1).tolist())
-    affine [] [[39.4, 47.5], [39.4, 58.5]]
+    affine [] [[39.5, 47.5], [39.5, 58.5]]
     """
 
     kind: str

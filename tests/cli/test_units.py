@@ -6,7 +6,7 @@ import importlib
 import json
 import re
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -255,7 +255,14 @@ def test_a_refusal_says_what_is_kept(lfcal: Lfcal, place: Path) -> None:
     assert sorted(path.name for path in (place / "out").iterdir()) == ["t0.tif", "t1.tif", "t2.tif"]
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.fixture(params=[signal.SIGINT, signal.SIGTERM])
+def number(request: pytest.FixtureRequest) -> Iterator[signal.Signals]:
+    """Return a signal that is not ignored, as SIGINT is where the tests run in the background of a shell."""
+    before = signal.signal(request.param, signal.SIG_DFL)
+    yield request.param
+    signal.signal(request.param, before)
+
+
 def test_a_stop_says_what_stays_and_no_more(
     lfcal: Lfcal, place: Path, monkeypatch: pytest.MonkeyPatch, number: signal.Signals
 ) -> None:
