@@ -19,6 +19,9 @@ LIMIT = 0.02
 SAMPLED = 8
 """Frames of a plane that are looked at."""
 
+CERTAIN = 4.0
+"""Standard errors by which a level must differ from none."""
+
 BLOCKS = 8
 """Blocks along each axis in which a cutout without surroundings is looked at."""
 
@@ -41,7 +44,9 @@ def pedestal_share(gatherer: Gatherer, indices: list[int]) -> tuple[float, float
             continue  # damaged: who cuts it out says so, or leaves it out
         cuts.append(cut.values.astype(np.float64))
         if around is not None:
-            levels.append(_level(around))
+            level, error = _level(around)
+            # what noise may make of a frame's level is none
+            levels.append(level if abs(level) > CERTAIN * error else 0.0)
     if not cuts:
         return 0.0, 0.0, False
     mean = np.mean(cuts, axis=0)
@@ -52,11 +57,15 @@ def pedestal_share(gatherer: Gatherer, indices: list[int]) -> tuple[float, float
     return level, level * mean.size / total if total > 0 else math.copysign(math.inf, level), bool(levels)
 
 
-def _level(around: NDArray[np.float64]) -> float:
-    """Return the level of samples that few of are lit: their mean near the median, which itself is a whole number."""
+def _level(around: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the level of samples that few of are lit, and its standard error.
+
+    It is their mean near the median, which itself is a whole number.
+    """
     middle = float(np.median(around))
     away = np.abs(around - middle)
-    return float(around[away <= 3 * 1.4826 * float(np.median(away)) + 1].mean())
+    dark = around[away <= 3 * 1.4826 * float(np.median(away)) + 1]
+    return float(dark.mean()), float(dark.std()) / math.sqrt(dark.size)
 
 
 def _surroundings(gatherer: Gatherer, index: int) -> NDArray[np.float64] | None:

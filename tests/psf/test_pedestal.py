@@ -57,3 +57,11 @@ def test_a_mosaic_whose_colours_do_not_come_back_is_refused(scan):
         chosen("RGGB", (3, 4))
     chosen("", (3, 4))
     chosen("RGGB", (2, 4))
+
+
+def test_noise_alone_is_no_level(scan):
+    plan, frames = scan
+    rng = np.random.default_rng(0)
+    values = np.rint(100 + 2 * rng.standard_normal((len(frames), *frames.shape))).astype(np.uint16)
+    dark = ArraySource(values, [frames.info(k).position for k in range(len(frames))])
+    find_plan_cutout(corrected_view(dark, CorrectionRecipe(black_level=100.0), plan), plan, AssemblySettings())

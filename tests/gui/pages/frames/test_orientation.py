@@ -39,7 +39,7 @@ def mirrored(tmp_path_factory: pytest.TempPathFactory) -> Path:
     rows = ["file,z,y,x"]
     for frame, place in zip(frames, places, strict=True):
         name = f"z{place.z}_y{place.y}_x{place.x}.npy"
-        np.save(folder / "frames" / name, NUMPY["mirror x"](frame).astype(np.uint16))
+        np.save(folder / "frames" / name, np.rint(NUMPY["mirror x"](frame)).astype(np.uint16))
         rows.append(f"{name},{place.z},{place.y},{place.x}")
     (folder / "frames" / "manifest.csv").write_text("\n".join(rows) + "\n")
     np.save(folder / "dark" / "dark.npy", np.full(frames.shape[1:], 100, np.uint16))
