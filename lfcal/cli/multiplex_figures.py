@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from lfcal.multiplex import FilterTrial, Frontier, Modulator
 
-LEFT = ("CYMG", "CYYM", "Sony RGBE", "RGBW", "RGBW 4x4", "CMYW", "X-Trans", "Bayer")
+LEFT = ("CYMG", "CYYM", "Sony", "RGBW", "RGBW 4x4", "CMYW", "X-Trans", "Bayer")
 RIGHT = ("lenslet", "MURA", "pinhole", "sum_of_sinusoids")
 PICTURED = ("Bayer", "X-Trans", "MURA:11", "sum_of_sinusoids:11", "lenslet:3*Bayer")
 FIGURES = ("figure3", "figure5", "figure6", "figure7")

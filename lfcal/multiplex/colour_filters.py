@@ -29,8 +29,7 @@ CFA_PATTERNS: Mapping[str, str] = {
     "Bayer": "RG/GB",
     "CYMG": "CY/MG",
     "CYYM": "CY/YM",
-    "RGBE": "RG/BE",
-    "Sony RGBE": "RG/EB",
+    "Sony": "RG/EB",
     "RGBW": "RG/BW",
     "RGBW 4x4": "WBWG/BWGW/WGWR/GWRW",
     "CMYW": "CM/YW",
@@ -92,7 +91,7 @@ def cfa(pattern: str, *, filters: Mapping[str, Sequence[float]] | None = None) -
     Parameters
     ----------
     pattern
-        ``"Bayer"``, ``"CYMG"``, ``"CYYM"``, ``"RGBE"``, ``"Sony RGBE"``, ``"RGBW"``, ``"RGBW 4x4"``, ``"CMYW"``,
+        ``"Bayer"``, ``"CYMG"``, ``"CYYM"``, ``"Sony"``, ``"RGBW"``, ``"RGBW 4x4"``, ``"CMYW"``,
         ``"X-Trans"``, or letters of `FILTERS` by rows: ``"GRBG"``, ``"RGB/GBR"``.
     filters
         Other or further filters by letter: transmissions (red, green, blue) in 0 … 1.

@@ -35,7 +35,7 @@ CELLS = (30, 36)
 INNER = np.s_[6:-6, 6:-6]
 """Away from the border, in samples of figure 5."""
 
-PATTERNS = ("CYMG", "CYYM", "Sony RGBE", "RGBW", "CMYW", "Bayer")
+PATTERNS = ("CYMG", "CYYM", "Sony", "RGBW", "CMYW", "Bayer")
 LIGHT_FIELD = ("lenslet", "MURA", "pinhole", "sum_of_sinusoids")
 
 

@@ -38,7 +38,7 @@ FILTERS = {
         ("Bayer", "RGGB"),
         ("CYMG", "CYMG"),
         ("cyym", "CYYM"),
-        ("Sony RGBE", "RGEB"),
+        ("Sony", "RGEB"),
         ("RGBE", "RGBE"),
         ("RGBW 2x2", "RGBW"),
         ("CMYW", "CMYW"),

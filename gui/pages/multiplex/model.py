@@ -120,7 +120,7 @@ class MultiplexSettings(PageSettings):
     filter: str = "cubic"
     noise: bool = False
     weighted: bool = False
-    compared: tuple[str, ...] = ("CYMG", "RGBE", "RGBW", "CMYW", "lenslet", "MURA", "sum_of_sinusoids")
+    compared: tuple[str, ...] = ("CYMG", "Sony", "RGBW", "CMYW", "lenslet", "MURA", "sum_of_sinusoids")
     image: str = ""
     right: str = "difference"
     figure: int = 7

@@ -205,7 +205,7 @@ class PSFPanel(QWidget):
         area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         area.setWidget(self.aperture_text)
         self.aperture_text.setAutoFillBackground(False)
-        area.setFixedWidth(240)
+        area.setFixedWidth(252)
         row.addWidget(area)
         column.addLayout(row, 1)
         return panel

@@ -87,7 +87,7 @@ def test_the_modulator_is_drawn_with_its_numbers(page: Page, context: Context, q
 
 
 def test_gain_curves_follow_ticks_and_camera(page: Page, context: Context, qtbot: QtBot, qapp: QApplication) -> None:
-    assert set(page.panel.curve._curves) == {"CYMG", "RGBE", "RGBW", "CMYW"}
+    assert set(page.panel.curve._curves) == {"CYMG", "Sony", "RGBW", "CMYW"}
     page.panel.boxes["X-Trans"].click()
     settle(page, qtbot)
     assert "X-Trans" in page.panel.curve._curves and "lenslet" in page.settings.compared
