@@ -12,7 +12,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfcal.errors import InputError, choose
 
-__all__ = ["MAX_SAMPLE", "as_sensor_frame", "check_choice", "check_number", "check_tuple", "check_type"]
+__all__ = [
+    "MAX_SAMPLE",
+    "as_sensor_frame",
+    "check_choice",
+    "check_number",
+    "check_tuple",
+    "check_type",
+    "check_wavelength",
+]
 
 MAX_SAMPLE = 1e12
 """Values of a frame or a PSF matrix beyond this are no counts of light; sums of their squares would overflow."""
@@ -49,6 +57,12 @@ def check_number(
     ]
     wanted = " ".join([("a whole number" if integer else "a number"), " and ".join(bounds)]).strip()
     raise InputError.expected(what, wanted, repr(value), remedy)
+
+
+def check_wavelength(value_um: object) -> None:
+    """Raise `InputError` unless ``value_um`` is a wavelength of light (µm), from hard ultraviolet to far infrared."""
+    remedy = "give it in µm, or to --wavelength in nm"
+    check_number("wavelength (µm)", value_um, above=0.05, below=20, remedy=remedy)
 
 
 def _finite(value: Any) -> bool:

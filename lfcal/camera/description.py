@@ -16,7 +16,7 @@ from lfcal.camera.lattice import LensletLattice
 from lfcal.camera.main_lens import MainLens, Microscope, Optics
 from lfcal.camera.marks import Marks
 from lfcal.camera.sensor import Sensor
-from lfcal.checks import check_number, check_type
+from lfcal.checks import check_number, check_type, check_wavelength
 from lfcal.errors import FileFormatError, InputError
 from lfcal.plain import parse_json
 
@@ -86,13 +86,7 @@ class Camera:
         if self.distortion is not None:
             check_type("distortion", self.distortion, BrownDistortion)
         check_type("marks", self.marks, Marks)
-        check_number(
-            "wavelength (µm)",
-            self.wavelength_um,
-            above=0.05,
-            below=20,
-            remedy="give it in µm, or to --wavelength in nm",
-        )
+        check_wavelength(self.wavelength_um)
         check_number("bandwidth (µm)", self.bandwidth_um, at_least=0, below=self.wavelength_um)
 
     # -- derived lengths -------------------------------------------------------------------------------

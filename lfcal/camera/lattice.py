@@ -261,6 +261,14 @@ class LensletLattice:
         index: NDArray[np.float64] = (straight - np.array(self.offset_um)) @ np.linalg.inv(self.basis_um())
         return index
 
+    def in_cell(self, x_um: ArrayLike, y_um: ArrayLike) -> NDArray[np.bool_]:
+        """Return which points, counted from a lenslet's centre (µm), are nearer to it than to any other one."""
+        points = np.stack(np.broadcast_arrays(np.asarray(x_um, float), np.asarray(y_um, float)), -1)
+        along, next_row = self.basis_um()
+        others = np.array([along, next_row, next_row - along, 2 * next_row - along, next_row + along])
+        inside: NDArray[np.bool_] = (np.abs(points @ others.T) <= (others**2).sum(-1) / 2).all(-1)
+        return inside
+
     def local(self, about_um: tuple[float, float]) -> LensletLattice:
         """Return the straight lattice that this one is about a point (x, y) of the sensor (µm).
 
@@ -290,12 +298,12 @@ class LensletLattice:
             rotation_rad=self.rotation_rad + math.remainder(turn - self.rotation_rad, 2 * math.pi),
             shear_rad=math.atan(lean / row),
             offset_um=(float(x), float(y)),
-            clear_um=self._clear_of(pitch),
+            clear_um=self.clear_of(pitch),
             distortion=None,
         )
 
-    def _clear_of(self, pitch_um: float) -> float | None:
-        """Return the clear diameter where the pitch is another; an array without gaps stays one."""
+    def clear_of(self, pitch_um: float) -> float | None:
+        """Return the clear diameter where the pitch is another (µm); an array without gaps stays one."""
         if self.clear_um is None or not self.gapless:
             return None if self.clear_um is None else min(self.clear_um, 1.5 * pitch_um)
         return self.clear_um * pitch_um / self.pitch_um

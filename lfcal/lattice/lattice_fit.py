@@ -232,7 +232,7 @@ class LatticeFit:
             row_pitch_um=self.row_pitch_px * pixel,
             rotation_rad=self.rotation_rad,
             offset_um=(float(offset[0]), float(offset[1])),
-            clear_um=None if stated.clear_um is None else min(stated.clear_um, 1.5 * self.pitch_px * pixel),
+            clear_um=stated.clear_of(self.pitch_px * pixel),
             type_step=stated.type_step if type_step is None else type_step,
             shear_rad=self.shear_rad,
             distortion=distortion,

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from lfcal.axes import check_cutout
 from lfcal.camera import LensletLattice, Microscope
-from lfcal.checks import check_choice, check_number
+from lfcal.checks import check_choice, check_number, check_wavelength
 from lfcal.errors import InputError
 from lfcal.simulate.pupil import Iris, Wavefront, check_wavefront, seidel
 from lfcal.simulate.specimen import Specimen, cone_radius_um
@@ -141,13 +141,7 @@ class Scene:
 
     def __post_init__(self) -> None:
         """Check every value."""
-        check_number(
-            "wavelength (µm)",
-            self.wavelength_um,
-            above=0.05,
-            below=20,
-            remedy="give it in µm, or to --wavelength in nm",
-        )
+        check_wavelength(self.wavelength_um)
         check_number("pixel pitch (µm)", self.pixel_um, above=0)
         check_number("height of a pixel over its width", self.pixel_aspect, at_least=0.25, at_most=4)
         check_number("image distance behind the array (µm)", self.image_um)

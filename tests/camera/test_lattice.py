@@ -145,3 +145,16 @@ def test_lenslets_without_gaps_stay_so_where_the_array_is_distorted() -> None:
     lattice = LensletLattice("hexagonal", 30.0, 150.0, THREE[:1], clear_um=34.7, distortion=wider)
     there = lattice.local((800.0, 0.0))
     assert there.pitch_um > 1.05 * lattice.pitch_um and there.gapless
+
+
+@pytest.mark.parametrize("kind", ["square", "hexagonal"])
+@pytest.mark.parametrize("row", [None, 95.0, 48.0])
+@pytest.mark.parametrize("turn", [0.0, 0.3])
+def test_a_cell_is_what_lies_nearest_to_its_lenslet(kind: str, row: float | None, turn: float) -> None:
+    lattice = LensletLattice(kind, 100.0, 500.0, (LensType(500.0),), rotation_rad=turn, row_pitch_um=row)
+    x, y = np.random.default_rng(0).uniform(-110, 110, (2, 4000))
+    q, r = np.meshgrid(np.arange(-4, 5), np.arange(-4, 5))
+    centres = np.stack([q.ravel(), r.ravel()], -1) @ lattice.basis_um()
+    nearest = np.hypot(x[:, None] - centres[:, 0], y[:, None] - centres[:, 1]).argmin(1)
+    assert np.array_equal(lattice.in_cell(x, y), nearest == len(centres) // 2)
+    assert np.hypot(x, y)[lattice.in_cell(x, y)].max() <= lattice.cell_um[1] / 2 + 1e-9

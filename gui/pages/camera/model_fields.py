@@ -80,9 +80,9 @@ LATTICE = (
         "lattice.clear_um",
         "Clear diameter",
         "µm",
-        "Of a lenslet; empty: the full pitch",
+        "Of a lenslet as seen on the sensor, round within its cell; empty: squares without gaps, discs of the pitch",
         optional=True,
-        empty="full pitch",
+        empty="as wide as the pitch",
     ),
     Field(
         "lattice.focus",

@@ -137,6 +137,9 @@ def _footprint(camera: Camera, grid: _Grid) -> Values:
         u = (np.arange(RAYS) + 0.5) / RAYS
         r, angle = np.sqrt(u) * lattice.clear_diameter_um / 2 * scale, np.arange(RAYS) * math.pi * (3 - math.sqrt(5))
         y, x = r * np.sin(angle), r * np.cos(angle)
+        # a disc that reaches beyond its cell ends there
+        own = lattice.in_cell(x / scale, y / scale)
+        y, x = y[own], x[own]
     return grid.deposit(y, x, np.full(y.size, 1 / y.size))
 
 

@@ -370,7 +370,7 @@ class GridPlane:
                 "energy on the sensor",
                 "at most what passed the array",
                 f"{ratio:.6g} times that",
-                f"raise samples_per_px above {self.per_px}",
+                f"ask for a smaller tolerance, or in Python raise samples_per_px above {self.per_px}",
             )
         self._ledger.add(1, energy_in, energy_out, ratio)
 

@@ -226,6 +226,6 @@ class ReferencePlane:
                 "energy on the sensor",
                 "at most what passed the array",
                 f"{ratio:.3g} times that",
-                f"raise samples_per_px above {self.per_px}",
+                f"ask for a smaller tolerance, or in Python raise samples_per_px above {self.per_px}",
             )
         self._ledger.add(1, energy_in, energy_out, ratio)

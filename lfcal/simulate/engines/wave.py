@@ -276,7 +276,8 @@ class WavePlane:
         ratio = energy_out / np.maximum(energy_in, 1e-300)
         if (energy_out > energy_in + slack).any():
             used = self.scene.reduced_pixel_um / lens.field.dx_um
-            remedy = f"raise samples_per_px above {used:g} or nodes_per_px above {self.tables.rule.per_px}"
+            finer = f"samples_per_px above {used:g} or nodes_per_px above {self.tables.rule.per_px}"
+            remedy = f"ask for a smaller tolerance, or in Python raise {finer}"
             wanted, got = f"at most what it passed (+{TOLERANCE:.0%})", f"{float(ratio.max()):.3g} times that"
             raise EnergyError.expected("energy behind a lenslet", wanted, got, remedy)
         bright = energy_in >= FAINT * float(lens.energy.max())

@@ -11,7 +11,7 @@ from scipy.special import j0, j1
 
 from lfcal.camera import ScanPlan, preset
 from lfcal.psf import PSFMatrix, inspect
-from lfcal.psf.quality.expected import _convolved, expected_sum
+from lfcal.psf.quality.expected import _convolved, _footprint, _Grid, expected_sum
 from lfcal.psf.quality.sums import edge_light
 from lfcal.simulate import simulate_psf
 
@@ -98,3 +98,18 @@ def test_a_microscope_tells_its_f_number_and_no_blades() -> None:
     assert not any(a.confident for a in found.apertures)
     assert all("blades" not in a.describe() for a in found.apertures)
     assert found.apertures[1].refusal == "lenslets"
+
+
+@pytest.mark.parametrize(("clear", "second"), [(1.0, 1 / 8), (2 / np.sqrt(3), 5 / 36)])
+def test_lenslets_without_gaps_spread_light_over_their_cells(clear: float, second: float) -> None:
+    """Mean square radius, in pitches: of a disc 1/8, of a hexagon 5/36; a disc from corner to corner would have 1/6."""
+    bench = preset("bench")
+    lattice = replace(bench.lattice, clear_um=clear * bench.lattice.pitch_um)
+    scale = float(np.mean([lattice.gap_um / kind.focal_length_um for kind in lattice.types]))
+    grid = _Grid((101, 101), (1.0, 1.0))
+    light = _footprint(replace(bench, lattice=lattice), grid)
+    y, x = grid.axes()
+    found = (light * (y[:, None] ** 2 + x**2)).sum() - 1 / 6  # less that of a pixel
+    assert light.sum() == pytest.approx(1) and found == pytest.approx(
+        second * (scale * lattice.pitch_um) ** 2, rel=0.01
+    )
