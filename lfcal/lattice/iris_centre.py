@@ -33,6 +33,9 @@ BLADES = (3, 5, 7, 9, 11)
 BETTER = 4.0
 """So much less must a polygon leave of what is odd than a symmetric micro-image, before it is believed (squares)."""
 
+STEPS = 30
+"""Steps of a fit: the right polygon takes ten to twenty, and of a wrong one nothing is asked."""
+
 TRIED = 2
 """Starts, the best of a grid of radii and rotations, from which a polygon is fitted."""
 
@@ -171,7 +174,9 @@ class _Fit(IrisCentre):
         """Return the least squares of ``away``, whose first half is odd, over numbers that begin with the shift."""
         from scipy import optimize
 
-        fit = optimize.least_squares(away, start, bounds=(bounds[0], bounds[1]), x_scale=SCALE[: start.size])
+        fit = optimize.least_squares(
+            away, start, bounds=(bounds[0], bounds[1]), x_scale=SCALE[: start.size], max_nfev=STEPS
+        )
         shift, left, slopes = np.array(fit.x[:2]), np.asarray(fit.fun), np.asarray(fit.jac)
         variance = 2 * float(fit.cost) / max(1, left.size - start.size)
         covariance = np.linalg.pinv(slopes.T @ slopes)[:2, :2] * variance
