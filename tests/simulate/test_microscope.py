@@ -179,7 +179,7 @@ def test_every_position_of_a_deep_range_balances() -> None:
     """Two nodes a pixel pass the probes at z = -30 um and fail elsewhere in the cell: the nodes follow the light."""
     camera = preset("lfm_20x05")
     plan = ScanPlan.for_camera(camera, depths_um=[-30.0], cutout=125)
-    effects = plan_effects(camera, plan, 0.03).effects
+    effects = (LensletDiffraction(),)  # of one wavelength, as the engine that it is held against
     scene = PlaneResponse(plan, 0, effects).scene
     places = [(y, x) for y in range(0, 8, 2) for x in range(y, 8)]
     coarse = DebyePlane(scene, Sampling(nodes_per_px=2))
@@ -321,7 +321,7 @@ def test_exact_angles_are_followed_behind_the_lenslets(z, position):
     assert relative_error(found, wanted) < 0.003
     changed = relative_error(by_fourier(paraxial, position, exact=False, samples=12), wanted)
     assert changed > 0.008  # switching it on changed nothing
-    assert changed / 2.5 < ExactAngles().estimate(outlook).error < 2.5 * changed
+    assert changed < ExactAngles().estimate(outlook).error < 2.5 * changed  # rather too much than too little
 
 
 def test_exact_angles_do_not_act_on_rows_and_columns_separately():

@@ -10,6 +10,7 @@ from functools import lru_cache
 from lfcal.camera import ScanPlan
 from lfcal.simulate.accuracy.influence import Influence
 from lfcal.simulate.effects.base import Effect, Estimate
+from lfcal.simulate.effects.optics import ExactAngles
 from lfcal.simulate.effects.outlook import Outlook
 
 __all__ = ["estimates_of"]
@@ -43,7 +44,7 @@ def estimates_of(
     found = [[effect.estimate(outlook) for outlook in planes] for effect in effects]
     if plan is None:
         return found
-    counted = tuple(e for e in counting if e.acts_on.enters_h)
+    counted = tuple(e for e in counting if e.acts_on.enters_h and not _costly_for_nothing(e, planes))
     names = {effect.name for effect in counted}
     run = measured if _hashable(plan, counted) else measured.__wrapped__
     for effect, row in zip(effects, found, strict=True):
@@ -54,6 +55,11 @@ def estimates_of(
         for k in doubtful if known else ():
             row[k] = replace(row[k], error=_between(k, known), formula=RUN, measured=True)
     return found
+
+
+def _costly_for_nothing(effect: Effect, planes: Sequence[Outlook]) -> bool:
+    """Return whether others are run without it: it takes them off a microscope's quick path, and changes little."""
+    return isinstance(effect, ExactAngles) and not planes[0].has_lens and all(map(effect.holds, planes))
 
 
 def _hashable(*values: object) -> bool:

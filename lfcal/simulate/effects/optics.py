@@ -19,8 +19,9 @@ __all__ = ["ExactAngles", "IrisDiffraction", "IrisShape", "LensTypeDefocus", "Le
 INSEPARABLE = 8.0
 """Fresnel number of the shadow below which it is computed with its fringes or not at all, exact angles or not."""
 
-OF_RIM = 0.12
-"""Light moved per pixel of displacement of a microscope's steepest ray behind the lenslets (measured: 0.06 to 0.16)."""
+OF_RIM, SMALL = 0.2, 0.01
+"""Light moved per pixel of displacement of a microscope's steepest ray behind the lenslets, rather much (measured: 0.06
+to 0.26), and up to where that will do: to run the effect takes longer than most simulations."""
 
 FRINGED, SHOWN = 20.0, 0.5
 """Fresnel number of the iris, and rms width of spots (px), below which angles change more, or less, than a shift."""
@@ -253,10 +254,15 @@ class ExactAngles(SceneEffect):
         focal = min(abs(kind.focal_length_um) for kind in outlook.camera.lattice.types)
         steepest = min(1.0, 1 / (2 * outlook.f_number) + 0.5 * outlook.clear_um / focal)
         rim = outlook.gap_um * steepest**3 / 2 / outlook.pixel_um
-        return Estimate(rim, "px", min(2.0, OF_RIM * rim), "B s³/2, s of cone and lenslet; fitted to runs")
+        return Estimate(rim, "px", min(2.0, OF_RIM * rim), "B s³/2, s of cone and lenslet; rather much, by runs")
 
     def holds(self, outlook: Outlook) -> bool:
-        """Return whether spots move as rays do: of many lenslets, lit by more than fringes, wide enough for pixels."""
+        """Return whether spots move as rays do: of many lenslets, lit by more than fringes, wide enough for pixels.
+
+        Of a microscope, whether what they move is little.
+        """
+        if not outlook.has_lens:
+            return self._behind_lenslets(outlook).error < SMALL
         width = sum(outlook.widths_px) / len(outlook.widths_px)
         spread = abs(outlook.virtual_depth) >= 1.2 and outlook.fresnel_main >= FRINGED and width >= SHOWN
         return outlook.regular and spread
