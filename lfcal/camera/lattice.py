@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lfcal.camera.cell import cell_corners, cell_neighbours
 from lfcal.camera.distortion import LatticeDistortion
 from lfcal.checks import check_choice, check_number, check_tuple, check_type
 from lfcal.errors import InputError
@@ -152,12 +153,12 @@ class LensletLattice:
         if len(self.types) not in (1, 3) or (len(self.types) == 3 and self.kind == "square"):
             raise InputError.expected("lens types", "one, or three on a hexagonal array", len(self.types), "correct it")
         if self.row_pitch_um is not None:
-            check_number("row pitch (µm)", self.row_pitch_um, above=0)
+            check_number("row pitch (µm)", self.row_pitch_um, at_least=self.pitch_um / 50, at_most=50 * self.pitch_um)
+        check_number("shear of the lattice (rad)", self.shear_rad, above=-0.2, below=0.2)
         if self.clear_um is not None:
             gapless = f"lenslets without gaps are {self.cell_um[1]:.6g} µm from corner to corner"
             check_number("clear diameter (µm)", self.clear_um, above=0, at_most=1.5 * self.pitch_um, remedy=gapless)
         check_number("step of lens types along a row", self.type_step, at_least=1, at_most=2, integer=True)
-        check_number("shear of the lattice (rad)", self.shear_rad, above=-0.2, below=0.2)
         if self.distortion is not None:
             check_type("distortion of the lattice", self.distortion, LatticeDistortion)
 
@@ -178,19 +179,13 @@ class LensletLattice:
     @property
     def cell_um(self) -> tuple[float, float]:
         """Diameters of the circles within and about a lenslet's cell, the points nearest to it (µm)."""
-        if self.kind == "square":
-            return min(self._sides_um), math.hypot(self.pitch_um, self.row_step_um)
-        near, far = sorted((self.pitch_um, 2 * self.row_step_um))
-        return min(self._sides_um), (far + near / far * near) / 2
+        return float(self._sides_um.min()), 2 * float(np.hypot(*cell_corners(self.basis_um())[0]))
 
     @property
-    def _sides_um(self) -> tuple[float, ...]:
+    def _sides_um(self) -> NDArray[np.float64]:
         """Distances of opposite sides of the cell: those of the neighbours (µm)."""
-        if self.kind == "square":
-            return self.pitch_um, self.row_step_um
-        slanted = math.hypot(self.pitch_um / 2, self.row_step_um)
-        # of rows closer than half a pitch the lenslet two rows on is a neighbour, not that beside
-        return min(self.pitch_um, 2 * self.row_step_um), slanted, slanted
+        sides: NDArray[np.float64] = np.hypot(*cell_neighbours(self.basis_um()).T)
+        return sides
 
     @property
     def edge_to_edge(self) -> bool:
@@ -211,7 +206,7 @@ class LensletLattice:
             return 1.0
         radius, cell = self.clear_diameter_um / 2, self.pitch_um * self.row_step_um
         # beyond each side lies a segment; they do not overlap, as the cell's corners lie on one circle
-        cut = [math.acos(side / (2 * radius)) for side in self._sides_um if side < 2 * radius]
+        cut = [math.acos(side / (2 * radius)) for side in self._sides_um.tolist() if side < 2 * radius]
         beyond = sum(2 * (angle - math.sin(2 * angle) / 2) for angle in cut)
         return radius**2 * (math.pi - beyond) / cell
 
@@ -264,8 +259,7 @@ class LensletLattice:
     def in_cell(self, x_um: ArrayLike, y_um: ArrayLike) -> NDArray[np.bool_]:
         """Return which points, counted from a lenslet's centre (µm), are nearer to it than to any other one."""
         points = np.stack(np.broadcast_arrays(np.asarray(x_um, float), np.asarray(y_um, float)), -1)
-        along, next_row = self.basis_um()
-        others = np.array([along, next_row, next_row - along, 2 * next_row - along, next_row + along])
+        others = cell_neighbours(self.basis_um())
         inside: NDArray[np.bool_] = (np.abs(points @ others.T) <= (others**2).sum(-1) / 2).all(-1)
         return inside
 

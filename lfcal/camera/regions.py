@@ -98,11 +98,7 @@ class RegionPlan:
         InputError
             If the sensor has no room for so many.
         """
-        rows, columns = check_tuple("regions (rows, columns)", shape, 2, integer=True, at_least=1)
-        if not 1 < rows * columns <= MOST:
-            raise InputError.expected(
-                "regions (rows, columns)", f"2 to {MOST} in all", f"{rows}x{columns}", "correct it"
-            )
+        rows, columns = _checked(*check_tuple("regions (rows, columns)", shape, 2, integer=True, at_least=1))
         low, high = _room(scan)
         middle = (low + high) / 2
         # a quarter of the way to the next region at most, where a cell has room in it
@@ -161,10 +157,17 @@ class RegionPlan:
 
 def parse_regions(text: str) -> tuple[int, int]:
     """Return rows and columns of regions written as ``3x3``."""
-    match = re.fullmatch(r"\s*(\d{1,3})\s*[x×]\s*(\d{1,3})\s*", text)
+    match = re.fullmatch(r"\s*(\d{1,9})\s*[x×]\s*(\d{1,9})\s*", text)
     if match is None:
         raise InputError.expected("regions", "ROWSxCOLUMNS", repr(text), "for example 3x3")
-    return int(match[1]), int(match[2])
+    return _checked(int(match[1]), int(match[2]))
+
+
+def _checked(rows: int, columns: int) -> tuple[int, int]:
+    """Return rows and columns of regions if there are some, and not too many."""
+    if not 1 < rows * columns <= MOST:
+        raise InputError.expected("regions (rows, columns)", f"2 to {MOST} in all", f"{rows}x{columns}", "correct it")
+    return rows, columns
 
 
 def _room(scan: ScanPlan) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

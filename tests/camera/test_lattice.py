@@ -81,6 +81,8 @@ def test_lenslets_within_a_box_are_all_there() -> None:
         {"offset_um": (1.0, math.inf)},
         {"clear_um": 400.0},
         {"row_pitch_um": 0.0},
+        {"row_pitch_um": 1e-320},
+        {"row_pitch_um": 1e5},
         {"type_step": 0},
         {"type_step": 3},
         {"rotation_rad": math.inf},
@@ -113,10 +115,12 @@ def nearest_lenslet_um(lattice: LensletLattice, places: np.ndarray) -> np.ndarra
 @pytest.mark.parametrize("clear", [None, 25.0, 30.0, 33.0, 36.0, 45.0])
 @pytest.mark.parametrize("row", [None, 27.0, 15.0, 12.0])
 @pytest.mark.parametrize("kind", ["square", "hexagonal"])
-def test_lenslets_cover_what_lies_nearer_than_their_radius(kind: str, row: float | None, clear: float | None) -> None:
-    lattice = LensletLattice(kind, 30.0, 150.0, THREE[:1], clear_um=clear, row_pitch_um=row)
-    dy, dx = lattice.period_um
-    places = np.random.default_rng(1).random((20000, 2)) * (dx, dy)
+@pytest.mark.parametrize("shear", [0.0, 0.15])
+def test_lenslets_cover_what_lies_nearer_than_their_radius(
+    kind: str, row: float | None, clear: float | None, shear: float
+) -> None:
+    lattice = LensletLattice(kind, 30.0, 150.0, THREE[:1], clear_um=clear, row_pitch_um=row, shear_rad=shear)
+    places = np.random.default_rng(1).random((20000, 2)) @ lattice.basis_um()
     distance = nearest_lenslet_um(lattice, places)
     across = math.inf if clear is None and kind == "square" else clear or 30.0
     assert lattice.fill_factor == pytest.approx((distance < across / 2).mean(), abs=0.01)
@@ -149,9 +153,11 @@ def test_lenslets_without_gaps_stay_so_where_the_array_is_distorted() -> None:
 
 @pytest.mark.parametrize("kind", ["square", "hexagonal"])
 @pytest.mark.parametrize("row", [None, 95.0, 48.0])
-@pytest.mark.parametrize("turn", [0.0, 0.3])
-def test_a_cell_is_what_lies_nearest_to_its_lenslet(kind: str, row: float | None, turn: float) -> None:
-    lattice = LensletLattice(kind, 100.0, 500.0, (LensType(500.0),), rotation_rad=turn, row_pitch_um=row)
+@pytest.mark.parametrize(("turn", "shear"), [(0.0, 0.0), (0.3, 0.0), (0.3, 0.15), (0.0, -0.19)])
+def test_a_cell_is_what_lies_nearest_to_its_lenslet(kind: str, row: float | None, turn: float, shear: float) -> None:
+    lattice = LensletLattice(
+        kind, 100.0, 500.0, (LensType(500.0),), rotation_rad=turn, row_pitch_um=row, shear_rad=shear
+    )
     x, y = np.random.default_rng(0).uniform(-110, 110, (2, 4000))
     q, r = np.meshgrid(np.arange(-4, 5), np.arange(-4, 5))
     centres = np.stack([q.ravel(), r.ravel()], -1) @ lattice.basis_um()

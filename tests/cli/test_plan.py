@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -40,6 +41,11 @@ def test_the_table_shows_the_cell_and_the_cost(run: Run, tmp_path: Path) -> None
     plan = ScanPlan.from_json(path.read_text(encoding="utf-8"))
     assert plan.shape == (11, 55, 95, 181, 181)
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_the_native_plane_has_the_virtual_depth_0(run: Run) -> None:
+    _, out, _ = run("plan", "lfm_20x05", "--depths", "0,20")
+    assert re.search(r"virtual depth +0 … -3\.2", out), out
 
 
 def test_a_time_without_readout_says_so(run: Run) -> None:

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
 
+from lfcal.camera.cell import cell_corners
 from lfcal.errors import InputError
 from lfcal.simulate.engines import masks
 from lfcal.simulate.engines.masks import (
     FLAT,
     MOST_TABLE,
     RING,
-    cell_outline,
     disc_table,
     disc_values,
     fineness,
@@ -54,10 +54,16 @@ def test_table_interpolates_the_function():
     assert np.abs(found - disc_values(RADIUS, DX, r)).max() < 3e-4
 
 
+def turned_square(side: float, turn: float) -> np.ndarray:
+    """Return the corners of a square about the origin."""
+    c, s = side * math.cos(turn), side * math.sin(turn)
+    return cell_corners([[c, s], [-s, c]])
+
+
 @pytest.mark.parametrize("hexagonal", [False, True])
 def test_cells_tile_the_plane_and_their_masks_sum_to_one(hexagonal):
     pitch, row = 30.0, 30.0 * (math.sqrt(3) / 2 if hexagonal else 1.0)
-    outline = cell_outline(pitch, row, hexagonal, 0.0)
+    outline = cell_corners([[pitch, 0.0], [pitch / 2 if hexagonal else 0.0, row]])
     assert area(outline) == pytest.approx(pitch * row)
     n, dx = 129, 1.5
     total = np.zeros((n, n))
@@ -72,7 +78,7 @@ def test_cells_tile_the_plane_and_their_masks_sum_to_one(hexagonal):
 
 
 def test_fine_polygon_table_is_the_mask_between_its_samples():
-    outline = cell_outline(30.0, 30.0, False, 0.2)
+    outline = turned_square(30.0, 0.2)
     table, step = polygon_table(outline, 2.0, 26.0)
     mask = polygon_mask(outline, 2.0, (0.5, -0.25), 21)
     middle, ratio = table.shape[0] // 2, round(2.0 / step)
@@ -118,7 +124,7 @@ def edge_error(half: int, fine: int) -> float:
     The cell is turned, and a wave of half the exact band is summed over it, at places between the table's samples.
     """
     dx, f = 1.0, 0.5 * FLAT
-    outline = cell_outline(2.0 * half, 2.0 * half, False, 0.2)
+    outline = turned_square(2.0 * half, 0.2)
     table, step = polygon_table(outline, dx, 1.3 * half, fine)
     x = np.arange(-math.ceil(1.25 * half), math.ceil(1.25 * half) + 1) * dx
     wrong = []
@@ -143,14 +149,14 @@ def test_tables_of_cells_have_a_size_that_memory_holds():
     # cells of 126 µm on samples of 0.25 µm: 16632 a side with a fineness fixed at 16, 4 GB
     assert 2 * 363 * math.sqrt(2) * fineness(363 * math.sqrt(2)) < MOST_TABLE
     with pytest.raises(InputError, match=r"table of the lenslet's cell.*at most 6000 samples a side"):
-        polygon_table(cell_outline(30.0, 30.0, False, 0.2), 0.01, 21.0)
+        polygon_table(turned_square(30.0, 0.2), 0.01, 21.0)
 
 
 def test_a_table_is_made_once_for_all_planes_of_a_lattice(monkeypatch):
     made = []
     own = masks.polygon_mask
     monkeypatch.setattr(masks, "polygon_mask", lambda *given, **named: made.append(given) or own(*given, **named))
-    outline = cell_outline(31.0, 31.0, False, 0.017)
+    outline = turned_square(31.0, 0.017)
     first, step = polygon_table(outline, 1.5, 24.0)
     assert polygon_table(outline.copy(), 1.5, 24.0)[0] is first and len(made) == 1
     with pytest.raises(ValueError, match="read-only"):

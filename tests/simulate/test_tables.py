@@ -75,7 +75,13 @@ def through_the_array(scene: Scene, source_um: tuple[float, float]) -> float:
 
 
 @pytest.mark.parametrize(
-    ("kind", "clear"), [("square", 1.41), ("square", 1.2), ("hexagonal", 1.15), ("hexagonal", 1.08)]
+    ("kind", "clear"),
+    [
+        pytest.param("square", 1.41, marks=pytest.mark.long),
+        ("square", 1.2),
+        ("hexagonal", 1.15),
+        pytest.param("hexagonal", 1.08, marks=pytest.mark.long),
+    ],
 )
 def test_lenslets_wider_than_their_cells_end_there(kind: str, clear: float) -> None:
     scene = camera_scene(3.0, iris=Iris(), cutout=(75, 75), period=(1, 1))
@@ -98,8 +104,11 @@ def test_lenslets_wider_than_their_cells_end_there(kind: str, clear: float) -> N
     ("kind", "row", "clear"),
     [("square", 72.0, 84.0), ("hexagonal", 72.0, 84.0), ("hexagonal", 40.0, 70.0), ("hexagonal", 30.0, 62.0)],
 )
-def test_discs_wider_than_their_cells_tile_the_plane(kind: str, row: float, clear: float) -> None:
-    lattice = LensletLattice(kind, 80.0, 400.0, (LensType(400.0),), 0.2, row_pitch_um=row, clear_um=clear)
+@pytest.mark.parametrize("shear", [0.0, 0.05])
+def test_discs_wider_than_their_cells_tile_the_plane(kind: str, row: float, clear: float, shear: float) -> None:
+    lattice = LensletLattice(
+        kind, 80.0, 400.0, (LensType(400.0),), 0.2, row_pitch_um=row, clear_um=clear, shear_rad=shear
+    )
     scene = camera_scene(3.0, lattice=lattice)
     assert not scene.gapless and not scene.round_lenslets
     outline = tables.aperture_outline(scene)

@@ -27,7 +27,6 @@ __all__ = [
     "bent_fineness",
     "bent_polygon",
     "bent_polygon_table",
-    "cell_outline",
     "disc_table",
     "disc_values",
     "fineness",
@@ -96,26 +95,6 @@ def disc_table(
     # lens types, and scenes that differ in anything else, share it
     values.setflags(write=False)
     return values, step
-
-
-def cell_outline(pitch: float, row_step: float, hexagonal: bool, rotation_rad: float) -> Points:
-    """Return the lattice's cell about a lenslet: a rectangle, or the hexagon of points nearest to it."""
-    if hexagonal:
-        # of rows closer than half a pitch the lenslet two rows on is a neighbour, not that beside
-        near, far = sorted((pitch, 2 * row_step))
-        # bisectors with the neighbours (near, 0) and (near/2, far/2) meet here
-        x, top = near / 2, (far**2 + near**2) / (4 * far)
-        y = (far**2 - near**2) / (4 * far)
-        corners = np.array([(x, -y), (x, y), (0.0, top), (-x, y), (-x, -y), (0.0, -top)])
-        if y < 1e-9 * near:  # a square on its corner
-            corners = np.array([(x, 0.0), (0.0, top), (-x, 0.0), (0.0, -top)])
-        if near < pitch:
-            corners = corners[::-1, ::-1]
-    else:
-        corners = np.array([(1.0, -1.0), (1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0)]) * [pitch / 2, row_step / 2]
-    c, s = math.cos(rotation_rad), math.sin(rotation_rad)
-    turned: Points = corners @ np.array([[c, s], [-s, c]])
-    return turned
 
 
 def polygon_mask(

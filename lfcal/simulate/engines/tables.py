@@ -10,10 +10,11 @@ import numpy as np
 import scipy.fft as sf
 from numpy.typing import NDArray
 
+from lfcal.camera.cell import cell_corners
 from lfcal.simulate.engines._kernels import Aperture, Field, Zoom
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.field import field_table
-from lfcal.simulate.engines.masks import RING, cell_outline, disc_table, polygon_table
+from lfcal.simulate.engines.masks import RING, disc_table, polygon_table
 from lfcal.simulate.engines.nodes import NodeRule, fitted_rule
 from lfcal.simulate.engines.polygon import area, clip, disc_transform, regular
 from lfcal.simulate.scene import Scene
@@ -106,8 +107,7 @@ class PlaneTables:
 
 def aperture_outline(scene: Scene) -> NDArray[np.float64]:
     """Return a lenslet's aperture as a polygon about its centre: its cell, or what of the clear disc lies within."""
-    lattice = scene.lattice
-    cell = cell_outline(lattice.pitch_um, lattice.row_step_um, lattice.kind == "hexagonal", lattice.rotation_rad)
+    cell = cell_corners(scene.lattice.basis_um())
     return cell if scene.gapless else clip(regular(ARC_SIDES) * scene.clear_radius_um, cell)
 
 
