@@ -182,7 +182,7 @@ class NamePattern:
         z, y, x = (found.get(key, self.first) - self.first for key in "zyx")
         if min(z, y, x) < 0:
             raise InputError.expected(
-                f"position in {name}", f"numbers from {self.first}", "0", "set first=0 for names from 0"
+                f"position in {name}", f"numbers from {self.first}", "0", "count from 0 (--first 0)"
             )
         return Position(z, y, x), found.get("page", 0)
 

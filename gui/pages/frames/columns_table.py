@@ -5,7 +5,7 @@ from __future__ import annotations
 from PySide6.QtCore import QSignalBlocker, Signal
 from PySide6.QtWidgets import QAbstractItemView, QComboBox, QTableWidget, QTableWidgetItem
 
-from gui.pages.frames.model_import import HOLDS, ROWS, UNITS, columns_text
+from gui.pages.frames.list_columns import HOLDS, columns_text, not_held, unit_shown, units_of
 from gui.widgets.cards import choice_box
 from lfcal.frames.lists.columns import Column
 from lfcal.frames.lists.table import Table
@@ -13,6 +13,9 @@ from lfcal.frames.lists.table import Table
 __all__ = ["ColumnsTable"]
 
 WORDS = {"": "unit found", "index": "number of position"}
+NO_UNIT = (("", "no unit"),)
+ROWS = 3
+"""Rows of the list that are shown."""
 
 
 class ColumnsTable(QTableWidget):
@@ -34,13 +37,19 @@ class ColumnsTable(QTableWidget):
         self.setAccessibleName("columns of the list")
         self.setToolTip("Say above each column what it holds, where that was not found or is wrong")
         self.boxes: list[tuple[QComboBox, QComboBox]] = []
+        self.names: tuple[str, ...] = ()
+        """Names of the columns."""
+        self._used: set[str] = set()
+        self._without: set[str] = set()
         self.hide()
 
-    def show_table(self, table: Table | None, used: tuple[Column, ...]) -> None:
-        """Show the list and what its columns hold; without a list nothing."""
+    def show_table(self, table: Table | None, used: tuple[Column, ...], told: str = "") -> None:
+        """Show the list and what its columns hold, of which ``told`` was said; without a list nothing."""
         self.setVisible(table is not None)
         if table is None:
             return
+        self.names = table.columns
+        self._used, self._without = {column.role for column in used}, not_held(told)
         shown = table.rows[:ROWS]
         self.clear()
         self.setColumnCount(len(table.columns))
@@ -60,11 +69,13 @@ class ColumnsTable(QTableWidget):
 
     def _add_boxes(self, k: int, column: Column | None) -> None:
         role = choice_box(HOLDS, "What this column holds")
-        unit = choice_box(tuple((name, WORDS.get(name, name)) for name in UNITS), "Unit of this column")
+        units = units_of("" if column is None else column.role)
+        shown = tuple((name, WORDS.get(name, name)) for name in units) if len(units) > 1 else NO_UNIT
+        unit = choice_box(shown, "Unit of this column")
         blockers = [QSignalBlocker(role), QSignalBlocker(unit)]
         role.setCurrentIndex(role.findData("" if column is None else column.role))
-        unit.setCurrentIndex(max(0, unit.findData("" if column is None else column.unit)))
-        unit.setEnabled(column is not None and column.role in ("x", "y", "z", "exposure"))
+        unit.setCurrentIndex(max(0, unit.findData("" if column is None else unit_shown(column.unit))))
+        unit.setEnabled(len(units) > 1)
         for one in blockers:
             one.unblock()
         for row, box in enumerate((role, unit)):
@@ -73,13 +84,7 @@ class ColumnsTable(QTableWidget):
         self.boxes.append((role, unit))
 
     def _changed(self) -> None:
-        sender = self.sender()
-        holds: dict[str, tuple[str, str]] = {}
-        chosen = {role.currentData() for role, _ in self.boxes if role is sender}
-        for k, (role, unit) in enumerate(self.boxes, 1):
-            value = role.currentData()
-            # what another column is said to hold now is no longer in this one
-            if value in chosen and role is not sender:
-                value = ""
-            holds[str(k)] = (value, unit.currentData())
-        self.changed.emit(columns_text(holds))
+        holds = {str(k): (role.currentData(), unit.currentData()) for k, (role, unit) in enumerate(self.boxes, 1)}
+        # else what was taken away would be found again by its name
+        without = (self._without | self._used) - {role for role, _ in holds.values()}
+        self.changed.emit(columns_text(holds, without))

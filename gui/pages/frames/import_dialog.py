@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import (
@@ -24,8 +25,9 @@ from PySide6.QtWidgets import (
 from gui.jobs import Jobs
 from gui.models.words import said_in_window
 from gui.pages.frames.columns_table import ColumnsTable
+from gui.pages.frames.import_choice import ImportChoice
 from gui.pages.frames.import_previews import ImportPreviews
-from gui.pages.frames.model_import import ImportChoice, Survey, survey
+from gui.pages.frames.model_import import Survey, survey
 from gui.pages.frames.orientation import CHOICES
 from gui.widgets.cards import choice_box, clear
 from gui.widgets.words import set_role
@@ -42,6 +44,8 @@ WORDS_HEIGHT = 92
 """Pixels on the screen for what was found: five lines."""
 LIES = (("", "checked"), *CHOICES[1:])
 FIRST = (("", "found"), ("0", "counted from 0"), ("1", "counted from 1"))
+ORDER = "Numbered files without a list: rows of the scan go to and fro (serpentine), or all one way (raster)"
+ORDERS = (("", "not told"), ("serpentine", "serpentine"), ("raster", "raster"))
 SHIFTS = (("auto", "found"), ("0", "as they are"), *((str(n), f"{16 - n} of 16 bits") for n in (2, 4, 6, 8)))
 
 
@@ -69,7 +73,7 @@ class ImportDialog(QDialog):
         column.setSpacing(8)
         column.addLayout(self._source())
         self.columns = ColumnsTable()
-        self.columns.changed.connect(lambda text: self._say(columns=text))
+        self.columns.changed.connect(lambda text: self._say(columns=text, header=self.columns.names))
         column.addWidget(self.columns)
         column.addLayout(self._options())
         self.words = QLabel(WELCOME)
@@ -114,24 +118,34 @@ class ImportDialog(QDialog):
                 button.setAutoDefault(False)
                 button.clicked.connect(lambda _=False, action=action: action())
                 grid.addWidget(button, row, column)
+        self._add_names(grid, len(rows))
         return grid
 
-    def _options(self) -> QHBoxLayout:
+    def _add_names(self, grid: QGridLayout, row: int) -> None:
         self.pattern = QLineEdit()
+        self.pattern.setAccessibleName("Names")
         self.pattern.setPlaceholderText("z{z}_y{y}_x{x}.tif")
         self.pattern.setToolTip("How names of files tell positions: {z}, {y} and {x} stand for the numbers")
         self.pattern.editingFinished.connect(self._typed)
+        self.order = choice_box(ORDERS, ORDER)
+        self.order.setAccessibleName("Order")
+        order = QFormLayout()
+        order.addRow("Order", self.order)
+        grid.addWidget(QLabel("Names"), row, 0)
+        grid.addWidget(self.pattern, row, 1)
+        grid.addLayout(order, row, 2, 1, 2)
+
+    def _options(self) -> QHBoxLayout:
         self.first = choice_box(FIRST, "What numbers of positions in names and lists count from")
         self.shift = choice_box(SHIFTS, "Samples that fill 16 bits from the top are moved down")
         self.channel = choice_box((("", "all light"),), "One colour of a mosaic or a colour picture")
         self.channel.setMinimumContentsLength(10)
         self.orientation = choice_box(LIES, "What makes the frames upright: rows and columns as the camera has them")
-        # its words are long, and patterns of names are longer
+        # its words are long
         self.orientation.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
         self.orientation.setMinimumContentsLength(12)
         row = QHBoxLayout()
         for title, widget in (
-            ("Names", self.pattern),
             ("Positions", self.first),
             ("Samples", self.shift),
             ("Colour", self.channel),
@@ -140,13 +154,19 @@ class ImportDialog(QDialog):
             form = QFormLayout()
             form.addRow(title, widget)
             widget.setAccessibleName(title)
-            row.addLayout(form, 2 if widget is self.pattern else 1)
+            row.addLayout(form, 1)
         for key, box in self._boxes().items():
             box.currentIndexChanged.connect(lambda _, key=key, box=box: self._say(**{key: box.currentData()}))
         return row
 
     def _boxes(self) -> dict[str, QComboBox]:
-        return {"first": self.first, "shift": self.shift, "channel": self.channel, "orientation": self.orientation}
+        return {
+            "order": self.order,
+            "first": self.first,
+            "shift": self.shift,
+            "channel": self.channel,
+            "orientation": self.orientation,
+        }
 
     def _buttons(self) -> QHBoxLayout:
         row = QHBoxLayout()
@@ -168,10 +188,8 @@ class ImportDialog(QDialog):
         """Begin anew, with what the project knows: its plan, and the camera that the plan of a list is made for."""
         self._plan, self._camera = plan, camera
         self.choice = ImportChoice("")
-        self._found(Survey(self.choice))
-        self.survey = None
+        self._show_nothing()
         self._show_choice()
-        self.words.setText(WELCOME)
         self.open()
 
     # -- asking ----------------------------------------------------------------------------------------
@@ -193,6 +211,8 @@ class ImportDialog(QDialog):
     def _typed(self) -> None:
         frames, listed = self.frames_edit.text().strip(), self.list_edit.text().strip()
         pattern = self.pattern.text().strip()
+        if listed and not frames and not self.choice.frames:
+            frames = str(Path(listed).parent)
         if (frames, listed, pattern) != (self.choice.frames, self.choice.listed, self.choice.pattern):
             self._say(frames=frames, listed=listed, pattern=pattern)
 
@@ -200,14 +220,16 @@ class ImportDialog(QDialog):
         """Look at other frames: nothing that was said of those before holds for them."""
         self._say(**vars(ImportChoice(frames, listed)))
 
-    def _say(self, **changes: str) -> None:
+    def _say(self, **changes: Any) -> None:
         """Take what the user says and look again; what is looked at for an earlier choice is dropped."""
         self.choice = replace(self.choice, **changes)
         self._show_choice()
-        if not self.choice.frames:
-            return
         self._drop()
+        if not self.choice.frames:
+            self._show_nothing()
+            return
         choice, plan, camera = self.choice, self._plan, self._camera
+        set_role(self.words, "")
         self.words.setText(f"Looking at {Path(choice.frames).name} …")
         self._jobs.load(GROUP, lambda: survey(choice, plan, camera), self._found, self._failed, Survey.close)
 
@@ -234,15 +256,21 @@ class ImportDialog(QDialog):
         for one in blockers:
             one.unblock()
 
+    def _show_nothing(self) -> None:
+        self._found(Survey(self.choice))
+        self.survey = None
+        self.words.setText(WELCOME)
+
     def _failed(self, words: str) -> None:
         self._found(Survey(self.choice, problem=words))
 
     def _found(self, found: Survey) -> None:
-        self.survey = found
-        self.columns.show_table(found.table, found.used)
+        self.survey, self.choice = found, found.choice
+        self.columns.show_table(found.table, found.used, found.choice.columns)
         _offer(self.channel, self._colours(found), self.choice.channel)
-        lines = dict.fromkeys(map(said_in_window, found.notes))  # what list and plan both say is said once
-        self.words.setText(said_in_window(found.problem) or "\n".join(lines) or "Nothing had to be guessed.")
+        # what list and plan both say is said once
+        lines = dict.fromkeys(map(said_in_window, filter(None, (found.problem, *found.notes))))
+        self.words.setText("\n".join(lines) or "Nothing had to be guessed.")
         set_role(self.words, "error" if found.problem else "")
         self.open_button.setEnabled(found.imported is not None)
         self.previews.show_frames(found.shown)

@@ -22,7 +22,7 @@ from lfcal.psf.cutout import INTERPOLATIONS, Cutout, Window
 from lfcal.psf.upright import CHECK
 
 if TYPE_CHECKING:
-    from lfcal.frames import CorrectionChain, CorrectionRecipe
+    from lfcal.frames import CorrectionChain, CorrectionRecipe, Frames
 
 __all__ = [
     "CORRECTIONS",
@@ -35,6 +35,7 @@ __all__ = [
     "import_folder",
     "load_frame",
     "open_imported",
+    "open_source",
 ]
 
 CORRECTIONS = (
@@ -57,9 +58,9 @@ class FrameSettings(PageSettings):
 
     Attributes
     ----------
-    manifest, pattern, columns, first
-        How positions are found where the folder has no manifest of its own: its list or name pattern, what the
-        list's columns hold, and what numbers count from (``"0"``, ``"1"``; empty: found).
+    manifest, pattern, order, columns, first
+        How positions are found where the folder has no manifest of its own: its list, name pattern or scan order, what
+        the list's columns hold, and what numbers count from (``"0"``, ``"1"``; empty: found).
     shift, channel
         Bits by which left-aligned samples are moved down; one colour of a mosaic or colour picture.
     dark, white
@@ -79,6 +80,7 @@ class FrameSettings(PageSettings):
 
     manifest: str = ""
     pattern: str = ""
+    order: str = ""
     columns: str = ""
     first: str = ""
     shift: int = 0
@@ -207,10 +209,9 @@ class Loaded:
     crop: tuple[NDArray[Any], NDArray[Any]] | None = None
 
 
-def open_imported(folder: str, settings: FrameSettings, plan: ScanPlan) -> Opened:
-    """Open frames and corrections as the settings say; raises what opening raises."""
-    from lfcal.frames import corrected_view, iter_undamaged, open_frames
-    from lfcal.frames.colour_scan import ThinnedSource, colour_scan
+def open_source(folder: str, settings: FrameSettings, plan: ScanPlan | None) -> Frames:
+    """Open frames as they lie in their files, as the settings say; raises what opening raises."""
+    from lfcal.frames import open_frames
     from lfcal.frames.components import open_component
 
     opening = partial(
@@ -218,13 +219,22 @@ def open_imported(folder: str, settings: FrameSettings, plan: ScanPlan) -> Opene
         folder,
         manifest=settings.manifest or None,
         pattern=settings.pattern or None,
+        order=settings.order or None,
         columns=settings.columns,
         first=int(settings.first) if settings.first else None,
         plan=plan,
         orientation=settings.orientation,
         skip_damaged=settings.skip_damaged,
     )
-    source = open_component(opening, settings.channel)
+    return open_component(opening, settings.channel)
+
+
+def open_imported(folder: str, settings: FrameSettings, plan: ScanPlan) -> Opened:
+    """Open frames and corrections as the settings say; raises what opening raises."""
+    from lfcal.frames import corrected_view, iter_undamaged
+    from lfcal.frames.colour_scan import ThinnedSource, colour_scan
+
+    source = open_source(folder, settings, plan)
     if settings.skip_damaged:
         source = drain(iter_undamaged(source))
     # of a colour picture it is one colour already
@@ -312,7 +322,8 @@ def import_folder(path: str, settings: FrameSettings, plan: ScanPlan | None, *, 
     folder = Path(path)
     chosen = replace(settings, dark="", white="")
     if not keep:
-        chosen = replace(chosen, manifest="", pattern="", columns="", first="", shift=0, channel="", orientation=CHECK)
+        chosen = replace(chosen, manifest="", pattern="", order="", columns="", first="", shift=0, channel="")
+        chosen = replace(chosen, orientation=CHECK)
     if (folder / "session.json").is_file():
         plan, frames = SessionFile.read(folder).plan, folder
         # a recording has darks of its own; those of the whole sensor are there for the white image

@@ -7,8 +7,19 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from gui.models.words import said_in_window
-from gui.pages.frames.model import FrameSettings, Imported, Loaded, Opened, import_folder, load_frame, open_imported
+from gui.pages.frames.import_choice import ImportChoice, check_ways, list_of, root_of
+from gui.pages.frames.import_words import said_in_dialog
+from gui.pages.frames.list_columns import columns_used
+from gui.pages.frames.model import (
+    FrameSettings,
+    Imported,
+    Loaded,
+    Opened,
+    import_folder,
+    load_frame,
+    open_imported,
+    open_source,
+)
 from gui.pages.frames.orientation import other_sensor
 from lfcal.camera import Camera, ScanPlan
 from lfcal.errors import FileFormatError, InputError, LfcalError, StorageError
@@ -16,7 +27,7 @@ from lfcal.files import read_text
 from lfcal.frames.aligned import find_shift
 from lfcal.frames.colour_scan import colours_of
 from lfcal.frames.components import COMPONENTS
-from lfcal.frames.lists.columns import Column, clear_columns, find_columns, parse_columns
+from lfcal.frames.lists.columns import Column
 from lfcal.frames.lists.derived import plan_of_list
 from lfcal.frames.lists.entries import located
 from lfcal.frames.lists.open_table import any_listing, is_plain, reader
@@ -24,53 +35,11 @@ from lfcal.frames.lists.table import TABLE_SUFFIXES, Table, read_table
 from lfcal.frames.orientation import named_orientation
 from lfcal.frames.source import Position
 
-__all__ = ["HOLDS", "UNITS", "ImportChoice", "Survey", "columns_text", "open_choice", "survey"]
+__all__ = ["Survey", "open_choice", "survey"]
 
-HOLDS = (
-    ("", "not used"),
-    *((role, role) for role in ("file", "x", "y", "z", "page", "exposure")),
-    ("dy", "dy (px)"),
-    ("dx", "dx (px)"),
-)
-"""What a column of a list can hold, with the words shown."""
-UNITS = ("", "um", "mm", "nm", "index", "s", "ms", "us")
-"""Units of columns; empty: found."""
 OTHER_SCAN = "the list is of another scan"
+OTHER_LIST = "columns: chosen for another list"
 REPLACED = "plan: the project's is of another scan; one made from the list takes its place"
-ROWS = 4
-"""Rows of the list that are shown."""
-
-
-@dataclass(frozen=True)
-class ImportChoice:
-    """What the user says of frames; empty is found.
-
-    Attributes
-    ----------
-    frames
-        Folder, or one file of many frames.
-    listed
-        List of the frames that does not lie with them.
-    columns
-        What its columns hold, as ``lfcal assemble --columns`` takes it.
-    pattern, first
-        Positions in names, and what they count from: ``""``, ``"0"`` or ``"1"``.
-    shift
-        ``"auto"`` or a number of bits.
-    channel
-        Colour.
-    orientation
-        What makes the frames upright, one of `lfcal.frames.ORIENTATIONS`; empty: they are checked.
-    """
-
-    frames: str
-    listed: str = ""
-    columns: str = ""
-    pattern: str = ""
-    first: str = ""
-    shift: str = "auto"
-    channel: str = ""
-    orientation: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +48,8 @@ class Survey:
 
     Attributes
     ----------
+    choice
+        What was said, less what was said of another list.
     table, used
         The list as text, and which columns are used for what; None and empty where there is no list.
     notes
@@ -111,16 +82,6 @@ class Survey:
             self.imported.close()
 
 
-def columns_text(holds: dict[str, tuple[str, str]]) -> str:
-    """Return ``--columns`` for what each column (by its number from 1) holds, with its unit."""
-    parts = []
-    for number, (role, unit) in holds.items():
-        if role:
-            allowed = role == "exposure" if unit in ("s", "ms", "us") else role in ("x", "y", "z")
-            parts.append(f"{role}{f'_{unit}' if unit and allowed else ''}={number}")
-    return ",".join(parts)
-
-
 def survey(choice: ImportChoice, plan: ScanPlan | None, camera: Camera | None) -> Survey:
     """Return what is found for ``choice``: as much as can be, and what stands in the way of the rest.
 
@@ -135,19 +96,15 @@ def survey(choice: ImportChoice, plan: ScanPlan | None, camera: Camera | None) -
     """
     found = Survey(choice)
     try:
+        check_ways(choice)
         found = _with_table(found)
         if found.problem:
             return found
         return _with_any_plan(found, plan, camera)
-    except FileFormatError as error:
-        # only colour pictures have components; the window has a box where the command line has an option
-        colours = COMPONENTS if "--channel" in str(error) else ()
-        more = "; choose a colour above" if colours and not choice.channel else ""
-        return replace(found, problem=f"{said_in_window(str(error))}{more}", colours=colours)
     except LfcalError as error:
-        # frames on their side do not fit a sensor; the window has a box where the command line has an option
-        turned = "; choose what makes them upright above" if "--orientation" in str(error) else ""
-        return replace(found, problem=f"{said_in_window(str(error))}{turned}" if turned else str(error))
+        # only colour pictures have components
+        colours = COMPONENTS if isinstance(error, FileFormatError) and "--channel" in str(error) else ()
+        return replace(found, problem=said_in_dialog(str(error)), colours=colours)
 
 
 def _with_any_plan(found: Survey, plan: ScanPlan | None, camera: Camera | None) -> Survey:
@@ -164,29 +121,17 @@ def _with_any_plan(found: Survey, plan: ScanPlan | None, camera: Camera | None) 
         return replace(other, notes=(REPLACED, *other.notes))
 
 
-def _list_of(choice: ImportChoice) -> Path | None:
-    """Return the list that is named, or the only one that lies with the frames."""
-    if choice.listed:
-        return Path(choice.listed)
-    place = Path(choice.frames)
-    if place.is_file():
-        return place if place.suffix.lower() in TABLE_SUFFIXES else None
-    found = sorted(p for p in place.glob("*") if p.suffix.lower() in (".csv", ".tsv")) if not choice.pattern else []
-    return found[0] if len(found) == 1 else None
-
-
 def _with_table(found: Survey) -> Survey:
-    path = _list_of(found.choice)
-    if path is None or path.suffix.lower() not in TABLE_SUFFIXES or path.name.endswith("metadata.txt"):
+    choice, path = found.choice, list_of(found.choice)
+    told = path is not None and path.suffix.lower() in TABLE_SUFFIXES and not path.name.endswith("metadata.txt")
+    table = read_table(path) if path is not None and told else None
+    if choice.columns and (table is None or choice.header not in ((), table.columns)):
+        note = f"{OTHER_LIST}, and none is used" if table is None else f"{OTHER_LIST}, found anew in {table.name}"
+        found = replace(found, choice=replace(choice, columns="", header=()), notes=(note,))
+    if table is None:
         return found
-    table = read_table(path)
-    try:
-        told = parse_columns(found.choice.columns) if found.choice.columns else None
-        return replace(found, table=table, used=find_columns(table, told))
-    except InputError as error:
-        # the window has boxes where the command line has an option
-        problem = str(error).partition("; say ")[0] + "; choose it above"
-        return replace(found, table=table, used=clear_columns(table), problem=problem)
+    used, problem = columns_used(table, found.choice.columns)
+    return replace(found, table=table, used=used, problem=said_in_dialog(problem))
 
 
 def settings_of(choice: ImportChoice, shift: int) -> Callable[[FrameSettings], FrameSettings]:
@@ -197,6 +142,7 @@ def settings_of(choice: ImportChoice, shift: int) -> Callable[[FrameSettings], F
             settings,
             manifest=choice.listed,
             pattern=choice.pattern,
+            order=choice.order,
             columns=choice.columns,
             first=choice.first,
             shift=shift,
@@ -208,19 +154,15 @@ def settings_of(choice: ImportChoice, shift: int) -> Callable[[FrameSettings], F
 
 
 def _opened(found: Survey, plan: ScanPlan | None, camera: Camera | None) -> Survey:
-    choice, notes = found.choice, []
+    choice, notes = found.choice, list(found.notes)
     if not Path(choice.frames).exists():
         raise StorageError(f"{choice.frames}: no such file or folder; check the path")
     if _own_plan(choice) is None and plan is None and camera is not None:
         plan, said = _derived(choice, camera)
         notes += said
     shift = 0 if choice.shift == "auto" else int(choice.shift)
-    chosen = settings_of(choice, shift)
-    imported = import_folder(choice.frames, chosen(FrameSettings()), plan, keep=True)
-    if imported.opened is None or imported.plan is None:
-        raise InputError.expected(
-            "scan plan", "one with the frames or in the project", "none", "make it on the Plan page, or choose a list"
-        )
+    imported = _imported(choice, shift, plan)
+    assert imported.opened is not None and imported.plan is not None
     try:
         source = imported.opened.source
         if choice.shift == "auto" and (shift := find_shift(source)):
@@ -234,13 +176,31 @@ def _opened(found: Survey, plan: ScanPlan | None, camera: Camera | None) -> Surv
         notes += [f"{place.name} frames: those of the folder {place.name} in {place.parent.name}" for place in beside]
         if odd := other_sensor(opened.delivered.corrected, opened.plan):
             notes.append(odd)
-        notes = [*notes, *opened.source.metadata.get("notes", ())]
+        if choice.order:
+            notes.append(f"order: {choice.order}, {opened.source.info(0).label} is first")
+        notes = [*notes, *opened.source.metadata.get("notes", ()), *_range_notes(found, opened.plan)]
         shown = tuple(load_frame(opened, position) for position in _three(opened))
     except BaseException:
         imported.close()
         raise
     colours = () if choice.channel else colours_of(source, imported.plan)
     return replace(found, notes=tuple(notes), colours=colours, shift=shift, imported=imported, shown=shown)
+
+
+def _imported(choice: ImportChoice, shift: int, plan: ScanPlan | None) -> Imported:
+    """Return the frames, open; raises where no plan says how, and first what else is wrong with them."""
+    listed = list_of(choice)
+    if listed is not None and not Path(choice.frames).is_file() and listed.parent != root_of(choice):
+        choice = replace(choice, listed=str(listed))
+    chosen = settings_of(choice, shift)
+    imported = import_folder(choice.frames, chosen(FrameSettings()), plan, keep=True)
+    if imported.opened is None:
+        if not choice.order:  # which needs the plan
+            open_source(imported.folder, imported.settings, None).close()
+        raise InputError.expected(
+            "scan plan", "one with the frames or in the project", "none", "make it on the Plan page, or choose a list"
+        )
+    return imported
 
 
 def _own_plan(choice: ImportChoice) -> ScanPlan | None:
@@ -254,18 +214,33 @@ def _own_plan(choice: ImportChoice) -> ScanPlan | None:
 
 def _derived(choice: ImportChoice, camera: Camera) -> tuple[ScanPlan | None, list[str]]:
     """Return the plan of a list of stage coordinates, None where there is no such list."""
-    path = _list_of(choice)
+    path = list_of(choice)
     if path is None or is_plain(path):
         return None, []
     listing = any_listing(path, choice.columns)
     if listing.unit == "index":
         return None, []
-    place = Path(choice.frames)
-    root = place if place.is_dir() else place.parent
+    root = root_of(choice)
     listing = located(listing, root)
     turn = named_orientation(choice.orientation) if choice.orientation else None
     plan, notes = plan_of_list(listing, camera, read=reader(listing, root, turn=turn))
     return plan, [f"plan: made from {path.name}", *notes]
+
+
+def _range_notes(found: Survey, plan: ScanPlan) -> list[str]:
+    """Return the range of the list's depth coordinate beside that of the plan's planes."""
+    axis, listed = plan.stage.away[1], list_of(found.choice)
+    column = next((column for column in found.used if column.role == axis), None)
+    if listed is None or column is None or is_plain(listed):
+        return []
+    listing = any_listing(listed, found.choice.columns)
+    if listing.unit == "index" or listing.counted:
+        return []
+    places = listing.places[:, "xyz".index(axis)]
+    return [
+        f"{axis}: from {places.min():.6g} to {places.max():.6g} {listing.unit or 'of no unit'} in the list "
+        f"({column.name}), planes from {min(plan.depths_um):.6g} to {max(plan.depths_um):.6g} um in the plan"
+    ]
 
 
 def _three(opened: Opened) -> list[Position]:
@@ -280,6 +255,17 @@ def open_choice(survey_: Survey, project: FrameSettings) -> Imported:
     assert imported is not None
     own: dict[str, Any] = {
         name: getattr(imported.settings, name)
-        for name in ("manifest", "pattern", "columns", "first", "shift", "channel", "dark", "white", "orientation")
+        for name in (
+            "manifest",
+            "pattern",
+            "order",
+            "columns",
+            "first",
+            "shift",
+            "channel",
+            "dark",
+            "white",
+            "orientation",
+        )
     }
     return replace(imported, settings=replace(project, **own))

@@ -59,7 +59,8 @@ class Column:
 def parse_columns(text: str) -> dict[str, tuple[str, str]]:
     """Return what ``"file=Name,y=PosY,exposure_ms=Exp"`` says: role to column name and unit.
 
-    A unit follows the role, ``y_mm=PosY``; ``y_index=Row`` says that a column counts positions.
+    A unit follows the role, ``y_mm=PosY``; ``y_index=Row`` says that a column counts positions; ``exposure=`` says that
+    no column holds it, whatever its name.
 
     Raises
     ------
@@ -71,7 +72,7 @@ def parse_columns(text: str) -> dict[str, tuple[str, str]]:
         key, equals, name = (piece.strip() for piece in part.partition("="))
         role, _, unit = key.partition("_")
         units = {"index": 1.0} | LENGTHS if role in ("z", "y", "x") else TIMES if role == "exposure" else {}
-        if not equals or not name or role not in ROLES or (unit and unit not in units) or role in found:
+        if not equals or role not in ROLES or (unit and unit not in units) or role in found:
             raise InputError.expected(
                 "--columns",
                 f"ROLE=COLUMN,… with each of {', '.join(ROLES)} at most once",
@@ -107,20 +108,20 @@ def find_columns(table: Table, told: Mapping[str, tuple[str, str]] | None = None
     return tuple(chosen[role] for role in ROLES if role in chosen)
 
 
-def clear_columns(table: Table) -> tuple[Column, ...]:
-    """Return those columns whose names leave no doubt, also where others are missing."""
-    chosen, _ = _sorted_out(table, {})
+def clear_columns(table: Table, told: Mapping[str, tuple[str, str]] | None = None) -> tuple[Column, ...]:
+    """Return those columns that ``told`` names or whose names leave no doubt, also where others are missing."""
+    chosen, _ = _sorted_out(table, told or {})
     return tuple(chosen[role] for role in ROLES if role in chosen)
 
 
 def _sorted_out(table: Table, told: Mapping[str, tuple[str, str]]) -> tuple[dict[str, Column], dict[str, list[Column]]]:
     """Return the column of each role, and the columns that could have the same role."""
-    chosen = {role: _told(table, role, *value) for role, value in told.items()}
+    chosen = {role: _told(table, role, *value) for role, value in told.items() if value[0]}
     used = {column.name for column in chosen.values()}
     guesses: dict[str, list[Column]] = {}
     for name in table.columns if table.header else ():
         guess = _guess(name)
-        if guess is not None and name not in used and guess.role not in chosen:
+        if guess is not None and name not in used and guess.role not in told:
             guesses.setdefault(guess.role, []).append(guess)
     doubtful = {}
     for role, found in guesses.items():
@@ -129,7 +130,7 @@ def _sorted_out(table: Table, told: Mapping[str, tuple[str, str]]) -> tuple[dict
             doubtful[role] = found
         else:
             chosen[role] = exact[0] if exact else found[0]
-    if "file" not in {*chosen, *doubtful}:
+    if "file" not in {*chosen, *doubtful, *told}:
         chosen |= _by_endings(table, used)
     return chosen, doubtful
 

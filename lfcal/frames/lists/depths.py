@@ -102,8 +102,8 @@ def find_depths(camera: Camera, axes: StageAxes, planes: Planes, given: tuple[fl
     common = float(np.sqrt((errors**2).sum())) / len(errors)
     apart, note = _apart(by_steps - depths, errors, float(np.ptp(depths)), (scale, error))
     words = (
-        "depths: those whose steps are one pixel; --depths states them where they are known better "
-        f"(all by ± {common:.4g} um for what places scatter or are rounded{apart})"
+        f"depths: those whose steps are one pixel (all by ± {common:.4g} um for what places scatter or are "
+        f"rounded{apart}); --depths states them where they are known better"
     )
     return _found(axes, None, depths, (words, *note))
 
@@ -157,7 +157,7 @@ def _remedy(factor: float) -> str:
     """Return what to do about a z that has to be ``factor`` times as long: name the unit where it looks like one."""
     for unit, power in (("mm", 1e3), ("um", 1e-3)):
         if LEAST < factor / power < MOST:
-            return f"is it in {unit}? state its unit: --columns z_{unit}=COLUMN"
+            return f"is it in {unit}? state its unit (--columns z_{unit}=COLUMN)"
     return "check unit and column of z (--columns z_um=COLUMN), and the camera's distances"
 
 
@@ -207,8 +207,8 @@ def _of_numbers(
             "state the depths with --depths, or give z as a length",
         )
     words = (
-        "depths: those whose steps are one pixel; --depths states them where they are known better "
-        f"(single ones by ± {float(errors.max()):.4g} um for what places scatter or are rounded)"
+        f"depths: those whose steps are one pixel (single ones by ± {float(errors.max()):.4g} um for what places "
+        "scatter or are rounded); --depths states them where they are known better"
     )
     return Depths(axes, _rounded(depths), (words,))
 

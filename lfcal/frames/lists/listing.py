@@ -166,7 +166,7 @@ def _check_planes(table: Table, column: Column, numbers: NDArray[np.float64]) ->
             f"{table.name} line {table.lines[k]}, {column.name}",
             "the number of a plane, from 0 or 1",
             f"{numbers[k]:g}",
-            "correct it, or say that it is a length: --columns z_um=COLUMN",
+            "correct it, or say that it is a length (--columns z_um=COLUMN)",
         )
 
 

@@ -325,7 +325,7 @@ def _axes_notes(plan: ScanPlan, stage: StageAxes, reading: Lie | None, several: 
         other = None if reading is None else reading.other
         if other is None:
             return [words]
-        return [f"{words}. If the plan is right the frames are {other.words}: --orientation {other.option}"]
+        return [f"{words}; if the plan is right the frames are {other.words} (--orientation {other.option})"]
     if reading is not None:
         return [f"axes: {found} move the image right, down and the source away; the light agrees"]
     return [f"axes: {found} as the plan says; the list alone does not tell their sense"] if several else []

@@ -75,8 +75,8 @@ def test_what_lies_within_the_errors_is_not_told() -> None:
             3.0,
             "z of the planes: expected a range of about .* um, as the steps of its planes tell, got .* um; check unit",
         ),
-        (1e-3, "got 50 um; is it in mm. state its unit: --columns z_mm=COLUMN"),
-        (1e3, "is it in um. state its unit: --columns z_um=COLUMN"),
+        (1e-3, r"got 50 um; is it in mm\? state its unit \(--columns z_mm=COLUMN\)"),
+        (1e3, r"is it in um\? state its unit \(--columns z_um=COLUMN\)"),
     ],
 )
 def test_a_z_of_another_unit_is_refused(scale: float, words: str) -> None:

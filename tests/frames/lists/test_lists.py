@@ -175,6 +175,14 @@ def test_a_column_of_planes_beside_counted_places(tmp_path: Path) -> None:
     assert read_listing(tmp_path / "a.csv").unit == "index"
 
 
+def test_a_role_that_no_column_is_to_hold_is_not_found(tmp_path: Path) -> None:
+    table = read_table(written(tmp_path / "a.csv", ",", ".", "file,x,y,z"))
+    assert [str(c) for c in find_columns(table, parse_columns("z="))] == ["file=file", "y=y", "x=x"]
+    assert [str(c) for c in find_columns(table, parse_columns("z=,page=4"))][1] == "page=z"
+    with pytest.raises(InputError, match="column of file: expected a name such as"):
+        find_columns(table, parse_columns("file="))
+
+
 def test_other_columns_are_left_alone(tmp_path: Path) -> None:
     table = Table("t", ("time", "file", "x set", "y set", "temperature", "comment"), (), (), "tab")
     assert [str(c) for c in find_columns(table)] == ["file=file", "y=y set", "x=x set"]

@@ -14,8 +14,10 @@ from pytestqt.qtbot import QtBot
 
 from gui.context import Context
 from gui.models.words import said_in_window
+from gui.pages.frames.import_choice import ImportChoice
+from gui.pages.frames.list_columns import columns_text
 from gui.pages.frames.model import FrameSettings, load_frame, open_imported
-from gui.pages.frames.model_import import ImportChoice, columns_text, open_choice, survey
+from gui.pages.frames.model_import import open_choice, survey
 from lfcal.camera import ScanPlan, preset
 from tests.cli.test_colours import ANCHOR, PERIOD, SENSOR, mosaic, plan_of
 from tests.cli.test_intake import foreign_list
