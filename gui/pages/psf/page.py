@@ -123,6 +123,7 @@ class Page(BasePage):
         self.matrix = matrix = self.context.matrix(state.psf)
         if matrix is None:
             self.reference = None
+            self.context.attention.emit("simulate", False)
             self._show_none(state.psf)
             return
         self.reference = self._comparable(matrix, state.reference)
@@ -140,7 +141,9 @@ class Page(BasePage):
         state = self.context.state
         notes = [f"{Path(state.psf).name}: (z, y, x, t, s) = {matrix.shape}, {format_bytes(matrix.nbytes)}"]
         notes += opening_notes(matrix)
-        if self.reference is not None and self.reference.camera not in (None, state.camera):
+        stale = self.reference is not None and self.reference.camera not in (None, state.camera)
+        self.context.attention.emit("simulate", stale)
+        if stale:
             notes.append("the reference is of another camera than the one described now: simulate it again")
         self.hint.setText("; ".join(notes))
 

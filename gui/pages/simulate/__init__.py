@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from gui.models.page import PageSpec, PageState, Sketch, nothing
+from gui.models.page import PageSpec, PageState, Sketch, file_state, nothing
 from gui.models.project import ProjectState
 
 __all__ = ["PAGE"]
@@ -12,7 +12,7 @@ __all__ = ["PAGE"]
 
 def state(project: ProjectState) -> PageState:
     """Return whether there is a simulated H to compare with."""
-    return PageState.DONE if project.reference else PageState.READY
+    return file_state(project.reference, ready=True)
 
 
 def icon(sketch: Sketch) -> None:

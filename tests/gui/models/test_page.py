@@ -105,8 +105,9 @@ def test_states_follow_from_the_project(tmp_path: Path) -> None:
     assert states["frames"] is PageState.ATTENTION
     assert states["acquire"] is PageState.ATTENTION, "positions are to be recorded again"
     assert set(states) == set(OWN)
-    gone = page_states(ProjectState(psf=str(tmp_path / "gone.h5")))
-    assert gone["psf"] is PageState.ATTENTION and gone["quality"] is PageState.NOTHING
+    lost = str(tmp_path / "gone.h5")
+    gone = page_states(ProjectState(psf=lost, reference=lost))
+    assert gone["psf"] is gone["simulate"] is PageState.ATTENTION and gone["quality"] is PageState.NOTHING
 
 
 def test_a_folder_for_the_next_session_is_no_matter_of_concern(tmp_path: Path) -> None:

@@ -310,10 +310,15 @@ def test_a_reference_of_another_camera_is_told(
     for name in ("H.h5", "R.h5"):
         save(PSFMatrix(values, depths=[-10], camera=camera), tmp_path / name)
     context.project.update("open", psf=str(tmp_path / "H.h5"), reference=str(tmp_path / "R.h5"))
+    told: list[tuple[str, bool]] = []
+    context.attention.connect(lambda key, flag: told.append((key, flag)))
     page: Any = open_page("psf")
     idle(context.jobs, qtbot)
     assert page.reference is not None and "another camera" not in page.hint.text()
     context.project.update("other", camera=preset("r29" if camera != preset("r29") else "bench"))
-    assert "the reference is of another camera" in page.hint.text()
+    assert "the reference is of another camera" in page.hint.text() and told[-1] == ("simulate", True)
     context.project.update("back", camera=camera)
-    assert "another camera" not in page.hint.text()
+    assert "another camera" not in page.hint.text() and told[-1] == ("simulate", False)
+    context.project.update("other", camera=preset("r29" if camera != preset("r29") else "bench"))
+    context.project.update("neither", psf="", reference="")
+    assert told[-1] == ("simulate", False), "nothing is compared"
