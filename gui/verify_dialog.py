@@ -40,9 +40,9 @@ class VerifyDialog(QDialog):
         self.path.setPlaceholderText("folder of a session, or an H file")
         self.path.setAccessibleName("what to verify")
         self.path.setToolTip("What is doubted, after a crash or a copy: the folder of a session, or an H file")
-        self.path.textChanged.connect(lambda _: self._enable())
+        self.path.textChanged.connect(lambda _: self._forget())
         self.path.returnPressed.connect(self.check)
-        folder, file = QPushButton("Session …"), QPushButton("H file …")
+        self.choosers = folder, file = QPushButton("Session …"), QPushButton("H file …")
         folder.setToolTip("Choose the folder of a recorded session")
         file.setToolTip("Choose an H that lfcal wrote: other files have no checksums")
         folder.clicked.connect(self._choose_folder)
@@ -114,6 +114,12 @@ class VerifyDialog(QDialog):
         self.context.go.emit("acquire", None)
         self.close()
 
+    def _forget(self) -> None:
+        """Let go of what was found where another path stood."""
+        self._redo = ()
+        self.found.clear()
+        self._enable()
+
     def _choose_folder(self) -> None:
         path = QFileDialog.getExistingDirectory(self, "Folder of the session")
         if path:
@@ -127,6 +133,9 @@ class VerifyDialog(QDialog):
     def _enable(self) -> None:
         self.start.setEnabled(not self._number and bool(self.path.text().strip()))
         self.stop.setEnabled(bool(self._number))
+        self.path.setReadOnly(bool(self._number))  # what is found is of what stands there
+        for chooser in self.choosers:
+            chooser.setEnabled(not self._number)
         own = Path(self.path.text().strip() or ".") == Path(self.context.state.recording or ".")
         self.again.setVisible(bool(self._redo))
         self.again.setEnabled(own and bool(self.context.state.recording))

@@ -3,8 +3,19 @@
 from __future__ import annotations
 
 import math
+from datetime import datetime
 
-__all__ = ["format_bytes", "format_count", "format_length", "format_plane", "format_seconds", "format_share"]
+__all__ = [
+    "format_bytes",
+    "format_count",
+    "format_dates",
+    "format_length",
+    "format_number",
+    "format_plane",
+    "format_seconds",
+    "format_share",
+    "format_span",
+]
 
 
 def format_bytes(n: float) -> str:
@@ -32,6 +43,17 @@ def format_seconds(seconds: float) -> str:
         return f"{whole // 60} min {whole % 60:02d} s"
     minutes = round(seconds / 60)
     return f"{minutes // 60} h {minutes % 60:02d} min"
+
+
+def format_span(seconds: float) -> str:
+    """Return how far apart two times are, from two days on in days: ``'5.3 days'``, ``'6 h 00 min'``."""
+    return f"{seconds / 86400:.1f} days" if seconds >= 2 * 86400 else format_seconds(seconds)
+
+
+def format_dates(first: datetime, last: datetime) -> str:
+    """Return from which day to which, ``'2026-05-01 to 2026-06-01'``; one day by itself."""
+    days = dict.fromkeys(f"{one:%Y-%m-%d}" for one in (first, last))
+    return " to ".join(days)
 
 
 def format_length(um: float) -> str:

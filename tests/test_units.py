@@ -2,9 +2,20 @@
 
 from __future__ import annotations
 
+from datetime import datetime
+
 import pytest
 
-from lfcal.units import format_bytes, format_count, format_length, format_number, format_seconds, format_share
+from lfcal.units import (
+    format_bytes,
+    format_count,
+    format_dates,
+    format_length,
+    format_number,
+    format_seconds,
+    format_share,
+    format_span,
+)
 
 
 @pytest.mark.parametrize(
@@ -42,3 +53,15 @@ def test_numbers_agree_with_what_they_count() -> None:
         "1 position is",
         "2 positions are",
     ]
+
+
+def test_spans_of_days_and_the_days_they_lie_between() -> None:
+    assert [format_span(s) for s in (4.0, 6 * 3600, 2 * 86400, 40.25 * 86400)] == [
+        "4.0 s",
+        "6 h 00 min",
+        "2.0 days",
+        "40.2 days",
+    ]
+    first, last = datetime(2026, 5, 1, 3), datetime(2026, 6, 1)
+    assert format_dates(first, last) == "2026-05-01 to 2026-06-01"
+    assert format_dates(first, first.replace(hour=9)) == "2026-05-01"

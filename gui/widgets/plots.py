@@ -83,18 +83,27 @@ FEW, MOST = 2.5, 8
 """Decades up to which numbers between them are shown, and decades shown at most."""
 
 
+NUMBERS = ((1, 2, 5), *(tuple(k / n for k in range(n, 10 * n)) for n in (1, 2, 10)))
+"""Numbers of a decade that are shown, the more of them the less of it is seen."""
+
+
 class DecadeAxis(pg.AxisItem):
     """An axis of decimal logarithms with the numbers themselves: 1, 2 and 5, or decades where there are many."""
 
     def tickValues(self, minVal: float, maxVal: float, size: float) -> list[tuple[float, list[float]]]:
         """Return where ticks are: pairs of their distance and their places."""
         low, high = math.floor(minVal), math.ceil(maxVal)
+        seen: list[float] = []
         if maxVal - minVal <= FEW:
-            steps = [math.log10(k) for k in (1, 2, 5)]
-            ticks = [decade + step for decade in range(low, high + 1) for step in steps]
+            for numbers in NUMBERS:
+                ticks = [decade + math.log10(number) for decade in range(low, high + 1) for number in numbers]
+                seen = [tick for tick in ticks if minVal <= tick <= maxVal]
+                if len(seen) > 1:
+                    break
         else:
             ticks = [float(d) for d in range(low, high + 1, math.ceil((high - low) / MOST))]
-        return [(1.0, [tick for tick in ticks if minVal <= tick <= maxVal])]
+            seen = [tick for tick in ticks if minVal <= tick <= maxVal]
+        return [(1.0, seen)]
 
     def tickStrings(self, values: list[float], scale: float, spacing: float) -> list[str]:
         """Return the numbers."""

@@ -38,9 +38,6 @@ SHOWN = (
 
 PICTURES = (".png", ".pdf", ".svg")
 
-SMALLEST, LARGEST = 0.5, 2.0
-"""Ratio of electrons per count, measured over stated, outside which one of them is doubted."""
-
 
 def register(app: typer.Typer) -> None:
     """Add ``sensor`` to the commands of ``camera``."""
@@ -128,21 +125,15 @@ def _as_json(found: SensorMeasurement) -> dict[str, Any]:
 
 
 def _show(found: SensorMeasurement, known: Camera | None, written: list[Path]) -> None:
-    from lfcal.frames.photon_transfer.summary import figures_of
+    from lfcal.frames.photon_transfer.summary import figures_of, unlike
 
-    rows = [list(figure) for figure in figures_of(found)]
+    rows = [list(figure) for figure in figures_of(found, None if known is None else known.sensor)]
     print_table([f"{found.frames[0]} flats, {found.frames[1]} darks", ""], rows)
     for doubt in found.doubts:
         report(f"warning: {doubt}")
     for note in found.notes:
         report(f"note: {note}")
-    if known is not None and found.electrons_per_count is not None:
-        stated = known.sensor.electrons_per_count * (1 << found.shift)
-        ratio = found.electrons_per_count.value / stated
-        if not SMALLEST <= ratio <= LARGEST:
-            report(
-                f"warning: {ratio:.3g} times as many electrons per count as the camera description has "
-                f"({stated:.4g}): another gain setting, or frames that the camera averaged or denoised"
-            )
+    for word in () if known is None else unlike(found, known.sensor):
+        report(f"warning: {word}")
     for path in written:
         typer.echo(f"written: {path}")

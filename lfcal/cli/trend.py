@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,7 +11,7 @@ import typer
 from lfcal.cli.options import ForceOption, JsonOption
 
 if TYPE_CHECKING:
-    from lfcal.fit.trend import Trend
+    from lfcal.fit.trend import Drift, Trend
 
 __all__ = ["register"]
 
@@ -91,6 +92,7 @@ def command(
 
 def _show(found: Trend, out: Path | None) -> None:
     from lfcal.cli.console import print_table, report
+    from lfcal.units import format_dates
 
     rows = []
     for one in found.drifts:
@@ -102,13 +104,13 @@ def _show(found: Trend, out: Path | None) -> None:
                 f"{last.value:.6g} ± {last.sigma:.2g}",
                 f"{one.change:+.3g}" if told else "",
                 f"{one.change_sigmas:+.1f}" if told else "",
-                f"{one.per_month:+.2g} ± {one.per_month_sigma:.1g}" if told else "",
+                _slope(one),
                 one.unit,
                 "moved" if one.moved else "",
             ]
         )
     first, newest = found.fits[0], found.fits[-1]
-    title = f"{newest.camera.name}: {len(found.fits)} fits, {first.when:%Y-%m-%d} to {newest.when:%Y-%m-%d}"
+    title = f"{newest.camera.name}: {len(found.fits)} fits, {format_dates(first.when, newest.when)}"
     print_table(["parameter", "newest", "change", "sigmas", "per month", "unit", ""], rows, title=title)
     for one in found.moved:
         for jump in one.jumps:
@@ -121,3 +123,12 @@ def _show(found: Trend, out: Path | None) -> None:
         report(f"note: {note}")
     if out is not None:
         typer.echo(str(out))
+
+
+def _slope(drift: Drift) -> str:
+    """Return the slope in words; of values too near to each other in time how near they are."""
+    from lfcal.units import format_span
+
+    if math.isfinite(drift.per_month):
+        return f"{drift.per_month:+.2g} ± {drift.per_month_sigma:.1g}"
+    return f"within {format_span(drift.span_s)}" if drift.span_s > 0 else ""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -56,11 +57,12 @@ def _judged(place: Path, label: str) -> Judged:
 
 def _show(found: QualityTrend, out: Path | None) -> None:
     from lfcal.cli.console import print_table, report
+    from lfcal.units import format_dates
 
     shown = found.sessions[-SHOWN:]
     listed = [one for one in (*found.faults, *found.metrics) if one.notable]
     first, newest = found.sessions[0], found.sessions[-1]
-    title = f"{len(found.sessions)} sessions, {first.when:%Y-%m-%d} to {newest.when:%Y-%m-%d}"
+    title = f"{len(found.sessions)} sessions, {format_dates(first.when, newest.when)}"
     rows = [
         [one.scale.title, *map(_told, one.values[-SHOWN:]), one.scale.unit, _slope(one), _change(one)] for one in listed
     ]
@@ -79,11 +81,17 @@ def _show(found: QualityTrend, out: Path | None) -> None:
 
 
 def _told(value: Value | None) -> str:
-    return "–" if value is None else f"{value.value:.3g} {value.merit}"
+    if value is None:
+        return "–"
+    return f"{value.value:.3g} {value.merit}" if math.isfinite(value.value) else value.merit
 
 
 def _slope(course: Course) -> str:
-    return f"{course.per_month:+.2g}" if course.per_month == course.per_month else ""
+    from lfcal.units import format_span
+
+    if math.isfinite(course.per_month):
+        return f"{course.per_month:+.2g}"
+    return f"within {format_span(course.span_s)}" if course.span_s > 0 else ""
 
 
 def _change(course: Course) -> str:

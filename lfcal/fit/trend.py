@@ -16,6 +16,7 @@ from lfcal.checks import check_number
 from lfcal.errors import InputError
 from lfcal.figures import COLOURS, LINES, figure, save_figure
 from lfcal.fit.dated import Dated
+from lfcal.psf.quality.trend import MONTH_S, SHORTEST_S, TOO_SHORT
 
 __all__ = ["Drift", "Jump", "Point", "Trend", "draw_trend", "trend"]
 
@@ -24,8 +25,6 @@ SIGMAS = 5.0
 
 AS_DISTANCE = ("gap_um", "f_number", "focal_0_um", "focal_1_um", "focal_2_um")
 """What a source that is nearer or farther than described looks like."""
-
-MONTH_S = 365.25 / 12 * 86400.0
 
 SHIFTS = {"offset_y_um": 1, "offset_x_um": 0}
 """Parameters that are told from the description of each fit; what is compared are places of the array."""
@@ -65,8 +64,10 @@ class Drift:
         Of the parameter.
     points
         Its values, oldest first.
+    span_s
+        Time from the first that is compared to the last (s); NaN where fewer than two are.
     per_month, per_month_sigma
-        Slope of the line through them; NaN where fewer than two are compared.
+        Slope of the line through them; NaN where they are fewer than two, or lie within less than a week.
     change, change_sigmas
         Of the newest against the oldest, and in standard deviations of both.
     jumps
@@ -79,6 +80,7 @@ class Drift:
     unit: str
     group: str
     points: tuple[Point, ...]
+    span_s: float
     per_month: float
     per_month_sigma: float
     change: float
@@ -154,6 +156,8 @@ def trend(fits: Sequence[Dated], sigmas: float = SIGMAS) -> Trend:
     poor = [one.label for one in ordered if not one.complete]
     if poor:
         notes.append(f"{', '.join(poor)}: the model was incomplete; values may be off by more than their sigmas")
+    if any(drift.span_s < SHORTEST_S for drift in drifts):
+        notes.append(TOO_SHORT)
     if "distance" not in newest.groups and any(drift.moved and drift.name in AS_DISTANCE for drift in drifts):
         notes.append(
             "distance was held in these fits: a point source that is not always as far away looks alike; fit it, too "
@@ -185,13 +189,15 @@ def _drift(name: str, fits: Sequence[Dated], sigmas: float) -> Drift:
     used = [point for point in points if point.compared]
     unit, group = own[-1].units[name], own[-1].groups_of[name]
     if len(used) < 2:
-        return Drift(name, unit, group, points, math.nan, math.nan, math.nan, math.nan, (), False)
+        return Drift(name, unit, group, points, math.nan, math.nan, math.nan, math.nan, math.nan, (), False)
     pairs = [(a, b, _apart(a, b)) for a, b in pairwise(used)]
     jumps = tuple(Jump(a.fit, b.fit, b.value - a.value, far) for a, b, far in pairs if abs(far) > sigmas)
     whole = _apart(used[0], used[-1])
     slope, error = _slope(used)
     moved = bool(jumps) or abs(whole) > sigmas or (len(used) > 2 and error > 0 and abs(slope) > sigmas * error)
-    return Drift(name, unit, group, points, slope, error, used[-1].value - used[0].value, whole, jumps, moved)
+    span = (used[-1].when - used[0].when).total_seconds()
+    rate = (slope, error) if span >= SHORTEST_S else (math.nan, math.nan)
+    return Drift(name, unit, group, points, span, *rate, used[-1].value - used[0].value, whole, jumps, moved)
 
 
 def _same(name: str, one: Dated, newest: Dated) -> bool:

@@ -123,6 +123,10 @@ class Difference:
             for one in self.planes
             if one.like is not None
         ]
+        empty = [f"{one.planes[0]}" for one in self.planes if not one.positions]
+        if empty and len(empty) < len(self.planes):
+            planes = f"plane{'s' * (len(empty) > 1)} {', '.join(empty)} of the first"
+            swapped.append(f"{planes}: not compared, for no position has light in both")
         return (*self.pair.notes, *swapped)
 
     def worst(self, count: int = 6) -> list[tuple[int, int, int]]:
@@ -337,5 +341,8 @@ def _more_like(both: Pair) -> list[int | None]:
         ours = told([both.patterns(k, y, x)[0] for y, x in places])
         unlike = 1.0 - theirs @ ours
         own, best = both.planes[k][1], int(unlike.argmin())
+        if not theirs[own].any():  # a plane without light is like none
+            found.append(None)
+            continue
         found.append(best if best != own and unlike[own] > LIKER * unlike[best] + 1e-3 else None)
     return found

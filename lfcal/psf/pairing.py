@@ -103,15 +103,23 @@ def pair(a: PSFMatrix | ArrayLike, b: PSFMatrix | ArrayLike, *, by_number: bool 
         If the periods or the pixels differ, no plane is common, or numbers are complex.
     """
     first, second = (_straight(m) for m in (a, b))
-    if "c" in (first.dtype.kind, second.dtype.kind):
-        raise InputError("comparison: expected real numbers, got complex ones; give intensities")
+    for matrix, which in ((first, "first"), (second, "second")):
+        if matrix.dtype.kind == "c":
+            raise InputError.expected(_called(matrix, which), "real numbers", "complex ones", "give intensities")
     for name, own, other in (
         ("period (y, x)", first.period, second.period),
         ("pixels per sensor pixel", first.pixel_scale, second.pixel_scale),
     ):
         if own != other:
-            raise InputError.expected(f"second H, {name}", own, other, "compare H of the same array and sampling")
+            wanted = f"{own} as of {_called(first, 'first')}"
+            remedy = "compare H of the same array and sampling"
+            raise InputError.expected(f"{_called(second, 'second')}, {name}", wanted, other, remedy)
     notes: list[str] = []
+    if first.path and (first.path, first.region) == (second.path, second.region):
+        notes.append("both are the same file")
+    names = [m.camera.name for m in (first, second) if m.camera is not None]
+    if len(set(names)) > 1:
+        notes.append(f"cameras of other names: {names[0]} and {names[1]}")
     planes = _planes(first, second, by_number, notes)
     moved = _moved(first, second, notes)
     rows, columns = (min(n, m) for n, m in zip(first.cutout, second.cutout, strict=True))
@@ -124,6 +132,11 @@ def pair(a: PSFMatrix | ArrayLike, b: PSFMatrix | ArrayLike, *, by_number: bool 
 def _straight(matrix: PSFMatrix | ArrayLike) -> PSFMatrix:
     H = matrix if isinstance(matrix, PSFMatrix) else PSFMatrix(matrix)
     return H.T if H.is_transposed else H
+
+
+def _called(matrix: PSFMatrix, which: str) -> str:
+    """Return what an H is called in an error: its file, and which of both it is."""
+    return f"{matrix.path} ({which} H)" if matrix.path else f"{which} H"
 
 
 def _planes(a: PSFMatrix, b: PSFMatrix, by_number: bool, notes: list[str]) -> tuple[tuple[int, int], ...]:
@@ -150,10 +163,10 @@ def _planes(a: PSFMatrix, b: PSFMatrix, by_number: bool, notes: list[str]) -> tu
             free.discard(near)
     if not found:
         raise InputError.expected(
-            "second H, depths",
+            f"{_called(b, 'second')}, depths",
             f"some of {_listed(a, range(len(a)))}",
             _listed(b, range(len(b))),
-            "compare planes of equal numbers with --by-number",
+            "compare planes by number (--by-number)",
         )
     _left_out(notes, "first", a, [z for z, _ in found])
     _left_out(notes, "second", b, [z for _, z in found])

@@ -83,6 +83,14 @@ def test_what_is_left_out_is_said(lfcal: Lfcal, place: Path) -> None:
     assert lfcal("compare", "may/H.h5", "far.h5", "--by-number").code == 0
 
 
+def test_a_page_of_nothing_compared_says_so(lfcal: Lfcal, place: Path) -> None:
+    save(PSFMatrix(np.zeros(SHAPE), depths=[-2000.0, -1000.0]), place / "dark.h5")
+    run = lfcal("compare", "may/H.h5", "dark.h5", "--report", "out")
+    assert run.code == 0 and "Nothing could be compared" in run.out and "nan" not in run.out, run.err
+    page = (place / "out" / "index.html").read_text(encoding="utf-8")
+    assert "0 of 24 positions" in page and ">nan" not in page
+
+
 def test_other_periods_are_one_line(lfcal: Lfcal, place: Path) -> None:
     save(PSFMatrix(np.ones((1, 2, 2, 5, 5))), place / "other.h5")
     run = lfcal("compare", "may/H.h5", "other.h5")

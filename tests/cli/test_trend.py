@@ -41,6 +41,14 @@ def test_json_has_every_value(lfcal: Lfcal, tmp_path: Path) -> None:
     assert isinstance(one, dict) and one["parameters"][0]["per_month"] is None, "nothing to compare it with"
 
 
+def test_fits_of_one_day_tell_their_span_in_place_of_a_rate(lfcal: Lfcal, tmp_path: Path) -> None:
+    for name, day, gap in (("a", 0, 400.0), ("b", 0.25, 402.0)):
+        write_fit(tmp_path / name, day, {"gap_um": gap})
+    run = lfcal("trend", tmp_path)
+    assert run.code == 1 and "within 6 h 00 min" in run.out and "2 fits, 2026-01-01 " in run.out
+    assert "no change per month is told from less than a week" in run.err
+
+
 def test_folders_of_one_name_are_told_apart(lfcal: Lfcal, tmp_path: Path) -> None:
     for name, day in (("may", 0), ("june", 30)):
         write_fit(tmp_path / name / "fit", day, {"gap_um": 400.0 + day})

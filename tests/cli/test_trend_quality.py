@@ -71,6 +71,55 @@ def test_what_got_better_or_stayed_ends_with_0(lfcal: Lfcal, record: dict[str, A
     assert "not compared with a camera" in run.err and run.out.index("may") < run.out.index("june")
 
 
+def dated(folder: Path, when: str, **more: Any) -> Path:
+    """Change when an inspection was made, and what else its file holds."""
+    file = folder / "quality.json"
+    file.write_text(json.dumps(json.loads(file.read_text()) | {"inspected": when} | more))
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("when", "told"),
+    [
+        ("2026-05-01T00:00:04+00:00", "within 4.0 s"),
+        ("2026-05-03T06:00:00+00:00", "within 2.2 days"),
+        ("2026-05-31T10:30:00+00:00", "+2.5"),
+    ],
+)
+def test_no_change_per_month_is_told_from_less_than_a_week(
+    lfcal: Lfcal, record: dict[str, Any], tmp_path: Path, when: str, told: str
+) -> None:
+    write(tmp_path / "a", record, 5, (1.0, "good"))
+    dated(write(tmp_path / "b", record, 6, (3.5, "fair")), when)
+    run = lfcal("trend", "--quality", tmp_path / "a", tmp_path / "b")
+    assert run.code == 1 and told in run.out, "it got worse all the same"
+    assert ("no change per month is told" in run.err) == told.startswith("within")
+    found = lfcal("trend", "--quality", tmp_path / "a", tmp_path / "b", "--json").json
+    assert isinstance(found, dict)
+    lamp = next(one for one in found["metrics"] if one["key"] == "lamp")
+    assert (lamp["per_month"] is None) == told.startswith("within") and lamp["span_s"] > 0
+
+
+def test_sessions_of_one_time_or_of_another_array_are_said(
+    lfcal: Lfcal, record: dict[str, Any], tmp_path: Path
+) -> None:
+    nz, ny, nx, nt, ns = record["shape"]
+    dated(write(tmp_path / "a", record, 5, (1.0, "good")), "2026-05-01T00:00:00Z", shape=[nz, ny + 1, nx, nt, ns])
+    write(tmp_path / "b", record, 5, (1.0, "good"))
+    run = lfcal("trend", "--quality", tmp_path / "a", tmp_path / "b")
+    assert run.code == 0 and "2 sessions, 2026-05-01 " in run.out and " to " not in run.out.splitlines()[0]
+    assert "a and b are of the same time" in run.err
+    assert f"a: a period of {ny + 1} × {nx} positions" in run.err and "another camera" in run.err
+
+
+def test_a_merit_without_a_number_is_told_by_itself(lfcal: Lfcal, record: dict[str, Any], tmp_path: Path) -> None:
+    """A signal without noise is infinite, and infinity is no number of a file."""
+    for k, merit in enumerate(("fair", "good")):
+        write(tmp_path / f"m{k}", record, 5 + k, (None, merit))  # type: ignore[arg-type]
+    run = lfcal("trend", "--quality", tmp_path / "m0", tmp_path / "m1")
+    assert run.code == 0 and "better" in run.out and "nan" not in run.out
+
+
 def test_an_unknown_value_is_neither_worse_nor_better(lfcal: Lfcal, record: dict[str, Any], tmp_path: Path) -> None:
     for k, lamp in enumerate([(1.0, "good"), (9.0, "unknown"), (9.0, "bad")]):
         write(tmp_path / f"m{k}", record, 1 + k, lamp)

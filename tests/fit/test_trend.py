@@ -86,6 +86,18 @@ def test_a_drift_is_found_with_its_rate(tmp_path: Path) -> None:
     assert not gap.jumps and abs(gap.change_sigmas) > 5
 
 
+def test_fits_of_one_day_have_a_change_and_no_rate(tmp_path: Path) -> None:
+    """An hour apart, a tenth of a micrometre would be 70 of them a month."""
+    for days, known in ((1 / 24, False), (6.9, False), (7.0, True)):
+        place = tmp_path / str(days)
+        paths = [write_fit(place / name, day, {"gap_um": gap}) for name, day, gap in (("a", 0, 400), ("b", days, 402))]
+        found = trend([read_fit(path) for path in paths])
+        gap = by_name(found)["gap_um"]
+        assert gap.moved and gap.change == pytest.approx(2.0) and gap.span_s == pytest.approx(days * 86400)
+        assert math.isfinite(gap.per_month) is known and math.isfinite(gap.per_month_sigma) is known
+        assert any("no change per month" in note for note in found.notes) is not known
+
+
 def test_a_source_elsewhere_is_named_beside_a_gap_that_moved(tmp_path: Path) -> None:
     told = "distance was held in these fits"
     fits = [read_fit(path) for path in months(tmp_path / "a", drift=0.5)]

@@ -72,6 +72,23 @@ def test_an_h_file_is_verified_and_what_is_none_is_told(window: MainWindow, qtbo
         assert dialog.start.isEnabled() and not dialog.stop.isEnabled()
 
 
+def test_what_was_found_in_one_place_is_not_sent_for_another(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:
+    for name in ("copy", "own"):
+        record(tmp_path / name, PLAN, rig_for(PLAN), CAREFUL)
+    damage(tmp_path / "copy" / "recording.h5")
+    own = str(tmp_path / "own")
+    window.project.update("session", camera=PLAN.camera, plan=PLAN, recording=own)
+    dialog = window.tools.verify()
+    dialog.path.setText(str(tmp_path / "copy"))
+    dialog.check()
+    assert dialog.path.isReadOnly() and not any(one.isEnabled() for one in dialog.choosers)
+    idle(window.jobs, qtbot)
+    assert "frame damaged" in dialog.found.toPlainText() and dialog.again.isVisible() and not dialog.again.isEnabled()
+    assert not dialog.path.isReadOnly()
+    dialog.path.setText(own)
+    assert dialog.found.toPlainText() == "" and not dialog.again.isVisible()
+
+
 def test_the_doctor_tells_what_is_there_and_why_not(window: MainWindow, qtbot: QtBot) -> None:
     dialog = window.tools.doctor()
     idle(window.jobs, qtbot)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,10 +16,10 @@ from lfcal.camera import ScanPlan, preset
 from lfcal.errors import InputError
 from lfcal.plain import plain
 from lfcal.progress import Progress
-from lfcal.psf import PSFMatrix
+from lfcal.psf import PSFMatrix, open_psf, save
 from lfcal.psf.difference import difference, iter_difference
 from lfcal.psf.pairing import pair
-from lfcal.psf.report.two import figure_rows, verdict
+from lfcal.psf.report.two import compared_words, figure_rows, map_levels, verdict
 from lfcal.psf.shifting import best_shift, shifted
 from tests.psf.test_compare import spots
 
@@ -118,6 +120,24 @@ def test_nothing_to_compare_is_no_number() -> None:
     found = difference(np.zeros(SHAPE), moved())
     assert math.isnan(found.all.nrmse) and math.isnan(found.all.left) and not found.worst()
     assert json.dumps(plain(found.to_dict()), allow_nan=False)
+    assert all(row[2:] == ("–",) * 6 for row in figure_rows(found))
+    assert compared_words(found).startswith("0 of 24 positions") and not found.notes, "the verdict says it"
+
+
+def test_a_plane_without_light_is_not_compared_and_like_no_other() -> None:
+    dark = moved()
+    dark[1] = 0
+    found = difference(moved(), dark)
+    assert found.notes == ("plane 1 of the first: not compared, for no position has light in both",)
+    assert compared_words(found).startswith("12 of 24 positions of 2 planes")
+    assert figure_rows(found)[2][2:] == ("–",) * 6 and "–" not in figure_rows(found)[1]
+
+
+def test_differences_that_rounding_alone_sets_apart_are_drawn_alike() -> None:
+    even = np.array([[12.7217, 12.72169], [np.nan, 12.7217]])
+    assert map_levels(even) == (0.0, 12.7217)
+    assert map_levels(np.array([[3.0, 5.0], [np.nan, 4.0]])) == (3.0, 5.0)
+    assert map_levels(np.zeros((2, 2))) == map_levels(np.full((2, 2), np.nan)) == (0.0, 1.0)
 
 
 # -- lens types --------------------------------------------------------------------------------------------
@@ -168,7 +188,7 @@ def test_depths_pair_planes_and_the_rest_is_said() -> None:
 
 def test_planes_of_other_depths_are_refused_unless_numbers_count() -> None:
     first, second = (PSFMatrix(moved(), depths=depths) for depths in ([0.0, 1e3], [400.0, 1400.0]))
-    with pytest.raises(InputError, match="by-number"):
+    with pytest.raises(InputError, match="compare planes by number"):
         pair(first, second)
     both = pair(first, second, by_number=True)
     assert both.planes == ((0, 0), (1, 1)) and "2 of them differ in depth" in both.notes[0]
@@ -208,7 +228,31 @@ def test_a_transposed_view_is_the_h_behind_it() -> None:
 def test_what_cannot_be_compared_is_one_line(other: Values, words: str) -> None:
     with pytest.raises(InputError, match=words) as error:
         pair(moved(), other)
-    assert "\n" not in str(error.value)
+    assert "\n" not in str(error.value) and "second H" in str(error.value)
+
+
+def test_a_refused_file_is_called_by_its_name(tmp_path: Path) -> None:
+    depths = [-2000.0, -1000.0]
+    for name, values, at in (
+        ("may", moved(), depths),
+        ("far", moved(), [-9.0, -5.0]),
+        ("other", moved()[:, :2], depths),
+    ):
+        save(PSFMatrix(values, depths=at), tmp_path / f"{name}.h5")
+    with open_psf(tmp_path / "may.h5") as a:
+        for name in ("far", "other"):
+            with open_psf(tmp_path / f"{name}.h5") as b, pytest.raises(InputError) as error:
+                pair(a, b)
+            assert str(error.value).startswith(f"{tmp_path / name}.h5 (second H), ")
+        with open_psf(tmp_path / "may.h5") as again:
+            assert pair(a, again).notes == ("both are the same file",)
+
+
+def test_cameras_of_other_names_are_said() -> None:
+    plan = bench()
+    values = spots((1, *plan.period, 31, 31))
+    other = PSFMatrix(values, depths=plan.depths_um, camera=replace(plan.camera, name="spare"), anchor=plan.anchor)
+    assert pair(of_bench(values, plan), other).notes == (f"cameras of other names: {plan.camera.name} and spare",)
 
 
 def test_rows_are_read_one_by_one() -> None:

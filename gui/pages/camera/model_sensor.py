@@ -13,7 +13,7 @@ from lfcal.errors import InputError
 from lfcal.frames.photon_transfer.frame_list import find_frames
 from lfcal.frames.photon_transfer.measurement import iter_measure_sensor
 from lfcal.frames.photon_transfer.result import SensorMeasurement
-from lfcal.frames.photon_transfer.summary import figures_of
+from lfcal.frames.photon_transfer.summary import figures_of, unlike
 from lfcal.progress import Work
 
 __all__ = ["Curves", "curves_of", "iter_sensor", "rows_of", "taken", "words_of"]
@@ -35,15 +35,16 @@ def iter_sensor(camera: Camera, flats: Path, darks: Path) -> Work[SensorMeasurem
     return found
 
 
-def rows_of(found: SensorMeasurement) -> list[tuple[str, str]]:
-    """Return name and value of every figure."""
-    return figures_of(found)
+def rows_of(found: SensorMeasurement, camera: Camera) -> list[tuple[str, str]]:
+    """Return name and value of every figure, and of the full well that ``camera`` would take."""
+    return figures_of(found, camera.sensor)
 
 
-def words_of(found: SensorMeasurement) -> str:
-    """Return what is to be said of the figures, a line each; doubts first."""
+def words_of(found: SensorMeasurement, camera: Camera) -> str:
+    """Return what is to be said of the figures, a line each: doubts, what ``camera`` has otherwise, notes."""
     doubts = [f"Not the sensor's own: {doubt}." for doubt in found.doubts]
-    return "\n".join([*doubts, *(f"{note[:1].upper()}{note[1:]}." for note in found.notes)])
+    notes = (*unlike(found, camera.sensor), *found.notes)
+    return "\n".join([*doubts, *(f"{note[:1].upper()}{note[1:]}." for note in notes)])
 
 
 def taken(found: SensorMeasurement, camera: Camera) -> tuple[Camera | None, str]:

@@ -24,7 +24,7 @@ from PySide6.QtWidgets import (
 from gui.context import Context
 from gui.jobs import Job
 from gui.pages.camera.model_sensor import curves_of, iter_sensor, rows_of, taken, words_of
-from gui.widgets.plots import LINES, LinePlot
+from gui.widgets.plots import LINES, DecadeAxis, LinePlot
 from lfcal.camera import Camera
 from lfcal.frames.photon_transfer.result import SensorMeasurement
 
@@ -34,6 +34,8 @@ HINT = (
     "Flats: two or more frames of each level of light; white images through the lenslets do. Darks: two or more with "
     "the cap on. Nothing may process them on the way: no gamma, no noise reduction, no JPEG."
 )
+
+AXES = ("signal above black (counts)", "noise, rms (counts)")
 
 
 class SensorDialog(QDialog):
@@ -70,6 +72,7 @@ class SensorDialog(QDialog):
         layout.addLayout(self._buttons())
         context.theme_changed.connect(self.apply_theme)
         context.jobs.changed.connect(self._job_changed)
+        context.state_changed.connect(self._show_figures)
 
     def _folders(self) -> QHBoxLayout:
         self.flats_button, self.darks_button = QPushButton("Flats …"), QPushButton("Darks …")
@@ -97,14 +100,12 @@ class SensorDialog(QDialog):
         self.table.setSelectionMode(QTableWidget.SelectionMode.NoSelection)
         self.table.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
         self.table.horizontalHeader().setStretchLastSection(True)
-        self.plot = LinePlot("signal above black (counts)", "noise, rms (counts)", legend=True)
+        self.plot = LinePlot(*AXES, legend=True)
+        self.plot.plot.setAxisItems({side: DecadeAxis(side) for side in ("bottom", "left")})
         self.plot.plot.setLogMode(x=True, y=True)
-        self.plot.plot.getAxis("bottom").setStyle(maxTextLevel=0)  # decades: names of what is between would overlap
+        self.plot.plot.showGrid(x=True, y=True, alpha=0.15)
+        self.plot.set_labels(*AXES)
         self.plot.plot.legend.setOffset((8, 8))  # the curve rises to the right
-        self.fitted, self.others = (
-            self.plot.plot.plot([], [], pen=None, symbol="o", symbolSize=5, symbolPen=None, symbolBrush=tone, name=name)
-            for tone, name in ((LINES[0], "fitted"), (LINES[5], "not fitted"))
-        )
         self.results = QWidget()
         row = QHBoxLayout(self.results)
         row.setContentsMargins(0, 0, 0, 0)
@@ -142,8 +143,7 @@ class SensorDialog(QDialog):
 
     def _start(self) -> None:
         self.context.jobs.cancel(self._job)
-        self.found = None
-        self.take_button.setEnabled(False)
+        self._show_none()
         camera, flats, darks = self.context.state.camera, Path(self.flats), Path(self.darks)
         self.words.setText("Measuring …")
         self.bar.setVisible(True)
@@ -166,22 +166,40 @@ class SensorDialog(QDialog):
         self.bar.setVisible(False)
         self.words.setText(job.error or HINT)
 
+    def _show_none(self) -> None:
+        """Show no figures, until those of the folders chosen are there."""
+        self.found = None
+        self.table.setRowCount(0)
+        self.plot.clear()
+        self.take_button.setEnabled(False)
+        self.take_button.setToolTip("")
+
     def show_found(self, found: SensorMeasurement) -> None:
         """Show the figures, the curve, and what is to be said of them."""
         self.found = found
         self.bar.setVisible(False)
-        self.words.setText(words_of(found) or "Every figure was told.")
-        rows = rows_of(found)
+        curves = curves_of(found)
+        for name, points, tone in (("fitted", curves.fitted, LINES[0]), ("not fitted", curves.others, LINES[5])):
+            if points[0].size:
+                self.plot.set_curve(name, *points, symbol="o", colour=tone, line=False)
+        if curves.fit[0].size:
+            self.plot.set_curve("fit", *curves.fit, colour=LINES[1])
+        self.plot.plot.autoRange()
+        self._show_figures()
+
+    def _show_figures(self) -> None:
+        """Show the figures beside the camera of now, and whether it can take them."""
+        if self.found is None:
+            return
+        found, camera = self.found, self.context.state.camera
+        self.words.setText(words_of(found, camera) or "Every figure was told.")
+        rows = rows_of(found, camera)
         self.table.setRowCount(len(rows))
         for row, texts in enumerate(rows):
             for column, text in enumerate(texts):
                 self.table.setItem(row, column, QTableWidgetItem(text))
-        curves = curves_of(found)
-        self.fitted.setData(*curves.fitted)
-        self.others.setData(*curves.others)
-        self.plot.set_curve("fit", *curves.fit, colour=LINES[1])
-        camera, why = taken(found, self.context.state.camera)
-        self.take_button.setEnabled(camera is not None)
+        changed, why = taken(found, camera)
+        self.take_button.setEnabled(changed is not None and changed != camera)
         self.take_button.setToolTip(why)
 
     def take(self) -> None:
@@ -196,7 +214,6 @@ class SensorDialog(QDialog):
             self.words.setText("The camera stays as it is while a session is being recorded; take it over afterwards.")
             return
         self.words.setText("The measured sensor is the camera's now; save the camera to use it elsewhere.")
-        self.take_button.setEnabled(False)
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
@@ -207,4 +224,5 @@ class SensorDialog(QDialog):
         self.context.jobs.cancel(self._job)
         self.context.jobs.changed.disconnect(self._job_changed)
         self.context.theme_changed.disconnect(self.apply_theme)
+        self.context.state_changed.disconnect(self._show_figures)
         super().closeEvent(event)

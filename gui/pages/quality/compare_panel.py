@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import pyqtgraph as pg
 from numpy.typing import NDArray
 from PySide6.QtCore import QSignalBlocker, QTimer, Signal
 from PySide6.QtGui import QHideEvent
@@ -20,6 +21,7 @@ from PySide6.QtWidgets import (
 
 from gui.models.display import SCALES, Display
 from gui.pages.quality.model_compare import COLUMNS, MODES, TIPS, Both, Place
+from gui.widgets.blank import NOTHING
 from gui.widgets.cards import card, choice_box, line, told_or_shown
 from gui.widgets.image_view import ImageView
 from gui.widgets.linking import link_views
@@ -30,6 +32,7 @@ __all__ = ["ComparePanel"]
 
 BLINK_MS = 600
 NONE = "Choose a second H to hold beside this one: of another day, a simulation, or the H of a fit."
+NOT_COMPARED = "Not compared: no position of this plane has light in both."
 PAIRING = (("depth", "by depth"), ("number", "by number"))
 NUMBERS = (1, 2, 3, 4, 5)
 
@@ -183,7 +186,9 @@ class ComparePanel(QWidget):
         self.map_title = QLabel("Difference over the positions")
         frame, column = card(self.map_title)
         self.map = ImageView(xlabel="position x", ylabel="position y", value_label="difference (%)")
-        self.map.setToolTip("Click a position to see both patterns")
+        self.map.setToolTip("Click a position to see both patterns; those crossed out were not compared")
+        self._missing = pg.ScatterPlotItem(size=7, pen=None, brush=pg.mkBrush("#dc3c3c"), symbol="x")
+        self.map.add_overlay(self._missing)
         self.map.clicked.connect(lambda y, x: self.place_chosen.emit((self._plane, y, x)))
         column.addWidget(self.map)
         return frame
@@ -216,6 +221,8 @@ class ComparePanel(QWidget):
         self._timer.stop()
         for view in (*self.views, self.map):  # until the new ones are read
             view.set_image(None)
+        self.map.blank.words = NOTHING
+        self._missing.setData([], [])
         self.map.set_cursor(None)
         for title in (*self.titles, self.map_title):
             title.setText(" ")
@@ -227,18 +234,23 @@ class ComparePanel(QWidget):
         self.worst.clear()
         for text, place in worst:
             self.worst.addItem(text, place)
+        self.worst.setEnabled(bool(worst))
         self.stack.setCurrentIndex(1)
 
-    def show_map(self, plane: int, title: str, error: NDArray[np.floating]) -> None:
-        """Show the differences (%) over the positions ``(ny, nx)`` of a pair of planes."""
+    def show_map(self, plane: int, title: str, error: NDArray[np.floating], levels: tuple[float, float]) -> None:
+        """Show the differences (%) over the positions ``(ny, nx)`` of a pair of planes; NaN: not compared."""
         self._plane = plane
         self.map_title.setText(title)
-        self.map.set_image(error, name="difference")
+        known = np.isfinite(error)
+        y, x = np.nonzero(~known if known.any() else known)
+        self._missing.setData(x, y)
+        self.map.blank.words = "" if known.any() else NOT_COMPARED
+        self.map.set_image(error if known.any() else None, name="difference", levels=levels)
 
     def show_both(self, both: Both, where: str) -> None:
         """Show a position of both."""
         self._both = both
-        self.map.set_cursor(both.place[1], both.place[2])
+        self.map.set_cursor(*(both.place[1:] if self.map.image is not None else (None, None)))
         first, second = self._names
         self._where = f"{first} {where}"
         self.titles[1].setText(second)

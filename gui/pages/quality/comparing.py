@@ -133,7 +133,8 @@ class Comparing:
                 return
             self._asked = None
             self.follow()
-            self._panel.show_message(words)
+            old = Path(self._context.state.reference).name
+            self._panel.show_message(f"{words}\nThe second H is {old} as before. {READY}" if old else words)
 
         self._context.matrices.take(path, taken, refused)
 
@@ -221,13 +222,16 @@ class Comparing:
 
     def show_place(self, place: Place) -> None:
         """Show a position of both, and where it is."""
+        from lfcal.psf.report.two import map_levels
+
         found = self.found
         if found is None:
             return
         self._place = place
         k = place[0]
         plane = format_plane(found.planes[k].depths_um[0], found.planes[k].planes[0], "z")
-        self._panel.show_map(k, f"Difference over the positions, {plane}", 100 * found.error[k])
+        error = 100 * found.error[k]
+        self._panel.show_map(k, f"Difference over the positions, {plane}", error, map_levels(error))
         pair = self._opened()
         if pair is None:
             return
@@ -237,7 +241,11 @@ class Comparing:
             if self.found is found:
                 self._panel.show_both(both, where)
 
-        self._context.jobs.compute("quality both", lambda: both_at(pair, place), read)
+        def failed(words: str) -> None:
+            if self._pair is pair:  # else its files were let go for others
+                self._context.message.emit(words)
+
+        self._context.jobs.compute("quality both", lambda: both_at(pair, place), read, failed)
 
     def _opened(self) -> Pair | None:
         """Return both H as they are open in the window, None: not yet."""

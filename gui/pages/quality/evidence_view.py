@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
@@ -128,7 +130,8 @@ class EvidenceView(QWidget):
         self.marks.setData(positions[:, 1].astype(float), positions[:, 0].astype(float))
 
     def _hovered(self, y: int, x: int, value: float) -> None:
-        words = f"position y {y}, x {x}: {value:.4g}; click to look at it" if y >= 0 else self._hint
+        told = f"{value:.4g}" if math.isfinite(value) else "not known"
+        words = f"position y {y}, x {x}: {told}; click to look at it" if y >= 0 else self._hint
         self.readout.setText(words)
 
     # -- pictures --------------------------------------------------------------------------------------

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from gui.models.display import levels_of
 from gui.models.stamp import Stamp
+from gui.pages.quality.model import capital
 from lfcal.progress import Work
 
 if TYPE_CHECKING:
@@ -116,7 +117,8 @@ def told_of(found: Difference) -> tuple[str, str]:
     """Return the verdict, and what was compared and left out."""
     from lfcal.psf.report.two import compared_words, verdict
 
-    return verdict(found), ". ".join((compared_words(found), *found.notes)) + "."
+    told = (compared_words(found), *found.notes)
+    return verdict(found), " ".join(capital(words if words[-1] == "?" else f"{words}.") for words in told)
 
 
 def table_of(found: Difference) -> list[tuple[str, ...]]:

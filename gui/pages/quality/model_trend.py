@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.errors import InputError
-from lfcal.units import format_number
+from lfcal.units import format_dates, format_number, format_span
 
 if TYPE_CHECKING:
     from lfcal.psf.quality.trend import Course, QualityTrend, Value
@@ -66,13 +67,17 @@ def _title(course: Course) -> str:
 
 
 def _slope(course: Course) -> str:
-    """Return the slope in words; one of rounding alone is none."""
-    largest = max((abs(value.value) for value in course.values if value is not None), default=0.0)
-    return f"{course.per_month:+.2g}" if abs(course.per_month) > 1e-9 * largest else ""
+    """Return the slope in words; of values that changed within too short a time how long that was."""
+    if math.isfinite(course.per_month):
+        return f"{course.per_month:+.2g}" if course.per_month else ""
+    known = {value.value for value in course.values if value is not None}
+    return f"within {format_span(course.span_s)}" if course.span_s > 0 and len(known) > 1 else ""
 
 
 def _told(value: Value | None) -> str:
-    return "–" if value is None else f"{format_number(value.value)} {value.merit}"
+    if value is None:
+        return "–"
+    return f"{format_number(value.value)} {value.merit}" if math.isfinite(value.value) else value.merit
 
 
 def merits_of(found: QualityTrend) -> list[str]:
@@ -82,12 +87,15 @@ def merits_of(found: QualityTrend) -> list[str]:
 
 def trend_words(found: QualityTrend) -> tuple[str, str]:
     """Return what got worse, and which sessions were compared, with what the numbers do not say."""
+    from lfcal.psf.quality.trend import TOO_SHORT
+
     names = ", ".join(one.scale.title for one in found.worse)
     first, newest = found.sessions[0], found.sessions[-1]
-    about = f"{len(found.sessions)} sessions, {first.when:%Y-%m-%d} to {newest.when:%Y-%m-%d}"
+    about = f"{len(found.sessions)} sessions, {format_dates(first.when, newest.when)}"
     newest_words = f"{newest.label}: {newest.verdict}"
     words = f"Worse than before: {names}." if names else "Nothing got worse."
-    return words, ". ".join(part.rstrip(".") for part in (about, newest_words, *found.notes)) + "."
+    notes = (f"{note[:1].upper()}{note[1:]}" if note == TOO_SHORT else note for note in found.notes)
+    return words, ". ".join(part.rstrip(".") for part in (about, newest_words, *notes)) + "."
 
 
 def curve_of(found: QualityTrend, row: int) -> Curve:

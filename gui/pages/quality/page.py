@@ -45,6 +45,7 @@ class Page(BasePage):
         super().__init__(spec, context)
         self.inspection: Inspection | None = None
         self._stamp: Stamp | None = None
+        self._asked: Question | None = None
         self._question: Question | None = None
         self._kept = Kept()
         self._job = self._report = 0
@@ -172,7 +173,7 @@ class Page(BasePage):
             self._follow()
             return
         asked = asked_of(self._stamp, self.settings, self.context.fitted)
-        self._kept, self._question = Kept(), asked
+        self._kept, self._asked = Kept(), asked
         kept = self._kept
         self.hold_keyboard()
         self.notice.clear()
@@ -216,12 +217,12 @@ class Page(BasePage):
         found = judged(self._kept, why)
         self._kept = Kept()
         if found is not None:
-            self.inspection = found
+            self.inspection, self._question = found, self._asked
         if self.inspection is None:
             self.show_empty(job.error or "Stopped.", {"Try again": (INSPECT, lambda: self.measure(force=True))})
         else:
             if job.error:
-                self.refuse(job.error)
+                self.refuse(job.error if found is not None else f"{job.error}. Shown is what was found before")
             self._show()
         self._show_buttons()
 

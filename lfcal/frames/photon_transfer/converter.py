@@ -69,7 +69,7 @@ class ConverterScan:
             return
         found = np.bincount(np.ascontiguousarray(values, np.uint16).ravel(), minlength=LONGEST)
         self.counts = found if not self.counts.size else self.counts + found
-        if self.step in (0.0, 1.0):
+        if self.first is None:
             self.step = 1.0
 
     def _add_fractions(self, values: NDArray[Any]) -> None:
@@ -84,9 +84,10 @@ class ConverterScan:
 
     def result(self) -> Converter:
         """Return what the histogram tells; raises `InputError` where all samples are alike."""
-        if not self.counts.size or 0 < self.step < 1:
-            return Converter(self.top, None, 0, self.step, 1.0)
         values = np.flatnonzero(self.counts)
+        # where the brightest frames are not among the whole numbers, these tell nothing of the converter's end
+        if not values.size or self.step < 1 or self.top > values[-1]:
+            return Converter(self.top, None, 0, self.step, 1.0)
         if values.size < 2:
             raise InputError.expected("flats and darks", "samples that differ", f"{values[0]} everywhere", "check them")
         # empty low bits: a power of two divides every sample

@@ -74,7 +74,9 @@ def iter_measure_sensor(
         values = frame.read()
         shape = shape or values.shape
         if values.shape != shape:
-            raise InputError.expected(frame.label, f"{shape} px as the others", values.shape, "take one sensor setting")
+            which = f"{'darks' if k < len(darks) else 'flats'}, {frame.label}"
+            sizes = [" × ".join(map(str, size)) + " px" for size in (shape, values.shape)]
+            raise InputError.expected(which, f"{sizes[0]} as the first dark", sizes[1], "take one sensor setting")
         if values.size < FEWEST_PIXELS:
             raise InputError.expected(
                 frame.label, f"{FEWEST_PIXELS} pixels or more", f"{values.shape}", "take larger frames"
@@ -173,6 +175,7 @@ def _measurement(
         dead=dead,
         channels=channels,
         frames=frames,
+        shape=dark.mean.shape,
         doubts=doubts_of(converter, darks, levels, curve) + _multiplied(channels, curve),
         notes=tuple(notes),
         curve=curve,
@@ -206,7 +209,9 @@ def _saturation(converter: Converter, curve: Curve, black: Measured, notes: list
         return Measured(broken.value + black.value, broken.sigma)
     if converter.clip is not None:
         return Measured(converter.clip, 0.0)
-    notes.append(f"saturation and full well: unknown, for the brightest sample is {converter.top:.0f}; expose longer")
+    notes.append(
+        f"saturation and full well: not reached, for the brightest sample is {converter.top:.0f}; expose longer"
+    )
     return None
 
 

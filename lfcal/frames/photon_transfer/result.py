@@ -48,6 +48,8 @@ class SensorMeasurement:
         Gain of each channel of the colour filter pattern.
     frames
         Flats and darks read.
+    shape
+        Pixels of a frame ``(rows, columns)``.
     doubts
         Why the figures are not those of the sensor; empty where nothing speaks against them.
     notes
@@ -74,6 +76,7 @@ class SensorMeasurement:
     dead: int
     channels: dict[str, Measured]
     frames: tuple[int, int]
+    shape: tuple[int, int]
     doubts: tuple[str, ...]
     notes: tuple[str, ...]
     curve: Curve = field(repr=False, compare=False)
@@ -83,8 +86,15 @@ class SensorMeasurement:
         """One over the gain."""
         return None if self.gain is None else self.gain.inverse()
 
+    @property
+    def brightest(self) -> float:
+        """Highest mean of pixels of like brightness (sample value)."""
+        return self.dark_level.value + float(self.curve.points.x.max())
+
     def sensor(self, known: Sensor) -> tuple[Sensor, tuple[str, ...]]:
         """Return ``known`` with what was measured, and the names of those entries.
+
+        Its full well is that of the highest sample value, which pixels that are full before do not reach.
 
         Raises
         ------
@@ -110,8 +120,9 @@ class SensorMeasurement:
             if found is not None:
                 values[name] = max(0.0, found.value)
         changed = tuple(name for name in values if name != "bit_depth" or full)
-        # levels of the earlier description may not fit the new bit depth
-        return replace(known, **{"saturation": None, **values}), changed  # type: ignore[arg-type]
+        # a level that was stated stays unless it is of another bit depth, or the frames go beyond it
+        stays = known.saturation if bits == known.bit_depth and (known.saturation or 0) > self.brightest else None
+        return replace(known, **{"saturation": stays, **values}), changed  # type: ignore[arg-type]
 
     def camera(self, known: Camera) -> Camera:
         """Return ``known`` with its sensor as measured, marked so."""

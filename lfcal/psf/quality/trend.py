@@ -7,6 +7,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +20,27 @@ from lfcal.plain import parse_json
 from lfcal.psf.quality.metric import Merit
 from lfcal.psf.quality.report import QualityReport
 
-__all__ = ["Course", "Judged", "QualityTrend", "draw_quality_trend", "judged_of", "quality_trend", "read_judged"]
+__all__ = [
+    "MONTH_S",
+    "SHORTEST_S",
+    "TOO_SHORT",
+    "Course",
+    "Judged",
+    "QualityTrend",
+    "draw_quality_trend",
+    "judged_of",
+    "quality_trend",
+    "read_judged",
+]
 
 FORMAT, NAME = "lfcal-quality", "quality.json"
 MONTH_S = 365.25 / 12 * 86400.0
+SHORTEST_S = 7 * 86400.0
+"""Span of values from which a change per month is told: from less, their noise would be made more than four times
+as large."""
+
+TOO_SHORT = "no change per month is told from less than a week: a month is more than four times as long"
+
 WORSE: dict[str, int] = {"good": 0, "fair": 1, "bad": 2}
 """Merits from the best to the worst; an unknown one is neither."""
 
@@ -61,6 +79,8 @@ class Judged:
         Of each metric by its key.
     faults
         Share of the light of each fault by its title; None: nothing was compared with a camera.
+    period
+        Positions ``(ny, nx)`` of H; None where it is not said.
     """
 
     label: str
@@ -70,6 +90,7 @@ class Judged:
     values: Mapping[str, Value]
     scales: Mapping[str, Scale]
     faults: Mapping[str, float] | None
+    period: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,8 +103,10 @@ class Course:
         Which one; the key of a fault is its title.
     values
         In each session, the oldest first; None where it is not known.
+    span_s
+        Time from the first known value to the last (s); NaN where fewer than two are.
     per_month
-        Slope of the line through the known values; NaN where fewer than two are.
+        Slope of the line through the known values; NaN where they are fewer than two, or lie within `SHORTEST_S`.
     worse, better
         Whether the newest merit is another than that of the last one before that is known.
     """
@@ -91,6 +114,7 @@ class Course:
     key: str
     scale: Scale
     values: tuple[Value | None, ...]
+    span_s: float
     per_month: float
     worse: bool
     better: bool
@@ -141,6 +165,7 @@ class QualityTrend:
                     "unit": one.scale.unit,
                     "values": [None if v is None else v.value for v in one.values],
                     "merits": ["unknown" if v is None else v.merit for v in one.values],
+                    "span_s": one.span_s,
                     "per_month": one.per_month,
                     "worse": one.worse,
                     "better": one.better,
@@ -209,7 +234,9 @@ def _judged(
         values[key] = Value(value, merit)
         scales[key] = Scale(str(one["title"]), str(one["unit"]), float(one["good"]), float(one["bad"]))
     when = when if when.tzinfo is not None else when.replace(tzinfo=UTC)
-    return Judged(label, when.astimezone(UTC), dated, str(data["verdict"]), values, scales, faults)
+    shape = data.get("shape")
+    period = (int(shape[1]), int(shape[2])) if isinstance(shape, list | tuple) and len(shape) == 5 else None
+    return Judged(label, when.astimezone(UTC), dated, str(data["verdict"]), values, scales, faults, period)
 
 
 # -- over time ---------------------------------------------------------------------------------------------
@@ -250,7 +277,29 @@ def quality_trend(sessions: Sequence[Judged], fair: float = 0.01, bad: float = 0
     bare = [one.label for one in ordered if one.faults is None]
     if bare:
         notes.append(f"{', '.join(bare)}: not compared with a camera; faults are not known")
+    notes += _of_another_array(ordered) + _at_one_time(ordered)
+    if any(one.span_s < SHORTEST_S for one in (*metrics, *faults)):
+        notes.append(TOO_SHORT)
     return QualityTrend(ordered, _ranked(metrics), _ranked(faults), tuple(notes))
+
+
+def _of_another_array(sessions: Sequence[Judged]) -> list[str]:
+    """Return what is to be said of H whose period is not that of the newest."""
+    newest = sessions[-1].period
+    return [
+        f"{one.label}: a period of {one.period[0]} × {one.period[1]} positions, the newest's has "
+        f"{newest[0]} × {newest[1]}: another camera or array, whose values may not be held against it"
+        for one in sessions
+        if one.period is not None and newest is not None and one.period != newest
+    ]
+
+
+def _at_one_time(sessions: Sequence[Judged]) -> list[str]:
+    return [
+        f"{one.label} and {other.label} are of the same time: which of them is newer is not known"
+        for one, other in pairwise(sessions)
+        if one.when == other.when
+    ]
 
 
 def _merit(share: float, fair: float, bad: float) -> Merit:
@@ -267,16 +316,20 @@ def _ranked(courses: list[Course]) -> tuple[Course, ...]:
 
 def _course(key: str, scale: Scale, values: Sequence[Value | None], sessions: Sequence[Judged]) -> Course:
     known = [(one.when, v) for one, v in zip(sessions, values, strict=True) if v is not None and math.isfinite(v.value)]
-    slope = math.nan
-    if len(known) > 1 and known[-1][0] > known[0][0]:
+    slope = span = math.nan
+    if len(known) > 1:
+        span = (known[-1][0] - known[0][0]).total_seconds()
+    if span >= SHORTEST_S:
         months = np.array([(when - known[0][0]).total_seconds() / MONTH_S for when, _ in known])
         slope = float(np.polyfit(months, [v.value for _, v in known], 1)[0])
+        # what rounding leaves of values that are the same
+        slope = slope if abs(slope) > 1e-9 * max(abs(v.value) for _, v in known) else 0.0
     earlier = [v for v in values[:-1] if v is not None]
     newest = values[-1]
     step = 0
     if newest is not None and earlier:
         step = WORSE[newest.merit] - WORSE[earlier[-1].merit]
-    return Course(key, scale, tuple(values), slope, step > 0, step < 0)
+    return Course(key, scale, tuple(values), span, slope, step > 0, step < 0)
 
 
 def draw_quality_trend(found: QualityTrend, path: str | os.PathLike[str]) -> None:

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lfcal.errors import StorageError
 from lfcal.figures import draw_image, figure
@@ -21,7 +22,15 @@ from lfcal.psf.report.parts import document, figures, section, table, text
 from lfcal.psf.report.pictures import Picture
 from lfcal.units import format_length, format_number, format_plane, format_seconds
 
-__all__ = ["COLUMNS", "compared_words", "figure_rows", "iter_compared_report", "report_files", "verdict"]
+__all__ = [
+    "COLUMNS",
+    "compared_words",
+    "figure_rows",
+    "iter_compared_report",
+    "map_levels",
+    "report_files",
+    "verdict",
+]
 
 PAGE, NUMBERS = "index.html", "compare.json"
 PATTERNS, MAPS = "patterns.png", "positions.png"
@@ -47,6 +56,9 @@ OTHER_UNITS = 10.0
 MOST_PERCENT = 1000.0
 """Beyond it a difference says only that scales differ, and is not said in figures."""
 
+EVEN = 0.01
+"""Share of the largest difference over the positions up to which they are all as far apart."""
+
 SHOWN, PLANES = 4, 4
 """Positions, and planes, that are drawn."""
 
@@ -67,9 +79,10 @@ def verdict(found: Difference) -> str:
 
 def compared_words(found: Difference) -> str:
     """Return what was compared."""
-    n, _, _, nt, ns = found.pair.shape
-    many = sum(one.positions for one in found.planes)
-    return f"{many:,} positions of {n} plane{'s' * (n > 1)} compared, {nt} × {ns} pixels each"
+    n, ny, nx, nt, ns = found.pair.shape
+    many, whole = sum(one.positions for one in found.planes), n * ny * nx
+    share = f"{many:,}" if many == whole else f"{many:,} of {whole:,}"
+    return f"{share} positions of {n} plane{'s' * (n > 1)} compared, {nt} × {ns} pixels each"
 
 
 def figure_rows(found: Difference) -> list[tuple[str, ...]]:
@@ -90,14 +103,22 @@ def _rows(name: str, whole: Figures, types: tuple[Figures, ...]) -> list[tuple[s
             name,
             kind,
             _percent(one.nrmse),
-            f"{one.scale:.5g}",
+            _told(one.scale, ".5g"),
             _percent(one.scaled),
-            f"{one.shift_px[0]:+z.3f}, {one.shift_px[1]:+z.3f}",
+            _shift(one.shift_px),
             _percent(one.left),
-            f"{one.correlation:.5f}",
+            _told(one.correlation, ".5f"),
         )
         for kind, one in [("all", whole), *((f"type {t}", one) for t, one in enumerate(types))]
     ]
+
+
+def _told(value: float, form: str) -> str:
+    return format(value, form) if math.isfinite(value) else "–"
+
+
+def _shift(px: tuple[float, float]) -> str:
+    return ", ".join(f"{one:+z.3f}" for one in px) if all(map(math.isfinite, px)) else "–"
 
 
 def _percent(share: float) -> str:
@@ -106,6 +127,13 @@ def _percent(share: float) -> str:
     if 100 * share > MOST_PERCENT:
         return f"> {MOST_PERCENT:.0f}"
     return f"{100 * share:.3g}" if 100 * share >= 0.005 or share == 0 else "< 0.005"
+
+
+def map_levels(error: NDArray[np.floating]) -> tuple[float, float]:
+    """Return the ends of the scale of a map of differences; where all are alike from 0, or rounding alone is seen."""
+    known = error[np.isfinite(error)]
+    low, top = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
+    return (0.0, top or 1.0) if top - low <= EVEN * top else (low, top)
 
 
 def report_files(folder: Path) -> list[Path]:
@@ -202,8 +230,11 @@ def _patterns(found: Difference) -> Picture:
 def _maps(found: Difference) -> Picture:
     """Draw error and shift over the positions of planes, the worst planes first."""
     rank = np.nan_to_num([one.all.scaled for one in found.planes], nan=-1.0)
-    planes = sorted(np.argsort(-rank, kind="stable")[:PLANES].tolist())
-    with figure(9.6, 0.3 + 2.4 * len(planes)) as fig:
+    order = np.argsort(-rank, kind="stable").tolist()
+    planes = sorted([k for k in order if found.planes[k].positions][:PLANES])
+    with figure(9.6, 0.3 + 2.4 * max(1, len(planes))) as fig:
+        if not planes:
+            fig.text(0.5, 0.5, "no position could be compared", ha="center")
         for row, k in enumerate(planes):
             depth = format_plane(found.planes[k].depths_um[0], found.planes[k].planes[0], "z")
             panels = (
@@ -223,6 +254,8 @@ def _maps(found: Difference) -> Picture:
                     ylabel="position y (px)",
                     signed=signed,
                 )
+                if not signed:
+                    axes.images[0].set_clim(*map_levels(image))
         shown = "" if len(planes) == len(found.planes) else f"; {len(planes)} of {len(found.planes)} planes"
         words = f"Difference at equal light and shift of centroids over positions (grey: not compared){shown}."
         return Picture("maps", MAPS, words, _png(fig))

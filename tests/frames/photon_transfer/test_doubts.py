@@ -122,6 +122,23 @@ def test_stretched_samples_are_noted() -> None:
     assert any("stretched" in note for note in found.notes)
 
 
+@pytest.mark.parametrize("which", ["flats", "darks"])
+def test_frames_scaled_in_one_folder_only_are_doubted(which: str) -> None:
+    """Raw darks beside scaled flats had the converter's end at the brightest dark."""
+    frames = {"flats": PLAIN.flats([0.3, 0.5]), "darks": PLAIN.darks(4)}
+    frames[which] = [(frame * 1.37).astype(np.float32) for frame in frames[which]]
+    found = measured(frames["flats"], frames["darks"])
+    assert any("no whole numbers" in doubt for doubt in found.doubts)
+    assert found.bits >= 11
+
+
+def test_samples_of_more_bits_than_a_camera_has_are_not_taken() -> None:
+    found = measured([frame.astype(np.uint32) * 1000 for frame in PLAIN.flats([0.3, 0.5])], PLAIN.darks(4))
+    assert found.bits > 16
+    with pytest.raises(InputError, match="bit depth"):
+        found.camera(preset("bench"))
+
+
 def test_measured_values_become_the_cameras_with_their_mark() -> None:
     found = measured(PLAIN.flats([*LEVELS, 1.3]), PLAIN.darks(4))
     before = preset("bench")

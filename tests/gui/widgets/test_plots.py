@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
 from gui.theme import DARK, LIGHT, NIGHT, apply_theme
-from gui.widgets.plots import LINES, LinePlot
+from gui.widgets.plots import LINES, DecadeAxis, LinePlot
 from tests.gui.layout import flaws
 from tests.gui.waiting import GUARD_MS
 
@@ -50,6 +51,25 @@ def test_a_logarithmic_plot_saves_the_values_themselves(qtbot: QtBot, tmp_path: 
     plot.set_curve("pixels", [1.0, 2.0], [10.0, 1000.0])
     plot.save_data(str(tmp_path / "plot.csv"))
     assert np.loadtxt(tmp_path / "plot.csv", delimiter=",").tolist() == [[1, 10], [2, 1000]]
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "numbers"),
+    [
+        (6.0, 1300.0, "10 20 50 100 200 500 1000"),
+        (0.9, 1300.0, "1 10 100 1000"),
+        (15.0, 29.0, "15 20 25"),
+        (15.0, 33.0, "20 30"),
+        (0.51, 0.95, "0.6 0.7 0.8 0.9"),
+        (2.12, 2.45, "2.2 2.3 2.4"),
+    ],
+)
+def test_a_logarithmic_axis_has_numbers_however_little_of_a_decade_is_seen(
+    qtbot: QtBot, low: float, high: float, numbers: str
+) -> None:
+    axis = DecadeAxis("left")
+    ((_, ticks),) = axis.tickValues(math.log10(low), math.log10(high), 300)
+    assert axis.tickStrings(ticks, 1.0, 1.0) == numbers.split()
 
 
 def test_a_curve_of_which_nothing_is_known_is_no_curve(qtbot: QtBot) -> None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import tifffile
+from PySide6.QtGui import QPainter, QPicture
 from PySide6.QtWidgets import QPushButton
 from pytestqt.qtbot import QtBot
 
@@ -56,13 +58,15 @@ def test_folders_are_measured_and_the_camera_takes_it(
     assert dialog.found is not None and dialog.take_button.isEnabled()
     shown = [dialog.table.item(row, 1).text() for row in range(dialog.table.rowCount())]
     assert any("e⁻ per count" in text for text in shown) and "structure" in dialog.words.text()
-    assert len(dialog.fitted.getOriginalDataset()[0]) > 10
+    assert len(dialog.plot._curves["fitted"].getOriginalDataset()[0]) > 10
     before = window.project.state.camera
     window.project.update("plan", plan=ScanPlan.for_camera(before, virtual_depths=(3.0,)))
     dialog.take_button.click()
     after = window.project.state.camera
     assert after.sensor.electrons_per_count == pytest.approx(5, rel=0.05) and after.lattice == before.lattice
     assert after.marks["sensor.full_well_e"] == "measured"
+    assert any(text.startswith(f"{after.sensor.full_well_e:.0f} ± ") for text in shown), "what is taken was told"
+    assert not dialog.take_button.isEnabled(), "it has it"
     plan = window.project.state.plan
     assert plan is not None and plan.camera == after, "no noise moves an image"
     page: Any = window.page("camera")
@@ -70,7 +74,7 @@ def test_folders_are_measured_and_the_camera_takes_it(
     assert form.mark("sensor.dsnu_e") == "measured"
     assert float(form.editor("sensor.dsnu_e").text()) == pytest.approx(after.sensor.dsnu_e)
     window.project.undo()
-    assert window.project.state.camera == before
+    assert window.project.state.camera == before and dialog.take_button.isEnabled()
     dialog.close()
     assert page.dialog is None
 
@@ -88,4 +92,39 @@ def test_doubtful_and_unreadable_folders_change_nothing(
     dialog.set_folder("darks", str(tmp_path / "empty"))
     idle(window.jobs, qtbot)
     assert "expected images" in dialog.words.text() and not dialog.take_button.isEnabled()
+    dialog.close()
+
+
+def test_a_failed_measurement_leaves_nothing_of_the_one_before(
+    window: MainWindow, dialog: SensorDialog, qtbot: QtBot, tmp_path: Path
+) -> None:
+    flats, darks = write(tmp_path)
+    for which, path in (("flats", flats), ("darks", darks)):
+        dialog.set_folder(which, path)
+    idle(window.jobs, qtbot)
+    assert dialog.table.rowCount() > 10 and "another camera" in dialog.words.text(), "of 100 x 120 px"
+    assert not dialog.plot.blank.isVisible() and "# fitted:" in "".join(dialog.plot.table_lines(","))
+    tifffile.imwrite(tmp_path / "darks" / "9.tif", np.zeros((50, 60), np.uint16))
+    dialog.set_folder("darks", darks)
+    idle(window.jobs, qtbot)
+    assert "darks, 9.tif: expected 100 × 120 px" in dialog.words.text()
+    assert dialog.found is None and dialog.table.rowCount() == 0 and dialog.plot.blank.isVisible()
+    assert not dialog.take_button.isEnabled() and dialog.take_button.toolTip() == ""
+    dialog.close()
+
+
+def test_numbers_of_the_axes_do_not_lie_over_each_other(
+    window: MainWindow, dialog: SensorDialog, qtbot: QtBot, tmp_path: Path
+) -> None:
+    flats, darks = write(tmp_path)
+    for which, path in (("flats", flats), ("darks", darks)):
+        dialog.set_folder(which, path)
+    idle(window.jobs, qtbot)
+    qtbot.wait(50)
+    axis, picture = dialog.plot.plot.getAxis("bottom"), QPicture()
+    painter = QPainter(picture)
+    _, _, texts = axis.generateDrawSpecs(painter)
+    painter.end()
+    places = sorted((rect.left(), rect.right()) for rect, _, _ in texts)
+    assert len(places) >= 2 and all(a[1] < b[0] for a, b in pairwise(places))
     dialog.close()

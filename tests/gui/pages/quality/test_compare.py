@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from threading import Event
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from gui.pages.quality.model import QualitySettings
 from gui.pages.quality.model_compare import both_at, plane_of_row
 from gui.pages.quality.model_run import Kept, Question, asked_of, iter_judge
 from gui.pages.quality.page import Page
+from lfcal.errors import InputError
 from lfcal.progress import Work, drain
 from lfcal.psf import PSFMatrix, save
 from lfcal.psf.pairing import pair
@@ -160,6 +163,60 @@ def test_what_cannot_be_compared_is_said_in_a_line(page: Page, qtbot: QtBot, tmp
     (tmp_path / "bad.h5").write_bytes(b"no hdf5")
     compared(page, qtbot, str(tmp_path / "bad.h5"))
     assert "HDF5" in panel.message.text() and page.context.state.reference.endswith("far.h5"), "the good one stays"
+    assert "bad.h5" in panel.message.text() and "The second H is far.h5 as before" in panel.message.text()
+
+
+def test_a_refused_second_h_is_called_by_its_name_with_a_remedy(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
+    for name, values, depths, remedy in (
+        ("far.h5", moved(), (-9000.0, -5000.0), "; compare planes by number"),
+        ("other.h5", moved()[:, :2], DEPTHS, "; compare H of the same array and sampling"),
+    ):
+        compared(page, qtbot, written(tmp_path / name, values, depths))
+        words = page.panel.compare.message.text()
+        assert f"{name} (second H)" in words and words.endswith(remedy)
+
+
+def test_where_nothing_was_compared_no_number_stands(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
+    dark = moved()
+    dark[1] = 0
+    dark[0, 1, 2] = 0
+    compared(page, qtbot, written(tmp_path / "dark.h5", dark))
+    panel = page.panel.compare
+    cells = [panel.table.item(2, k).text() for k in range(1, 6)]  # type: ignore[union-attr]
+    assert cells == ["–"] * 5 and "Plane 1 of the first: not compared" in panel.notes.text()
+    panel.table.selectRow(1)
+    idle(page.context.jobs, qtbot)
+    assert panel.map.image is not None and not panel.map.blank.shown
+    assert [list(one) for one in zip(*panel._missing.getData(), strict=True)] == [[2, 1]], "crossed out"
+    panel.table.selectRow(2)
+    idle(page.context.jobs, qtbot)
+    assert panel.map.image is None and panel.map.blank.words.startswith("Not compared")
+    assert not panel.map.cursor.isVisible() and len(panel._missing.getData()[0]) == 0
+    assert panel.titles[0].text().startswith("H.h5 at (1,"), "both patterns are there to be seen"
+    compared(page, qtbot, written(tmp_path / "none.h5", np.zeros_like(dark)))
+    assert panel.verdict.text().startswith("Nothing could be compared") and not panel.worst.isEnabled()
+    compared(page, qtbot, written(tmp_path / "earlier.h5", moved()))
+    assert panel.map.image is not None and not panel.map.blank.shown and panel.worst.isEnabled()
+
+
+def test_reading_a_file_that_was_let_go_is_no_error(
+    page: Page, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compared(page, qtbot, written(tmp_path / "earlier.h5", moved()))
+    gone, said = Event(), []
+    for told in (page.context.message, page.context.jobs.trouble):
+        told.connect(said.append)
+
+    def late(pair: Any, place: Any) -> Any:
+        gone.wait(GUARD_MS / 1e3)
+        raise InputError("its file is closed")
+
+    monkeypatch.setattr("gui.pages.quality.comparing.both_at", late)
+    page.comparing.show_place((0, 0, 0))
+    page.context.project.update("second H", reference="")
+    gone.set()
+    idle(page.context.jobs, qtbot)
+    assert page.comparing.found is None and not said
 
 
 def test_stopping_says_so(page: Page, qtbot: QtBot, tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from pytestqt.qtbot import QtBot
 from gui.jobs import JobState
 from gui.pages.quality.model import map_of, metric_rows, metric_words, worst_positions
 from gui.window import MainWindow
+from lfcal.errors import InputError
 from lfcal.progress import Progress, Work
 from lfcal.psf import PSFMatrix, save
 from tests.gui.waiting import GUARD_MS, idle
@@ -75,6 +77,28 @@ def test_stop_ends_every_job_of_its_page(window: MainWindow, qtbot: QtBot, key: 
     idle(window.jobs, qtbot)
     assert not page.stop_button.isEnabled()
     assert {job.number: job.state for job in window.jobs.jobs()}[number] is JobState.CANCELLED
+
+
+def test_what_was_found_before_is_said_to_be_where_the_next_inspection_fails(
+    window: MainWindow, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    window.project.update("open", psf=str(faulty(tmp_path / "H.h5")))
+    page: Any = window.page("quality")
+    page.measure()
+    idle(window.jobs, qtbot)
+    verdict, settings = page.panel.inspect.verdict.text(), page.settings
+
+    def fails(asked: Any, kept: Any) -> Work[None]:
+        yield Progress(0, 1, "reading")
+        raise InputError("no memory; close something")
+
+    monkeypatch.setattr("gui.pages.quality.page.iter_judge", fails)
+    state = window.project.state
+    window.project.update("seconds", settings=replace(settings, seconds=settings.seconds + 60).into(state))
+    page.measure(force=True)
+    idle(window.jobs, qtbot)
+    assert page.panel.inspect.verdict.text() == verdict and "found before" in page.notice.label.text()
+    assert "Choices changed since" in page.panel.inspect.summary.text(), "these were not used"
 
 
 def test_one_report_at_a_time(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from gui.context import Context
 from gui.pages.quality.page import Page
 from lfcal.plain import plain
 from lfcal.psf.quality import inspect
-from tests.cli.test_trend_quality import write
+from tests.cli.test_trend_quality import dated, write
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import idle
 from tests.psf.test_report import matrix
@@ -59,6 +59,23 @@ def test_what_got_worse_comes_first_with_its_course(
     assert (reports / "trend.png").stat().st_size > 1000
     page.entered()
     assert page.empty is None, "reports need no H"
+
+
+def test_values_of_one_day_have_no_change_per_month(
+    open_page: OpenPage, context: Context, qtbot: QtBot, tmp_path: Path, record: dict[str, Any]
+) -> None:
+    write(tmp_path / "a", record, 5, (1.0, "good"))
+    dated(write(tmp_path / "b", record, 5, (None, "fair")), "2026-05-01T00:00:02+00:00")  # type: ignore[arg-type]
+    dated(write(tmp_path / "c", record, 5, (3.5, "fair")), "2026-05-01T00:00:04+00:00")
+    page: Page = open_page("quality")
+    page.show_trend()
+    page.trending.choose(str(tmp_path))
+    idle(context.jobs, qtbot)
+    panel = page.panel.trend
+    texts = [[panel.table.item(row, k).text() for k in range(4)] for row in range(panel.table.rowCount())]  # type: ignore[union-attr]
+    assert next(row for row in texts if "Lamp" in row[0])[1:] == ["fair", "3.5 fair", "within 4.0 s"]
+    assert {row[3] for row in texts if "Lamp" not in row[0]} == {""}, "what did not change"
+    assert "3 sessions, 2026-05-01." in panel.notes.text() and "No change per month is told" in panel.notes.text()
 
 
 def test_a_folder_without_reports_is_said(open_page: OpenPage, context: Context, qtbot: QtBot, reports: Path) -> None:
