@@ -15,7 +15,7 @@ from gui.models.job_log import JobLog, warnings_to
 from gui.models.stamp import Stamp, stamp_of
 from gui.workers import keep, words_of
 from lfcal.errors import Cancelled, InputError, LfcalError
-from lfcal.progress import Progress, Work
+from lfcal.progress import Progress, Unwanted, Work, wanted_while
 
 __all__ = ["Asked", "JobThread"]
 
@@ -115,7 +115,7 @@ class JobThread:
         with warnings_to(lambda words: self._log.say("warning", words)):
             try:
                 end = {"state": JobState.DONE, "result": self._follow()}
-            except Cancelled:
+            except (Cancelled, Unwanted):
                 end = {"state": JobState.CANCELLED, "kept": self._kept()}
             except BaseException as error:
                 keep(f"job {self.number}", error)
@@ -128,7 +128,8 @@ class JobThread:
         running, last = self.asked.work(), 0.0
         try:
             while True:
-                record = next(running)
+                with wanted_while(lambda: not (self.asked.leave and self.stop.is_set())):
+                    record = next(running)
                 self._log.follow(record)
                 if self.stop.is_set():
                     raise Cancelled("stopped")

@@ -191,6 +191,11 @@ class Jobs(Background):
             self.queued.emit()
 
     # -- what is kept of jobs that ended early ---------------------------------------------------------
+    def keeps(self, number: int) -> bool:
+        """Return whether a job that is at work or waits keeps what it made where it ends early."""
+        asked = self._asked.get(number)
+        return asked is not None and asked.keeping is not None
+
     def go_on(self, number: int) -> None:
         """Go on with a job that ended early, as it was asked for, when it is its turn."""
         if number not in self._asked or not self._jobs[number].kept:

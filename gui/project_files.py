@@ -23,6 +23,8 @@ __all__ = ["ProjectFiles"]
 KIND = "lfcal projects (*.lfcal)"
 BUTTONS = QMessageBox.StandardButton
 
+Stake = tuple[ProjectState | None, frozenset[int]]
+"""A state that is not saved, None where it is; the numbers of jobs at work."""
 
 LISTED = 8
 """Jobs that are named before the user is asked whether to stop them."""
@@ -30,7 +32,8 @@ LISTED = 8
 
 def stop_words(jobs: Jobs) -> str:
     """Return what leaving stops, with the question whether to; empty where nothing is at work or waits."""
-    active = {job.number: job.title for job in jobs.jobs() if job.active}
+    at_work = [job for job in jobs.jobs() if job.active]
+    active = {job.number: job.title for job in at_work}
     waiting = [number for number in jobs.waiting() if number in active]
     groups = {"At work": [active[number] for number in active if number not in waiting]}
     groups["Waiting, and not begun then"] = [active[number] for number in waiting]
@@ -41,9 +44,12 @@ def stop_words(jobs: Jobs) -> str:
             parts.append("\n".join((f"{head}:", *titles[:LISTED], *more)))
     if not parts:
         return ""
-    ask = f"Stop {'it' if len(active) == 1 else 'them'}? What a recording has counted as done stays."
-    kept = "Whole planes of an H stay beside its file: begin it again under the same name to go on."
-    return "\n\n".join((*parts, f"{ask} {kept}"))
+    said = [f"Stop {'it' if len(active) == 1 else 'them'}?"]
+    if any(job.page == "acquire" for job in at_work):
+        said.append("What a recording has counted as done stays.")
+    if any(map(jobs.keeps, active)):
+        said.append("Whole planes of an H stay beside its file: begin it again under the same name to go on.")
+    return "\n\n".join((*parts, " ".join(said)))
 
 
 class ProjectFiles(QObject):
@@ -93,17 +99,20 @@ class ProjectFiles(QObject):
 
     def open(self, path: Path | None = None) -> None:
         """Open a project file, after asking about unsaved work; asks for its name where none is given."""
-        if not self.may_leave():
-            return
         if path is None:
             name = QFileDialog.getOpenFileName(self._window, "Open project", "", KIND)[0]
             if not name:
                 return
             path = Path(name)
-        self._open(path)
+        if self._answered():
+            self._open(path)
 
     def _open(self, path: Path, then: Callable[[], None] | None = None) -> None:
-        """Read a project in the background; what is open now stays until the new one is known to be good."""
+        """Read a project in the background; what is open now, and its jobs, stay until the new one is known to be good.
+
+        What is at stake now was asked about.
+        """
+        asked = self._at_stake()
 
         def ended(action: Callable[[], None]) -> None:
             action()
@@ -115,19 +124,28 @@ class ProjectFiles(QObject):
         self.jobs.load(
             "project",
             lambda: read_project(path),
-            lambda state: ended(lambda: self._opened(path, state)),
-            lambda words: ended(lambda: self._refuse("Open project", words)),
+            lambda state: ended(lambda: self._opened(path, state, asked)),
+            lambda words: ended(
+                lambda: self._refuse("Open project", words if path.name in words else f"{path.name}: {words}")
+            ),
         )
 
-    def _opened(self, path: Path, state: ProjectState) -> None:
+    def _opened(self, path: Path, state: ProjectState, asked: Stake) -> None:
+        changes, jobs = self._at_stake()
+        if changes not in (None, asked[0]) or not jobs <= asked[1]:
+            if self._answered():
+                self._open(path)  # the changes may have been saved into this very file
+            return
         lock = self._claim(path)
         if lock is None:
             lock, copy = self._ask_about(path)
             if copy:
+                self.jobs.cancel_all()
                 self._start(replace(state, name=f"{path.stem} copy"), None, None, ProjectState())
                 return
             if lock is None:
                 return
+        self.jobs.cancel_all()
         self._start(state, path, lock)
         self.recent.add(path)
         self.message.emit(f"opened {path}")
@@ -239,15 +257,24 @@ class ProjectFiles(QObject):
     # -- leaving ---------------------------------------------------------------------------------------
     def may_leave(self) -> bool:
         """Ask about jobs at work and unsaved work; return whether to go on. Jobs stop when all is answered."""
+        if not self._answered():
+            return False
+        self.jobs.cancel_all()
+        return True
+
+    def _at_stake(self) -> Stake:
+        """Return what is lost where another project is begun: the state that is not saved, and jobs at work."""
+        jobs = frozenset(job.number for job in self.jobs.jobs() if job.active)
+        return self.project.state if self.project.unsaved else None, jobs
+
+    def _answered(self) -> bool:
+        """Ask about jobs at work and unsaved work; return whether to go on. Jobs are at work still."""
         words = stop_words(self.jobs)
         if words:
             choices = BUTTONS.Yes | BUTTONS.No
             if QMessageBox.question(self._window, "Jobs are running", words, choices, BUTTONS.No) != BUTTONS.Yes:
                 return False
-        if not self._may_lose_changes():
-            return False
-        self.jobs.cancel_all()
-        return True
+        return self._may_lose_changes()
 
     def _may_lose_changes(self) -> bool:
         if not self.project.unsaved:

@@ -34,7 +34,8 @@ class Form(QWidget):
 
     A value that does not parse, or that ``check`` refuses, is marked red with the reason under the form; only
     values that pass are reported. Where what was typed first did pass, as the 2 of "2,8", the value from before the
-    field was touched is reported again, and the refused text stays until the value becomes another one.
+    field was touched is reported again, and the refused text stays until the value becomes another one. Of several
+    reasons that of the field touched last is shown; a field that is disabled shows its value again, and has none.
 
     Signals
     -------
@@ -59,7 +60,7 @@ class Form(QWidget):
         self._values: dict[str, Any] = {}
         self._untouched: dict[str, Any] = {}
         self._selected: dict[str, str] = {}
-        self._reported = ""
+        self._reported = self._last = ""
         self._layout = QFormLayout(self)
         self._layout.setContentsMargins(0, 0, 0, 0)
         self._layout.setHorizontalSpacing(10)
@@ -169,6 +170,11 @@ class Form(QWidget):
 
     def set_enabled(self, key: str, enabled: bool, why: str = "") -> None:
         """Enable or disable one field with its label; ``why`` it is disabled is said in its tip meanwhile."""
+        editor = self._editors[key]
+        if not enabled and isinstance(editor, QLineEdit) and editor.property("reason"):
+            self._mark(editor, "")
+            editor.setText(text_of(self.fields[key], self._values.get(key)))
+            self._show_error()
         for widget in (self._editors[key], self._labels[key]):
             widget.setEnabled(enabled)
             widget.setToolTip(why or self.fields[key].tip)
@@ -204,6 +210,7 @@ class Form(QWidget):
             except InputError as refused:
                 value, error = None, str(refused)
         error = error or self.check(key, value)
+        self._last = key
         self._mark(editor, error)
         self._show_error()
         if error:
@@ -225,8 +232,8 @@ class Form(QWidget):
         editor.setProperty("reason", error)
 
     def _show_error(self) -> None:
-        errors = [str(e.property("reason")) for e in self._editors.values() if e.property("reason")]
-        self._error.setText(errors[0] if errors else "")
+        errors = {key: str(e.property("reason")) for key, e in self._editors.items() if e.property("reason")}
+        self._error.setText(errors.get(self._last, next(iter(errors.values()), "")))
         self._error.setVisible(bool(errors))
 
     @property

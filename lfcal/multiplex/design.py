@@ -18,6 +18,7 @@ from lfcal.multiplex.masks import mask, mask_at_distance
 from lfcal.multiplex.modulator import Modulator
 from lfcal.multiplex.noise import snr_gain
 from lfcal.multiplex.search import best_mask
+from lfcal.progress import leave_if_unwanted
 
 __all__ = ["Design", "best_array", "best_printed_mask", "with_crosstalk"]
 
@@ -282,7 +283,9 @@ def best_printed_mask(
     modulator = mask_at_distance(found / (levels - 1), 1.0, name=f"printed {size} x {size}, {levels} levels")
     gain = gains.of(found[None] / (levels - 1))[0]
     if not math.isfinite(gain):
-        raise InputError.expected("mask", "one within the limits that recovers all views", "none", "allow more light")
+        raise InputError.expected(
+            "mask", "one within the limits that recovers all views", "none", "widen the limits of light"
+        )
     exhaustive = count <= 20_000
     # a mixing of pixels only lessens the Fourier weights but the zeroth, and the reference's with them
     bound = float(gain) if exhaustive else mask_gain_bound(size, chi2) + gains.reference_loss
@@ -359,6 +362,7 @@ def _climbed(start: Array, levels: int, gains: _MaskGain) -> tuple[Array, float,
     now, tried = start, 0
     value = float(gains.of(now[None] / (levels - 1))[0])
     while True:
+        leave_if_unwanted()
         steps = [
             (k, level) for k in range(now.size) for level in {max(now.flat[k] - 1, 0), min(now.flat[k] + 1, levels - 1)}
         ]

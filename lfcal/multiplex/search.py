@@ -18,7 +18,7 @@ from lfcal.multiplex.mask_bounds import MAX_EXHAUSTIVE, best_binary_mask, mask_g
 from lfcal.multiplex.masks import MASKS, mask, mask_at_distance, mask_pattern
 from lfcal.multiplex.modulator import Modulator, modulator_from_matrix
 from lfcal.multiplex.noise import amplification, snr_gain
-from lfcal.progress import Clock, Progress, Work, drain
+from lfcal.progress import Clock, Progress, Work, drain, leave_if_unwanted
 
 __all__ = [
     "Frontier",
@@ -216,6 +216,7 @@ def _descend(cost: Any, start: Array, chi2: float) -> tuple[float, Array]:
     from scipy.optimize import minimize
 
     def flat(x: Array) -> tuple[float, Array]:
+        leave_if_unwanted()
         value, gradient = cost(x.reshape(start.shape), chi2)
         return value, gradient.ravel()
 

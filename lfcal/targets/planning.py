@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from lfcal.camera import ScanPlan
 from lfcal.checks import check_number
 from lfcal.errors import InputError
-from lfcal.progress import Work, drain
-from lfcal.targets.covering import iter_cover
-from lfcal.targets.images import hole_images
+from lfcal.progress import Clock, Work, drain
+from lfcal.targets.covering import FINEST_PX, iter_cover
+from lfcal.targets.images import HoleImages, hole_images
 from lfcal.targets.phases import Phases
 from lfcal.targets.pitches import proposed_target
 from lfcal.targets.plan import TargetPlan
@@ -58,7 +60,7 @@ class Wishes:
 
     def __post_init__(self) -> None:
         """Check every value."""
-        check_number("tolerance of a phase (px)", self.tolerance_px, above=0, at_most=0.5)
+        check_number("tolerance of a phase (px)", self.tolerance_px, at_least=FINEST_PX, at_most=0.5)
         check_number("crosstalk allowed", self.crosstalk, at_least=1e-6, below=1)
 
 
@@ -107,26 +109,29 @@ def iter_plan_target(scan: ScanPlan, target: Target, wishes: Wishes | None = Non
     >>> wishes = Wishes(tolerance_px=0.25, most_frames=3, level="geometric")
     >>> for step in iter_plan_target(scan, parse_target("array:3x3@2mm"), wishes):
     ...     print(step.stage, step.count)
+    light of neighbouring holes 0 of 1
     offsets of the target 0 of 627
     offsets of the target 9 of 627
     offsets of the target 18 of 627
     offsets of the target 27 of 627
     """
     wishes, phases = wishes or Wishes(), Phases.of(scan)
-    offsets, crosstalk, level = [], [], wishes.level
+    images, tails, offsets = [], [], []
+    clock = Clock("light of neighbouring holes", len(scan.depths_um))
     for z, depth in enumerate(scan.depths_um):
-        images = hole_images(target, scan.camera, depth)
-        usable = int(images.whole(scan.camera.sensor.shape, scan.cutout).sum())
-        if not usable:
+        yield clock.at(z)
+        images.append(hole_images(target, scan.camera, depth))
+        if not images[z].whole(scan.camera.sensor.shape, scan.cutout).any():
             wanted = f"a hole whose cutout of {scan.cutout[0]} x {scan.cutout[1]} px is on the sensor"
             raise InputError.expected("target", wanted, "none", "move it, or choose another pose")
-        tails = simulated_tails(scan, z, level=wishes.level)
-        crosstalk.append(tails.among(images))
-        level = tails.level
-        _check_apart(scan, z, target, tails, (crosstalk[z], wishes.crosstalk))
-        found = yield from iter_cover(phases, images, wishes.tolerance_px, most=wishes.most_frames)
+        tails.append(simulated_tails(scan, z, level=wishes.level))
+    crosstalk = tuple(light.among(holes) for light, holes in zip(tails, images, strict=True))
+    if max(crosstalk) > wishes.crosstalk:
+        raise _too_close(scan, target, tails, images, crosstalk, wishes.crosstalk)
+    for holes in images:
+        found = yield from iter_cover(phases, holes, wishes.tolerance_px, most=wishes.most_frames)
         offsets.append(tuple((float(row), float(column)) for row, column in found.offsets_px))
-    return TargetPlan(scan, target, tuple(offsets), wishes.tolerance_px, tuple(crosstalk), level)
+    return TargetPlan(scan, target, tuple(offsets), wishes.tolerance_px, crosstalk, tails[-1].level)
 
 
 def plan_target(scan: ScanPlan, target: Target, wishes: Wishes | None = None) -> TargetPlan:
@@ -145,16 +150,33 @@ def plan_target(scan: ScanPlan, target: Target, wishes: Wishes | None = None) ->
     return drain(iter_plan_target(scan, target, wishes))
 
 
-def _check_apart(scan: ScanPlan, z: int, target: Target, tails: Tails, shares: tuple[float, float]) -> None:
-    got, limit = shares
-    if got > limit:
-        apart = tails.least_pitch(limit) * scan.camera.step_um(scan.depths_um[z])
-        raise InputError.expected(
-            f"crosstalk of holes {format_length(target.nearest_um)} apart in plane {z}",
-            f"at most {format_share(limit)}",
-            format_share(got),
-            f"take holes {format_length(apart)} apart, or allow more",
-        )
+def _too_close(
+    scan: ScanPlan,
+    target: Target,
+    tails: Sequence[Tails],
+    images: Sequence[HoleImages],
+    crosstalk: Sequence[float],
+    limit: float,
+) -> InputError:
+    """Return what says in which plane crosstalk is worst, and how far apart holes keep the limit in all planes."""
+    worst = int(np.argmax(crosstalk))
+    # of a posed target images are closer in one place than in another
+    wider = max(light.least_pitch(limit) / _nearest_px(holes) for light, holes in zip(tails, images, strict=True))
+    return InputError.expected(
+        f"crosstalk of holes {format_length(target.nearest_um)} apart in the plane at "
+        f"{format_length(scan.depths_um[worst])}",
+        f"at most {format_share(limit)}",
+        format_share(crosstalk[worst]),
+        f"take holes {format_length(wider * target.nearest_um)} apart, or allow more",
+    )
+
+
+def _nearest_px(images: HoleImages) -> float:
+    """Return how close the closest two images are (pixels), infinite where there is one."""
+    if len(images) < 2:
+        return math.inf
+    distances = np.asarray(cKDTree(images.pixels).query(images.pixels, 2)[0])
+    return float(distances[:, 1].min())
 
 
 def poses_within(target: Target, count: int, seed: int = 0) -> Iterator[Pose]:

@@ -80,7 +80,7 @@ class Pose:
             key = DEGREES.get(name) or LENGTHS[name]
             if key in found:
                 raise InputError.expected("pose", "each value once", repr(name), "leave one out")
-            found[key] = math.radians(_number(value)) if name in DEGREES else length_um(value)
+            found[key] = _angle_rad(name, value) if name in DEGREES else length_um(value)
         return cls(**found)
 
     @property
@@ -125,6 +125,17 @@ def length_um(text: str) -> float:
         if text.endswith(unit):
             return factor * _number(text.removesuffix(unit))
     return _number(text)
+
+
+def _angle_rad(name: str, text: str) -> float:
+    """Return an angle that is written in degrees; what it may be is said in degrees as well."""
+    angle, what = _number(text), f"{name} (degrees)"
+    if name == "rotation":
+        check_number(what, angle, at_least=-180, at_most=180)
+    else:
+        most = math.degrees(MOST_TILT_RAD)
+        check_number(what, angle, above=-most, below=most)
+    return math.radians(angle)
 
 
 def _number(text: str) -> float:

@@ -172,6 +172,25 @@ def test_a_job_that_is_left_is_stopped_at_once(jobs: Jobs, qtbot: QtBot) -> None
     assert cleaned == ["cleaned"] and not results and jobs.jobs()[0].state is JobState.CANCELLED
 
 
+def test_what_nobody_waits_for_is_computed_no_further(jobs: Jobs, qtbot: QtBot) -> None:
+    """A search that was stopped kept a processor for half a minute."""
+    inside = threading.Event()
+
+    def endless() -> Generator[Progress, None, None]:
+        yield Progress(0, 1, "search")
+        inside.set()
+        while True:
+            leave_if_unwanted()
+
+    number = jobs.start("Search", "multiplex", endless, leave=True)
+    qtbot.waitUntil(inside.is_set, timeout=GUARD_MS)
+    thread = next(one for one in threading.enumerate() if one.name == f"lfcal-job-{number}")
+    qtbot.waitUntil(lambda: jobs.jobs()[0].progress is not None, timeout=GUARD_MS)
+    jobs.cancel(number)
+    thread.join(GUARD_MS / 1e3)
+    assert not thread.is_alive()
+
+
 def test_closing_waits_no_longer_for_what_is_left_than_for_a_file(
     qapp: Any, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -17,7 +17,8 @@ from pytestqt.qtbot import QtBot
 
 from gui.app import make_window, parse
 from gui.locks import FileLock
-from gui.models.project import Project, ProjectState
+from gui.models.project import Project, ProjectState, read_project
+from gui.project_files import stop_words
 from gui.saving import ask_target, may_replace, with_suffix
 from gui.window import MainWindow
 from tests.gui.waiting import GUARD_MS, idle
@@ -225,7 +226,7 @@ def test_a_damaged_project_leaves_the_good_one(
     (tmp_path / "bad.lfcal").write_text("nothing")
     window.files.open(tmp_path / "bad.lfcal")
     idle(window.jobs, qtbot)
-    assert len(boxes) == 1 and "project" in boxes[0]
+    assert len(boxes) == 1 and boxes[0].startswith("bad.lfcal: project")
     assert window.project.state.name == "kept"
 
 
@@ -286,6 +287,66 @@ def test_jobs_go_on_until_everything_is_answered(
     assert next(job for job in window.jobs.jobs() if job.number == number).state.value == "done"
 
 
+def test_jobs_go_on_until_another_project_is_known_to_be_good(
+    window: MainWindow, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, boxes: list[str]
+) -> None:
+    from lfcal.progress import Progress
+
+    going = threading.Event()
+
+    def work() -> Any:
+        while not going.wait(0.001):
+            yield Progress(0, 1, "work")
+
+    window.jobs.start("Assemble", "frames", work)
+    qtbot.waitUntil(lambda: window.jobs.jobs()[0].progress is not None, timeout=GUARD_MS)
+    asked: list[str] = []
+    monkeypatch.setattr(QMessageBox, "question", lambda *args: asked.append(args[1]) or BUTTONS.Yes)
+    monkeypatch.setattr(QFileDialog, "getOpenFileName", lambda *_: ("", ""))
+    window.files.open()
+    assert not asked, "no file was chosen"
+    (tmp_path / "bad.lfcal").write_text("nothing")
+    window.files.open(tmp_path / "bad.lfcal")
+    qtbot.waitUntil(lambda: not window.jobs.loading("project"), timeout=GUARD_MS)
+    job = window.jobs.jobs()[0]
+    assert asked == ["Jobs are running"] and len(boxes) == 1 and job.active and not job.stopping
+    Project(ProjectState("good")).save(tmp_path / "good.lfcal")
+    window.files.open(tmp_path / "good.lfcal")
+    idle(window.jobs, qtbot)
+    assert window.project.state.name == "good" and window.jobs.jobs()[0].state.value == "stopped"
+
+
+def test_what_is_done_while_a_project_is_read_is_asked_about(
+    window: MainWindow, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, go_on: threading.Event
+) -> None:
+    own, other = tmp_path / "own.lfcal", tmp_path / "other.lfcal"
+    Project(ProjectState("other")).save(other)
+    window.project.save(own)
+    reads: list[Path] = []
+
+    def slow(path: Path) -> ProjectState:
+        reads.append(path)
+        go_on.wait(GUARD_MS / 1e3)
+        return read_project(path)
+
+    monkeypatch.setattr("gui.project_files.read_project", slow)
+    answers = iter((BUTTONS.Cancel, BUTTONS.Save))
+    monkeypatch.setattr(QMessageBox, "question", lambda *_: next(answers))
+    window.files.open(other)
+    window.project.update("rename", name="meanwhile")
+    go_on.set()
+    idle(window.jobs, qtbot)
+    assert window.project.state.name == "meanwhile" and window.project.unsaved
+    go_on.clear()
+    window.project.save(own)
+    window.files.open(own)
+    window.project.update("rename", name="and more")
+    go_on.set()
+    idle(window.jobs, qtbot)
+    assert window.project.state.name == "and more" == read_project(own).name and not window.project.unsaved
+    assert reads == [other, own, own]
+
+
 def test_closing_does_not_hold_the_window_while_a_job_stops(
     window: MainWindow, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -332,6 +393,25 @@ def test_enter_does_not_stop_what_is_at_work(window: MainWindow, qtbot: QtBot, m
     assert not window.files.may_leave()
     job = window.jobs.jobs()[0]
     assert job.active and not job.stopping and asked[0][-1] == BUTTONS.No and "recording" in asked[0][2]
+    going.set()
+    idle(window.jobs, qtbot)
+
+
+def test_of_what_stops_only_that_is_promised_which_it_keeps(window: MainWindow, qtbot: QtBot) -> None:
+    from lfcal.progress import Progress
+
+    going = threading.Event()
+
+    def work() -> Any:
+        while not going.wait(0.001):
+            yield Progress(0, 1, "work")
+
+    window.jobs.start("Search", "multiplex", work, at_once=True)
+    assert stop_words(window.jobs).endswith("\n\nStop it?")
+    window.jobs.start("Record", "acquire", work, at_once=True)
+    assert stop_words(window.jobs).endswith("Stop them? What a recording has counted as done stays.")
+    window.context.start_writing("Assemble", "frames", "H.h5", work)
+    assert "Whole planes of an H" in stop_words(window.jobs)
     going.set()
     idle(window.jobs, qtbot)
 

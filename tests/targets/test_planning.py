@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -134,6 +135,29 @@ def test_holes_too_close_are_refused_with_how_far_they_must_be() -> None:
         plan_target(scan, parse_target("array:4x4@1mm"))
     with pytest.raises(InputError, match="is on the sensor"):
         plan_target(scan, replace(parse_target("array:4x4@2mm"), pose=Pose(right_um=1e5)))
+
+
+def test_the_distance_that_a_refusal_asks_for_is_enough_in_all_planes() -> None:
+    scan = ScanPlan.for_camera(bench(), virtual_depths=(2.0, 4.0), cutout=31)
+    wishes = Wishes(most_frames=1, level="geometric", crosstalk=0.001)
+    for pose in (Pose(), Pose(tilt_right_rad=math.radians(50))):
+        target = replace(parse_target("array:3x3@700um"), pose=pose)
+        with pytest.raises(InputError, match=r"in the plane at -\d.*take holes ") as refused:
+            plan_target(scan, target, wishes)
+        apart = re.search(r"take holes ([\d.]+) (mm|µm) apart", str(refused.value))
+        assert apart is not None
+        wide = float(apart[1]) * (1e3 if apart[2] == "mm" else 1.0) + 1
+        assert wide > target.nearest_um
+        plan = plan_target(scan, replace(target, pitch_um=(wide, wide)), wishes)
+        assert max(plan.crosstalk) <= wishes.crosstalk
+
+
+def test_crosstalk_is_looked_at_before_frames_are_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The last plane of a long search was found to have too much of it."""
+    scan = ScanPlan.for_camera(bench(), virtual_depths=(2.0, 4.0), cutout=31)
+    monkeypatch.setattr("lfcal.targets.planning.iter_cover", lambda *_, **__: pytest.fail("looked for frames"))
+    with pytest.raises(InputError, match="take holes"):
+        plan_target(scan, parse_target("array:3x3@700um"), Wishes(level="geometric", crosstalk=0.1))
 
 
 # -- plans -----------------------------------------------------------------------------------------------

@@ -15,6 +15,7 @@ from gui.theme import current_theme
 from gui.widgets.cards import card, choice_box, line
 from gui.widgets.naming import name_controls
 from gui.widgets.plots import LINES, LinePlot, shown_tone, style_axes
+from gui.widgets.words import set_role
 from lfcal.multiplex.gains import GainMap
 from lfcal.multiplex.noise import GainCurves
 from lfcal.multiplex.paper import FIGURES, PaperFigure, PaperPanel
@@ -168,6 +169,18 @@ class FiguresView(QWidget):
 
     def show_status(self, words: str) -> None:
         """Say what is shown or under way."""
+        set_role(self.status, "hint")
+        self.status.setText(words)
+
+    def show_refusal(self, words: str) -> None:
+        """Show nothing, and why."""
+        self.make()
+        self.shown = None
+        self.stack.setCurrentIndex(2)
+        self.map.set_image(None)
+        for label in (self.map_head, self.map_words):
+            label.setText("")
+        set_role(self.status, "error")
         self.status.setText(words)
 
     def show_figure(self, found: PaperFigure) -> None:

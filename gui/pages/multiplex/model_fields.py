@@ -92,9 +92,10 @@ FIELDS = (
         "route",
         "Route",
         kind="choice",
-        choices=(("cells", "super-pixels"), ("general", "general, by iterations"), ("lattice", "real lattice")),
-        tip="Super-pixels of whole pixels; any transmissions by regularised least squares, slower; "
-        "or a mask on a lattice of any pitch and angle: that of the white image below, else the project's camera's",
+        choices=(("cells", "super-pixels"), ("general", "general"), ("lattice", "real lattice")),
+        tip="Super-pixels of whole pixels; general: any transmissions, by iterations of regularised least squares, "
+        "slower; or a mask on a lattice of any pitch and angle: that of the white image below, else the project's "
+        "camera's",
     ),
     Field(
         "dead",

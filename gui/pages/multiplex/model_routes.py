@@ -85,7 +85,10 @@ def shares_of(settings: MultiplexSettings, modulator: Modulator, part: Part | No
     if found.shape[1:] != part.whole:
         raise InputError.expected("transmissions", f"(N, {part.whole})", found.shape, "one per pixel of the frame")
     _check_count(len(found), shape)
-    return np.asarray(part.cut(found, shape), float)
+    shares = np.asarray(part.cut(found, shape), float)
+    if not np.isfinite(shares).all():
+        raise InputError.expected("transmissions", "finite numbers", "NaN or infinity", "write 0 for dead pixels")
+    return shares
 
 
 def _check_count(samples: int, shape: tuple[int, ...]) -> None:

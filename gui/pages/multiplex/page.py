@@ -76,7 +76,7 @@ class Page(BasePage):
         self.panel.figures.figure_chosen.connect(lambda number: self._edited("figure", number))
         self.panel.figures.camera_chosen.connect(lambda own: self._edited("own_camera", own))
         self.searching = Searching(context, self.panel.search)
-        self.searching.used.connect(lambda: self.panel.tabs.setCurrentIndex(0))
+        self.searching.used.connect(self._show_design)
         context.frame_seen.connect(self._frame_seen)
         context.jobs.finished.connect(self._job_finished)
         self.theme_changed.connect(self._apply_theme)
@@ -91,6 +91,7 @@ class Page(BasePage):
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
         """Follow the settings and the sensor."""
         if old.camera != new.camera or MultiplexSettings.of(old) != MultiplexSettings.of(new):
+            self.searching.follow(new)
             self._show(new)
 
     def entered(self) -> None:
@@ -110,6 +111,7 @@ class Page(BasePage):
         if not self._entered:
             return
         sensor, name = state.camera.sensor, state.camera.name
+        self.panel.show_computing()
         self.context.jobs.compute(
             "multiplex modulator",
             lambda: (view.picture(settings), compare(settings, sensor, name)),
@@ -170,7 +172,15 @@ class Page(BasePage):
         title, kinds = titles[key], "Arrays (*.npy)" if key == "transmissions" else IMAGES
         path = QFileDialog.getOpenFileName(self, title, "", kinds)[0]
         if path:
+            self._asked = ()  # chosen again, a file may hold something else
             self._edited(key, path)
+            self._reconstruct()
+
+    def _show_design(self) -> None:
+        """Show what the search's design does; its file may be one that held another."""
+        self._asked = self._figure_asked = ()
+        self._show(self.context.state)
+        self.panel.tabs.setCurrentIndex(0)
 
     def open_image(self, path: str) -> None:
         """Take an image as recorded frame or as scene, once it is known to be good."""
@@ -178,8 +188,10 @@ class Page(BasePage):
         def read(found: tuple[Any, Any, str]) -> None:
             self._take_kind(path, colour=found[0] is not None)
             settings = self.settings.changed("image", path).changed("scene", "image")
+            self._asked = ()  # opened again, a file may hold something else
             self.context.project.update("open image", settings=settings.into(self.context.state))
             self.panel.tabs.setCurrentIndex(1)
+            self._reconstruct()
 
         self.load(Path(path).name, lambda: opened(path), read)
 
@@ -204,7 +216,7 @@ class Page(BasePage):
         if asked == self._asked:
             self._show_found()
             return
-        self._asked = asked
+        self._asked, self.found = asked, None
         self._request += 1
         request = self._request
         if self._job:
@@ -218,7 +230,7 @@ class Page(BasePage):
                 "Open an image: a frame recorded behind this modulator, or a colour image as the scene.", bad=False
             )
             return
-        self.panel.pictures.show_status("reconstructing …")
+        self.panel.pictures.show_reconstructing()
         if settings.scene == "image":
             self._job = self.context.jobs.start(
                 f"Demultiplex {Path(settings.image).name}",
@@ -267,19 +279,22 @@ class Page(BasePage):
             if first:
                 self._failed("No live frame yet: switch the live view of the Acquire page on.", bad=False)
             return
-        self._live_busy = True
+        self._live_busy, asked = True, self._asked
 
         def done(found: Reconstructions) -> None:
             self._live_busy = False
-            if self.settings.scene == "live":
+            if asked == self._asked:
                 self.found = found
                 self._show_found()
-            if self._live is not live:
+            if self._live is not live or asked != self._asked:
                 self._show_live()
 
         def failed(words: str) -> None:
             self._live_busy = False
-            self._failed(words)
+            if asked == self._asked:
+                self._failed(words)
+            else:
+                self._show_live()
 
         self.context.jobs.compute(
             "multiplex live", lambda: drain(iter_reconstruct(settings, camera.sensor, live, camera)), done, failed
@@ -303,14 +318,14 @@ class Page(BasePage):
                 "multiplex figure",
                 lambda: gain_map(settings.modulator(), settings.reference(), chi2s),
                 lambda found: self.panel.figures.show_map(found) if asked == self._figure_asked else None,
-                self.panel.figures.show_status,
+                self.panel.figures.show_refusal,
             )
             return
         self.context.jobs.compute(
             "multiplex figure",
             lambda: paper_figure(settings.figure, camera=camera.name, chi2=chi2),
             lambda found: self.panel.figures.show_figure(found) if asked == self._figure_asked else None,
-            self.panel.figures.show_status,
+            self.panel.figures.show_refusal,
         )
 
     def _job_finished(self, job: Job) -> None:

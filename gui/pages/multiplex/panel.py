@@ -43,6 +43,8 @@ __all__ = ["MultiplexPanel"]
 
 NUMBER_HEIGHT = 22
 SIGMA, PI = "Spatial basis Σ", "Plenoptic basis Π"
+TITLES = ("Pattern", "Spectrum", SIGMA, PI)
+CURVES = "Gain of signal to noise"
 TIPS = (
     "Transmission of each pixel of a super-pixel for the middle view; colours as seen",
     "Magnitude of the pattern's Fourier weights, zero frequency in the middle, mean over colours",
@@ -152,7 +154,7 @@ class MultiplexPanel(QWidget):
         grid = QGridLayout()
         grid.setSpacing(8)
         self.titles = []
-        for k, (view, tip, title) in enumerate(zip(views, TIPS, ("Pattern", "Spectrum", SIGMA, PI), strict=True)):
+        for k, (view, tip, title) in enumerate(zip(views, TIPS, TITLES, strict=True)):
             label = QLabel(title)
             label.setWordWrap(True)
             label.setMinimumWidth(60)  # names of modulators may be long: they do not widen the window
@@ -196,7 +198,7 @@ class MultiplexPanel(QWidget):
         return frame
 
     def _curve_card(self) -> QWidget:
-        self.curve_title = QLabel("Gain of signal to noise")
+        self.curve_title = QLabel(CURVES)
         self.curve_title.setWordWrap(True)
         self.curve_title.setMinimumWidth(60)
         frame, column = card(self.curve_title)
@@ -253,6 +255,11 @@ class MultiplexPanel(QWidget):
         return box
 
     # -- modulator -------------------------------------------------------------------------------------
+    def show_computing(self) -> None:
+        """Say that what is shown is of the settings before, until the new is there."""
+        self.titles[0].setText("Computing …")
+        self.table.setEnabled(False)
+
     def show_picture(self, picture: ModulatorPicture) -> None:
         """Draw the modulator."""
         self.pattern.show_array(picture.pattern if picture.colours is None else picture.colours, name="pattern")
@@ -269,6 +276,9 @@ class MultiplexPanel(QWidget):
 
     def show_refusal(self, words: str) -> None:
         """Show no modulator, and why there is none."""
+        for label, title in zip(self.titles, TITLES, strict=True):
+            label.setText(title)
+        self.curve_title.setText(CURVES)
         for view in (self.pattern, self.spectrum, self.sigma, self.pi):
             view.set_image(None)
         self.table.setRowCount(0)
@@ -280,6 +290,7 @@ class MultiplexPanel(QWidget):
 
     def show_comparison(self, found: Comparison, camera: str) -> None:
         """Show numbers and curves."""
+        self.table.setEnabled(True)
         self.table.setRowCount(len(found.rows))
         for k, (name, value, tip) in enumerate(found.rows):
             for column, text in enumerate((name, value)):
@@ -293,11 +304,11 @@ class MultiplexPanel(QWidget):
         self.marker.hide()
         set_role(self.curve_hint, "hint")
         if found.curves is None:
-            self.curve_title.setText("Gain of signal to noise")
+            self.curve_title.setText(CURVES)
             self.curve_hint.setText(f"No gains: {escape(found.reason)}")
             return
         curves = found.curves
-        self.curve_title.setText(f"Gain of signal to noise over {curves.reference.replace('_', ' ')}")
+        self.curve_title.setText(f"{CURVES} over {curves.reference.replace('_', ' ')}")
         for k, (name, gains) in enumerate(zip(curves.names, curves.gains, strict=True)):
             if name not in found.left_out:
                 tone, dashed, text = LINES[k % len(LINES)], k >= len(LINES), name.replace("_", " ")

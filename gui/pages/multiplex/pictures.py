@@ -191,6 +191,13 @@ class MultiplexPictures(QWidget):
             view.set_image(None)
             head.setText(title)
 
+    def show_reconstructing(self) -> None:
+        """Say that other pictures are made; those of the settings before stay meanwhile, without their numbers."""
+        for head, title in zip(self.heads, HEADS, strict=True):
+            head.setText(title)
+        before = any(view.image is not None for view in self.views)
+        self.show_status("reconstructing …" + "; the pictures are of the settings before" * before)
+
     def show_status(self, text: str, *, bad: bool = False) -> None:
         """Say what is shown, or why nothing is."""
         set_role(self.status, "error" if bad else "hint")

@@ -9,6 +9,7 @@ from gui.pages.multiplex.matrix_view import MatrixView
 from gui.pages.multiplex.model_search import SEARCH_FIELDS, Found
 from gui.widgets.cards import card
 from gui.widgets.form import Form
+from gui.widgets.words import set_role
 
 __all__ = ["SearchView"]
 
@@ -75,8 +76,9 @@ class SearchView(QWidget):
         column.addWidget(self.status)
         return frame
 
-    def show_status(self, words: str) -> None:
+    def show_status(self, words: str, *, bad: bool = False) -> None:
         """Say what is under way or why nothing is shown."""
+        set_role(self.status, "error" if bad else "hint")
         self.status.setText(words)
 
     def show_found(self, found: Found | None) -> None:

@@ -104,6 +104,7 @@ class TargetSettings(PageSettings):
         """Raise `InputError` where the words are of no target, or a number is out of bounds."""
         if self.most_frames is not None:
             check_number("frames a plane, at most", self.most_frames, at_least=1, integer=True)
+        check_number("crosstalk allowed (%)", 100 * self.crosstalk, at_least=1e-4, below=100)
         if self != type(self)():
             self.wishes()
         self.lies()
@@ -251,9 +252,13 @@ def iter_target(scan: ScanPlan, settings: TargetSettings) -> Work[PlannedTarget]
 
     clock = Clock("choose the target", 1)
     yield clock.at(0, settings.source)
+    if (field := settings.field()) is not None:
+        from lfcal.camera import RegionPlan
+
+        RegionPlan.spread(scan, field)  # refused before the frames are looked for
     target = replace(_target(scan, settings), pose=settings.lies())
     plan = yield from iter_plan_target(scan, target, settings.wishes())
-    return (yield from iter_drawn(plan, settings.field()))
+    return (yield from iter_drawn(plan, field))
 
 
 def iter_drawn(plan: TargetPlan, regions: tuple[int, int] | None = None) -> Work[PlannedTarget]:

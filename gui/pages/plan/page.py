@@ -26,6 +26,7 @@ __all__ = ["Page"]
 
 
 OPEN = "Go on with a plan that was saved before (.json): of a scan, or of a target"
+SAVE = "Write this plan as JSON: to be opened here again, and for lfcal acquire and lfcal assemble"
 DEFAULT = "Planes, cutout and anchor as the camera's geometry suggests: a start, to be changed"
 
 
@@ -35,7 +36,7 @@ class Page(BasePage):
     def __init__(self, spec: PageSpec, context: Context) -> None:
         super().__init__(spec, context)
         self.tool_button("Open …", OPEN, self.open_file)
-        self.tool_button("Save …", "Write this plan as JSON, for lfcal acquire and lfcal assemble", self.save_file)
+        self.tool_button("Save …", SAVE, self.save_file)
         self.tool_button("Default", DEFAULT, self.make_default)
         self.panel = PlanPanel(self._check)
         self.panel.edited.connect(self._edited)
@@ -63,6 +64,7 @@ class Page(BasePage):
 
     def _show(self, state: ProjectState) -> None:
         if state.plan is None:
+            self._forget_target()
             self.show_empty(
                 "No plan yet for this camera.\nThe plan says where the point source goes and what it costs.",
                 {"Make a plan": (DEFAULT, self.make_default), "Open a plan …": (OPEN, self.open_file)},
@@ -118,6 +120,9 @@ class Page(BasePage):
             self.refuse("there is no target to plan; make a plan, and type a source such as array")
             return
         self._forget_target()
+        if refused := self.panel.target.form.error:  # else the value before it would be planned with
+            self.panel.target.show_refusal(refused)
+            return
         self._asked = asked = (plan, settings)
 
         def done(found: PlannedTarget) -> None:
@@ -148,7 +153,7 @@ class Page(BasePage):
         if path and write_file(self, path, lambda part: part.write_text(text, encoding="utf-8")):
             title = f"Save target plan {Path(path).name}"
             self.context.history.add(self.context.taken("plan", title, step=lambda: target_step(state, path)))
-            self.context.message.emit(f"target plan saved as {path}: record it with lfcal acquire {Path(path).name}")
+            self.context.message.emit(f"target plan saved as {path}: record it on page Acquire, by Target …")
 
     # -- files -----------------------------------------------------------------------------------------
     def make_default(self) -> None:
@@ -164,7 +169,11 @@ class Page(BasePage):
         if not path:
             return
         name = Path(path).name
-        self.load(name, lambda: read_plan(path), lambda found: self._opened(name, found))
+
+        def refused(words: str) -> None:
+            self.refuse(words if name in words else f"{name}: {words}")
+
+        self.load(name, lambda: read_plan(path), lambda found: self._opened(name, found), on_error=refused)
 
     def _opened(self, name: str, found: ScanPlan | PlannedTarget) -> None:
         """Go on with a scan's plan, or with a target's and the scan that it stands for."""

@@ -19,7 +19,7 @@ from gui.pages.plan.model_target import (
     table_rows,
 )
 from gui.theme import current_theme
-from gui.widgets.cards import card, line, told_or_shown
+from gui.widgets.cards import card, column_area, line, told_or_shown
 from gui.widgets.colour_bar import theme_table
 from gui.widgets.form import Form
 from gui.widgets.period_map import PeriodMap
@@ -31,13 +31,17 @@ from lfcal.units import format_length
 
 __all__ = ["TargetPanel"]
 
-COLUMN_PX, MAP_PX, TABLE_PX = 330, 330, 186
+COLUMN_PX, MAP_PX, TABLE_PX = 346, 330, 186
 FIRST, LAST = 40, 225
 """Colours of the first and the last frame: the ends of a map are hard to see on one theme or the other."""
 
 POINT_WORDS = (
     "A single point: the plan of the tab Scan.\nFor many points in each frame, type array (the pitch is proposed) or "
-    "an array of your own, such as array:4x4@1.5mm."
+    "an array of your own, such as array:4x4@1.7mm."
+)
+COSTS = (
+    "Noise: what the sensor's noise leaves of a recorded pattern, sum of errors over sum of light, expected in the "
+    "middle plane; phases: how many positions are shown. In all frames, and in the first half of them"
 )
 READY_WORDS = "Nothing is planned yet.\nPress Plan target: it looks for the fewest frames that cover all phases."
 
@@ -69,22 +73,22 @@ class TargetPanel(QWidget):
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 8, 0, 0)
         row.setSpacing(10)
-        row.addWidget(self._asked())
+        row.addWidget(column_area(COLUMN_PX, self._asked()))
         row.addWidget(self.stack, 1)
 
     # -- building --------------------------------------------------------------------------------------
     def _asked(self) -> QWidget:
         frame, column = card("Target")
-        frame.setFixedWidth(COLUMN_PX)
         self.plan_button = _button("Plan target", "Look for the fewest frames that cover all phases", self.plan_asked)
         self.plan_button.setProperty("role", "primary")
         self.stop_button = _button("Stop", "Look no longer: nothing is planned then", self.stop_asked)
         self.save_button = _button(
             "Save target plan …",
-            "Write where the target goes in each frame (.json), for lfcal acquire",
+            "Write where the target goes in each frame (.json): page Acquire records it, by Target …",
             self.save_asked,
         )
         self.costs = QLabel()
+        self.costs.setToolTip(COSTS)
         self.costs.setTextFormat(Qt.TextFormat.RichText)
         self.costs.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.note = WrappedLabel("")
@@ -94,7 +98,6 @@ class TargetPanel(QWidget):
         column.addWidget(self.costs)
         column.addWidget(self.note)
         column.addWidget(self.save_button)
-        column.addStretch()
         return frame
 
     def _build_images(self) -> None:

@@ -239,6 +239,10 @@ def test_what_the_general_route_cannot_solve_is_refused(tmp_path: Path) -> None:
     settings = MultiplexSettings(scene="image", route="general", **saved(tmp_path, image=frame))
     with pytest.raises(InputError, match="up to 96 for this frame"):
         reconstruct(replace(settings, family="mask", size=11))
+    gaps = saved(tmp_path, transmissions=np.full((3, 50, 50), np.nan))
+    for noise in (False, True):
+        with pytest.raises(InputError, match="transmissions: expected finite numbers"):
+            reconstruct(MultiplexSettings(route="general", noise=noise, **gaps))
     every = saved(tmp_path, dead=np.ones((12, 12), np.uint8), image=frame[:12, :12])
     for route in ("general", "cells"):
         with pytest.raises(InputError, match="weight"):

@@ -263,7 +263,7 @@ def test_search_and_use(page: Page, qtbot: QtBot, tmp_path: Path, monkeypatch: p
     settle(page, qtbot)
     assert search.found is not None and search.found.design.modulator.views == (3, 3)
     target = str(tmp_path / "mask.json")
-    monkeypatch.setattr("gui.pages.multiplex.searching.QFileDialog.getSaveFileName", lambda *_: (target, ""))
+    monkeypatch.setattr("gui.saving.QFileDialog.getSaveFileName", lambda *_: (target, ""))
     search.buttons["Use"].click()
     settle(page, qtbot)
     assert page.settings.written == target and cells(page)["Samples N"] == "9"
@@ -452,3 +452,151 @@ def test_what_is_said_keeps_to_the_theme(page: Page, qapp: QApplication, qtbot: 
     choose(page, "cfa", "Bayer")
     settle(page, qtbot)
     assert page.panel.curve_hint.property("role") == "hint"
+
+
+def test_a_file_that_is_opened_again_is_read_again(
+    page: Page, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A frame recorded anew under its name was shown as it had been."""
+    path, dead = tmp_path / "frame.npy", tmp_path / "dead.npy"
+    highest = []
+    for light in (1.0, 7.0):
+        np.save(path, np.full((40, 50), light, np.float32))
+        page.open_image(str(path))
+        settle(page, qtbot)
+        assert page.found is not None
+        highest.append(float(page.found.spatial.samples.max()))
+    assert highest[1] == pytest.approx(7 * highest[0])
+    type_in(page, "dead", str(dead))
+    settle(page, qtbot)
+    assert "dead.npy" in page.panel.pictures.status.text() and page.found is None
+    np.save(dead, np.zeros((40, 50), np.uint8))
+    monkeypatch.setattr("gui.pages.multiplex.page.QFileDialog.getOpenFileName", lambda *_: (str(dead), ""))
+    page.panel.pictures.buttons["dead"].click()
+    settle(page, qtbot)
+    assert page.found is not None and page.panel.pictures.views[0].image is not None
+
+
+def test_no_numbers_of_the_settings_before_stand_beside_others(page: Page, qtbot: QtBot) -> None:
+    shown = page.panel.pictures
+    page.panel.tabs.setCurrentIndex(1)
+    settle(page, qtbot)
+    assert "% rms" in shown.heads[0].text()
+    choose(page, "filter", "nearest")
+    assert page.found is None and "rms" not in shown.heads[0].text() + shown.heads[1].text()
+    shown.sample.setCurrentIndex(1)
+    page.panel.boxes["X-Trans"].click()
+    assert "settings before" in shown.status.text() and not page.panel.table.isEnabled()
+    settle(page, qtbot)
+    assert "nearest: error" in shown.heads[0].text() and page.panel.table.isEnabled()
+    assert page.panel.titles[0].text() == "Pattern of CYMG"
+
+
+def test_a_live_frame_is_shown_as_it_is_asked_for_last(page: Page, context: Context, qtbot: QtBot) -> None:
+    page.panel.tabs.setCurrentIndex(1)
+    choose(page, "scene", "live")
+    context.frame_seen.emit(np.random.default_rng(0).integers(100, 900, (40, 40)).astype(np.uint16), (0, 0))
+    choose(page, "filter", "nearest")
+    settle(page, qtbot)
+    assert page.found is not None and page.found.spatial.name == "Spatial, nearest"
+
+
+def test_nothing_of_a_modulator_is_shown_under_the_refusal_of_another(page: Page, qtbot: QtBot) -> None:
+    shown = page.panel.figures
+    page.panel.tabs.setCurrentIndex(2)
+    shown.figure.setCurrentIndex(shown.figure.findData("0"))
+    settle(page, qtbot)
+    choose(page, "family", "both")
+    type_in(page, "size", "31")
+    settle(page, qtbot)
+    assert "smaller mask" in shown.status.text() and shown.status.property("role") == "error"
+    assert shown.map.image is None and not shown.map_head.text() and not shown.map_words.text()
+    assert [label.text() for label in page.panel.titles][2:] == ["Spatial basis Σ", "Plenoptic basis Π"]
+    assert page.panel.titles[0].text() == "Pattern" and "over" not in page.panel.curve_title.text()
+    choose(page, "family", "cfa")
+    settle(page, qtbot)
+    assert shown.map.image is not None and shown.status.property("role") == "hint"
+
+
+def test_a_design_goes_with_the_wishes_that_it_was_found_for(page: Page, context: Context, qtbot: QtBot) -> None:
+    page.panel.tabs.setCurrentIndex(3)
+    search = page.panel.search
+    search.buttons["Search"].click()
+    settle(page, qtbot)
+    choose(page, "cfa", "Bayer")
+    assert search.found is not None, "the page's modulator is none of its wishes"
+    for key, text in (("kinds", "2"), ("gain", "4")):
+        type_in(page, key, text)
+        assert search.found is None and not search.buttons["Use"].isEnabled() and search.view.image is None
+        type_in(page, key, "4" if key == "kinds" else "1")
+        search.buttons["Search"].click()
+        settle(page, qtbot)
+        assert search.found is not None
+    choose(page, "sought", "mask")
+    type_in(page, "search_size", "13")
+    search.buttons["Search"].click()
+    type_in(page, "search_size", "3")
+    assert context.jobs.jobs()[0].state.value == "stopped" and "searching" not in search.status.text()
+    search.buttons["Search"].click()
+    settle(page, qtbot)
+    assert search.found is not None and search.found.design.modulator.side == (3, 3)
+
+
+def test_a_design_written_over_another_is_read_again(
+    page: Page, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("gui.saving.QFileDialog.getSaveFileName", lambda *_: (str(tmp_path / "mask.json"), ""))
+    choose(page, "sought", "mask")
+    type_in(page, "search_size", "3")
+    shown = []
+    for levels, light in (("2", "0.6"), ("5", "0.2")):
+        type_in(page, "levels", levels)
+        type_in(page, "least_light", light)
+        page.panel.search.buttons["Search"].click()
+        settle(page, qtbot)
+        page.panel.search.buttons["Use"].click()
+        settle(page, qtbot)
+        assert page.panel.search.found is not None
+        shown.append(cells(page)["Transmission τ"])
+    assert shown[0] != shown[1]
+
+
+def test_a_search_does_not_fall_back_on_the_value_before(page: Page, context: Context, qtbot: QtBot) -> None:
+    search = page.panel.search
+    type_in(page, "kinds", "0")
+    search.buttons["Search"].click()
+    assert "kinds: expected 1 to 6, got 0" in search.status.text() and not context.jobs.jobs()
+    assert search.status.property("role") == "error"
+    choose(page, "sought", "mask")
+    assert not search.form.error, "it is no wish of masks"
+    for least, role in (("0", "hint"), ("0.99", "error")):
+        type_in(page, "least_light", least)
+        search.buttons["Search"].click()
+        settle(page, qtbot)
+        assert search.status.property("role") == role and (search.found is None) == (role == "error")
+    assert "widen the limits" in search.status.text()
+
+
+def test_a_design_takes_the_suffix_of_the_chosen_kind(
+    page: Page, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page.panel.search.buttons["Search"].click()
+    settle(page, qtbot)
+    answer = (str(tmp_path / "design"), "Transmissions alone (*.npy)")
+    monkeypatch.setattr("gui.saving.QFileDialog.getSaveFileName", lambda *_: answer)
+    page.panel.search.buttons["Save …"].click()
+    assert [path.name for path in tmp_path.glob("design*")] == ["design.npy"]
+
+
+def test_the_reason_shown_is_that_of_the_field_touched_last(page: Page) -> None:
+    form = page.panel.form
+    choose(page, "family", "mask")
+    type_in(page, "size", "9")
+    assert "odd prime" in form.error
+    type_in(page, "gain", "0")
+    assert "amplifier gain" in form.error
+    type_in(page, "gain", "2")
+    assert "odd prime" in form.error
+    choose(page, "family", "cfa")
+    editor: Any = form.editor("size")
+    assert not form.error and editor.text() == "11" and not editor.property("invalid")

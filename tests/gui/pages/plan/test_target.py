@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 from typer.testing import CliRunner
 
@@ -183,3 +184,85 @@ def test_a_saved_target_plan_is_opened_again(planned: Any, context: Context, qtb
     assert planned.panel.target.found.plan == plan and context.state.plan == SCAN
     assert planned.panel.tabs.currentWidget() is planned.panel.target
     assert TargetSettings.of(context.state).source == ARRAY
+
+
+def test_what_cannot_be_planned_is_refused_where_it_is_typed(open_page: OpenPage, context: Context) -> None:
+    page = open_page("plan")
+    form = page.panel.target.form
+    type_in(page, "source", "array")
+    for key, text, words in (
+        ("pose", "rotation=400", r"rotation (degrees): expected a number ≥ -180 and ≤ 180, got 400"),
+        ("pose", "tilt_right=90", "tilt_right (degrees): expected a number > -60 and < 60, got 90"),
+        ("crosstalk", "100", "crosstalk allowed (%): expected a number ≥ 0.0001 and < 100, got 100"),
+        ("tolerance_px", "0.001", "≥ 0.01"),
+        ("regions", "0x0", "2 to 100 in all, got 0x0"),
+        ("regions", "99x99", "2 to 100 in all, got 99x99"),
+        ("regions", "100000x100000", "2 to 100 in all"),
+    ):
+        type_in(page, key, text)
+        assert words in form.error
+        type_in(page, key, {"crosstalk": "0.5", "tolerance_px": "0.1"}.get(key, ""))
+        assert not form.error
+    assert TargetSettings.of(context.state) == TargetSettings(source="array")
+
+
+def test_regions_without_room_are_refused_before_frames_are_looked_for(
+    open_page: OpenPage, context: Context, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("lfcal.targets.iter_plan_target", lambda *_: pytest.fail("looked for frames"))
+    page = open_page("plan")
+    small_sensor = replace(SCAN.camera.sensor, shape=(48, 60))
+    plan = ScanPlan.for_camera(replace(SCAN.camera, sensor=small_sensor), virtual_depths=(4.0,), cutout=31)
+    context.project.update("small", plan=plan, camera=plan.camera)
+    type_in(page, "source", "array:2x2@600um")
+    type_in(page, "regions", "2x2")
+    page.plan_target()
+    idle(context.jobs, qtbot)
+    assert "one cell" in page.panel.target.message.text() or "regions" in page.panel.target.message.text()
+
+
+def test_a_search_for_a_plan_that_is_no_more_is_stopped(
+    open_page: OpenPage, context: Context, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def endless(*_: Any) -> Work[Any]:
+        clock = Clock("search", 0)
+        while True:
+            yield clock.at(0)
+
+    monkeypatch.setattr(plan_page, "iter_target", endless)
+    page = open_page("plan")
+    type_in(page, "source", "array")
+    page.plan_target()
+    context.project.update("no plan", plan=None)
+    assert not context.jobs.jobs()[0].active
+    context.project.update("the plan", plan=SCAN)
+    assert page.panel.target.plan_button.isEnabled() and not page.panel.target.stop_button.isEnabled()
+
+
+def test_a_file_that_is_no_plan_is_named(open_page: OpenPage, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
+    page = open_page("plan")
+    for text in ("{}", '{"format": "lfcal-target-plan", "version": 1}'):
+        (tmp_path / "other.json").write_text(text)
+        page.open_file(str(tmp_path / "other.json"))
+        idle(context.jobs, qtbot)
+        assert page.notice.label.text().startswith("other.json: ")
+    page.open_file(str(tmp_path / "none.json"))
+    idle(context.jobs, qtbot)
+    assert page.notice.label.text().count("none.json") == 1
+
+
+def test_nothing_of_the_target_is_cut_where_the_window_is_low(planned: Any, qtbot: QtBot) -> None:
+    """With the jobs below the page, fields were as low as half a line, and the last costs were not seen."""
+    target = planned.panel.target
+    planned.resize(1060, 420)
+    QApplication.processEvents()
+    for part in (target.costs, target.save_button, *(target.form.editor(key) for key in target.form.fields)):
+        assert part.height() >= part.minimumSizeHint().height()
+
+
+def test_nothing_is_planned_with_the_value_before_one_that_is_refused(open_page: OpenPage, context: Context) -> None:
+    page = open_page("plan")
+    type_in(page, "source", "array")
+    type_in(page, "tolerance_px", "0")
+    page.panel.target.plan_button.click()
+    assert "tolerance of a phase" in page.panel.target.message.text() and not context.jobs.jobs()
