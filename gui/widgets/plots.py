@@ -217,6 +217,14 @@ class LinePlot(QWidget):
         if current_theme().red:
             self._paint(name)
 
+    def set_decades(self, *, x: bool = False, y: bool = False) -> None:
+        """Make axes logarithmic, with the numbers themselves."""
+        sides = [side for side, decades in (("bottom", x), ("left", y)) if decades]
+        self.plot.setAxisItems({side: DecadeAxis(side) for side in sides})
+        self.plot.setLogMode(x=x, y=y)
+        self.plot.showGrid(x=True, y=True, alpha=0.15)
+        self.set_labels(*self._labels)
+
     def set_labels(self, xlabel: str, ylabel: str) -> None:
         """Name both quantities, with their units."""
         self._labels = (xlabel, ylabel)

@@ -24,7 +24,7 @@ from PySide6.QtWidgets import (
 from gui.context import Context
 from gui.jobs import Job
 from gui.pages.camera.model_sensor import curves_of, iter_sensor, rows_of, taken, words_of
-from gui.widgets.plots import LINES, DecadeAxis, LinePlot
+from gui.widgets.plots import LINES, LinePlot
 from lfcal.camera import Camera
 from lfcal.frames.photon_transfer.result import SensorMeasurement
 
@@ -101,10 +101,7 @@ class SensorDialog(QDialog):
         self.table.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
         self.table.horizontalHeader().setStretchLastSection(True)
         self.plot = LinePlot(*AXES, legend=True)
-        self.plot.plot.setAxisItems({side: DecadeAxis(side) for side in ("bottom", "left")})
-        self.plot.plot.setLogMode(x=True, y=True)
-        self.plot.plot.showGrid(x=True, y=True, alpha=0.15)
-        self.plot.set_labels(*AXES)
+        self.plot.set_decades(x=True, y=True)
         self.plot.plot.legend.setOffset((8, 8))  # the curve rises to the right
         self.results = QWidget()
         row = QHBoxLayout(self.results)

@@ -116,7 +116,7 @@ class FiguresView(QWidget):
             head.setMinimumWidth(60)
             frame, column = card(head)
             plot = LinePlot("χ² = photon / additive noise variance (1)", "gain (dB)")
-            plot.plot.setLogMode(True, False)
+            plot.set_decades(x=True)
             marker = pg.InfiniteLine(angle=90)
             plot.plot.addItem(marker, ignoreBounds=True)
             legend.setWordWrap(True)

@@ -21,7 +21,7 @@ SEARCH_FIELDS = (
         choices=(("filters", "filters, 2 × 2"), ("filters 2x3", "filters, 2 × 3"), ("mask", "printed mask")),
         tip="All layouts of filters are tried; of masks all where there are few, otherwise the best found and a bound",
     ),
-    Field("search_size", "Mask", "px", "Pixels along a side of the mask, 2 to 13", kind="int"),
+    Field("search_size", "Mask side", "px", "Pixels along a side of the mask, 2 to 13", kind="int"),
     Field("levels", "Levels", "", "Transmissions that can be printed: 2 for open and closed", kind="int"),
     Field("kinds", "Kinds", "", "Kinds of filters at most", kind="int"),
     Field("crosstalk", "Crosstalk", "", "Share of the light that pixels lose to their four neighbours, 0 to 0.4"),

@@ -203,7 +203,7 @@ class MultiplexPanel(QWidget):
         self.curve_title.setMinimumWidth(60)
         frame, column = card(self.curve_title)
         self.curve = LinePlot("χ² = photon / additive noise variance (1)", "gain (dB)")
-        self.curve.plot.setLogMode(True, False)
+        self.curve.set_decades(x=True)
         self.curve.setToolTip("Left: read noise dominates, right: photon noise; dashed: the project's camera")
         self.marker = pg.InfiniteLine(angle=90)
         self.marker.hide()

@@ -197,7 +197,7 @@ def forecast_rows(plan: ScanPlan, stage_um_per_s: float = 1000.0) -> list[tuple[
         ("  whole frames at", f"{format_bytes(found.bytes_per_s)}/s"),
         ("  exposing", format_seconds(found.exposure_hours * 3600)),
         ("  settling", format_seconds(found.settle_hours * 3600)),
-        ("  moving", format_seconds(found.move_hours * 3600)),
+        (f"  moving at {format_length(stage_um_per_s)}/s", format_seconds(found.move_hours * 3600)),
         ("Whole frames on disk", format_bytes(found.frame_bytes)),
         ("Cutouts on disk", format_bytes(found.cutout_bytes)),
         ("H, float32", format_bytes(found.h_float32_bytes)),

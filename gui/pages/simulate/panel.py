@@ -27,7 +27,7 @@ from gui.pages.simulate.model import LEVELS, STEPS, Z_STEPS, SimulateSettings, t
 from gui.pages.simulate.model_effects import Verdict
 from gui.widgets.cards import card, choice_box, heading, line
 from gui.widgets.image_view import ImageView
-from gui.widgets.plots import DecadeAxis, LinePlot
+from gui.widgets.plots import LinePlot
 from gui.widgets.splitting import split
 from lfcal.units import format_seconds
 
@@ -157,10 +157,7 @@ class SimulatePanel(QWidget):
         column = QVBoxLayout(inner)
         column.setContentsMargins(0, 6, 0, 0)
         self.curve = LinePlot("processor time for the whole H (s)", "relative L1 error (%)", legend=True)
-        self.curve.plot.setAxisItems({side: DecadeAxis(side) for side in ("bottom", "left")})
-        self.curve.plot.setLogMode(True, True)
-        self.curve.plot.showGrid(x=True, y=True, alpha=0.15)
-        self.curve.set_labels("processor time for the whole H (s)", "relative L1 error (%)")
+        self.curve.set_decades(x=True, y=True)
         self.curve_hint = QLabel(NOT_MEASURED)
         self.curve_hint.setProperty("role", "hint")
         self.curve_hint.setWordWrap(True)

@@ -39,6 +39,7 @@ def test_region_drawing_and_forecast() -> None:
     rows = dict(plan_form.forecast_rows(plan))
     assert rows["Positions"] == str(plan.n_positions) and rows["H, float32"].endswith("B")
     assert "Time without readout" in rows and rows["  whole frames at"].endswith("B/s"), "what is not counted is told"
+    assert "  moving at 1 mm/s" in rows, "what is assumed is told"
     assert isinstance(plan.camera.optics, MainLens)
 
 
