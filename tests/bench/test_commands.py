@@ -264,7 +264,8 @@ def test_transpose_with_a_number_of_threads(bench: Bench) -> None:
 @pytest.mark.parametrize(
     ("scene", "kind", "names"),
     [
-        (36, "microscope", {"lenslet_diffraction", "pixel_fill", "lenslet_gap"}),
+        (11, "photographic", {"lenslet_diffraction", "crosstalk", "spherical"}),
+        pytest.param(36, "microscope", {"lenslet_diffraction", "pixel_fill", "lenslet_gap"}, marks=pytest.mark.long),
         pytest.param(25, "photographic", {"lenslet_diffraction", "crosstalk", "spherical"}, marks=pytest.mark.long),
     ],
 )

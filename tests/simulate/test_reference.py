@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from lfcal.camera import LensletLattice, LensType
 from lfcal.errors import InputError
+from lfcal.simulate.engines import reference
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.propagator import sensor_propagator
 from lfcal.simulate.engines.reference import ReferencePlane, pixel_bins
 from lfcal.simulate.scene import Iris
-from tests.simulate.scenes import PIXEL, camera_scene, moments, relative_error
+from tests.simulate.scenes import PIXEL, camera_scene, microscope_scene, moments, relative_error
 
 
 def test_pixel_weights_integrate_what_is_band_limited():
@@ -64,3 +66,23 @@ def test_what_it_refuses():
         ReferencePlane(camera_scene(), Sampling(2.5))
     with pytest.raises(InputError, match="samples a side"):
         ReferencePlane(camera_scene(400.0), Sampling(8.0))
+
+
+def test_lenslets_that_lie_alike_on_the_grid_are_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    lattice = LensletLattice("square", 72.0, 1440.0, (LensType(1440.0),), offset_um=(3.0, -11.0))
+    scene = microscope_scene(3.0, lattice=lattice, cutout=(31, 31))
+    made = []
+    own = ReferencePlane._lens_at
+    monkeypatch.setattr(ReferencePlane, "_lens_at", lambda *given: made.append(given) or own(*given))
+    held = ReferencePlane(scene, Sampling(samples_per_px=3)).rows([2], [3, 4])
+    assert len(made) == 1
+    monkeypatch.setattr(ReferencePlane, "_lens", own)
+    anew = ReferencePlane(scene, Sampling(samples_per_px=3)).rows([2], [3, 4])
+    assert relative_error(held, anew) < 1e-7
+
+
+def test_lenslets_that_lie_otherwise_do_not_fill_the_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(reference, "HELD_BYTES", 1e6)
+    engine = ReferencePlane(camera_scene(2.5, cutout=(45, 45)), Sampling(5.0))
+    engine.rows([1], [2])
+    assert 0 < sum(lens.nbytes for lens in engine._held.values()) <= 1e6

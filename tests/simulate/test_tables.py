@@ -74,14 +74,9 @@ def through_the_array(scene: Scene, source_um: tuple[float, float]) -> float:
     return float((nearest <= scene.lattice.clear_um / 2).mean())
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
-    ("kind", "clear"),
-    [
-        pytest.param("square", 1.41, marks=pytest.mark.long),
-        ("square", 1.2),
-        ("hexagonal", 1.15),
-        pytest.param("hexagonal", 1.08, marks=pytest.mark.long),
-    ],
+    ("kind", "clear"), [("square", 1.41), ("square", 1.2), ("hexagonal", 1.15), ("hexagonal", 1.08)]
 )
 def test_lenslets_wider_than_their_cells_end_there(kind: str, clear: float) -> None:
     scene = camera_scene(3.0, iris=Iris(), cutout=(75, 75), period=(1, 1))

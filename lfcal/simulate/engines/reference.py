@@ -32,6 +32,8 @@ BENT_FINE = 4
 """Fine samples to one of the grid on which a lenslet's cell is bent: six change a response by 2e-5."""
 MOST_SAMPLES = 6000
 """Largest side of the grid: 0.6 GB in double precision."""
+HELD_BYTES = 64e6
+"""Lenslets that are held for others which lie alike on the grid: all of an array whose pitch is whole samples."""
 Complex = NDArray[np.complex128]
 
 
@@ -79,6 +81,7 @@ class ReferencePlane:
             self._tilted = TiltedArray(scene, self._n, self._dx, self._reach + aperture_radius(scene), np.complex128)
             self._parts = self._tilted.parts(self._field)
         self._disc: tuple[NDArray[np.float64], float] | None = None
+        self._held: dict[tuple[int, float, float], Complex] = {}
         self._step, self._separable = sensor_propagator(
             sf.fftfreq(self._n, self._dx),
             scene.wavelength_um,
@@ -171,15 +174,25 @@ class ReferencePlane:
             if math.hypot(cx, cy) > self._reach or min(i, j) < 0 or max(i, j) + size > self._n:
                 continue
             rows, columns = slice(i, i + size), slice(j, j + size)
-            x, y = axis[columns] - cx, axis[rows] - cy
-            square = -np.pi / (scene.wavelength_um * scene.lattice.types[kind].focal_length_um)
-            lens = self._lens(x, y, Bend(square, scene.quartic(kind)))
+            lens = self._lens(axis[columns] - cx, axis[rows] - cy, int(kind))
             behind[rows, columns] += gain * lens * lit[rows, columns]
         return behind if tilted is None else sf.ifft2(tilted.left(behind, heights), overwrite_x=True)
 
-    def _lens(self, x: NDArray[np.float64], y: NDArray[np.float64], bend: Bend) -> Complex:
-        """Return what a lenslet lets through at places (x, y) from its centre: its aperture and its phase."""
+    def _lens(self, x: NDArray[np.float64], y: NDArray[np.float64], kind: int) -> Complex:
+        """Return what a lenslet lets through at places (x, y) from its centre, as held where another one lies alike."""
+        where = kind, round(float(x[0]) / self._dx, 9), round(float(y[0]) / self._dx, 9)
+        lens = self._held.get(where)
+        if lens is None:
+            lens = self._lens_at(x, y, kind)
+            if (len(self._held) + 1) * lens.nbytes > HELD_BYTES:
+                self._held.clear()
+            self._held[where] = lens
+        return lens
+
+    def _lens_at(self, x: NDArray[np.float64], y: NDArray[np.float64], kind: int) -> Complex:
+        """Return a lenslet's aperture and its phase."""
         scene, dx = self.scene, self._dx
+        bend = Bend(-np.pi / (scene.wavelength_um * scene.lattice.types[kind].focal_length_um), scene.quartic(kind))
         if not scene.round_lenslets:
             n = x.size
             centre = (-float(x[n // 2]), -float(y[n // 2]))
