@@ -74,7 +74,7 @@ def iter_fit_camera(
     >>> from lfcal.fit import FitProgress, iter_fit_camera, measured_of
     >>> from lfcal.psf import open_psf
     >>> with open_psf("H.h5") as H:
-    ...     work = iter_fit_camera(measured_of(H, most=8, cutout=31), unknowns=["geometry"])
+    ...     work = iter_fit_camera(measured_of(H, most=8, cutout=21), unknowns=["geometry"])
     >>> step: FitProgress = next(work)
     >>> print(step.stage)
     as described
@@ -197,10 +197,10 @@ def fit_camera(
     >>> from lfcal.fit import Fit, fit_camera, measured_of
     >>> from lfcal.psf import open_psf
     >>> with open_psf("H.h5") as H:
-    ...     found: Fit = fit_camera(measured_of(H, most=8, cutout=31), unknowns=["geometry"])
+    ...     found: Fit = fit_camera(measured_of(H, most=8, cutout=21), unknowns=["geometry"])
     >>> gap = found.parameters["gap_um"]
     >>> print(f"gap between lenslets and sensor: {gap.value:.0f} um, known to {gap.sigma:.2f} um")
-    gap between lenslets and sensor: 290 um, known to 0.0... um
+    gap between lenslets and sensor: 290 um, known to 0.1... um
     """
     work = iter_fit_camera(source, camera, unknowns, effects=effects, stage=stage, workers=workers, **reading)
     return drain(work)

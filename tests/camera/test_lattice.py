@@ -112,6 +112,7 @@ def nearest_lenslet_um(lattice: LensletLattice, places: np.ndarray) -> np.ndarra
     return np.hypot(*(places[:, None] - centres[None]).transpose(2, 0, 1)).min(1)
 
 
+@pytest.mark.few(16)
 @pytest.mark.parametrize("clear", [None, 25.0, 30.0, 33.0, 36.0, 45.0])
 @pytest.mark.parametrize("row", [None, 27.0, 15.0, 12.0])
 @pytest.mark.parametrize("kind", ["square", "hexagonal"])

@@ -44,6 +44,7 @@ def small() -> tuple[Truth, Measured, Fit]:
     return truth, measured, fit_camera(measured, unknowns=CORE, workers=1)
 
 
+@pytest.mark.long
 def test_a_source_that_is_elsewhere_is_in_the_errors_of_what_it_looks_like() -> None:
     """Its distance is held by whoever asks for the optics alone: what they took of it is no lesser error for that."""
     truth = random_truth(SMALL, np.random.default_rng(1), size=0.0)

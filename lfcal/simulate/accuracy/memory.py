@@ -242,13 +242,15 @@ def _grid_bytes(scene: Scene, sampling: Sampling, workers: int) -> int:
 
 
 def _reference_bytes(scene: Scene, sampling: Sampling) -> int:
+    from lfcal.simulate.engines.reference import HELD_BYTES
+
     extent, px = grid_extent(scene), scene.reduced_pixel_um
     blur = 4 * math.sqrt(scene.wavelength_um * abs(scene.reduced_image_um))
     lit = 1.15 * extent.shadow + max(blur, 60 * scene.wavelength_um * scene.f_number) / px + 0.6 * extent.pitch
     half = max(lit, extent.seen + scene.farthest_um / scene.scale / px) + 1.5 * extent.pitch + extent.aside
     side = min(2.1 * round(sampling.samples_per_px or 8) * half, 6000.0)
     orders = tilt_orders(scene, lit * px)
-    return int((REFERENCE + (16 * (2 * orders + 6) if orders > 1 else 0)) * side**2)
+    return int((REFERENCE + (16 * (2 * orders + 6) if orders > 1 else 0)) * side**2 + HELD_BYTES)
 
 
 def _debye_bytes(scene: Scene, sampling: Sampling) -> int:

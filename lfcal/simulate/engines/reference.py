@@ -32,7 +32,7 @@ BENT_FINE = 4
 """Fine samples to one of the grid on which a lenslet's cell is bent: six change a response by 2e-5."""
 MOST_SAMPLES = 6000
 """Largest side of the grid: 0.6 GB in double precision."""
-HELD_BYTES = 64e6
+HELD_BYTES = 64_000_000
 """Lenslets that are held for others which lie alike on the grid: all of an array whose pitch is whole samples."""
 Complex = NDArray[np.complex128]
 
