@@ -122,6 +122,7 @@ def test_holes_as_described_are_not_called_for(view: FrameSource, points: Points
     assert is_told(found) and hole_of(*found[:2]) == pytest.approx(DESCRIBED, rel=0.04)
 
 
+@pytest.mark.long
 def test_holes_far_smaller_than_the_light_s_details_are_not_told(view: FrameSource, points: Points) -> None:
     problem = problem_with(view, points, 2.0, 2.8, 0.02)
     found = fitted(problem, ("iris", HOLE))
@@ -130,6 +131,7 @@ def test_holes_far_smaller_than_the_light_s_details_are_not_told(view: FrameSour
     assert groups == ("iris",) and hole_of(problem, point) == 2.0
 
 
+@pytest.mark.long
 def test_noise_stated_too_low_makes_no_hole_plain(view: FrameSource, points: Points) -> None:
     """What the model leaves, by chi², counts as noise."""
     problem = problem_with(view, points, 8.0, 8.0, 0.02)

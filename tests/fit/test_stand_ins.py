@@ -84,6 +84,7 @@ def deep_in_water() -> tuple[ScanPlan, Setup, Measured]:
     return plan, setup, measured(plan, 16e3 * light / light.max(), index, (4.0, 1.0))
 
 
+@pytest.mark.long
 def test_a_planes_distance_is_named_beside_the_depth_in_a_specimen() -> None:
     """Of an oil lens in water 2 µm of depth look as 0.1 µm of distance and some spherical aberration."""
     _, setup, patterns = deep_in_water()

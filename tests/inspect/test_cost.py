@@ -142,6 +142,7 @@ def test_offsets_cost_what_they_cost_on_all_of_the_cutout(camera: str, name: str
     assert told is not None and true / 1.9 < told < 1.9 * true, (told, true)
 
 
+@pytest.mark.long
 def test_two_faults_have_each_its_cost() -> None:
     found, costs = costs_of(scaled(faded(0.2), line(1.0, 0.0)))
     told = dict(zip((one.name for one in found), costs.costs, strict=True))

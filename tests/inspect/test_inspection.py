@@ -37,6 +37,7 @@ def test_a_clean_recording_is_good() -> None:
     assert found.verdict == "This PSF can be used; worth a look: cut off.", "of a small cutout"
 
 
+@pytest.mark.long
 def test_a_fault_stands_for_the_metrics_that_it_looks_like() -> None:
     found = inspected_hot()
     assert found.bad and found.findings[0].name == "hot_line"

@@ -155,6 +155,7 @@ def test_spherical_aberration_and_what_has_no_radial_form():
         DebyePlane(microscope_scene(3.0, wavefront=seidel(coma=0.4)))
 
 
+@pytest.mark.long
 def test_other_arrays_take_the_sum_over_lenslets():
     lattice = LensletLattice("hexagonal", 72.0, 1440.0, (LensType(1440.0),), rotation_rad=0.1)
     other = microscope_scene(5.0, lattice=lattice, period=(16, 9))
