@@ -143,7 +143,7 @@ def described(camera: Camera) -> Measured:
 @pytest.mark.parametrize(
     ("case", "what"),
     [
-        pytest.param("rows", "axes of the patterns: expected as described, got mirrored rows", marks=pytest.mark.long),
+        ("rows", "axes of the patterns: expected as described, got mirrored rows"),
         pytest.param("depth", "sign of depth: expected as described, got nearer", marks=long),
         pytest.param("pitch", "those of a camera like 'bench', got .* % of their light unexplained", marks=long),
     ],
