@@ -14,6 +14,7 @@ __all__ = [
     "format_plane",
     "format_seconds",
     "format_share",
+    "format_slope",
     "format_span",
 ]
 
@@ -48,6 +49,26 @@ def format_seconds(seconds: float) -> str:
 def format_span(seconds: float) -> str:
     """Return how far apart two times are, from two days on in days: ``'5.3 days'``, ``'6 h 00 min'``."""
     return f"{seconds / 86400:.1f} days" if seconds >= 2 * 86400 else format_seconds(seconds)
+
+
+def format_slope(slope: float, span_s: float, error: float | None = None) -> str:
+    """Return a slope in words; where it is not known how near to each other in time its values are.
+
+    Parameters
+    ----------
+    slope, error
+        And its standard error, if it is known.
+    span_s
+        Time from the first value to the last (s); NaN where fewer than two are known.
+
+    Returns
+    -------
+    str
+        ``'+0.12'``, ``'+0.12 ± 0.01'``, ``'within 6 h 00 min'``; empty where there is no time between values.
+    """
+    if math.isfinite(slope):
+        return f"{slope:+.2g}" if error is None else f"{slope:+.2g} ± {error:.1g}"
+    return f"within {format_span(span_s)}" if span_s > 0 else ""
 
 
 def format_dates(first: datetime, last: datetime) -> str:

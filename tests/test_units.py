@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from datetime import datetime
 
 import pytest
@@ -14,6 +15,7 @@ from lfcal.units import (
     format_number,
     format_seconds,
     format_share,
+    format_slope,
     format_span,
 )
 
@@ -65,3 +67,10 @@ def test_spans_of_days_and_the_days_they_lie_between() -> None:
     first, last = datetime(2026, 5, 1, 3), datetime(2026, 6, 1)
     assert format_dates(first, last) == "2026-05-01 to 2026-06-01"
     assert format_dates(first, first.replace(hour=9)) == "2026-05-01"
+
+
+def test_slopes_say_how_near_in_time_values_are_that_give_none() -> None:
+    assert format_slope(0.1234, 1e7) == "+0.12"
+    assert format_slope(-0.1234, 1e7, 0.0123) == "-0.12 ± 0.01"
+    assert format_slope(math.nan, 6 * 3600) == "within 6 h 00 min"
+    assert format_slope(math.nan, 0) == format_slope(math.nan, math.nan) == ""

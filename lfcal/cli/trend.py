@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +10,7 @@ import typer
 from lfcal.cli.options import ForceOption, JsonOption
 
 if TYPE_CHECKING:
-    from lfcal.fit.trend import Drift, Trend
+    from lfcal.fit.trend import Trend
 
 __all__ = ["register"]
 
@@ -92,7 +91,7 @@ def command(
 
 def _show(found: Trend, out: Path | None) -> None:
     from lfcal.cli.console import print_table, report
-    from lfcal.units import format_dates
+    from lfcal.units import format_dates, format_slope
 
     rows = []
     for one in found.drifts:
@@ -104,7 +103,7 @@ def _show(found: Trend, out: Path | None) -> None:
                 f"{last.value:.6g} ± {last.sigma:.2g}",
                 f"{one.change:+.3g}" if told else "",
                 f"{one.change_sigmas:+.1f}" if told else "",
-                _slope(one),
+                format_slope(one.per_month, one.span_s, one.per_month_sigma),
                 one.unit,
                 "moved" if one.moved else "",
             ]
@@ -123,12 +122,3 @@ def _show(found: Trend, out: Path | None) -> None:
         report(f"note: {note}")
     if out is not None:
         typer.echo(str(out))
-
-
-def _slope(drift: Drift) -> str:
-    """Return the slope in words; of values too near to each other in time how near they are."""
-    from lfcal.units import format_span
-
-    if math.isfinite(drift.per_month):
-        return f"{drift.per_month:+.2g} ± {drift.per_month_sigma:.1g}"
-    return f"within {format_span(drift.span_s)}" if drift.span_s > 0 else ""

@@ -57,14 +57,21 @@ def _judged(place: Path, label: str) -> Judged:
 
 def _show(found: QualityTrend, out: Path | None) -> None:
     from lfcal.cli.console import print_table, report
-    from lfcal.units import format_dates
+    from lfcal.units import format_dates, format_slope
 
     shown = found.sessions[-SHOWN:]
     listed = [one for one in (*found.faults, *found.metrics) if one.notable]
     first, newest = found.sessions[0], found.sessions[-1]
     title = f"{len(found.sessions)} sessions, {format_dates(first.when, newest.when)}"
     rows = [
-        [one.scale.title, *map(_told, one.values[-SHOWN:]), one.scale.unit, _slope(one), _change(one)] for one in listed
+        [
+            one.scale.title,
+            *map(_told, one.values[-SHOWN:]),
+            one.scale.unit,
+            format_slope(one.per_month, one.span_s),
+            _change(one),
+        ]
+        for one in listed
     ]
     header = ["what", *(one.label for one in shown), "unit", "per month", ""]
     print_table(header, rows, title=title)
@@ -84,14 +91,6 @@ def _told(value: Value | None) -> str:
     if value is None:
         return "–"
     return f"{value.value:.3g} {value.merit}" if math.isfinite(value.value) else value.merit
-
-
-def _slope(course: Course) -> str:
-    from lfcal.units import format_span
-
-    if math.isfinite(course.per_month):
-        return f"{course.per_month:+.2g}"
-    return f"within {format_span(course.span_s)}" if course.span_s > 0 else ""
 
 
 def _change(course: Course) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.errors import InputError
-from lfcal.units import format_dates, format_number, format_span
+from lfcal.units import format_dates, format_number, format_slope
 
 if TYPE_CHECKING:
     from lfcal.psf.quality.trend import Course, QualityTrend, Value
@@ -67,11 +67,9 @@ def _title(course: Course) -> str:
 
 
 def _slope(course: Course) -> str:
-    """Return the slope in words; of values that changed within too short a time how long that was."""
-    if math.isfinite(course.per_month):
-        return f"{course.per_month:+.2g}" if course.per_month else ""
+    """Return the slope in words, nothing where no value has changed."""
     known = {value.value for value in course.values if value is not None}
-    return f"within {format_span(course.span_s)}" if course.span_s > 0 and len(known) > 1 else ""
+    return format_slope(course.per_month, course.span_s) if len(known) > 1 else ""
 
 
 def _told(value: Value | None) -> str:
