@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +18,18 @@ __all__ = ["LensType", "LensletLattice"]
 
 COVERS = 0.995
 """Clear diameter over the cell's from corner to corner from which lenslets leave no gaps: 5e-5 of the light is lost."""
+
+Vector = tuple[float, float]
+
+
+@lru_cache(maxsize=256)
+def _cell_size(a_um: Vector, b_um: Vector) -> tuple[tuple[float, ...], float]:
+    """Return the distances of opposite sides of the cell, and its diameter from corner to corner (µm).
+
+    Kept, as simulations ask for them at every lenslet.
+    """
+    sides = np.hypot(*cell_neighbours((a_um, b_um)).T)
+    return tuple(sides.tolist()), 2 * float(np.hypot(*cell_corners((a_um, b_um))[0]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,13 +192,8 @@ class LensletLattice:
     @property
     def cell_um(self) -> tuple[float, float]:
         """Diameters of the circles within and about a lenslet's cell, the points nearest to it (µm)."""
-        return float(self._sides_um.min()), 2 * float(np.hypot(*cell_corners(self.basis_um())[0]))
-
-    @property
-    def _sides_um(self) -> NDArray[np.float64]:
-        """Distances of opposite sides of the cell: those of the neighbours (µm)."""
-        sides: NDArray[np.float64] = np.hypot(*cell_neighbours(self.basis_um()).T)
-        return sides
+        sides, across = _cell_size(*self._upright_um)
+        return min(sides), across
 
     @property
     def edge_to_edge(self) -> bool:
@@ -206,7 +214,7 @@ class LensletLattice:
             return 1.0
         radius, cell = self.clear_diameter_um / 2, self.pitch_um * self.row_step_um
         # beyond each side lies a segment; they do not overlap, as the cell's corners lie on one circle
-        cut = [math.acos(side / (2 * radius)) for side in self._sides_um.tolist() if side < 2 * radius]
+        cut = [math.acos(side / (2 * radius)) for side in _cell_size(*self._upright_um)[0] if side < 2 * radius]
         beyond = sum(2 * (angle - math.sin(2 * angle) / 2) for angle in cut)
         return radius**2 * (math.pi - beyond) / cell
 
@@ -235,13 +243,18 @@ class LensletLattice:
 
     def basis_um(self) -> NDArray[np.float64]:
         """Return the straight lattice's vectors as rows ``[[ax, ay], [bx, by]]``: along a row, to the next row (µm)."""
-        a = np.array([self.pitch_um, 0.0])
-        lean = self.pitch_um / 2 if self.kind == "hexagonal" else 0.0
-        b = np.array([lean + self.row_step_um * math.tan(self.shear_rad), self.row_step_um])
+        upright = np.array(self._upright_um)
         c, s = math.cos(self.rotation_rad), math.sin(self.rotation_rad)
         # image y points down, so this turns from +x towards +y: clockwise on the screen
         turn = np.array([[c, s], [-s, c]])
-        return np.stack([a @ turn, b @ turn])
+        basis: NDArray[np.float64] = upright @ turn
+        return basis
+
+    @property
+    def _upright_um(self) -> tuple[Vector, Vector]:
+        """The vectors of `basis_um` where the rows run along +x."""
+        lean = self.pitch_um / 2 if self.kind == "hexagonal" else 0.0
+        return (self.pitch_um, 0.0), (lean + self.row_step_um * math.tan(self.shear_rad), self.row_step_um)
 
     def centres_um(self, q: ArrayLike, r: ArrayLike) -> NDArray[np.float64]:
         """Return centres ``(..., 2)`` as (x, y) from the sensor's centre for lattice indices q (in row), r (row)."""
