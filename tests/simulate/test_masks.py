@@ -54,6 +54,14 @@ def test_table_interpolates_the_function():
     assert np.abs(found - disc_values(RADIUS, DX, r)).max() < 3e-4
 
 
+@pytest.mark.parametrize(
+    ("radius", "reach", "flat"), [(0.4, 5.0, 0.3), (3.3, 1.5, 0.4), (10.3, 20.0, 0.3), (60.2, 70.0, 0.4)]
+)
+def test_entries_of_the_table_are_the_function(radius, reach, flat):
+    table, step = disc_table(radius, 1.0, reach, flat, fine=512)
+    assert np.abs(table - disc_values(radius, 1.0, np.sqrt(step * np.arange(table.size)), flat)).max() < 4e-6
+
+
 def turned_square(side: float, turn: float) -> np.ndarray:
     """Return the corners of a square about the origin."""
     c, s = side * math.cos(turn), side * math.sin(turn)
