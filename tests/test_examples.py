@@ -61,7 +61,11 @@ def begun(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("name", WRITTEN)
+DEAR = ("lfcal.accuracy.base", "lfcal.fit.fit", "lfcal.inspect.inspection", "lfcal.inspect.search")
+"""Those that take seconds."""
+
+
+@pytest.mark.parametrize("name", [pytest.param(x, marks=pytest.mark.long) if x in DEAR else x for x in WRITTEN])
 def test_examples_do_what_they_say(name: str, begun: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shutil.copytree(begun, tmp_path, copy_function=os.link, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)

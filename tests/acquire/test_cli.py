@@ -233,6 +233,7 @@ def test_bad_redo_lists_are_refused(tmp_path: Path, text: str) -> None:
         RedoList.read(path)
 
 
+@pytest.mark.long
 def test_suspect_positions_are_named_listed_in_h_and_recorded_again(
     tmp_path: Path, plan_file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

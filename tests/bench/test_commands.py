@@ -335,6 +335,7 @@ def test_solvers(bench: Bench, tmp_path: Path, small_cameras: None) -> None:
     assert "--solver: expected" in bench("solvers", "--solver", "magic", code=2)
 
 
+@pytest.mark.long
 def test_solvers_longer(bench: Bench, tmp_path: Path, small_cameras: None, monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
     monkeypatch.setattr(

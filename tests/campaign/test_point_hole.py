@@ -105,6 +105,7 @@ def test_light_changes_with_the_square_of_the_diameter(view: FrameSource, points
     assert np.array_equal(measured.of(np.arange(len(measured)) > 0).blur, measured.blur[1:])
 
 
+@pytest.mark.long
 def test_holes_larger_than_described_are_found(view: FrameSource, points: Points) -> None:
     problem = problem_with(view, points, DESCRIBED, REAL, 1e-3)
     held = fitted(problem, ("iris",))

@@ -47,6 +47,7 @@ def with_own(problem: Problem, own: OwnOptics) -> np.ndarray:
     return found.model(np.zeros(len(problem.vector)), still, Fineness.coarse)
 
 
+@pytest.mark.long
 def test_a_pattern_is_that_of_its_own_place_depth_and_hole(view: FrameSource, points: Points) -> None:
     measured = measured_points(view, points, (1, 2), most=4)
     own = replace(OwnOptics.of(points, measured), hole_um=60.0)

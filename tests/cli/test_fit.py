@@ -352,6 +352,7 @@ def test_noise_in_words() -> None:
             parse_noise(text)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("plain_pages")
 def test_effects_are_given_beside_the_described_ones(place: Path, lfcal: Lfcal) -> None:
     given = ("--effect", "crosstalk=0.01", "--effect", "exact_angles=off")

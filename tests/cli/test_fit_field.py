@@ -104,6 +104,7 @@ def judged(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, An
     return folder, json.loads(said)
 
 
+@pytest.mark.long
 def test_regions_are_fitted_as_one_camera(whole: tuple[Path, dict[str, Any]]) -> None:
     place, _ = whole
     found = json.loads((place / "fit" / "field.json").read_text())
@@ -122,6 +123,7 @@ def test_regions_are_fitted_as_one_camera(whole: tuple[Path, dict[str, Any]]) ->
     assert Camera.from_json((place / "fit" / "camera.json").read_text()).name == camera().name
 
 
+@pytest.mark.long
 def test_what_a_fit_of_regions_wrote_stays(
     whole: tuple[Path, dict[str, Any]], lfcal: Lfcal, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -163,6 +165,7 @@ def test_hybrid_and_validation_are_each_regions_own(judged: tuple[Path, dict[str
     assert periodic["known"] and (off["value"] if off["known"] else off["limit"]) < 0.3 * periodic["value"]
 
 
+@pytest.mark.long
 def test_the_field_as_a_whole_has_a_page(whole: tuple[Path, dict[str, Any]]) -> None:
     place, _ = whole
     page = (place / "fit" / "report" / "index.html").read_text()

@@ -24,6 +24,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.long
 def test_a_hot_column_is_named_and_not_a_step_of_the_stage(
     lfcal: Lfcal, place: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

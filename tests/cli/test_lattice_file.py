@@ -76,6 +76,7 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
             load_lattice(tmp_path / "x.json")
 
 
+@pytest.mark.long
 def test_a_light_field_is_resampled_by_a_lattice_measured_before(
     lfcal: Callable[..., Run], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -42,6 +42,7 @@ def test_what_was_written_is_told_to_scripts(lfcal: Callable[..., Run], tmp_path
     assert (told["pattern"], told["black_level"], told["samples"]) == ("GRBG", 50, ["R", "G", "B"])
 
 
+@pytest.mark.long
 def test_views_on_the_lattice_that_a_camera_states(lfcal: Callable[..., Run], tmp_path: Path) -> None:
     camera = preset("bench")
     frame = np.random.default_rng(3).random(camera.sensor.shape).astype(np.float32)

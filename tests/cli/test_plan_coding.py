@@ -107,6 +107,7 @@ def test_bad_input_ends_in_a_line(lfcal: Lfcal, place: Path, words: tuple[str, .
     assert not (place / "out.json").exists()
 
 
+@pytest.mark.long
 def test_a_display_from_its_plan_to_h(lfcal: Lfcal, place: Path) -> None:
     words = (*SOURCE, "--most-frames", 7, "--signal", 100, "--patterns", "shown", "-o", "plan.json")
     run = lfcal(*PLAN, *words)

@@ -31,6 +31,7 @@ def drawn(phase: int) -> tuple[WhiteFrame, PSFMatrix]:
     return truth, PSFMatrix(np.ones((1, 28, 48, 3, 3)), depths=[-500.0], camera=camera, anchor=(100.0, 120.0))
 
 
+@pytest.mark.long
 @pytest.mark.few(1)
 @pytest.mark.parametrize("phase", [0, 1, 2])
 def test_the_origin_is_a_lenslet_of_type_0(tmp_path: Path, phase: int) -> None:

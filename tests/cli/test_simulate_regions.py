@@ -20,6 +20,7 @@ from tests.targets.common import small
 EFFECT = "field_curvature=2mm"
 
 
+@pytest.mark.long
 def test_regions_differ_by_the_effects_of_the_field(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

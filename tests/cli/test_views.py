@@ -106,6 +106,7 @@ def test_axes_and_full_field(lfcal: Any, files: Path, tmp_path: Path) -> None:
     assert np.isnan(tifffile.imread(tmp_path / "views.tif")).any()
 
 
+@pytest.mark.long
 def test_lens_types(lfcal: Any, files: Path, tmp_path: Path) -> None:
     given = ("views", files / "field.tif", "--camera", files / "camera.json", "--slopes", "2,3")
     run = lfcal(*given, "--types", "each", "-o", tmp_path / "each", "--samples", "1")

@@ -138,6 +138,7 @@ def test_colours(run: Run, files: tuple[Path, WhiteFrame], tmp_path: Path) -> No
         assert code == 2 and shown == "" and len(err.strip().splitlines()) == 1
 
 
+@pytest.mark.long
 @pytest.mark.few(1)
 @pytest.mark.parametrize("pattern", ["RGGB", "BGGR", "GRBG", "GBRG"])
 @pytest.mark.parametrize("pitch", [12.0, 13.4])

@@ -108,6 +108,7 @@ def test_a_ghost_that_the_model_lacks_is_in_the_hybrid() -> None:
     assert summary["hybrid"] == len(EVERY) and summary["between"] == 0 and 0.01 < summary["change"] < 0.03
 
 
+@pytest.mark.long
 def test_positions_between_recorded_ones_follow_them_and_say_so() -> None:
     fit = whole()
     ghost = ghosted(light()).reshape(PLAN.shape)

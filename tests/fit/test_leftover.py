@@ -150,6 +150,7 @@ def test_positions_are_left_out_by_turns_all_over_the_plane() -> None:
         assert all(quarter.any() for quarter in quarters)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("across", "steps", "parts"),
     [

@@ -120,6 +120,7 @@ def test_a_wrong_gap_has_the_error_of_its_patterns() -> None:
     assert found.known and 0.6 * wanted < found.value < 1.1 * wanted
 
 
+@pytest.mark.long
 def test_the_fields_edges_tell_whether_the_period_holds(tmp_path: Path) -> None:
     """A period of whole pixels is not the array's own: far from where it was scanned micro-images have slipped."""
     camera = small_camera()

@@ -96,6 +96,7 @@ def test_positions_with_a_frame_of_their_own_keep_it() -> None:
         with_partners(Drawn(HALF, cut=True), plan_of(camera_of((7.0, 12.0), 1)))
 
 
+@pytest.mark.long
 def test_copies_are_no_further_measurements() -> None:
     """A fit takes what was recorded; no copy is a duplicate frame; a frame recorded twice still is."""
     matrix = assemble_plan(with_partners(Drawn(HALF, cut=True), PLAN), PLAN).matrix

@@ -126,6 +126,7 @@ def test_a_frame_of_three_exposures_is_to_be_recorded_again() -> None:
     assert found["exposure"].positions.tolist() == [place.tolist()]
 
 
+@pytest.mark.long
 def test_planes_that_were_swapped_are_at_each_others_depths() -> None:
     found = faults_of(clean()[::-1].copy())
     assert set(found) == {"depth_label"}

@@ -53,6 +53,7 @@ def test_without_a_camera_it_says_that_metrics_are_weaker() -> None:
     assert found.verdict == found.quality.verdict
 
 
+@pytest.mark.long
 def test_a_camera_that_does_not_explain_the_patterns_names_no_fault() -> None:
     camera = plan().camera
     lattice = replace(camera.lattice, gap_um=1.06 * camera.lattice.gap_um)

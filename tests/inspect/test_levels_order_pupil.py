@@ -78,6 +78,7 @@ def test_a_lens_type_out_of_focus_is_measured() -> None:
     assert words.startswith("type 1") and told / stated == pytest.approx(1.05, abs=0.01)
 
 
+@pytest.mark.long
 def test_two_frames_far_apart_that_were_swapped_are_both_listed() -> None:
     found = inspected(matrix(put_in("far positions swapped", 1)))
     strangers = next(one for one in found.findings if one.name == "strangers")

@@ -26,6 +26,7 @@ def quality() -> QualityReport:
     return inspect(matrix(clean()), workers=1)
 
 
+@pytest.mark.long
 def test_they_are_measured_where_it_is_known_what_they_do(quality: QualityReport) -> None:
     keys = ("snr", "truncation", "step", "period")
     alarms = {key: alarm(quality, key) for key in keys}

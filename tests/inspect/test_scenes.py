@@ -24,6 +24,7 @@ def trial(side: int, seed: int) -> SceneTrial:
     return SceneTrial(light(), side, (seed,))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("row", "images"),
     [

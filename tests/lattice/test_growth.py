@@ -3,6 +3,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pytest
 
 from lfcal.lattice.fit import fit_lattice
 from lfcal.lattice.forms import Frame
@@ -11,6 +12,7 @@ from lfcal.lattice.model import LatticeModel
 from tests.lattice.white_frames import barrel, draw_white
 
 
+@pytest.mark.long
 def test_a_distortion_of_half_a_pitch_does_not_lose_the_lattice() -> None:
     """3 px with a pitch of 6.5 px: about a straight lattice the corners would be placed on the wrong side of a gap."""
     shape = (380, 470)

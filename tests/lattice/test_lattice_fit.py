@@ -23,6 +23,7 @@ def bent() -> tuple[WhiteFrame, LatticeFit]:
     return truth, fit_lattice(truth.frame, dark=100.0)
 
 
+@pytest.mark.long
 def test_every_place_is_the_true_one(bent: tuple[WhiteFrame, LatticeFit]) -> None:
     truth, fit = bent
     for places in (fit.centres_px(fit.index[:, 0], fit.index[:, 1]), fit.places_px):

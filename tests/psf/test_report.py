@@ -86,6 +86,7 @@ def page(folder: Path) -> Page:
     return Page((folder / "index.html").read_text(encoding="utf-8"))
 
 
+@pytest.mark.long
 def test_it_has_the_report_on_paper_as_a_file(folder: Path) -> None:
     paper = (folder / "report.pdf").read_bytes()
     assert paper.startswith(b"%PDF") and paper.rstrip().endswith(b"%%EOF") and paper.count(b"/Type /Page /") > 2

@@ -58,6 +58,7 @@ def test_nothing_that_is_written_states_any(npy, tmp_path):
         assert file["depths"].attrs["unit"] == "um"
 
 
+@pytest.mark.long
 def test_reports_name_planes_by_their_numbers(npy, tmp_path):
     with open_psf(npy) as H:
         quality = inspect(H)

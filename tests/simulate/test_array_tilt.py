@@ -99,6 +99,7 @@ def test_windows_follow_it_in_part(exact: bool) -> None:
     assert relative_error(by_windows[1], by_grid[1]) < relative_error(by_windows[0], by_grid[0]) + 0.5 * effect
 
 
+@pytest.mark.long
 @pytest.mark.few(1)
 @pytest.mark.parametrize("v", [3.0, 0.3])
 @pytest.mark.parametrize("exact", [False, True])

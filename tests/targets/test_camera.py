@@ -108,6 +108,7 @@ def test_the_plan_moves_the_images(scan: ScanPlan) -> None:
     assert difference(np.roll(frames.light(0), (5, -3), (0, 1)), frames.light(1)) > 0.2
 
 
+@pytest.mark.long
 def test_size_of_holes(scan: ScanPlan) -> None:
     step = scan.camera.step_um(scan.depths_um[0])
     plan = plan_of(scan, array(scan, hole_um=3 * step))

@@ -29,6 +29,7 @@ def test_light_that_diffraction_takes_outwards_belongs_to_the_outline(radius, fr
     assert found.diameter_sigma_px == pytest.approx(found.area_sigma_px2 / (math.pi * found.diameter_px / 2), rel=1e-6)
 
 
+@pytest.mark.long
 @pytest.mark.few(1)
 @pytest.mark.parametrize(("noise", "blur"), [(0.02, 2.0), (0.3, 2.0), (0.3, 4.0), (1.0, 1.0)])
 def test_the_area_lies_within_its_stated_error_and_that_is_small(noise, blur):

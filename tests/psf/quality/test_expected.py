@@ -63,6 +63,7 @@ def with_stray(share: float, H: PSFMatrix) -> PSFMatrix:
     return PSFMatrix(values.astype(np.float32), **given)
 
 
+@pytest.mark.long
 @pytest.mark.few(1)
 @pytest.mark.parametrize(("share", "merits"), [(0.0, {"good"}), (0.02, {"fair", "bad"})])
 def test_only_light_that_nothing_explains_is_stray(share: float, merits: set[str]) -> None:

@@ -34,6 +34,7 @@ def test_every_fault_is_named_by_its_metric(name):
     assert set(alarms[:2]) & set(FAULTS[name].names), alarms
 
 
+@pytest.mark.long
 @pytest.mark.few(1)
 @pytest.mark.parametrize("name", SQUARE)
 def test_a_square_array_is_judged_as_well(name):

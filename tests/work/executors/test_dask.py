@@ -83,6 +83,7 @@ def test_a_cluster_of_this_machine(tmp_path: Path) -> None:
     assert parts[0].read_text() == "a"
 
 
+@pytest.mark.long
 def test_workers_keep_the_memory_of_arrays(monkeypatch: pytest.MonkeyPatch) -> None:
     """By default dask tells glibc to hand all of it back, a fifth of a unit's time; what the user says of it holds."""
     monkeypatch.delenv(TRIM, raising=False)  # other clusters of this process leave theirs
