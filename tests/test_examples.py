@@ -61,7 +61,17 @@ def begun(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-DEAR = ("lfcal.accuracy.base", "lfcal.fit.fit", "lfcal.inspect.inspection", "lfcal.inspect.search")
+DEAR = (
+    "lfcal.accuracy.base",
+    "lfcal.fit.fit",
+    "lfcal.inspect.inspection",
+    "lfcal.inspect.search",
+    "lfcal.psf.assemble_plan",
+    "lfcal.psf.report.write",
+    "lfcal.simulate.accuracy.ladder",
+    "lfcal.fit.holds",
+    "lfcal.reconstruct.resolution",
+)
 """Those that take seconds."""
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
+from functools import cache
 from types import UnionType
 from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
@@ -255,7 +256,7 @@ def build(kind: type[T], data: Any, what: str, *, partial: bool = False) -> T:
     """
     if not isinstance(data, Mapping):
         raise FileFormatError.expected(what, "an object with named entries", type(data).__name__, "correct it")
-    hints = get_type_hints(kind)
+    hints = _hints(cast(Any, kind))
     names = {f.name for f in fields(cast(Any, kind))}
     # an unknown entry is an error: a misspelt one would leave another without a value
     unknown = sorted(set(data) - names)
@@ -266,6 +267,12 @@ def build(kind: type[T], data: Any, what: str, *, partial: bool = False) -> T:
         named = f"the entr{'ies' if len(missing) > 1 else 'y'} {', '.join(map(repr, missing))}"
         raise FileFormatError.expected(what, named, "none", "add what is missing")
     return kind(**{name: _value(hints[name], value, f"{what}.{name}") for name, value in data.items()})
+
+
+@cache
+def _hints(kind: type) -> dict[str, Any]:
+    """Return the types of a dataclass's entries; to read them from their texts takes longer than all else."""
+    return get_type_hints(kind)
 
 
 _LEAVES: dict[type, tuple[tuple[type, ...], str]] = {

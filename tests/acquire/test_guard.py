@@ -149,6 +149,7 @@ CLEAN: dict[str, tuple[ScanPlan, Rig, dict[str, Any]]] = {
 }
 
 
+@pytest.mark.few(5)
 @pytest.mark.parametrize("name", CLEAN)
 def test_a_good_session_raises_nothing(tmp_path: Path, name: str) -> None:
     plan, rig, options = CLEAN[name]

@@ -303,6 +303,7 @@ def test_what_was_assumed_cannot_be_wrong(lfcal: Command, white: Path, tmp_path:
     assert done.code == 0 and "was assumed" in done.out and read(tmp_path / "m.json").sensor.shape == SHAPE
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     "camera",
     [

@@ -77,7 +77,7 @@ def check(answer: Answer, folder: Path, name: str, before: dict[str, bytes], *wh
     assert {k: v for k, v in after.items() if k not in others} == {k: before[k] for k in before if k not in others}
 
 
-@pytest.mark.few(3)
+@pytest.mark.few(1)
 @pytest.mark.skipif(os.name == "nt", reason="this system has no limits on file sizes")
 @pytest.mark.parametrize("name", NAMES)
 def test_writes_refused_in_the_middle(shell: Shell, source: Path, tmp_path: Path, name: str) -> None:

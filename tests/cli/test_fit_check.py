@@ -52,6 +52,7 @@ def check(lfcal: Lfcal, *words: object) -> Run:
     return lfcal("fit", "--check", *words, *NOISE, "--black-level", 100)
 
 
+@pytest.mark.long
 def test_h_holds_for_a_frame_of_the_same_camera(lfcal: Lfcal, place: Path) -> None:
     run = check(lfcal, "old.h5", "same.tif")
     assert run.code == 0 and "holds: error below" in run.out and f"0, {AT[0]}, {AT[1]}" in run.out, run.err
@@ -206,6 +207,7 @@ def test_bad_words_end_in_one_line(lfcal: Lfcal, place: Path) -> None:
     assert run.code == 2 and run.err.count("\n") == 1 and "same.tif" in run.err, run.err
 
 
+@pytest.mark.long
 def test_a_camera_whose_noise_is_stated_needs_no_words(lfcal: Lfcal, place: Path) -> None:
     run = lfcal("fit", "--check", "old.h5", "same.tif", "--json")
     assert run.code == 0 and isinstance(run.json, dict), run.err

@@ -26,6 +26,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.long
 def test_a_target_is_planned_beside_a_single_point(lfcal: Lfcal, place: Path) -> None:
     run = lfcal(*PLAN, "array:6x6@1021.3um,hole=20um", "--most-frames", "12", "-o", "target.json")
     assert run.code == 0, run.err
@@ -125,6 +126,7 @@ def test_a_plan_of_a_target_is_no_scan_plan(lfcal: Lfcal, place: Path) -> None:
     assert not (place / "session").exists()
 
 
+@pytest.mark.long
 def test_regions_are_all_in_the_same_frames(lfcal: Lfcal, place: Path) -> None:
     del place
     words = (*PLAN, "array:6x6@1021.3um", "--most-frames", "3", "--regions", "1x3")

@@ -84,6 +84,7 @@ def test_json_lists_everything(lfcal: Lfcal, sample: Path) -> None:
     }
 
 
+@pytest.mark.long
 def test_resume_takes_damaged_frames_again(lfcal: Lfcal, tmp_path: Path) -> None:
     plan, session = tmp_path / "plan.json", tmp_path / "session"
     plan.write_text(small_plan().to_json())
@@ -100,6 +101,7 @@ def test_resume_takes_damaged_frames_again(lfcal: Lfcal, tmp_path: Path) -> None
         assert all(np.array_equal(before.plane(z), after.plane(z)) for z in range(3))
 
 
+@pytest.mark.long
 def test_a_redo_list_of_verify_is_recorded(lfcal: Lfcal, tmp_path: Path) -> None:
     plan, session, redo = tmp_path / "plan.json", tmp_path / "session", tmp_path / "redo.json"
     plan.write_text(small_plan().to_json())

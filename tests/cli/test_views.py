@@ -78,6 +78,7 @@ def test_views_of_a_described_camera_alone(lfcal: Any, files: Path, tmp_path: Pa
     np.testing.assert_allclose(tifffile.imread(tmp_path / "focal_stack.tif"), refocus(wanted, [3.0], samples=4)[0])
 
 
+@pytest.mark.long
 def test_a_part_of_the_sensor_needs_its_place(lfcal: Any, files: Path) -> None:
     given = ("views", files / "part.tif", "--camera", files / "camera.json", "--json")
     refused = lfcal(*given)

@@ -89,6 +89,7 @@ def test_types_are_left_alone_where_nobody_asks(run: Run, files: tuple[Path, Whi
     assert asked["pitch_px"] == not_asked["pitch_px"]
 
 
+@pytest.mark.long
 def test_a_nominal_pitch_and_kind_lead_to_the_same_lattice(run: Run, files: tuple[Path, WhiteFrame]) -> None:
     folder, _ = files
     found, led = (

@@ -84,6 +84,7 @@ def matrices(here: Path, lfcal: Callable[..., Run], session: Path, tmp_path_fact
     return here
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("words", AFTER.values(), ids=list(AFTER))
 def test_what_is_written_twice_is_not_open(
     lfcal: Callable[..., Run], matrices: Path, words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch

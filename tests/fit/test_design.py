@@ -182,6 +182,7 @@ def test_chosen_positions_are_better_than_evenly_spread_ones() -> None:
     assert np.hypot(apart[..., 0], apart[..., 1])[~np.eye(3, dtype=bool)].min() > 6
 
 
+@pytest.mark.long
 def test_an_earlier_fit_is_where_the_next_positions_start() -> None:
     fit, _ = fitted(0)
     earlier = Earlier.of(fit)

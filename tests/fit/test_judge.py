@@ -61,6 +61,7 @@ def stated(one: Problem, at: Point) -> ModelError:
     return left_out_error(one, at, columns, NONE, np.zeros((4, 4)))
 
 
+@pytest.mark.long
 def test_the_error_of_a_wrong_model_is_what_is_stated() -> None:
     one = problem()
     for off in (0.5, 1.0):

@@ -32,6 +32,7 @@ def test_predictions_are_the_simulator_s(more: tuple[object, ...]) -> None:
         assert difference(found[k], wanted) < 5e-3
 
 
+@pytest.mark.long
 def test_the_grid_is_as_fine_as_is_said() -> None:
     """Against the coherent reference, which shares no sampling with the grid."""
     setup = setup_of(PLAN)
@@ -86,7 +87,7 @@ def test_predictions_are_smooth_in_every_unknown() -> None:
 
 
 @pytest.mark.parametrize(("depth", "cutout", "least"), [(0.0, 21, 4e-3), (2.2, 29, 1.5e-3), (3.5, 15, 1.5e-3)])
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 def test_the_light_beyond_the_shadow_is_all_there(depth: float, cutout: int, least: float) -> None:
     """A grid that ends five pixels beyond it is 1 % off near the native plane, 0.2-0.3 % elsewhere, however fine."""
     plan = small_plan(cutout, (depth,))

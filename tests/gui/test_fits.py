@@ -168,6 +168,7 @@ def test_the_settings_of_a_recording_are_whole(window: MainWindow) -> None:
         assert page.findChild(RecordPanel).isVisible() and moving(page) == []
 
 
+@pytest.mark.long
 def test_the_plan_and_its_target_are_whole(window: MainWindow, qtbot: QtBot) -> None:
     """Two depths needed 158 px, and their field had 108."""
     plan = ScanPlan.for_camera(preset("bench"), depths_um=(-20034.587, -26017.775))

@@ -69,6 +69,7 @@ def looked_at_in_the_dark(stage: Stage, shot: Shot) -> Iterator[tuple[str, list[
         yield f"{shot.name}, {theme}", list(of_other_themes(shot.widget or stage.window))
 
 
+@pytest.mark.long
 def test_pages_with_the_sample_session(stage: Stage) -> None:
     open_sample(stage)
     for scene in (camera, psf):

@@ -126,6 +126,7 @@ def test_requests_in_a_hurry_open_the_newest_alone(window: MainWindow, qtbot: Qt
     assert opened == [0, 19] and shown == [19] and closed == [0]
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("error", DAMAGE, ids=lambda e: type(e).__name__)
 def test_damage_of_any_kind_is_one_line_and_the_good_h_stays(
     window: MainWindow, good: Path, tmp_path: Path, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, error: Exception

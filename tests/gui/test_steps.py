@@ -365,6 +365,7 @@ def white_of(camera: Camera) -> np.ndarray:
     return np.rint(100 + 2000 * np.exp(-12 * (away**2).sum(-1))).astype(np.uint16)
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("route", ["cells", "general", "transmissions", "lattice", "white"])
 @pytest.mark.parametrize("weighted", ["", "dead", "weighted"])
 def test_a_frame_recovered_by_page_command_and_script_is_the_same(
@@ -401,6 +402,7 @@ def test_a_frame_recovered_by_page_command_and_script_is_the_same(
         np.testing.assert_allclose(page, command, rtol=1e-3, atol=1e-2)
 
 
+@pytest.mark.long
 def test_of_a_large_frame_the_page_takes_the_middle_and_command_and_script_all(project: ProjectState) -> None:
     """Super-pixels begin at the frame's first pixel for both, whatever their size."""
     tifffile.imwrite("frame.tif", np.random.default_rng(3).random((1650, 1700), np.float32))

@@ -160,6 +160,7 @@ def test_no_finding_costs_nothing_and_one_that_nothing_is_known_of_has_no_cost()
     assert costs.costs == (None,) and costs.clean is not None
 
 
+@pytest.mark.long
 def test_costs_are_the_same_each_time() -> None:
     one, cleaned = in_faded()
     assert drain(iter_costs(cleaned, (one,), 1e-6)) == drain(iter_costs(cleaned, (one,), 1e-6))

@@ -41,6 +41,7 @@ def test_a_dead_column_is_named_with_its_place() -> None:
     assert set(found["dead_line"].pixels[:, 1].tolist()) == {30}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("axis", [0, 1])
 @pytest.mark.few(1)
 def test_a_hot_line_is_no_step_of_the_stage(axis: int) -> None:

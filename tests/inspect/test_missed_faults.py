@@ -126,6 +126,7 @@ def evidence_of_microscope(name: str, strength: float) -> Evidence:
     return found
 
 
+@pytest.mark.long
 def test_the_first_rows_of_swapped_planes_tell_no_depth() -> None:
     evidence = evidence_of(put_in("planes swapped", 0.2))
     assert not evidence.starts.depth.any()
@@ -150,6 +151,7 @@ def test_a_lens_type_far_out_of_focus_is_no_bent_values() -> None:
     assert told / stated == pytest.approx(1.15, abs=0.005)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("all_patterns")
 def test_a_strong_ghost_is_told_whole_and_once() -> None:
     found, _ = drain(iter_search(evidence_of(put_in("ghost turned", 0.1))))
@@ -164,6 +166,7 @@ def test_no_ghost_is_brighter_than_the_light() -> None:
     assert next(iter(found)) == "not_linear" and "ghost" not in found
 
 
+@pytest.mark.long
 def test_the_frames_that_flicker_most_do_not_tell_by_how_much_all_do() -> None:
     lamp = flicker(recording(), 0.2)[..., 0, 0]
     odd = np.argwhere(np.abs(lamp - 1) > 0.45)
@@ -217,6 +220,7 @@ def test_frames_of_other_places_make_no_bad_pixels_and_no_ghost(name: str, stren
     assert set(faults_of(put_in(name, strength))) == {"strangers"}
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("all_patterns")
 def test_a_scan_to_and_fro_that_is_read_as_one_way() -> None:
     values = clean()
@@ -244,6 +248,7 @@ def test_a_hot_pixel_just_above_the_limit_is_told() -> None:
     assert set(found) == {"bad_pixels"} and found["bad_pixels"].pixels.tolist() == [[29, 36]]
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("all_patterns")
 def test_positions_just_beyond_the_limit_are_told() -> None:
     scatter = 1.3 * WORTH_PX / np.sqrt(2)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from lfcal.fit.model import Fineness, PlaneModel
@@ -85,6 +86,7 @@ def test_swapped_neighbours_are_named_with_their_places() -> None:
     assert set(found["strangers"].positions[:, 2].tolist()) <= {3, 4}
 
 
+@pytest.mark.long
 def test_a_focus_that_drifts_is_named_with_its_plane() -> None:
     camera, z = plan().camera, plan().depths_um[0]
     ny, _ = plan().period

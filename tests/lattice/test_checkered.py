@@ -22,12 +22,14 @@ def checkerboard(side: float, turn: float, blur: float, noise: float = 20.0) -> 
     return soft + np.random.default_rng(1).normal(0, noise, soft.shape)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("side", "turn", "blur"), [(8.0, 0.0, 0.0), (11.0, 0.1, 1.0), (15.3, 0.78, 1.5)])
 def test_a_checkerboard_is_no_white_image(side: float, turn: float, blur: float) -> None:
     with pytest.raises(InputError, match="checkerboard"):
         fit_lattice(checkerboard(side, turn, blur))
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("fill", [0.5, 0.75, 0.85, 1.0])
 def test_micro_images_of_any_size_are(fill: float) -> None:
     assert fit_lattice(draw_white((200, 220), kind="square", fill=fill).frame).kind == "square"

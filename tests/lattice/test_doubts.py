@@ -59,7 +59,7 @@ def fermi(distance: Any, width: float) -> Any:
     ],
     ids=["soft disc", "soft edge", "bell"],
 )
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 def test_the_rim_of_the_light_bends_no_straight_lattice(light: Any, seed: int) -> None:
     truth = draw_white(SHAPE, dark=0.0, light=light, seed=seed)
     fit = fit_lattice(truth.frame)
@@ -68,7 +68,7 @@ def test_the_rim_of_the_light_bends_no_straight_lattice(light: Any, seed: int) -
     assert np.hypot(*truth.errors(fit.centres_px(q, r)).T).max() < 0.05
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("kind", "seed"), [("hexagonal", 0), ("hexagonal", 2), ("square", 0), ("square", 4)])
 def test_a_beam_s_bell_draws_no_lenslet_to_its_middle(kind: str, seed: int) -> None:
     """Light that falls to two percent in the corners: a polynomial of it would fall too fast or too slowly there."""
@@ -79,6 +79,7 @@ def test_a_beam_s_bell_draws_no_lenslet_to_its_middle(kind: str, seed: int) -> N
     assert np.hypot(*truth.errors(fit.centres_px(q, r)).T).max() < 0.05
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("seed", [0, 3])
 def test_a_square_lattice_lit_by_half_is_found(seed: int) -> None:
     """No places hold a flexible lattice in the dark half: a bend that turns back there is none."""
@@ -89,6 +90,7 @@ def test_a_square_lattice_lit_by_half_is_found(seed: int) -> None:
     assert np.hypot(*truth.errors(fit.centres_px(q, r)).T).max() < 0.05
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("size", [8.0, 30.0])
 def test_drawn_specimens_are_refused(size: float) -> None:
     import cv2

@@ -41,7 +41,7 @@ def check(fit: LatticeFit, truth: WhiteFrame, tolerance: float) -> None:
     assert truth.distance_to_lattice(fit.origin_px) < 0.05
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", FRAMES)
 def test_the_lattice_is_found_without_a_nominal_pitch(name: str) -> None:
     truth = draw_white(**FRAMES[name])
@@ -57,7 +57,7 @@ def test_a_nominal_pitch_wrong_by_three_percent_will_do(kind: str, wrong: float)
     check(fit_lattice(truth.frame, pitch_px=wrong * 15.4, kind=kind), truth, 0.002)
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("kind", ["square", "hexagonal"])
 @pytest.mark.parametrize("rotation", [0.0, 0.002])
 @pytest.mark.parametrize("offset", [(0.1, -0.4), (0.3, 0.35)])

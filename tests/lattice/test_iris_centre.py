@@ -51,6 +51,7 @@ def off_centre(fit, kind, pitch):
     return away - np.rint(away @ np.linalg.inv(vectors)) @ vectors
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("kind", "blades", "fill"),
     [("hexagonal", 7, 0.98), ("hexagonal", 5, 0.9), ("hexagonal", 5, 1.03), ("square", 5, 1.03), ("square", 9, 1.03)],

@@ -29,7 +29,7 @@ def true_types(truth: WhiteFrame, fit: LatticeFit, step: int, phase: int) -> np.
     return np.mod(step * (index[:, 0] - index[:, 1] - phase), 3)
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("step", "phase"), [*product((1, 2), (0, 1, 2))])
 def test_all_six_colourings_are_told_apart(step: int, phase: int) -> None:
     truth, fit = drawn(step=step, phase=phase, seed=10 * step + phase)
@@ -40,7 +40,7 @@ def test_all_six_colourings_are_told_apart(step: int, phase: int) -> None:
     assert found.sharpness[0] < found.sharpness[1] < found.sharpness[2]
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("step", "phase", "pupil"), [(1, 0, 1.0), (2, 1, 1.0), (1, 2, 0.6), (2, 0, 0.6)])
 def test_overlapping_micro_images_of_the_photographic_camera(step: int, phase: int, pupil: float) -> None:
     """Wide open, each micro-image reaches into its neighbours: edges there belong to several lenslets."""
@@ -98,6 +98,7 @@ def test_a_frame_of_a_point_decides_too() -> None:
     assert found.triangles < 80
 
 
+@pytest.mark.long
 def test_undecidable_frames_are_refused() -> None:
     same, fit = drawn(edges=(1.5, 1.5, 1.5))
     with pytest.raises(InputError, match="lens types: expected a colouring"):

@@ -41,6 +41,7 @@ def scene_frame(fit: LatticeFit, scene: Any, slope: float) -> NDArray[np.float32
     return np.asarray(scene(column, row), np.float32)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("with_white", [False, True])
 def test_pixels_beyond_the_radius_have_no_weight(with_white: bool) -> None:
     truth, fit = clean("square")
@@ -52,7 +53,7 @@ def test_pixels_beyond_the_radius_have_no_weight(with_white: bool) -> None:
 
 @pytest.mark.parametrize("axes", ["frame", "lattice"])
 @pytest.mark.parametrize("kind", ["square", "hexagonal"])
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 def test_every_view_of_a_plane_in_the_lenslets_is_that_plane(kind: str, axes: str) -> None:
     """Slope 0: the light below a lenslet is one value. Linear scenes survive the resampling exactly."""
     _, fit = clean(kind, rotation=0.004)
@@ -181,6 +182,7 @@ def test_the_mosaic_keeps_the_middle_view() -> None:
     )
 
 
+@pytest.mark.long
 @needs_real
 def test_the_real_vesicle() -> None:
     """A hollow sphere: a ring in the middle view, largest contrast when focused near the lenslets' plane."""

@@ -170,7 +170,7 @@ def _run(lfcal: Callable[..., Run], folder: Path, command: str) -> Run:  # noqa:
     return run
 
 
-@pytest.mark.few(15)
+@pytest.mark.few(6)
 @pytest.mark.parametrize("case", REFUSED)
 def test_every_command_refuses(case: str, folder: Path, lfcal: Callable[..., Run]) -> None:  # noqa: F811
     with h5py.File(folder / "H.h5", "r+") as file:

@@ -94,6 +94,7 @@ def test_its_transpose(path: Path, tmp_path: Path) -> None:
             np.testing.assert_array_equal(HT.T.facts.known()["bound"], small.facts.known()["bound"])
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("method", ["polyphase", "direct", "sparse", "reduced"])
 def test_every_projector(path: Path, method: str) -> None:
     more = {"tolerance": 0.01} if method == "reduced" else {}

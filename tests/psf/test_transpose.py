@@ -183,6 +183,7 @@ def test_counter_tests_wrong_conventions_fail() -> None:
 DTYPES = ["?", "i1", "u2", ">u2", "i4", "<f2", "<f4", ">f4", "f8", "c8", ">c8", "c16", "g"]
 
 
+@pytest.mark.few(8)
 @pytest.mark.parametrize("dtype", DTYPES)
 @pytest.mark.parametrize("shape", [(2, 3, 4, 5, 7), (1, 2, 19, 3, 35)])
 def test_any_number_type(shape: Shape, dtype: str) -> None:

@@ -82,6 +82,7 @@ def test_rays_through_lenslets_land_where_straight_lines_do() -> None:
     assert np.abs(found - wanted).max() < 0.1 * np.abs(wanted).max()
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("exact", [False, True])
 def test_windows_follow_it_in_part(exact: bool) -> None:
     """Windows take each lenslet at its own height, and parallel to the sensor: about half of what a tilt does."""

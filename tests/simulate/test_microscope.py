@@ -301,6 +301,7 @@ def by_fourier(scene: Scene, position: tuple[int, int], exact: bool, samples: in
     return pixels[spare:-spare, spare:-spare]
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("position", [(8, 8), (8, 0), (3, 5)], ids=["corner", "edge", "within"])
 def test_light_focused_where_fast_lenslets_meet_is_not_made_more(position):
     scene = fast_lenslets(cutout=(41, 41))
@@ -310,6 +311,7 @@ def test_light_focused_where_fast_lenslets_meet_is_not_made_more(position):
     assert relative_error(found, wanted) < 0.01
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("z", "position"), [(30.0, (3, 5)), (0.0, (3, 5))])
 def test_exact_angles_are_followed_behind_the_lenslets(z, position):
     camera = replace(preset("lfm_20x05"), optics=Microscope(4.0, 0.28, 1.0), lattice=fast_lenslets().lattice)
@@ -332,6 +334,7 @@ def test_exact_angles_do_not_act_on_rows_and_columns_separately():
         engine_for(scene, "debye", Sampling(nodes_per_px=2))
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("plane", "bound"), [(GridPlane, 0.01), (ReferencePlane, 0.01)])
 def test_lenslets_without_gaps_meet_on_a_grid_without_making_light(plane, bound):
     """Masks low-passed before they are bent overlapped, each with its own phase: 1.07 and 10 % on the corner."""

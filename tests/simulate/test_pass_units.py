@@ -54,6 +54,7 @@ def refine(plan: ScanPlan, out: Path, run: RunChoice | None = GO_ON, tolerance: 
     drain(iter_refine_psf(plan.camera, plan, tolerance=tolerance, out=out, workers=1, run=run)).close()
 
 
+@pytest.mark.long
 def test_planes_are_joined_from_none_to_all(plan: ScanPlan, tmp_path: Path) -> None:
     work = iter_refine_psf(plan.camera, plan, tolerance=0.05, out=tmp_path / "H.h5", workers=1, run=GO_ON)
     joined: list[int] = []
@@ -77,7 +78,7 @@ def test_the_same_file_in_units_and_without(plan: ScanPlan, tmp_path: Path) -> N
     assert {path.name for path in tmp_path.iterdir()} == {"one.h5", "two.h5"}
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("fails_from", range(6))
 def test_it_goes_on_wherever_it_was_stopped(
     plan: ScanPlan, tmp_path: Path, computed: Computed, fails_from: int

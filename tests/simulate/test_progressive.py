@@ -62,6 +62,7 @@ def test_every_pass_is_a_whole_h_labelled_with_its_error(plan: ScanPlan, tmp_pat
             assert difference(found[z], truth[z]) <= 2 * errors[z] + 0.015
 
 
+@pytest.mark.few(1)
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="asks /proc what is open")
 @pytest.mark.parametrize("in_units", [False, True])
 def test_no_pass_is_open_when_the_next_takes_its_name(

@@ -34,6 +34,7 @@ def finest(plan: ScanPlan, effects: tuple[Effect, ...], ys: list[int], xs: list[
     return PlaneResponse(plan, 0, effects, level="reference", sampling=sampling).rows(ys, xs)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("number", CAMERAS)
 def test_a_tighter_tolerance_is_never_further_off(number: int) -> None:
     plan, given = random_plan(number)

@@ -72,6 +72,7 @@ def crosstalk(light: NDArray[np.float64], cutout: int, pitch: int) -> float:
     return sum(held(*one) for one in around) / held(0, 0)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("virtual_depth", "window", "aside"), [(2.0, 101, (-2, 3, 12)), (4.0, 151, (-1, 6))], ids=["near", "far"]
 )

@@ -63,7 +63,7 @@ def assert_same_h(one: Path, two: Path) -> None:
 
 @pytest.mark.parametrize("rot", ROTS)
 @pytest.mark.parametrize("how", ["in place", "packed"])
-@pytest.mark.few(4)
+@pytest.mark.few(2)
 def test_damaged_frames_are_taken_again(sessions: dict[str, Path], tmp_path: Path, how: str, rot: str) -> None:
     folder = copy_of(sessions[how], tmp_path)
     for file, slot in (("recording.h5", 0), ("recording.h5", 13), ("checks.h5", 3), ("checks.h5", 17)):
@@ -103,6 +103,7 @@ def test_damage_is_repaired_where_open_files_are_not_replaced(
     assert verify(folder).ok
 
 
+@pytest.mark.long
 def test_damage_of_a_recording_of_damage_is_taken_again(sessions: dict[str, Path], tmp_path: Path) -> None:
     folder = copy_of(sessions["packed"], tmp_path)
     for number in range(3):

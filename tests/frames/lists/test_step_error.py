@@ -53,6 +53,7 @@ CASES = {
 }
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("case", CASES)
 def test_errors_are_as_stated(case: str) -> None:
     pulls = pulls_of(**CASES[case])  # type: ignore[arg-type]

@@ -18,7 +18,7 @@ def test_there_are_faults_enough():
     assert len(FAULTS) >= 24
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("scene", [hexagonal, square, single], ids=lambda s: s.__name__)
 @pytest.mark.parametrize("kind", CLEAN)
 def test_nothing_clean_raises_an_alarm(scene, kind):
@@ -27,7 +27,7 @@ def test_nothing_clean_raises_an_alarm(scene, kind):
     assert report.redo() == []
 
 
-@pytest.mark.few(4)
+@pytest.mark.few(2)
 @pytest.mark.parametrize("name", FAULTS)
 def test_every_fault_is_named_by_its_metric(name):
     alarms = named(hexagonal(), name)

@@ -32,6 +32,7 @@ def test_noise_peak_and_virtual_depths_are_those_of_the_scene(report):
     assert report.f_number.value == pytest.approx(4.8, rel=0.02)
 
 
+@pytest.mark.long
 def test_the_f_number_of_a_square_array_comes_out():
     report = inspect(matrix(square(), base(square())))
     assert report.f_number.value == pytest.approx(20.0, rel=0.02)

@@ -78,6 +78,7 @@ def test_what_a_unit_refuses_is_told(scheduler: str, tmp_path: Path) -> None:
         drain(iter_run([unit("a", "refuse")], tmp_path / "run", Dask(None, scheduler)))
 
 
+@pytest.mark.long
 def test_a_cluster_of_this_machine(tmp_path: Path) -> None:
     parts = drain(iter_run([unit("a", text="a")], tmp_path / "run", Dask(1)))
     assert parts[0].read_text() == "a"

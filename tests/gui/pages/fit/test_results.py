@@ -82,6 +82,7 @@ def test_a_fit_is_saved_as_the_command_writes_it(
     assert "is the H that was fitted" in fitted.notice.label.text()
 
 
+@pytest.mark.long
 def test_a_report_that_nobody_saved_goes_with_the_fit(
     fitted: Page, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -405,6 +405,7 @@ def test_a_mask_on_the_lattice_of_the_project_s_camera(page: Page, context: Cont
     assert "one super-pixel of a light field" in shown.status.text() and shown.views[0].image is None
 
 
+@pytest.mark.long
 def test_a_mask_on_the_lattice_of_a_white_image(
     page: Page, context: Context, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -501,6 +502,7 @@ def test_a_live_frame_is_shown_as_it_is_asked_for_last(page: Page, context: Cont
     assert page.found is not None and page.found.spatial.name == "Spatial, nearest"
 
 
+@pytest.mark.long
 def test_nothing_of_a_modulator_is_shown_under_the_refusal_of_another(page: Page, qtbot: QtBot) -> None:
     shown = page.panel.figures
     page.panel.tabs.setCurrentIndex(2)

@@ -271,6 +271,7 @@ def test_the_window_s_thread_loads_no_kernel_for_the_apertures(
     assert asked and main not in asked
 
 
+@pytest.mark.long
 def test_the_planes_and_their_legend_are_red_where_all_is_red(window: MainWindow, qtbot: QtBot) -> None:
     """They kept the colours of the theme they were drawn in."""
     t, s = np.indices((31, 31)) - 15

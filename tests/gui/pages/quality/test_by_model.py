@@ -144,6 +144,7 @@ def test_nothing_of_an_earlier_h_stays(page: Page, qtbot: QtBot, tmp_path: Path)
     assert "hot" not in page.panel.inspect.words.toPlainText().split("(")[0] and not page.redo_button.isEnabled()
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("known")
 def test_a_file_written_anew_is_inspected_anew(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
     found_by(page, qtbot)

@@ -115,6 +115,7 @@ def test_positions_and_planes_are_chosen_in_map_and_table(page: Page, qtbot: QtB
     assert panel.titles[0].text() == "H.h5 at (1, 2, 3)"
 
 
+@pytest.mark.long
 def test_blink_shows_both_in_one_place(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
     compared(page, qtbot, written(tmp_path / "earlier.h5", moved()))
     panel = page.panel.compare

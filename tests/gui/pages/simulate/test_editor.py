@@ -365,6 +365,7 @@ def test_a_simulation_in_passes_that_is_stopped_keeps_the_last_whole_h(
         assert float(np.max(done.facts.known()["error"])) <= 0.05
 
 
+@pytest.mark.long
 def test_frames_of_a_session_that_is_stopped_are_kept_and_it_goes_on_to_the_same(
     page: Any, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
