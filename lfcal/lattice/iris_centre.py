@@ -48,6 +48,9 @@ LARGEST = 0.25
 SCALE = np.array([0.1, 0.1, 1.0, 0.3, 0.1, 0.3, 0.1])
 """Sizes of steps of what is fitted: shift x, y, radius, blur (pixels), gain, share of what is odd, rotation (rad)."""
 
+STEP = 1e-7
+"""Of each number that is fitted, or of 1, for slopes by differences."""
+
 CONTRAST = 1e-3
 """Share of the light below which a wave says nothing."""
 
@@ -109,8 +112,8 @@ class _Waves:
     found: Complex
 
     def moved(self, shift: Array) -> Complex:
-        """Return the shares about a point ``shift`` (x, y) from the lattice point."""
-        shares: Complex = self.found * np.exp(2j * np.pi * (self.wave @ shift))
+        """Return the shares ``(..., n)`` about points ``shift`` ``(..., 2)`` as (x, y) from the lattice point."""
+        shares: Complex = self.found * np.exp(2j * np.pi * (shift @ self.wave.T))
         return shares
 
 
@@ -148,17 +151,23 @@ def polygon_transform(wave: Array, blades: int, radius: float, rotation_rad: flo
     radius
         Of the circle of the same area (pixels).
     """
+    (transform,) = _transforms(wave, blades, np.array([radius]), np.array([rotation_rad]))
+    return np.asarray(transform, np.complex128)
+
+
+def _transforms(wave: Array, blades: int, radius: Array, rotation_rad: Array) -> Complex:
+    """Return `polygon_transform` ``(m, n)`` for ``m`` radii and rotations."""
     area = math.pi * radius**2
-    corner = math.sqrt(2 * area / (blades * math.sin(2 * math.pi / blades)))
-    angle = rotation_rad + 2 * np.pi * np.arange(blades) / blades
-    first = corner * np.stack([np.cos(angle), np.sin(angle)], -1)
-    last = np.roll(first, -1, axis=0)
+    corner = np.sqrt(2 * area / (blades * math.sin(2 * math.pi / blades)))
+    angle = rotation_rad[:, None] + 2 * np.pi * np.arange(blades) / blades
+    first = corner[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], 1)
+    last = np.roll(first, -1, axis=2)
     side, middle = last - first, (last + first) / 2
     # outwards, as long as the side
-    normal = np.stack([side[:, 1], -side[:, 0]], -1)
-    turned = np.sinc(wave @ side.T) * np.exp(-2j * np.pi * (wave @ middle.T)) * (wave @ normal.T)
-    transform: Complex = 1j * turned.sum(1) / (2 * np.pi * (wave**2).sum(1) * area)
-    return transform
+    normal = np.stack([side[:, 1], -side[:, 0]], 1)
+    turned = np.sinc(wave @ side) * np.exp(-2j * np.pi * (wave @ middle)) * (wave @ normal)
+    transforms: Complex = 1j * turned.sum(2) / (2 * np.pi * (wave**2).sum(1) * area[:, None])
+    return transforms
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,11 +180,27 @@ class _Fit(IrisCentre):
 
     @classmethod
     def of(cls, about: _Waves, away: Callable[[Array], Array], start: Array, bounds: Array, blades: int) -> _Fit:
-        """Return the least squares of ``away``, whose first half is odd, over numbers that begin with the shift."""
+        """Return the least squares of ``away`` over numbers ``(k,)`` that begin with the shift.
+
+        It takes many of them ``(m, k)`` and returns what is left of the waves ``(m, 2n)``, what is odd first.
+        """
         from scipy import optimize
 
+        def slopes_at(p: Array) -> Array:
+            steps = STEP * np.maximum(1, np.abs(p))
+            left: Array = away(np.vstack([p, p + np.diag(steps)]))
+            return np.asarray(((left[1:] - left[0]) / steps[:, None]).T)
+
+        def left_at(p: Array) -> Array:
+            return np.asarray(away(p[None])[0])
+
         fit = optimize.least_squares(
-            away, start, bounds=(bounds[0], bounds[1]), x_scale=SCALE[: start.size], max_nfev=STEPS
+            left_at,
+            start,
+            jac=slopes_at,
+            bounds=(bounds[0], bounds[1]),
+            x_scale=SCALE[: start.size],
+            max_nfev=STEPS,
         )
         shift, left, slopes = np.array(fit.x[:2]), np.asarray(fit.fun), np.asarray(fit.jac)
         variance = 2 * float(fit.cost) / max(1, left.size - start.size)
@@ -214,18 +239,20 @@ def _polygon(about: _Waves, blades: int, pitch: float) -> _Fit:
     square = (about.wave**2).sum(1)
 
     def away(p: Array) -> Array:
-        shape = polygon_transform(about.wave, blades, p[2], p[6])
+        shape = _transforms(about.wave, blades, p[:, 2], p[:, 6])
         # curved blades have less of what is odd
-        shape = p[4] * (shape.real + 1j * p[5] * shape.imag) * np.exp(-2 * np.pi**2 * square * p[3] ** 2)
-        left = about.moved(p[:2]) - shape
-        return np.concatenate([left.imag, left.real])
+        shape = p[:, 4:5] * (shape.real + 1j * p[:, 5:6] * shape.imag) * np.exp(-2 * np.pi**2 * square * p[:, 3:4] ** 2)
+        left = about.moved(p[:, :2]) - shape
+        return np.concatenate([left.imag, left.real], 1)
 
     far = pitch / 3
     bounds = np.array([[-far, -far, 0.2 * pitch, 0, 0.3, 0, -7], [far, far, 0.65 * pitch, pitch / 5, 2, 1.3, 7]])
-    starts = [
-        np.array([0, 0, radius * pitch, 0.5, 1, 1, turn * 2 * math.pi / blades])
-        for radius in (0.36, 0.4, 0.44, 0.48, 0.52)
-        for turn in np.arange(8) / 8
-    ]
-    starts.sort(key=lambda p: float((away(p) ** 2).sum()))
-    return min((_Fit.of(about, away, p, bounds, blades) for p in starts[:TRIED]), key=lambda fit: fit.cost)
+    starts = np.array(
+        [
+            (0, 0, radius * pitch, 0.5, 1, 1, turn * 2 * math.pi / blades)
+            for radius in (0.36, 0.4, 0.44, 0.48, 0.52)
+            for turn in np.arange(8) / 8
+        ]
+    )
+    best = np.argsort(np.square(away(starts)).sum(1), kind="stable")[:TRIED]
+    return min((_Fit.of(about, away, p, bounds, blades) for p in starts[best]), key=lambda fit: fit.cost)

@@ -189,6 +189,7 @@ def test_projection_of_the_r29_on_a_small_copy(bench: Bench, monkeypatch: pytest
     assert list(tmp_path.iterdir()) == [], "the synthetic plane is gone"
 
 
+@pytest.mark.long
 def test_projection_within_tolerances(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(_reduced, "CAMERA", "bench")
     monkeypatch.setattr(_reduced, "REPEATS", 1)
@@ -407,6 +408,7 @@ def test_storage_in_words(bench: Bench, tmp_path: Path) -> None:
     assert "11 planes, within 2 %" in bench("storage", "bench", *options, "--planes", 11, "--workers", 1)
 
 
+@pytest.mark.long
 def test_storage(bench: Bench, tmp_path: Path) -> None:
     options = ("--virtual-depths", "2,2.5", "--tolerances", "0.02,0.005", "--repeats", 1, "--folder", tmp_path)
     found = bench.json("storage", "bench", *options, "--planes", 11, "--chart", tmp_path / "storage.png")

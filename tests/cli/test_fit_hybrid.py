@@ -59,6 +59,7 @@ def scan(place: Path, fitted: Path) -> Path:
     return place / "scan"
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("plain_pages")
 def test_missing_positions_are_filled_and_marked(lfcal: Lfcal, place: Path, scan: Path) -> None:
     bare = lfcal("assemble", "scan/frames", *CORRECTED, "-o", "bare.h5", "--dtype", "float32")

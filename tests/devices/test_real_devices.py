@@ -168,6 +168,7 @@ def test_aravis_records_27_positions(tmp_path: Path, trigger: str) -> None:
             check_session(tmp_path, plan)
 
 
+@pytest.mark.long
 @ARAVIS
 def test_aravis_losing_packets_retries_and_keeps_only_whole_frames(tmp_path: Path) -> None:
     plan = plan_for((2048, 2048), 8)

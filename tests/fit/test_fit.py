@@ -140,6 +140,7 @@ def described(camera: Camera) -> Measured:
     return replace(patterns()[1], plan=replace(PLAN, camera=camera))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("case", "what"),
     [

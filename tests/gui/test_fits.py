@@ -213,6 +213,7 @@ def test_nothing_scrolls_beside_the_live_view(window: MainWindow, qtbot: QtBot) 
         assert page.panel.setup.stage.limits.text().startswith("Limits x -") and moving(page) == []
 
 
+@pytest.mark.long
 def test_no_scroll_bar_beside_the_sample(window: MainWindow, qtbot: QtBot) -> None:
     window.resize(1280, 800)
     window.go("frames")

@@ -118,6 +118,7 @@ def truth_of(name: str, z_um: float) -> np.ndarray:
     return np.stack([fields.response(scene, scene.source_um(y, x), (y, x)) for y, x in PLACES])
 
 
+@pytest.mark.long
 @pytest.mark.few(1)
 @pytest.mark.parametrize("level", ["grid", "debye"])
 @pytest.mark.parametrize(("name", "z_um"), DEPTHS)

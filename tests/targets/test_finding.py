@@ -173,6 +173,7 @@ def test_a_distance_that_may_be_off_explains_a_pitch() -> None:
     assert points.fit.pose.away_um < -2e3 and errors(points, really).max() < 0.1
 
 
+@pytest.mark.long
 def test_a_labelling_that_is_not_certain_is_refused() -> None:
     # more holes than the frame shows, no marks, and nobody knows where it is
     vast = array(20, 20, within=Pose(right_um=200 * PX, down_um=200 * PX))

@@ -35,30 +35,27 @@ def arcs_radius(arcs: Values, stretch: float, shear: float, row: float, column: 
     angles
         Directions of the rays, from +column towards +row (rad).
     """
-    out = np.empty(angles.size)
-    towards = np.cos(arcs[:, 0]), np.sin(arcs[:, 0])
+    out = np.full(angles.size, 1e9)
     x0 = column * (1 + stretch) + row * shear
     y0 = column * shear + row * (1 - stretch)
-    for i in range(angles.size):
-        ca, sa = math.cos(angles[i]), math.sin(angles[i])
-        ex, ey = ca * (1 + stretch) + sa * shear, ca * shear + sa * (1 - stretch)
-        length = math.hypot(ex, ey)
-        ex, ey = ex / length, ey / length
-        nearest = 1e9
-        for j in range(arcs.shape[0]):
-            u, v, k = towards[0][j], towards[1][j], arcs[j, 2]
-            c, s = ex * u + ey * v, ey * u - ex * v
-            x, y = x0 * u + y0 * v - arcs[j, 1], y0 * u - x0 * v
-            b = c * (1 + k * x) + k * s * y
-            constant = k * (x * x + y * y) + 2 * x
+    ca, sa = np.cos(angles), np.sin(angles)
+    ex, ey = ca * (1 + stretch) + sa * shear, ca * shear + sa * (1 - stretch)
+    length = np.sqrt(ex * ex + ey * ey)
+    ex, ey = ex / length, ey / length
+    for j in range(arcs.shape[0]):
+        u, v, k = math.cos(arcs[j, 0]), math.sin(arcs[j, 0]), arcs[j, 2]
+        x, y = x0 * u + y0 * v - arcs[j, 1], y0 * u - x0 * v
+        along, across = 1 + k * x, k * y
+        constant = k * (x * x + y * y) + 2 * x
+        # without a branch the loop runs in vectors
+        for i in range(angles.size):
+            b = (ex[i] * u + ey[i] * v) * along + (ey[i] * u - ex[i] * v) * across
             root = b * b - k * constant
-            if root <= 0:
-                continue
-            below = b + math.sqrt(root)
-            if below > 1e-9:
-                nearest = min(nearest, -constant / below)
-        out[i] = nearest / length
-    return out
+            below = b + math.sqrt(max(root, 0.0))
+            leaves = root > 0 and below > 1e-9
+            radius = -constant / (below if leaves else 1.0)
+            out[i] = min(out[i], radius) if leaves else out[i]
+    return out / length
 
 
 @dataclass(frozen=True, slots=True)

@@ -183,9 +183,9 @@ def rims(edge: Edge, regular: list[OutlineFit], round_one: OutlineFit) -> list[O
                     start[APOTHEM] += gap
                     start[COLUMN] += gap * math.cos(direction)
                     start[ROW] += gap * math.sin(direction)
-                    starts.append((float(np.square(_left(edge, family, start)).sum()), start))
-        starts.sort(key=lambda entry: entry[0])
-        found += [_fit(edge, family, start) for _, start in starts[:2]]
+                    starts.append(start)
+        order = np.argsort(np.square(_left_of_each(edge, family, np.stack(starts))).sum(1), kind="stable")
+        found += [_fit(edge, family, starts[k]) for k in order[:2]]
     # a cut iris of very curved blades is a cut circle, which is not always found from the whole one
     least = min((fit for fit in found if fit.blades), key=_chi2)
     found.append(_fit(edge, _Family(rim=True), np.delete(least.parameters, [ROTATION, CURVATURE])))
@@ -205,9 +205,14 @@ def _chi2(fit: OutlineFit) -> float:
 
 def _left(edge: Edge, family: _Family, p: Values) -> Values:
     """Return the harmonics less those of the outline, over their errors, real and imaginary parts."""
-    outline = family.arcs(p).radius(RAYS, -float(p[ROW]), -float(p[COLUMN]))
-    left = (edge.harmonics - harmonics(outline) * edge.damping) / edge.sigma
-    return np.concatenate([left.real, left.imag[1:]])
+    return np.asarray(_left_of_each(edge, family, p[None])[0])
+
+
+def _left_of_each(edge: Edge, family: _Family, parameters: Values) -> Values:
+    """Return the same of several outlines, one a row."""
+    outlines = np.stack([family.arcs(p).radius(RAYS, -float(p[ROW]), -float(p[COLUMN])) for p in parameters])
+    left = (edge.harmonics - harmonics(outlines) * edge.damping) / edge.sigma
+    return np.concatenate([left.real, left.imag[:, 1:]], axis=1)
 
 
 def _fit(edge: Edge, family: _Family, start: Values, steps: int = 25) -> OutlineFit:
@@ -243,9 +248,5 @@ def _fit(edge: Edge, family: _Family, start: Values, steps: int = 25) -> Outline
 
 
 def _slopes(edge: Edge, family: _Family, p: Values, left: Values, step: Values) -> Values:
-    columns = []
-    for k in range(p.size):
-        moved = p.copy()
-        moved[k] += step[k]
-        columns.append((_left(edge, family, moved) - left) / step[k])
-    return np.stack(columns, 1)
+    moved = _left_of_each(edge, family, p + np.diag(step))
+    return np.asarray(((moved - left) / step[:, None]).T)

@@ -97,8 +97,8 @@ class Edge:
 
 
 def harmonics(radius: Values) -> NDArray[np.complex128]:
-    """Return the coefficients 0 to `HIGHEST` of a radius over angle."""
-    spectrum: NDArray[np.complex128] = np.fft.rfft(radius)[: HIGHEST + 1] / radius.size
+    """Return the coefficients 0 to `HIGHEST` of radii over angle ``(..., angles)``."""
+    spectrum: NDArray[np.complex128] = np.fft.rfft(radius)[..., : HIGHEST + 1] / radius.shape[-1]
     return spectrum
 
 

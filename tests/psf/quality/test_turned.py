@@ -48,6 +48,7 @@ def test_the_first_line_names_it(name: str, words: str) -> None:
         assert report[key].merit == "unknown"
 
 
+@pytest.mark.long
 @pytest.mark.few(1)
 @pytest.mark.parametrize("gain", [0.0, 0.9, 1.15], ids=["standing still", "short steps", "long steps"])
 def test_wrong_steps_are_not_taken_for_turned_frames(gain: float) -> None:

@@ -313,6 +313,7 @@ def test_built_in_scenes_behind_masks_on_the_lattice() -> None:
         drain(iter_reconstruct(large, wide.sensor, camera=wide))
 
 
+@pytest.mark.long
 def test_the_lattice_is_measured_where_the_project_has_a_white_image(tmp_path: Path) -> None:
     camera = preset("bench")
     y, x = np.indices(camera.sensor.shape)

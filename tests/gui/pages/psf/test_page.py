@@ -242,6 +242,7 @@ def test_the_large_apertures_follow_the_strip_and_choose_planes(page: Any, conte
     assert page.panel.show_apertures() is large
 
 
+@pytest.mark.long
 def test_the_window_s_thread_loads_no_kernel_for_the_apertures(
     open_page: OpenPage, context: Context, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -35,6 +35,7 @@ def reports(tmp_path: Path, record: dict[str, Any]) -> Path:
     return tmp_path
 
 
+@pytest.mark.long
 def test_what_got_worse_comes_first_with_its_course(
     open_page: OpenPage, context: Context, qtbot: QtBot, reports: Path
 ) -> None:
