@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["cell_corners", "cell_neighbours"]
+__all__ = ["Vector", "cell_corners", "cell_neighbours", "cell_size"]
 
 Array = NDArray[np.float64]
+Vector = tuple[float, float]
 
 UPRIGHT = 1e-9
 """Cosine of the angle between shortest vectors below which the cell is a rectangle."""
@@ -58,3 +61,13 @@ def cell_corners(basis: ArrayLike) -> Array:
     squares = (pairs**2).sum(-1, keepdims=True) / 2
     corners: Array = unit * np.linalg.solve(pairs, squares)[..., 0]
     return corners
+
+
+@lru_cache(maxsize=256)
+def cell_size(a: Vector, b: Vector) -> tuple[tuple[float, ...], float]:
+    """Return the distances of opposite sides of the cell of two vectors, and its diameter from corner to corner.
+
+    Kept, as simulations ask for them at every lenslet.
+    """
+    sides = np.hypot(*cell_neighbours((a, b)).T)
+    return tuple(sides.tolist()), 2 * float(np.hypot(*cell_corners((a, b))[0]))

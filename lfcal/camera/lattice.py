@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.camera.cell import cell_corners, cell_neighbours
+from lfcal.camera.cell import Vector, cell_neighbours, cell_size
 from lfcal.camera.distortion import LatticeDistortion
 from lfcal.checks import check_choice, check_number, check_tuple, check_type
 from lfcal.errors import InputError
@@ -18,18 +17,6 @@ __all__ = ["LensType", "LensletLattice"]
 
 COVERS = 0.995
 """Clear diameter over the cell's from corner to corner from which lenslets leave no gaps: 5e-5 of the light is lost."""
-
-Vector = tuple[float, float]
-
-
-@lru_cache(maxsize=256)
-def _cell_size(a_um: Vector, b_um: Vector) -> tuple[tuple[float, ...], float]:
-    """Return the distances of opposite sides of the cell, and its diameter from corner to corner (µm).
-
-    Kept, as simulations ask for them at every lenslet.
-    """
-    sides = np.hypot(*cell_neighbours((a_um, b_um)).T)
-    return tuple(sides.tolist()), 2 * float(np.hypot(*cell_corners((a_um, b_um))[0]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,7 +179,7 @@ class LensletLattice:
     @property
     def cell_um(self) -> tuple[float, float]:
         """Diameters of the circles within and about a lenslet's cell, the points nearest to it (µm)."""
-        sides, across = _cell_size(*self._upright_um)
+        sides, across = cell_size(*self._upright_um)
         return min(sides), across
 
     @property
@@ -214,7 +201,7 @@ class LensletLattice:
             return 1.0
         radius, cell = self.clear_diameter_um / 2, self.pitch_um * self.row_step_um
         # beyond each side lies a segment; they do not overlap, as the cell's corners lie on one circle
-        cut = [math.acos(side / (2 * radius)) for side in _cell_size(*self._upright_um)[0] if side < 2 * radius]
+        cut = [math.acos(side / (2 * radius)) for side in cell_size(*self._upright_um)[0] if side < 2 * radius]
         beyond = sum(2 * (angle - math.sin(2 * angle) / 2) for angle in cut)
         return radius**2 * (math.pi - beyond) / cell
 

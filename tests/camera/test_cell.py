@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial import Voronoi
 
-from lfcal.camera.cell import cell_corners, cell_neighbours
+from lfcal.camera import LensletLattice, LensType
+from lfcal.camera.cell import cell_corners, cell_neighbours, cell_size
 
 
 def voronoi_corners(basis: np.ndarray) -> np.ndarray:
@@ -48,3 +51,23 @@ def test_upright_cells_have_four_corners(basis: list[list[float]]) -> None:
 def test_no_size_is_too_large_or_too_small(size: float) -> None:
     corners = cell_corners(size * np.array([[1.0, 0.0], [0.5, 0.9]]))
     assert np.hypot(*(corners / size).T) == pytest.approx((0.9**2 + 0.25) / (2 * 0.9))
+
+
+def test_sizes_are_those_of_the_voronoi_cell() -> None:
+    a, b = (30.0, 0.0), (17.0, 12.0)
+    corners = by_angle(voronoi_corners(np.array([a, b])))
+    middles = (corners + np.roll(corners, 1, axis=0)) / 2
+    along = corners - np.roll(corners, 1, axis=0)
+    # each side is as far from the middle as its line
+    far = np.abs(along[:, 0] * middles[:, 1] - along[:, 1] * middles[:, 0]) / np.hypot(*along.T)
+    sides, across = cell_size(a, b)
+    assert np.sort(np.repeat(sides, 2)) == pytest.approx(np.sort(2 * far))
+    assert across == pytest.approx(2 * np.hypot(*corners.T).max())
+
+
+def test_the_size_of_a_cell_is_worked_out_once() -> None:
+    lattice = LensletLattice("hexagonal", 31.25, 300.0, (LensType(600.0),), shear_rad=0.0123)
+    turned = replace(lattice, rotation_rad=0.4)
+    cell_size.cache_clear()
+    assert lattice.cell_um == turned.cell_um and lattice.fill_factor == turned.fill_factor
+    assert cell_size.cache_info().misses == 1

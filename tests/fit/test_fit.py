@@ -140,7 +140,6 @@ def described(camera: Camera) -> Measured:
     return replace(patterns()[1], plan=replace(PLAN, camera=camera))
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(
     ("case", "what"),
     [

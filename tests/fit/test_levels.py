@@ -35,7 +35,6 @@ def fit() -> tuple[Fit, np.ndarray]:
     return fit_camera(measured(PLAN, noisy, there, (64.0, 1.0)), unknowns=["geometry"], workers=1), truth
 
 
-@pytest.mark.long
 def test_h_of_a_plane_without_patterns_is_in_the_units_of_the_others(fit: tuple[Fit, np.ndarray]) -> None:
     found, truth = fit
     H = np.asarray(found.model(workers=1))
@@ -46,7 +45,6 @@ def test_h_of_a_plane_without_patterns_is_in_the_units_of_the_others(fit: tuple[
     assert found.levels.gains[0] < found.levels.gains[1] < found.levels.gains[2]
 
 
-@pytest.mark.long
 def test_it_is_said_in_numbers_report_and_file(fit: tuple[Fit, np.ndarray], tmp_path: Path) -> None:
     found, _ = fit
     assert found.unseen_words.startswith("planes 1, 3: ")

@@ -172,6 +172,7 @@ def bent_polygon(
     band = _below(f, (1 - BENT_FLAT) / dx)
     within = sf.fft(sf.fft(piece, axis=1, overwrite_x=True)[:, band], axis=0, overwrite_x=True)[band]
     within *= taper(np.hypot(f[band][None, :], f[band][:, None]), BENT_FLAT / dx, (1 - BENT_FLAT) / dx)
+    # back along the rows' axis, then, turned, along the columns'
     for _ in range(2):
         across = np.zeros((size, within.shape[1]), np.complex128)
         across[band] = within
