@@ -74,7 +74,6 @@ def walk(window: MainWindow, qtbot: QtBot, files: list[Path], out: Path, seed: i
         qtbot.waitUntil(lambda: not window.jobs.busy, timeout=GUARD_MS)
 
 
-@pytest.mark.long
 def test_a_random_walk_meets_no_wrong_state(
     window: MainWindow, qtbot: QtBot, files: list[Path], tmp_path: Path
 ) -> None:

@@ -22,7 +22,6 @@ def of_frames(name: str, moves: np.ndarray | None = None) -> QualityReport:
     return inspect(assemble_plan(ArraySource(delivered, places), PLAN, None, AssemblySettings(pad=True)).matrix)
 
 
-@pytest.mark.long
 @pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("name", "words"),
