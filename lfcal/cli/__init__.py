@@ -56,11 +56,15 @@ def main() -> None:
 
 def _run() -> None:
     # Imported late: a package that only asks where the command line is must not load every library.
+    import logging
+
     import typer
 
     from lfcal.errors import Cancelled, LfcalError
     from lfcal.threads import bounded_threads
 
+    # its list of fonts is kept for the next time; where it cannot be, on a full disk, nothing of ours is the worse for it
+    logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)
     # ClickException, of whichever click Typer brings
     usage_error = cast(type[Exception], typer.BadParameter.__mro__[2])
     try:

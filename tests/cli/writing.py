@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 import cv2
@@ -151,17 +153,20 @@ class Shell:
 
     def __init__(self, before: str = "") -> None:
         self.code = CHILD.replace("BEFORE", before)
+        self.fonts = TemporaryDirectory()
         self.child = self._start()
 
     def _start(self) -> subprocess.Popen[str]:
         # -B: a compiled module cut short by the limit on files would end every program that loads it from then on
         command = [sys.executable, "-B", "-c", self.code]
-        return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        # lists of fonts, which the limit cuts short, are its own: nothing is left to other programs, or taken from them
+        env = {**os.environ, "MPLCONFIGDIR": self.fonts.name}
+        return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=env)
 
     def run(self, words: Sequence[str], folder: Path, limit: int = 0) -> Answer:
         """Run a command in ``folder``, where files may grow to ``limit`` bytes (0: without end)."""
         if self.child.poll() is not None:
-            self.close()
+            self._leave()
             self.child = self._start()
         assert self.child.stdin is not None and self.child.stdout is not None
         self.child.stdin.write(json.dumps([list(words), limit, str(folder)]) + "\n")
@@ -170,6 +175,10 @@ class Shell:
         return Answer(*json.loads(line)) if line else Answer(self.child.wait(HANG_S), "the process has died")
 
     def close(self) -> None:
+        self._leave()
+        self.fonts.cleanup()
+
+    def _leave(self) -> None:
         assert self.child.stdin is not None and self.child.stdout is not None
         self.child.stdin.close()
         self.child.wait(HANG_S)
