@@ -63,7 +63,7 @@ def _run() -> None:
     from lfcal.errors import Cancelled, LfcalError
     from lfcal.threads import bounded_threads
 
-    # its list of fonts is kept for the next time; where it cannot be, on a full disk, nothing of ours is the worse for it
+    # where its list of fonts cannot be kept for the next time, on a full disk, nothing of ours is the worse for it
     logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)
     # ClickException, of whichever click Typer brings
     usage_error = cast(type[Exception], typer.BadParameter.__mro__[2])
