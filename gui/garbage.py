@@ -38,11 +38,14 @@ class Collector(QObject):
         Owns it; while it says that it is ``busy``, as `gui.jobs.Jobs` does, something goes on.
     """
 
+    _first = True
+
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._was_on = gc.isenabled()
         gc.disable()
-        if not gc.get_freeze_count():
+        if Collector._first:  # to ask how many are left aside would count them
+            Collector._first = False
             gc.freeze()
         self._calm, self._ticks, self._worked_s = 0, 0, time.thread_time()
         self._timer = QTimer(self)

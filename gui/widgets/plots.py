@@ -54,6 +54,9 @@ def style_axes(plot: pg.PlotItem, xlabel: str, ylabel: str) -> None:
         axis.setStyle(autoReduceTextSpace=False, maxTickLevel=1)
         axis.setLabel(text)
         axis.resizeEvent()  # else the name stays where the middle of the one before was
+    for side in ("right", "top"):
+        # never shown, they would write their names anew whenever the range changes
+        plot.getAxis(side).unlinkFromView()
 
 
 def theme_plot(graphics: pg.GraphicsLayoutWidget, *plots: pg.PlotItem) -> None:
@@ -63,7 +66,7 @@ def theme_plot(graphics: pg.GraphicsLayoutWidget, *plots: pg.PlotItem) -> None:
     font = QFont()
     font.setPointSizeF(8.5)
     for plot in plots:
-        for side in ("bottom", "left", "right", "top"):
+        for side in ("bottom", "left"):
             axis = plot.getAxis(side)
             axis.setPen(theme.line)
             axis.setTextPen(theme.text)

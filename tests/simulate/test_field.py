@@ -9,7 +9,7 @@ import pytest
 from scipy.special import j1
 
 from lfcal.errors import InputError
-from lfcal.simulate.engines.field import choose_mode, field_table
+from lfcal.simulate.engines.field import choose_mode, field_spectrum, field_table
 from lfcal.simulate.engines.radial import focus_integral
 from lfcal.simulate.scene import Iris, seidel
 from tests.simulate.scenes import PIXEL, camera_scene, microscope_scene
@@ -41,6 +41,26 @@ def test_in_focus_it_is_the_airy_pattern(iris):
     )
     bound = 2e-6 if iris.circular else 3e-4  # a polygon of many sides stands for the circle
     assert np.abs(field - airy).max() < bound * airy.max()
+
+
+@pytest.mark.parametrize(
+    ("v", "more"),
+    [
+        (3.0, {}),
+        (3.0, {"iris": Iris(9, 0.0, 0.1), "exact_defocus": True}),
+        (40.0, {"iris": Iris(9, 0.0, 0.1)}),  # a part of a large shadow
+        (0.3, {}),
+        (0.3, {"iris": Iris(9, 0.0, 0.1)}),
+        (3.0, {"iris": Iris(9, stop=(5.0, 0.0, 1.0))}),  # no light
+    ],
+)
+def test_the_spectrum_is_that_of_the_table(v, more):
+    scene = camera_scene(v, **more)
+    table = field_table(scene, PIXEL / 3, 100.0).values
+    found = field_spectrum(scene, PIXEL / 3, 100.0)
+    wanted = np.fft.fft2(table)
+    assert found.shape == table.shape
+    assert np.abs(found - wanted).max() <= 1e-13 * np.abs(wanted).max()
 
 
 @pytest.mark.parametrize("v", [0.3, -0.3, 0.7])

@@ -29,7 +29,15 @@ from lfcal.simulate.engines.zernike import zernike_wavefront
 from lfcal.simulate.scene import Scene
 from lfcal.simulate.symmetry import folded
 
-__all__ = ["DIPOLE_MODES", "FieldTable", "choose_mode", "field_modes", "field_table", "wavefront_waves"]
+__all__ = [
+    "DIPOLE_MODES",
+    "FieldTable",
+    "choose_mode",
+    "field_modes",
+    "field_spectrum",
+    "field_table",
+    "wavefront_waves",
+]
 
 MOST_SAMPLES = 8192
 """Largest side of a table: 0.5 GB in single precision, 2.5 GB while it is made."""
@@ -109,10 +117,22 @@ def field_table(scene: Scene, dx: float, half: float, mode: str | None = None) -
         within its own depth of focus.
     """
     chosen = mode or choose_mode(scene)
-    if chosen[0] == "D":
-        return _debye(scene, dx, half, chosen)
+    made, transformed = _made(scene, dx, half, chosen)
+    return FieldTable(chosen, dx, sf.ifft2(made, overwrite_x=True) if transformed else made, half)
+
+
+def field_spectrum(scene: Scene, dx: float, half: float, mode: str | None = None) -> Complex:
+    """Return the discrete Fourier transform of the values of `field_table`, which need not be made for it."""
+    made, transformed = _made(scene, dx, half, mode or choose_mode(scene))
+    return made if transformed else sf.fft2(made, overwrite_x=True)
+
+
+def _made(scene: Scene, dx: float, half: float, mode: str) -> tuple[Complex, bool]:
+    """Return the values of a table, or (True) their discrete Fourier transform: what comes first."""
+    if mode[0] == "D":
+        return _debye(scene, dx, half, mode), False
     outline = iris_outline(scene.iris)
-    if chosen == "U" and not scene.main_diffraction:
+    if mode == "U" and not scene.main_diffraction:
         raise InputError.expected(
             "main-iris diffraction",
             f"on below Fresnel number {SWITCH:g}",
@@ -120,8 +140,8 @@ def field_table(scene: Scene, dx: float, half: float, mode: str | None = None) -
             "switch it on for this plane",
         )
     if len(outline) < 3:
-        return FieldTable(chosen, dx, np.zeros((4, 4), np.complex128), half)
-    make = _envelope if chosen == "E" else _near_field
+        return np.zeros((4, 4), np.complex128), True
+    make = _envelope if mode == "E" else _near_field
     return make(scene, dx, half, outline)
 
 
@@ -139,15 +159,14 @@ def _side(length: float, dx: float) -> int:
     return size if size % 2 == 0 else _side((n + 1) * dx, dx)
 
 
-def _centred(n: int) -> NDArray[np.float64]:
-    """Return the signs whose product with a spectrum moves the origin to sample n // 2 (n even)."""
-    signs = np.ones(n)
-    signs[1::2] = -1.0
-    return signs
+def _centre(spectrum: Complex) -> None:
+    """Move the origin of what has this spectrum to sample n // 2 (n even)."""
+    spectrum[1::2] *= -1
+    spectrum[:, 1::2] *= -1
 
 
-def _envelope(scene: Scene, dx: float, half: float, outline: Points) -> FieldTable:
-    """E-mode: the shadow's analytic spectrum, a chirp, one inverse FFT."""
+def _envelope(scene: Scene, dx: float, half: float, outline: Points) -> tuple[Complex, bool]:
+    """E-mode: the shadow's analytic spectrum and a chirp."""
     a, lam = scene.reduced_image_um, scene.wavelength_um
     to_shadow = a / (2 * scene.f_number)
     level = 1 / (math.sqrt(math.pi) * abs(to_shadow))  # unit energy through an iris of area pi in pupil units
@@ -161,37 +180,43 @@ def _envelope(scene: Scene, dx: float, half: float, outline: Points) -> FieldTab
         reach = box
         if scene.wavefront == () and not scene.exact_defocus and area(shadow) > 4 * box * box * (1 - 1e-12):
             n = _side(2 * half, dx)  # no edge in sight
-            return FieldTable("E", dx, np.full((n, n), level, np.complex128), half)
+            return np.full((n, n), level, np.complex128), False
     n = _side(2 * (max(reach, half) + 4 * fringe), dx)
     f = sf.fftfreq(n, dx)
-    signs = _centred(n)
     if scene.iris.circular and not local:
-        g = np.empty((n, n), np.complex128)
-        for rows in np.array_split(np.arange(n), 1 + n * n // PART):
-            g[rows] = disc_transform(abs(to_shadow), np.hypot(f[None, :], f[rows, None]))
+        g = _disc_spectrum(abs(to_shadow), f)
     elif len(shadow) < 3:
-        return FieldTable("E", dx, np.zeros((n, n), np.complex128), half)
+        return np.zeros((n, n), np.complex128), True
     else:
         g = spectrum(shadow, f, f)
+    _centre(g)
     x = (np.arange(n, dtype=np.float64) - n // 2) * dx
     aberrated = bool(scene.wavefront) or scene.exact_defocus
     if local or aberrated:  # what acts on the shadow itself needs a look at it
-        g *= signs[:, None] * signs[None, :]
         shade = sf.ifft2(g, overwrite_x=True)
         if local:
             fade = taper(x, half + fringe, box - fringe)
-            shade *= fade[:, None] * fade[None, :]
+            shade *= fade[:, None]
+            shade *= fade
         if aberrated:
             _aberrate(shade, scene, x / to_shadow)
         g = sf.fft2(shade, overwrite_x=True)
-        g *= signs[:, None] * signs[None, :]
-    if scene.main_diffraction:
-        chirp = np.exp(-1j * np.pi * lam * a * f * f)
-        g *= chirp[:, None] * chirp[None, :]
-    g *= signs[:, None] * signs[None, :]
-    values = sf.ifft2(g, overwrite_x=True)
-    values *= level / (dx * dx)
-    return FieldTable("E", dx, values, half)
+    chirp = np.exp(-1j * np.pi * lam * a * f * f) if scene.main_diffraction else np.ones(n)
+    g *= (level / (dx * dx) * chirp)[:, None]
+    g *= chirp
+    return g, True
+
+
+def _disc_spectrum(radius: float, f: NDArray[np.float64]) -> Complex:
+    """Return the Fourier transform of a disc's indicator on the grid f x f, each distance from 0 worked out once."""
+    distances, places = folded(f)
+    quarter = np.empty((distances.size, distances.size))
+    for rows in np.array_split(np.arange(distances.size), 1 + quarter.size // PART):
+        quarter[rows] = disc_transform(radius, np.hypot(distances, distances[rows, None]))
+    found = np.empty((f.size, f.size), np.complex128)
+    for row, place in zip(found, places, strict=True):
+        row[:] = quarter[place, places]
+    return found
 
 
 def _aberrate(pupil: Complex, scene: Scene, u: NDArray[np.float64]) -> None:
@@ -218,8 +243,8 @@ def _turns(scene: Scene, ux: NDArray[np.float64], uy: NDArray[np.float64]) -> Co
     return found
 
 
-def _near_field(scene: Scene, dx: float, half: float, outline: Points) -> FieldTable:
-    """U-mode: the in-focus field, known in closed form, tapered far out, goes to the pupil, is defocused, and back."""
+def _near_field(scene: Scene, dx: float, half: float, outline: Points) -> tuple[Complex, bool]:
+    """U-mode: the in-focus field, known in closed form, tapered far out, goes to the pupil and is defocused there."""
     a, lam, fc = scene.reduced_image_um, scene.wavelength_um, 1 / (2 * scene.wavelength_um * scene.f_number)
     if dx > 0.98 / (2 * fc * float(np.abs(outline).max())):
         raise InputError.expected(
@@ -229,25 +254,26 @@ def _near_field(scene: Scene, dx: float, half: float, outline: Points) -> FieldT
             "raise the samples per pixel",
         )
     if scene.iris.circular and all(m == 0 for _, m, _ in scene.wavefront):
-        return _round_near_field(scene, dx, half)
+        return _round_near_field(scene, dx, half), False
     blur = abs(a) / (2 * scene.f_number)
     valid = half + blur + 4 * math.sqrt(lam * abs(a))
     n = _side(2 * valid / 0.75, dx)  # the outer quarter belongs to the taper
     x = (np.arange(n, dtype=np.float64) - n // 2) * dx
     focus = spectrum(-fc * outline, -x, -x)  # a pupil point u sends light to f = -u fc
-    for row, y in zip(focus, x, strict=True):
-        row *= taper(np.hypot(x, y), 0.75 * (n // 2) * dx, n // 2 * dx)
+    distances, places = folded(x)
+    fade = taper(np.hypot(distances, distances[:, None]), 0.75 * (n // 2) * dx, n // 2 * dx)
+    for row, place in zip(focus, places, strict=True):
+        row *= fade[place, places]
     pupil = sf.fft2(focus, overwrite_x=True)
     f = sf.fftfreq(n, dx)
     chirp = np.exp(1j * np.pi * lam * a * f * f)
-    pupil *= chirp[:, None] * chirp[None, :]
+    pupil *= (chirp / (math.sqrt(math.pi) * fc))[:, None]
+    pupil *= chirp
     _aberrate(pupil, scene, -f / fc)
-    values = sf.ifft2(pupil, overwrite_x=True)
-    values /= math.sqrt(math.pi) * fc
-    return FieldTable("U", dx, values, half)
+    return pupil, True
 
 
-def _round_near_field(scene: Scene, dx: float, half: float) -> FieldTable:
+def _round_near_field(scene: Scene, dx: float, half: float) -> Complex:
     """U-mode of a round pupil: its radial integral, exact at any distance."""
     lam, nw = scene.wavelength_um, scene.f_number
     u = -2 * math.pi * scene.reduced_image_um / (4 * nw**2 * lam)
@@ -262,27 +288,26 @@ def _round_near_field(scene: Scene, dx: float, half: float) -> FieldTable:
     steep = sum(2 * math.pi * abs(w) * n * n for n, _, w in scene.wavefront)
     nodes = int((abs(u) / 2 + float(v[-1]) + steep) / 2) + 40
     level = math.sqrt(math.pi) / (2 * lam * nw)
-    return _turned("U", parity_spline(level * focus_integral(u, v, waves, nodes), step), dx, half)
+    return _turned(parity_spline(level * focus_integral(u, v, waves, nodes), step), dx, half)
 
 
-def _debye(scene: Scene, dx: float, half: float, mode: str) -> FieldTable:
+def _debye(scene: Scene, dx: float, half: float, mode: str) -> Complex:
     """D-modes: the microscope's radial field on the grid, or one of its dipoles'."""
     if scene.vectorial != (mode in DIPOLE_MODES):
         fitting = " or ".join(DIPOLE_MODES) if scene.vectorial else "D"
         raise InputError.expected("mode of the microscope's field", fitting, mode, "let engine_for sum the fields")
     field = DIPOLE_MODES[mode] if scene.vectorial else DIPOLE_FIELDS[0]
-    table = _turned(mode, radial_field(scene, (half + 8 * dx) * math.sqrt(2), field.order), dx, half)
+    values = _turned(radial_field(scene, (half + 8 * dx) * math.sqrt(2), field.order), dx, half)
     if field.order:
-        n = table.values.shape[0]
-        x = np.arange(n, dtype=np.float64) - n // 2
-        table.values[...] *= field.angular(x[None, :], x[:, None])
-    return table
+        x = np.arange(len(values), dtype=np.float64) - len(values) // 2
+        values *= field.angular(x[None, :], x[:, None])
+    return values
 
 
-def _turned(mode: str, field: Radial, dx: float, half: float) -> FieldTable:
+def _turned(field: Radial, dx: float, half: float) -> Complex:
     """Return a radial field on the grid."""
     n = _side(2 * half, dx)
     x = dx * np.arange(n // 2 + 1, dtype=np.float64)
     quarter = field(np.hypot(x[None, :], x[:, None]))
     index = np.abs(np.arange(n) - n // 2)
-    return FieldTable(mode, dx, quarter[np.ix_(index, index)], half)
+    return quarter[np.ix_(index, index)]

@@ -25,7 +25,7 @@ from lfcal.simulate.engines._binning import bin_light
 from lfcal.simulate.engines._kernels import Aperture, Split, mask_from_disc, mask_from_table
 from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot, Sampling
 from lfcal.simulate.engines.extent import MOST_SAMPLES, MOST_TABLE, SWITCH, Extent
-from lfcal.simulate.engines.field import choose_mode, field_table
+from lfcal.simulate.engines.field import choose_mode, field_spectrum
 from lfcal.simulate.engines.masks import RING, Bend, bent_polygon_table
 from lfcal.simulate.engines.nodes import MANY_ANGLES, conserving_rule, fitted_rule
 from lfcal.simulate.engines.propagator import sensor_propagator
@@ -184,8 +184,8 @@ class GridPlane:
         Without the sphere that converges to the image, which is not sampled finely enough to be shifted.
         """
         aside = self.scene.farthest_um / self.scene.scale
-        values = field_table(self.scene, self._dx, (self._n // 2 + 2) * self._dx + aside, self.mode).values
-        return sf.fft2(values.astype(self._dtype), overwrite_x=True, workers=1), values.shape[0]
+        spectrum = field_spectrum(self.scene, self._dx, (self._n // 2 + 2) * self._dx + aside, self.mode)
+        return spectrum.astype(self._dtype), spectrum.shape[0]
 
     def _transfer(self) -> Complex:
         """Return the transfer function over the gap, with the pixels' response to the angle of light."""

@@ -136,13 +136,32 @@ def transform(outline: Points, fx: ArrayLike, fy: ArrayLike) -> NDArray[np.compl
 def spectrum(
     outline: Points, fx: NDArray[np.float64], fy: NDArray[np.float64], workers: int | None = 1
 ) -> NDArray[np.complex128]:
-    """Return `transform` on the grid ``fy`` x ``fx``: shape ``(len(fy), len(fx))``."""
-    re, im = np.empty((fy.size, fx.size)), np.empty((fy.size, fx.size))
+    """Return `transform` on the grid ``fy`` x ``fx``: shape ``(len(fy), len(fx))``.
+
+    A row whose frequencies are those of another one with the other sign is that one's complex conjugate: of the
+    grid of a discrete Fourier transform half the rows are worked out.
+    """
     centre = outline.mean(0)
     closed = np.concatenate([outline, outline[:1]]) - centre
-    for_each_chunk(lambda a, b: _edge_rows(closed, fx, fy[a:b], re[a:b], im[a:b]), fy.size, workers)
-    result = np.empty(re.shape, np.complex128)  # of a large grid no sum is made beside it
-    result.real, result.imag = re, im
+    result = np.empty((fy.size, fx.size), np.complex128)
+
+    def fill(rows: slice, columns: NDArray[np.intp] | slice) -> None:
+        f, g = fx[columns], fy[rows]
+        re, im = np.empty((g.size, f.size)), np.empty((g.size, f.size))
+        for_each_chunk(lambda a, b: _edge_rows(closed, f, g[a:b], re[a:b], im[a:b]), g.size, workers)
+        result.real[rows, columns], result.imag[rows, columns] = re, im  # of a large grid no sum is made beside it
+
+    opposite = -np.arange(fx.size)  # where -f lies, counted from the first sample, or from the end
+    alone = np.flatnonzero(fx[opposite] != -fx)
+    half = fy.size // 2 + 1
+    if fy is fx and alone.size <= 1 and fy.size > 2:
+        fill(slice(half), slice(None))
+        above = result[fy.size - half : 0 : -1]
+        np.conj(above[:, 0], out=result[half:, 0])
+        np.conj(above[:, :0:-1], out=result[half:, 1:])
+        fill(slice(half, None), alone)
+    else:
+        fill(slice(None), slice(None))
     rows, columns = (np.nonzero(np.abs(f) < _SAME_AS_ZERO)[0] for f in (fy, fx))
     result[np.ix_(rows, columns)] = area(outline)
     if (np.abs(centre) > 1e-15 * _diameter(outline)).any():
