@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from math import hypot, isqrt
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.checks import check_choice, check_number, check_tuple, check_type
 from lfcal.errors import InputError
 
-__all__ = ["MODELS", "BrownDistortion", "LatticeDistortion", "polynomial_powers"]
+__all__ = ["MODELS", "BrownDistortion", "LatticeDistortion", "monomials", "polynomial_powers"]
 
 Array = NDArray[np.float64]
 MODELS = ("polynomial", "radial")
@@ -66,6 +67,56 @@ def polynomial_powers(degree: int) -> list[tuple[int, int]]:
     return [(order - j, j) for order in range(2, degree + 1) for j in range(order + 1)]
 
 
+def monomials(u: Array, degree: int) -> Array:
+    """Return u_x^i u_y^j at points ``(..., 2)`` in the order of `polynomial_powers`: ``(..., terms)``."""
+    powers = polynomial_powers(degree)
+    x, y = _powers(u, degree)
+    found = np.empty((len(powers), *u.shape[:-1]))
+    for k, (i, j) in enumerate(powers):
+        found[k] = x[i] * y[j]
+    return np.moveaxis(found, 0, -1)
+
+
+def _powers(u: Array, degree: int) -> tuple[list[Array], list[Array]]:
+    """Return u_x^n and u_y^n for n = 0 … ``degree``."""
+    both = []
+    for axis in (0, 1):
+        powers = [np.ones(u.shape[:-1])]
+        for _ in range(degree):
+            powers.append(powers[-1] * u[..., axis])
+        both.append(powers)
+    return both[0], both[1]
+
+
+def _monomial_slopes(u: Array, degree: int) -> Array:
+    """Return the derivatives of `monomials` along x and y: ``(..., 2, terms)``."""
+    powers = polynomial_powers(degree)
+    x, y = _powers(u, degree)
+    found = np.zeros((2, len(powers), *u.shape[:-1]))
+    for k, (i, j) in enumerate(powers):
+        if i:
+            found[0, k] = i * x[i - 1] * y[j]
+        if j:
+            found[1, k] = j * x[i] * y[j - 1]
+    return np.moveaxis(found, (0, 1), (-2, -1))
+
+
+def _radial_slopes(u: Array, terms: int) -> Array:
+    """Return the derivatives of |u|² u, |u|⁴ u, …: ``(..., 2, 2, terms)``, rows what is displaced."""
+    square = (u**2).sum(-1)[..., None, None]
+    outer = u[..., :, None] * u[..., None, :]
+    return np.stack([square**m * np.eye(2) + 2 * m * square ** (m - 1) * outer for m in range(1, terms + 1)], axis=-1)
+
+
+@lru_cache(maxsize=16)
+def _slopes_within_reach(model: str, count: int) -> Array:
+    """Return `_radial_slopes` or `_monomial_slopes` of ``count`` terms or orders all over the disc of `REACH`."""
+    grid = np.linspace(-REACH, REACH, 15)
+    points = np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2)
+    inside = points[np.hypot(*points.T) <= REACH]
+    return _radial_slopes(inside, count) if model == "radial" else _monomial_slopes(inside, count)
+
+
 @dataclass(frozen=True, slots=True)
 class LatticeDistortion:
     """Smooth displacement of the micro-images from an ideal lattice.
@@ -114,10 +165,8 @@ class LatticeDistortion:
         check_type("terms of the distortion", self.terms, (tuple, list))
         object.__setattr__(self, "terms", tuple(check_tuple("terms of the distortion", t) for t in self.terms))
         self._check_counts()
-        grid = np.linspace(-REACH, REACH, 15) * self.scale
-        points = np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2)
-        inside = points[np.hypot(*points.T) <= REACH * self.scale] + np.array(self.centre)
-        least = float(np.linalg.det(self.jacobian(inside)).min())
+        slopes = _slopes_within_reach(self.model, len(self.terms[0]) if self.model == "radial" else self.degree)
+        least = float(np.linalg.det(np.eye(2) + self._weighted(slopes) / self.scale).min())
         if not least > 0.1:
             raise InputError.expected(
                 "distortion of the lattice",
@@ -153,12 +202,13 @@ class LatticeDistortion:
                 gain = (gain + k) * square
             result: Array = gain * u
             return result
-        powers = [np.stack([u[..., axis] ** n for n in range(self.degree + 1)]) for axis in (0, 1)]
-        found = np.zeros_like(u)
-        for k, (i, j) in enumerate(polynomial_powers(self.degree)):
-            product = powers[0][i] * powers[1][j]
-            found[..., 0] += self.terms[0][k] * product
-            found[..., 1] += self.terms[1][k] * product
+        displaced: Array = monomials(u, self.degree) @ np.array(self.terms).T
+        return displaced
+
+    def _weighted(self, slopes: Array) -> Array:
+        """Return the derivative of the displacement ``(..., 2, 2)`` from those of its terms."""
+        terms = np.array(self.terms)
+        found: Array = slopes @ terms[0] if self.model == "radial" else (slopes @ terms.T).swapaxes(-1, -2)
         return found
 
     def displacement(self, points: ArrayLike) -> Array:
@@ -203,8 +253,15 @@ class LatticeDistortion:
     def jacobian(self, points: ArrayLike) -> Array:
         """Return the derivative of `apply` ``(..., 2, 2)``: rows what is displaced, columns along what (x, y)."""
         at, step = np.asarray(points, float), STEP * self.scale
-        columns = [(self.displacement(at + e) - self.displacement(at - e)) / (2 * step) for e in step * np.eye(2)]
-        jacobian: Array = np.stack(columns, axis=-1) + np.eye(2)
+        u = (at - np.array(self.centre)) / self.scale
+        terms = len(self.terms[0])
+        slopes = _radial_slopes(u, terms) if self.model == "radial" else _monomial_slopes(u, self.degree)
+        jacobian: Array = np.eye(2) + self._weighted(slopes) / self.scale
+        far = np.hypot(u[..., 0], u[..., 1]) > REACH
+        if far.any():
+            out = at[far]
+            changes = [self.displacement(out + e) - self.displacement(out - e) for e in step * np.eye(2)]
+            jacobian[far] = np.stack(changes, axis=-1) / (2 * step) + np.eye(2)
         return jacobian
 
     @property

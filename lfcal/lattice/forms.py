@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.camera import LatticeDistortion
-from lfcal.camera.distortion import polynomial_powers
+from lfcal.camera.distortion import monomials, polynomial_powers
 from lfcal.errors import InputError
 from lfcal.lattice.model import LatticeModel
 
@@ -18,9 +18,6 @@ __all__ = ["FORMS", "FittedForm", "Form", "Frame", "design", "fit_form", "huber"
 Array = NDArray[np.float64]
 HUBER = 1.5
 """Residuals beyond this many standard deviations are weighed down."""
-
-STEP = 1e-4
-"""Step of the centre of distortion for its derivative, in length scales."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +122,7 @@ def design(model: LatticeModel, form: Form, index: NDArray[np.intp], frame: Fram
         return out
     straight = model.straight(index)
     if form.degree:
-        columns = _monomials((straight - np.array(frame.middle)) / frame.scale, form.degree)
+        columns = monomials((straight - np.array(frame.middle)) / frame.scale, form.degree)
         count = columns.shape[1]
         out[0, :, 6 : 6 + count] = out[1, :, 6 + count :] = columns
         return out
@@ -135,19 +132,9 @@ def design(model: LatticeModel, form: Form, index: NDArray[np.intp], frame: Fram
     square = (arm**2).sum(1, keepdims=True)
     for k in range(form.radial):
         out[:, :, 6 + k] = (square ** (k + 1) * arm).T
-    for axis in (0, 1):
-        step = STEP * bend.scale * np.eye(2)[axis]
-        change = bend.displacement(straight - step) - bend.displacement(straight + step)
-        out[:, :, 6 + form.radial + axis] = (change / (2 * STEP * bend.scale)).T
+    # a centre that moves displaces as points do that move the other way
+    out[:, :, 6 + form.radial :] = np.moveaxis(np.eye(2) - bend.jacobian(straight), 1, 0)
     return out
-
-
-def _monomials(u: Array, degree: int) -> Array:
-    powers = [[np.ones(len(u))], [np.ones(len(u))]]
-    for axis in (0, 1):
-        for _ in range(degree):
-            powers[axis].append(powers[axis][-1] * u[:, axis])
-    return np.stack([powers[0][i] * powers[1][j] for i, j in polynomial_powers(degree)], axis=-1)
 
 
 def _moved(model: LatticeModel, form: Form, frame: Frame, step: Array) -> LatticeModel:

@@ -310,4 +310,5 @@ def _turned(field: Radial, dx: float, half: float) -> Complex:
     x = dx * np.arange(n // 2 + 1, dtype=np.float64)
     quarter = field(np.hypot(x[None, :], x[:, None]))
     index = np.abs(np.arange(n) - n // 2)
-    return quarter[np.ix_(index, index)]
+    found: Complex = quarter[np.ix_(index, index)]
+    return found
