@@ -89,9 +89,7 @@ def bounded_threads(workers: int | None = None) -> Iterator[int]:
         undo.callback(_set_environment, before)
         _set_environment({WORKERS: str(count)} | {name: _at_most(before[name], count) for name in _VARIABLES})
         if "numpy" in sys.modules:
-            from threadpoolctl import threadpool_limits
-
-            undo.enter_context(threadpool_limits(count))
+            undo.enter_context(_LIBRARIES.loaded().limit(limits=count))
         if "cv2" in sys.modules:
             cv2 = sys.modules["cv2"]
             undo.callback(cv2.setNumThreads, cv2.getNumThreads())
@@ -298,6 +296,26 @@ def _first(under_way: deque[tuple[T, Future[R]]], one: Callable[[T], R]) -> R:
         del item, result
 
 
+class _Libraries:
+    """The libraries that have threads of their own; finding them among all that is loaded takes milliseconds."""
+
+    def __init__(self) -> None:
+        self.modules = 0
+        self.found: Any = None
+
+    def loaded(self) -> Any:
+        """Return threadpoolctl's hold on them, as of now: they are loaded by modules that need them."""
+        modules = len(sys.modules)
+        if self.found is None or modules != self.modules:
+            from threadpoolctl import ThreadpoolController
+
+            self.found, self.modules = ThreadpoolController(), modules
+        return self.found
+
+
+_LIBRARIES = _Libraries()
+
+
 class _BlasGate:
     """How many callers want one BLAS thread at present, and how to undo it when the last has left."""
 
@@ -305,18 +323,10 @@ class _BlasGate:
         self.lock = threading.Lock()
         self.users = 0
         self.undo = ExitStack()
-        self.libraries: Any = None
-        self.scipy_too = False
 
     def close(self) -> None:
-        """Hold the BLAS libraries that are loaded (scipy brings its own); finding them takes a millisecond."""
-        # numpy and scipy may bring one BLAS each; limiting the first does not limit the second
-        scipy_too = "scipy.linalg" in sys.modules
-        if self.libraries is None or scipy_too != self.scipy_too:
-            from threadpoolctl import ThreadpoolController
-
-            self.libraries, self.scipy_too = ThreadpoolController(), scipy_too
-        self.undo.enter_context(self.libraries.limit(limits=1, user_api="blas"))
+        """Hold the BLAS libraries that are loaded: numpy and scipy may bring one each."""
+        self.undo.enter_context(_LIBRARIES.loaded().limit(limits=1, user_api="blas"))
 
 
 _GATE = _BlasGate()

@@ -118,6 +118,29 @@ def test_libraries_that_are_loaded_later_find_the_number() -> None:
     assert set(counts) == {1} and opencv == 1 and tiff == 1
 
 
+LATER = """
+import json, numpy
+from lfcal.threads import bounded_threads, one_blas_thread
+with bounded_threads(1), one_blas_thread():
+    pass
+import scipy.linalg
+from threadpoolctl import threadpool_info
+counts = []
+for held in (bounded_threads(1), one_blas_thread()):
+    with held:
+        counts.append([found["num_threads"] for found in threadpool_info() if found["user_api"] == "blas"])
+print(json.dumps([counts, [found["num_threads"] for found in threadpool_info()]]))
+"""
+
+
+def test_libraries_that_are_loaded_between_are_held_too() -> None:
+    environment = {k: v for k, v in os.environ.items() if k != WORKERS} | {"OPENBLAS_NUM_THREADS": "2"}
+    done = subprocess.run([sys.executable, "-c", LATER], env=environment, capture_output=True, text=True, check=True)
+    held, after = json.loads(done.stdout)
+    assert {count for counts in held for count in counts} == {1}
+    assert max(after) > 1 or os.cpu_count() == 1
+
+
 @pytest.mark.parametrize("workers", [1, 2, 5])
 def test_blocks_are_the_same_for_any_number_of_workers(workers: int) -> None:
     seen: list[tuple[int, int]] = []
