@@ -44,7 +44,8 @@ def test_every_picture_is_small_and_shown(page: str) -> None:
     assert all(path.suffix == ".png" and 2000 < path.stat().st_size < LARGEST for path in pictures.values())
 
 
-@pytest.mark.parametrize("name", ["hot_line", pytest.param("ghost", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["hot_line", "ghost"])
 def test_what_is_put_in_is_found(name: str) -> None:
     found, evidence = found_of(name)
     assert found.name == name and found.picture is not None and len(evidence) == 60

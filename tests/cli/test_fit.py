@@ -164,6 +164,7 @@ def test_of_many_positions_some_are_taken(place: Path) -> None:
         assert len(read_patterns(place / "few.h5", replace(how, most=most), quiet=True)[0]) == 6
 
 
+@pytest.mark.long
 def test_withheld_points_are_predicted(lfcal: Lfcal, place: Path, fitted: list[Measured]) -> None:
     """Of another recording: at the same positions, but never fitted."""
     save(few_patterns(), place / "later.h5")

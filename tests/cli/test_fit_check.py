@@ -101,6 +101,7 @@ def test_frames_of_a_folder_with_a_plan_are_held_at_their_places(lfcal: Lfcal, p
     assert run.code == 2 and "depth: expected a depth of H" in run.err and run.err.count("\n") <= 2, run.err
 
 
+@pytest.mark.long
 def test_a_name_that_says_the_place_is_used(lfcal: Lfcal, place: Path) -> None:
     write(place / "z0_y4_x5.tif", new_frame(setup_of(plan_of()), (0.3, 0.0)))
     run = check(lfcal, "old.h5", "z0_y4_x5.tif")

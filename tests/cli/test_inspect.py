@@ -84,6 +84,7 @@ def test_workers_do_not_change_the_numbers(lfcal: Lfcal, H: Path) -> None:
     assert [m["value"] for m in one["metrics"]] == pytest.approx([m["value"] for m in many["metrics"]])
 
 
+@pytest.mark.long
 def test_control_frames_of_a_session_tell_the_tiling(lfcal: Lfcal, tmp_path: Path) -> None:
     """Recorded by simulated devices whose lattice repeats with the plan's period, but for its few positions."""
     plan = small_plan()

@@ -122,6 +122,7 @@ def test_lens_types(lfcal: Any, files: Path, tmp_path: Path) -> None:
     assert (tmp_path / "all/all_in_focus.png").exists()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("more", [(), ("--white",)])
 def test_colours(lfcal: Any, files: Path, tmp_path: Path, more: tuple[str, ...]) -> None:
     white = [*more, *([files / "colour.tif"] if more else [])]

@@ -119,6 +119,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(run: Run, files: tuple[Path, W
         assert not out.exists()
 
 
+@pytest.mark.long
 def test_colours(run: Run, files: tuple[Path, WhiteFrame], tmp_path: Path) -> None:
     """One colour of RGB, a mosaic named or not: the lattice is that of the grey image, and the remedy is an option."""
     _, truth = files

@@ -197,6 +197,7 @@ def test_an_earlier_fit_is_where_the_next_positions_start() -> None:
         next_positions(other, 5, earlier=earlier)
 
 
+@pytest.mark.long
 def test_what_an_earlier_fit_tells_is_its_covariance_in_scales() -> None:
     fit, _ = fitted(0)
     unknowns = vector_of(SMALL, CORE).unknowns

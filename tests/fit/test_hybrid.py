@@ -79,7 +79,8 @@ def stated(H: PSFMatrix, z: int = 0) -> np.ndarray:
     return np.stack([[H.uncertainty(z, y, x) for x in range(nx)] for y in range(ny)])
 
 
-@pytest.mark.parametrize("seed", [3, pytest.param(4, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [3, 4])
 def test_where_the_model_suffices_the_hybrid_is_the_model(seed: int) -> None:
     fit = whole()
     model = modelled()

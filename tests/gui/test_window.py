@@ -257,7 +257,7 @@ def use(widget: QWidget, rng: random.Random) -> None:
         widget.click()
 
 
-@pytest.mark.parametrize("steps", [40, pytest.param(220, marks=pytest.mark.long)])
+@pytest.mark.parametrize("steps", [25, pytest.param(220, marks=pytest.mark.long)])
 def test_a_random_walk_over_all_controls(
     window: MainWindow, qtbot: QtBot, recorded: Path, monkeypatch: pytest.MonkeyPatch, steps: int
 ) -> None:

@@ -84,7 +84,7 @@ def likeness(image: Array, wanted: Array) -> float:
     return float(np.corrcoef(image[inner][seen], wanted[inner][seen])[0, 1])
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.parametrize("depth", [2.1, 3.4, 6.0])
 def test_the_types_in_focus_decide(camera: Camera, texture: Array, depth: float) -> None:
     frame = draw(camera, texture, depth, depth)

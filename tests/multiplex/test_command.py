@@ -152,6 +152,7 @@ def test_views_through_a_mask(lfcal, field: Path, tmp_path: Path) -> None:  # no
     assert both.code == 2 and "--size and --modulator" in both.err and not (tmp_path / "no.tif").exists()
 
 
+@pytest.mark.long
 def test_views_from_pixels_with_weights(lfcal, field: Path, tmp_path: Path) -> None:  # noqa: F811
     frame, white = (tifffile.imread(field / name) for name in ("field.tif", "white.tif"))
     dead = (np.random.default_rng(1).random(frame.shape) < 0.02).astype(np.uint8)

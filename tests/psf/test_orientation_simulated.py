@@ -38,7 +38,8 @@ SESSIONS = {
 }
 
 
-@pytest.mark.parametrize("session", ["microscope", pytest.param("r29", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("session", ["microscope", "r29"])
 def test_all_eight_are_recognised(session: str, tmp_path: Path) -> None:
     plan = SESSIONS[session]()
     frames = looked_at(plan, tmp_path)

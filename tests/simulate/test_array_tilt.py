@@ -158,6 +158,7 @@ def test_a_tilt_too_far_for_any_polynomial_is_refused() -> None:
         engine_for(camera_scene(6.0, tilt=(0.5, 0.0)), "grid")
 
 
+@pytest.mark.long
 def test_cells_are_bent_too() -> None:
     flat = camera_scene(6.0, cutout=(45, 45), aperture="cell")
     tilted = replace(flat, tilt=(0.03, -0.04))

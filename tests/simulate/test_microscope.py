@@ -139,6 +139,7 @@ def test_points_between_the_pixels_and_source_offsets():
     assert relative_error(DebyePlane(microscope_scene(5.0)).rows([2], [3])[0, 0], wanted) > 0.05
 
 
+@pytest.mark.long
 def test_pitch_that_is_no_whole_number_of_pixels():
     lattice = LensletLattice("square", 74.9, 1440.0, (LensType(1440.0),), offset_um=(3.0, -11.0))
     scene = microscope_scene(4.0, lattice=lattice)

@@ -183,15 +183,16 @@ def test_decisions_are_made_for_each_plane() -> None:
     assert [effect["name"] for effect in simulated["effects"]] == [e.name for e in found.effects]
 
 
-@pytest.mark.parametrize("v", [0.0, pytest.param(0.2, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("v", [0.0, 0.2])
 @pytest.mark.parametrize(
     "effect",
     [
         Coma(0.3),
-        *(
-            pytest.param(e, marks=pytest.mark.long)
-            for e in (Spherical(0.25), LensletGap(5.0), Crosstalk(0.05), PitchError(1e-3))
-        ),
+        Spherical(0.25),
+        LensletGap(5.0),
+        Crosstalk(0.05),
+        PitchError(1e-3),
     ],
     ids=lambda e: e.name,
 )

@@ -63,6 +63,7 @@ def test_fringes_between_fast_lenslets_are_sampled(share: float) -> None:
     assert found.level == "grid"
 
 
+@pytest.mark.long
 def test_fringes_between_fast_lenslets_have_nodes() -> None:
     scene = fast_scene(cutout=(25, 25))
     assert settle(scene, "wave", 0.03).level == "grid"

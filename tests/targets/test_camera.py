@@ -70,6 +70,7 @@ def test_light_of_holes_adds_up(scan: ScanPlan) -> None:
     assert not dark.light(0).any()
 
 
+@pytest.mark.long
 def test_light_of_many_frames_at_once_is_that_of_each(scan: ScanPlan) -> None:
     plan = plan_of(
         scan, array(scan, hole_um=20.0, pose=Pose(tilt_right_rad=0.05)), (0.0, 0.0), (3.3, -2.0), (40.0, 1.0)

@@ -72,6 +72,7 @@ def test_only_light_that_nothing_explains_is_stray(share: float, merits: set[str
     assert found["background"].merit == "good" and found["depth"].merit != "bad"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("share", "merits"), [(0.0, {"good"}), (0.02, {"fair", "bad"})])
 def test_a_steep_objective_hides_no_stray_light(share: float, merits: set[str]) -> None:
     found = inspect(with_stray(share, simulated("lfm_60x12", (0.0,))))
