@@ -6,11 +6,13 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 
 from lfcal.figures import LINES, figure, save_figure
 from tests.pictures import laid_out, not_laid_out
 
 
+@pytest.mark.long
 def test_few_colours_make_a_smaller_file_of_the_same_picture(tmp_path: Path) -> None:
     x = np.linspace(0, 6, 200)
     with figure(6, 4) as fig:

@@ -57,6 +57,7 @@ def test_patterns_keep_their_cutout_and_are_spread() -> None:
     np.testing.assert_array_equal(patterns.values[-1, -1], H[1, 29, 39])
 
 
+@pytest.mark.long
 def test_a_simulated_sample_is_the_middle_of_a_simulated_h(plan: ScanPlan, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "SAMPLE_BYTES", 4 * 9 * 15 * 15)
     monkeypatch.setattr(module, "LONGEST_WAVES", 0.0)

@@ -68,6 +68,7 @@ print(ratio({name}(6.0, 3.0)))
 """
 
 
+@pytest.mark.long
 def test_a_cache_of_an_earlier_version_is_made_anew(tmp_path: Path) -> None:
     """A record that was renamed since must not end every call, as numba alone would let it."""
     module = tmp_path / "kernels_of_a_version.py"

@@ -101,6 +101,7 @@ def test_assemble(bench: Bench) -> None:
     assert "2 frames of 48 x 48 px, 16-bit PNG, cutout 11 x 11" in table
 
 
+@pytest.mark.long
 def test_transpose_file(bench: Bench) -> None:
     found = bench.json("transpose-file", "--gigabytes", 0.002, "--planes", 2)
     assert found["bytes"] == 2 * found["plane_bytes"] == pytest.approx(2e6, rel=0.5)
@@ -262,12 +263,13 @@ def test_transpose_with_a_number_of_threads(bench: Bench) -> None:
     bench(*size[:-1], 0, code=2)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("scene", "kind", "names"),
     [
         (11, "photographic", {"lenslet_diffraction", "crosstalk", "spherical"}),
-        pytest.param(36, "microscope", {"lenslet_diffraction", "pixel_fill", "lenslet_gap"}, marks=pytest.mark.long),
-        pytest.param(25, "photographic", {"lenslet_diffraction", "crosstalk", "spherical"}, marks=pytest.mark.long),
+        (36, "microscope", {"lenslet_diffraction", "pixel_fill", "lenslet_gap"}),
+        (25, "photographic", {"lenslet_diffraction", "crosstalk", "spherical"}),
     ],
 )
 def test_effects(bench: Bench, scene: int, kind: str, names: set[str]) -> None:
@@ -373,6 +375,7 @@ def test_forecast(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "description/taken" in bench("forecast", "lfm_20x05", "--rows", "1")
 
 
+@pytest.mark.long
 def test_work_by_threads(bench: Bench, tmp_path: Path) -> None:
     options = ("--planes", 2, "--rows", 2, "--cutout", 21, "--tolerance", 0.3, "--rounds", 1, "--folder", tmp_path)
     found = bench.json("work", "bench", *options, "--executors", "threads", "--many", 64)

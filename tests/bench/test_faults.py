@@ -51,7 +51,8 @@ def test_what_was_tried_is_kept(bench: Bench, monkeypatch: pytest.MonkeyPatch, t
     assert "line 2 of kept" in bench("faults", *part, code=2)
 
 
-@pytest.mark.parametrize("names", [["bench"], pytest.param(["bench", "bench, 1 % PRNU"], marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("names", [["bench"], ["bench", "bench, 1 % PRNU"]])
 def test_cameras_without_a_fault(bench: Bench, monkeypatch: pytest.MonkeyPatch, names: list[str]) -> None:
     monkeypatch.setattr(faults, "CLEAN", len(names))
     found = bench.json("faults", "--clean", "--patterns", 24)

@@ -69,6 +69,7 @@ def test_the_same_file_by_whoever(lfcal: Lfcal, scan: Path, dtype: str, executor
         assert H.recorded[0, 1, 1] == 0 and H.recorded[1, 0, 2] == 2 and H.recorded[1, 2, 3] == 0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "words",
     [
@@ -78,7 +79,6 @@ def test_the_same_file_by_whoever(lfcal: Lfcal, scan: Path, dtype: str, executor
     ],
     ids=["simulated", "turned", "listed"],
 )
-@pytest.mark.few(1)
 def test_frames_that_are_opened_otherwise(
     lfcal: Lfcal, session: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...]
 ) -> None:

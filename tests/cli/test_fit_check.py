@@ -75,6 +75,7 @@ def test_what_has_changed_is_named_and_ends_with_1(lfcal: Lfcal, place: Path) ->
     assert check(lfcal, "old.h5", "new0.tif", "--limit", 20).code == 0
 
 
+@pytest.mark.long
 def test_frames_of_a_folder_with_a_plan_are_held_at_their_places(lfcal: Lfcal, place: Path) -> None:
     """A plan of another anchor: its positions are those of H that lie at the same pixels."""
     plan = plan_of()

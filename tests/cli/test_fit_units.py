@@ -32,9 +32,8 @@ def two_planes() -> Fit:
     return replace(fit, planned=planned, setup=setup, levels=replace(fit.levels, gains=gains))
 
 
-@pytest.mark.parametrize(
-    "executor", ["processes", *(pytest.param(e, marks=pytest.mark.long) for e in ("threads", "dask"))]
-)
+@pytest.mark.long
+@pytest.mark.parametrize("executor", ["processes", "threads", "dask"])
 def test_the_same_file_by_whoever(tmp_path: Path, executor: str) -> None:
     if executor == "dask":
         pytest.importorskip("distributed", reason="dask.distributed is not installed")

@@ -33,7 +33,7 @@ def H(tmp_path: Path) -> Path:
     return tmp_path / "H.h5"
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.parametrize("suffix", [".npy", ".mat"])
 def test_files_of_other_codes_are_whole(lfcal: Lfcal, H: Path, tmp_path: Path, suffix: str) -> None:
     """Regions of the field are looked for at the end: only an H file of lfcal can have them."""

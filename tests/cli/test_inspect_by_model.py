@@ -51,6 +51,7 @@ def test_a_hot_column_is_named_and_not_a_step_of_the_stage(
     assert isinstance(without, dict) and "model" not in without
 
 
+@pytest.mark.long
 def test_the_camera_of_a_fit_is_compared_with(lfcal: Lfcal, place: Path) -> None:
     data = few_patterns()
     camera = data.camera

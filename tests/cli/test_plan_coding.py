@@ -37,6 +37,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.long
 def test_coding_pays_for_weak_light_only(plan: TargetPlan) -> None:
     bright, dim = coding_verdict(plan), coding_verdict(plan, signal_e=100.0)
     assert bright is not None and dim is not None

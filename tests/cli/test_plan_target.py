@@ -56,6 +56,7 @@ def test_json_holds_what_the_table_says(lfcal: Lfcal, place: Path) -> None:
     assert plan.target.within == Pose(math.radians(0.5)) and plan.coverage(0) == 1.0
 
 
+@pytest.mark.long
 def test_its_frames_are_read_out(lfcal: Lfcal, place: Path) -> None:
     del place
     words = (*PLAN, "array:6x6@1021.3um", "--most-frames", "3")

@@ -221,6 +221,7 @@ def folder_of(fit: Fit, place: Path) -> Path:
     return place
 
 
+@pytest.mark.long
 def test_an_earlier_fit_is_read_from_its_folder(tmp_path: Path) -> None:
     fit, _ = fitted(0)
     found, wanted = read_earlier(folder_of(fit, tmp_path / "fit")), Earlier.of(fit)

@@ -45,6 +45,7 @@ def test_h_of_a_plane_without_patterns_is_in_the_units_of_the_others(fit: tuple[
     assert found.levels.gains[0] < found.levels.gains[1] < found.levels.gains[2]
 
 
+@pytest.mark.long
 def test_it_is_said_in_numbers_report_and_file(fit: tuple[Fit, np.ndarray], tmp_path: Path) -> None:
     found, _ = fit
     assert found.unseen_words.startswith("planes 1, 3: ")

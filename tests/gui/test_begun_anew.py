@@ -164,6 +164,7 @@ def simulated(window: MainWindow, qtbot: QtBot) -> tuple[ScanPlan, Any]:
     return plan, window.page("simulate")
 
 
+@pytest.mark.long
 def test_a_frame_of_other_choices(window: MainWindow, qtbot: QtBot) -> None:
     """It stayed without a word."""
     _, page = simulated(window, qtbot)

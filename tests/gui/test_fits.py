@@ -236,6 +236,7 @@ def whole(widget: Any, page: Any) -> bool:
     return around is page
 
 
+@pytest.mark.long
 def test_numbers_of_a_frame_have_the_colour_of_the_theme(window: MainWindow, qtbot: QtBot) -> None:
     """They kept that of the theme in which the frame was opened."""
     window.set_theme("night")

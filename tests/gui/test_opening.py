@@ -168,6 +168,7 @@ def test_damaged_frames_leave_the_good_ones(window: MainWindow, tmp_path: Path, 
         assert window.project.state == before and page.opened is not None and page.loaded is not None
 
 
+@pytest.mark.long
 def test_an_error_while_an_opened_h_is_read_is_told(
     window: MainWindow, good: Path, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -266,6 +267,7 @@ def test_the_sample_is_assembled_beside_the_window(qapp: QApplication, qtbot: Qt
     window.deleteLater()
 
 
+@pytest.mark.long
 def test_a_refusal_goes_when_what_it_was_said_beside_goes(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:
     """The file that could not be opened stood above another H that was made meanwhile, until it was dismissed."""
     for name in ("H.h5", "other.h5"):

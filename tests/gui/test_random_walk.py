@@ -77,7 +77,7 @@ def walk(window: MainWindow, qtbot: QtBot, files: list[Path], out: Path, seed: i
 def test_a_random_walk_meets_no_wrong_state(
     window: MainWindow, qtbot: QtBot, files: list[Path], tmp_path: Path
 ) -> None:
-    walk(window, qtbot, files, tmp_path / "out", seed=1, steps=250)
+    walk(window, qtbot, files, tmp_path / "out", seed=1, steps=150)
 
 
 @pytest.mark.long

@@ -44,14 +44,16 @@ def test_single_dead_pixels_and_dust_are_named_with_their_places() -> None:
     assert set(dust) == {"bad_pixels"} and len(dust["bad_pixels"].pixels) > 8
 
 
-@pytest.mark.parametrize("exponent", [2.2, pytest.param(0.5, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("exponent", [2.2, 0.5])
 def test_a_strong_gamma_is_measured(exponent: float) -> None:
     found = faults_of(put_in("gamma above 1", exponent), FEWEST)
     told = float(found["not_linear"].detail.split("power of ")[1].split()[0])
     assert told == pytest.approx(exponent, rel=0.06)
 
 
-@pytest.mark.parametrize("share", [0.3, pytest.param(-0.2, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("share", [0.3, -0.2])
 def test_values_that_fall_behind_where_it_is_bright_are_no_power(share: float) -> None:
     """By the power that is most like it, 7 % of the light of microscopes was left unexplained."""
     evidence = evidence_of(put_in("bend towards the top", share), FEWEST)

@@ -75,6 +75,7 @@ def test_patterns_of_other_places_cost_no_more_than_all_of_h() -> None:
     assert strangers.positions[:, 1].max() < 0.3 * plan().period[0]
 
 
+@pytest.mark.long
 def test_a_lamp_that_jumps_is_told_where_planes_were_looked_at_on_different_sides_of_it() -> None:
     """Positions that metrics find odd are compared besides: of one plane those before, of the other those after."""
     ny, nx = plan().period

@@ -111,6 +111,7 @@ def test_planes_are_sharp_at_their_own_depth(camera: Camera, texture: Array) -> 
     assert np.isfinite(inner[1:]).all() and np.argmin(np.median(inner, (1, 2))) == 2
 
 
+@pytest.mark.long
 def test_all_in_focus_finds_two_depths(camera: Camera, texture: Array) -> None:
     frame = draw(camera, texture, 2.2, 4.5)
     slopes = [2.2, 2.8, 3.5, 4.5, 5.5]

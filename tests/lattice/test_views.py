@@ -41,7 +41,7 @@ def scene_frame(fit: LatticeFit, scene: Any, slope: float) -> NDArray[np.float32
     return np.asarray(scene(column, row), np.float32)
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.parametrize("with_white", [False, True])
 def test_pixels_beyond_the_radius_have_no_weight(with_white: bool) -> None:
     truth, fit = clean("square")

@@ -240,6 +240,7 @@ def test_more_starts_find_better_masks(lfcal) -> None:  # noqa: F811
     assert few < many < mask_gain_bound(5, 10.0)
 
 
+@pytest.mark.long
 def test_the_papers_figures(lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
     from lfcal.cli import multiplex_figures as pictures
     from lfcal.multiplex import paper
@@ -286,6 +287,7 @@ def test_figure_3_of_a_raw_frame(lfcal, tmp_path: Path, monkeypatch: pytest.Monk
     assert shown[1].std() > 5 and (shown[0].shape != shown[1].shape or not np.array_equal(*shown))
 
 
+@pytest.mark.long
 def test_benchmark(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     from lfcal.bench import multiplex as bench
 

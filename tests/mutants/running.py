@@ -23,6 +23,9 @@ COPIED = ("lfcal", "gui", "tests", "sample_data", "docs", "docs_build", "packagi
 PATIENCE, LEAST_S = 4.0, 180.0
 """A mutant's tests may take this many times longer than without it, and at least so long (s); then it hangs."""
 
+LONG_S = 3600.0
+"""The same for all of its tests, the long ones too: who survives the quick ones is run against them (s)."""
+
 
 @dataclass(frozen=True)
 class Verdict:
@@ -64,6 +67,8 @@ class Tree:
             start = time.monotonic()
             try:
                 code, said = self._run(mutant.tests, limit)
+                if code == 0:
+                    code, said = self._run(mutant.tests, LONG_S, "--long")
             except subprocess.TimeoutExpired:
                 return Verdict("hangs", time.monotonic() - start)
         seconds = time.monotonic() - start
@@ -74,8 +79,8 @@ class Tree:
         failed = [line.split(" - ")[0] for line in said.splitlines() if line.startswith(("FAILED", "ERROR"))]
         return Verdict("killed", seconds, failed[0].rpartition("::")[2] if failed else "import")
 
-    def _run(self, tests: str, limit: float) -> tuple[int, str]:
-        words = [sys.executable, "-m", "pytest", "-x", "-n", "0", "-p", "no:randomly", "--tb=no", "-rfE", tests]
+    def _run(self, tests: str, limit: float, *more: str) -> tuple[int, str]:
+        words = [sys.executable, "-m", "pytest", "-x", "-n", "0", "-p", "no:randomly", "--tb=no", "-rfE", *more, tests]
         env = {**os.environ, "PYTHONPATH": str(self.root), "QT_QPA_PLATFORM": "offscreen", "COLUMNS": "300"}
         with tempfile.TemporaryDirectory(prefix="lfcal-mutant-") as scratch:
             done = subprocess.run(

@@ -271,6 +271,7 @@ def truth(shape: tuple[int, int], anchor: Pair, volume: np.ndarray, edge: float)
     return image
 
 
+@pytest.mark.long
 def test_a_field_is_met_better_than_by_any_one_region() -> None:
     """Projection and reconstruction; also between regions, where nobody measured."""
     shape, edge = (30, 90), 60.0

@@ -146,8 +146,8 @@ def test_what_repeats_is_left_out_of_an_update():
     assert np.array_equal(repeating.without(0, factor[:6, :8], seen[:6, :8]), factor[:6, :8])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["bench", "r29-like"])
-@pytest.mark.few(1)
 def test_where_every_point_lies_under_several_lenslets_the_sieve_is_as_fine_as_voxels(monkeypatch, name):
     """A main lens and hexagonal lenslets, one type and three: beyond virtual depth 2 what is left is acceleration."""
     camera = CAMERAS[name]().camera

@@ -63,8 +63,8 @@ def test_what_is_left_out_is_not_fitted_and_is_foretold():
     np.testing.assert_allclose(last.state.volume.ravel(), g, rtol=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", SOLVERS.names())
-@pytest.mark.few(1)
 def test_stops_near_the_least_error(noisy, name):
     """Every solver gets within 8 % of the least error it has on the way, whether that is the end or long before."""
     P, truth, image = noisy

@@ -88,6 +88,7 @@ def test_rays_lose_as_much_light(v: float) -> None:
     assert rays[0] / rays[1] < 0.85
 
 
+@pytest.mark.long
 def test_cells_and_exact_rays_are_weighed_too() -> None:
     scene = camera_scene(3.0, cutout=(41, 41), accept=OBLIQUE, aperture="cell", exact_rays=True, exact_defocus=True)
     wave = engine_for(scene, "wave", Sampling(None, 5, 14, coherent=True)).rows([3], [20])[0, 0]

@@ -327,7 +327,8 @@ def test_disc_rule_integrates_polynomials(degree: int) -> None:
             assert float((rule[:, 2] * rule[:, 0] ** i * rule[:, 1] ** j).sum()) == pytest.approx(exact, abs=1e-14)
 
 
-@pytest.mark.parametrize(("v", "diameter"), [pytest.param(2.0, 200.0, marks=pytest.mark.long), (4.0, 500.0)])
+@pytest.mark.long
+@pytest.mark.parametrize(("v", "diameter"), [(2.0, 200.0), (4.0, 500.0)])
 def test_a_large_source_is_no_ring_of_seven_points(v: float, diameter: float) -> None:
     """Against a spiral of equal weights; seven points would be seven spots, up to twice the light off."""
     plan = small_plan(v)

@@ -21,6 +21,7 @@ def changed(name: str, depth: float, effect: Effect) -> float:
     return found
 
 
+@pytest.mark.long
 def test_off_the_separable_path_a_small_effect_changes_little() -> None:
     """Engines differ by 0.1 to 1 %: an effect that calls for another one must not be taken for that."""
     one, hundred = (changed("lfm_20x05", 5.0, LensletSpherical(waves)) for waves in (1e-4, 1e-2))

@@ -98,6 +98,7 @@ def test_it_goes_on_wherever_it_was_stopped(
     assert contents(out) == contents(tmp_path / "whole.h5") and not parts_folder(out).exists()
 
 
+@pytest.mark.long
 def test_a_file_that_is_another_or_a_pass_of_others_is_made_anew(
     plan: ScanPlan, tmp_path: Path, computed: Computed
 ) -> None:

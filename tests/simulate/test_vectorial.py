@@ -102,6 +102,7 @@ def test_the_sum_keeps_the_symmetries_of_the_array():
     assert relative_error(engine.rows([5], [16])[0, 0], wanted) > 0.05
 
 
+@pytest.mark.long
 def test_other_arrays_add_the_fields_lenslet_by_lenslet():
     lattice = LensletLattice("hexagonal", 72.0, 1440.0, (LensType(1440.0),), rotation_rad=0.1)
     scene = scene_of(0.0, 0.9, 1.0, lattice=lattice, aperture="circle", period=(16, 9), cutout=(21, 21))

@@ -188,6 +188,7 @@ def test_coded_frames_are_not_taken_for_single_ones(coded: TargetPlan) -> None:
     assert len(frames_of(decoded(view, coded), coded)) == 3
 
 
+@pytest.mark.long
 def test_simulated_frames_show_what_is_lit(plan: TargetPlan, coded: TargetPlan) -> None:
     alone, sums = (TargetCamera(one, (), level="geometric") for one in (plan, coded))
     lights = alone.iter_lights(workers=1)

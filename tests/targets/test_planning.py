@@ -54,6 +54,7 @@ def test_an_r29_is_covered_with_nearly_the_fewest_frames(cutout: int | None) -> 
     assert len(plan.to_json()) < 20_000
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("camera", "planes"),
     [(bench(720), {"virtual_depths": (4.0,)}), (preset("lfm_20x05"), {"depths_um": (20.0,)})],

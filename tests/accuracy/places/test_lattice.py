@@ -43,6 +43,7 @@ def test_more_lenslets_are_found_better(turned: Camera, monkeypatch: pytest.Monk
     assert all(r.others["pitch error (px)"] < 0.02 for r in curve.rungs)
 
 
+@pytest.mark.long
 def test_it_ends_with_the_whole_sensor(turned: Camera) -> None:
     plan = ScanPlan.for_camera(turned, virtual_depths=(3.0,), cutout=21)
     curve = measure_curve(PLACES.get("lattice"), Subject("turned", plan), 1000)

@@ -365,6 +365,7 @@ def test_a_recording_stopped_in_the_dock_says_so_too(recording: Page, context: C
     qtbot.waitUntil(lambda: not recording.record.recording, timeout=GUARD_MS)
 
 
+@pytest.mark.long
 def test_another_project_shows_nothing_of_the_recording_before(
     page: Page, context: Context, qtbot: QtBot, tmp_path: Path
 ) -> None:

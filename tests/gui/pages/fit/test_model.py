@@ -171,6 +171,7 @@ def few_plan() -> ScanPlan:
     return ScanPlan(H.camera, H.period, H.cutout, tuple(H.depths), H.anchor)
 
 
+@pytest.mark.long
 def test_an_h_of_nothing_but_values_takes_noise_and_plan_of_the_window(tmp_path: Path, found: Found) -> None:
     """It is fitted as the one that states both; without the plan its positions and depths have no meaning."""
     H = few_patterns()

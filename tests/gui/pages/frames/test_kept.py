@@ -156,6 +156,7 @@ def test_an_assembling_that_fails_keeps_its_planes(
     assert stored(out) == whole and not row.error.isVisibleTo(row)
 
 
+@pytest.mark.long
 def test_after_a_window_is_gone_another_goes_on(
     scanned: Any, whole: Any, context: Context, qtbot: QtBot, tmp_path: Path, door: Door
 ) -> None:

@@ -108,6 +108,7 @@ def test_gain_curves_follow_ticks_and_camera(page: Page, context: Context, qtbot
         assert page.panel.marker.pen.color().name() == theme.text
 
 
+@pytest.mark.long
 def test_a_bad_pattern_is_marked_with_its_reason(page: Page, context: Context, qtbot: QtBot) -> None:
     choose(page, "cfa", "typed")
     assert page.panel.form.editor("pattern").isEnabled()
@@ -173,6 +174,7 @@ def test_an_opened_frame_is_demultiplexed_as_a_job(page: Page, context: Context,
     assert page.settings.image.endswith("frame.npy") and shown.views[0].image is not None, "the good one stays"
 
 
+@pytest.mark.long
 def test_any_modulator_as_written(page: Page, qtbot: QtBot) -> None:
     choose(page, "family", "written")
     settle(page, qtbot)
@@ -295,6 +297,7 @@ def test_live_frames_of_another_page_are_demultiplexed(page: Page, context: Cont
     assert float(page.found.spatial.samples.max()) > 1.5 * float(wanted.max())
 
 
+@pytest.mark.long
 def test_clipped_pixels_of_a_live_frame_have_no_say(page: Page, context: Context, qtbot: QtBot) -> None:
     page.panel.tabs.setCurrentIndex(1)
     settings = MultiplexSettings(family="written", written="nd:1,0.25/0.25,0.0625", reference_written="nd:1")
@@ -314,6 +317,7 @@ def test_clipped_pixels_of_a_live_frame_have_no_say(page: Page, context: Context
     assert "weighted" in page.panel.pictures.heads[0].text()
 
 
+@pytest.mark.long
 def test_no_filter_is_offered_where_weights_make_it_linear(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
     page.panel.tabs.setCurrentIndex(1)
     images = {"frame": np.full((24, 30), 300.0, np.float32), "colours": np.full((24, 30, 3), 300, np.uint16)}
@@ -455,6 +459,7 @@ def test_what_is_said_keeps_to_the_theme(page: Page, qapp: QApplication, qtbot: 
     assert page.panel.curve_hint.property("role") == "hint"
 
 
+@pytest.mark.long
 def test_a_file_that_is_opened_again_is_read_again(
     page: Page, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -544,6 +549,7 @@ def test_a_design_goes_with_the_wishes_that_it_was_found_for(page: Page, context
     assert search.found is not None and search.found.design.modulator.side == (3, 3)
 
 
+@pytest.mark.long
 def test_a_design_written_over_another_is_read_again(
     page: Page, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -563,6 +569,7 @@ def test_a_design_written_over_another_is_read_again(
     assert shown[0] != shown[1]
 
 
+@pytest.mark.long
 def test_a_search_does_not_fall_back_on_the_value_before(page: Page, context: Context, qtbot: QtBot) -> None:
     search = page.panel.search
     type_in(page, "kinds", "0")
@@ -590,6 +597,7 @@ def test_a_design_takes_the_suffix_of_the_chosen_kind(
     assert [path.name for path in tmp_path.glob("design*")] == ["design.npy"]
 
 
+@pytest.mark.long
 def test_the_reason_shown_is_that_of_the_field_touched_last(page: Page) -> None:
     form = page.panel.form
     choose(page, "family", "mask")

@@ -89,6 +89,7 @@ def test_plots_have_the_colours_of_the_theme_from_the_first(open_page: OpenPage)
     }
 
 
+@pytest.mark.long
 def test_a_plan_of_other_values_is_shown_no_longer(planned: Any, context: Context) -> None:
     target = planned.panel.target
     context.project.update("name", name="other")
@@ -158,6 +159,7 @@ def test_the_file_is_what_the_command_and_the_script_write(
     assert scanned is not None and "--source" not in " ".join(scanned.arguments)
 
 
+@pytest.mark.long
 def test_no_copied_step_replaces_the_other_plan(planned: Any, context: Context, tmp_path: Path) -> None:
     planned.save_file(str(tmp_path / "plan.json"))
     planned.save_target(str(tmp_path / "target.json"))

@@ -154,6 +154,7 @@ def test_a_file_written_anew_is_inspected_anew(page: Page, qtbot: QtBot, tmp_pat
     assert found_by(page, qtbot).quality.shape[3:] == (33, 33)
 
 
+@pytest.mark.long
 def test_stopped_while_it_compares_the_metrics_stay(page: Page, qtbot: QtBot) -> None:
     seen: list[str] = []
 
@@ -172,6 +173,7 @@ def test_stopped_while_it_compares_the_metrics_stay(page: Page, qtbot: QtBot) ->
     assert "comparing with the camera" in seen and not page.stop_button.isEnabled()
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("known")
 def test_without_time_only_the_metrics_are_measured(page: Page, qtbot: QtBot) -> None:
     found_by(page, qtbot)
@@ -254,6 +256,7 @@ def test_a_fault_leads_to_its_section_of_the_atlas(page: Page, qtbot: QtBot) -> 
         assert asked[-1] == ("faults.md", finding.name)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("known")
 def test_another_theme_leaves_what_is_chosen(page: Page, qtbot: QtBot) -> None:
     """The tables are drawn anew in the theme's colours, and began with their first row."""

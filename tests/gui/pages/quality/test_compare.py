@@ -139,6 +139,7 @@ def test_pictures_are_zoomed_together(page: Page, qtbot: QtBot, tmp_path: Path) 
     assert seen[1].width() == pytest.approx(seen[0].width(), rel=0.3)
 
 
+@pytest.mark.long
 def test_another_file_lets_go_of_the_comparison(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
     compared(page, qtbot, written(tmp_path / "earlier.h5", moved()))
     page.context.project.update("open", psf=written(tmp_path / "new.h5", moved((0.1, 0.0))))
@@ -200,6 +201,7 @@ def test_where_nothing_was_compared_no_number_stands(page: Page, qtbot: QtBot, t
     assert panel.map.image is not None and not panel.map.blank.shown and panel.worst.isEnabled()
 
 
+@pytest.mark.long
 def test_reading_a_file_that_was_let_go_is_no_error(
     page: Page, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -112,6 +112,7 @@ REFUSED = (
 )
 
 
+@pytest.mark.long
 def test_a_bad_value_is_refused_beside_its_field(page: Any, qtbot: QtBot) -> None:
     for effect, field, text, words in REFUSED:
         editor = choose(page, effect, qtbot)[field]
@@ -291,6 +292,7 @@ def test_magnitudes_go_to_a_file_and_come_back(page: Any, qtbot: QtBot, tmp_path
     assert "a number" in page.notice.label.text() and given(page) == before
 
 
+@pytest.mark.long
 def test_the_keyboard_suffices(page: Any, qtbot: QtBot) -> None:
     table = page.panel.table
     table.setFocus()
