@@ -259,7 +259,7 @@ def _near_field(scene: Scene, dx: float, half: float, outline: Points) -> tuple[
     valid = half + blur + 4 * math.sqrt(lam * abs(a))
     n = _side(2 * valid / 0.75, dx)  # the outer quarter belongs to the taper
     x = (np.arange(n, dtype=np.float64) - n // 2) * dx
-    focus = spectrum(-fc * outline, -x, -x)  # a pupil point u sends light to f = -u fc
+    focus = spectrum(fc * outline, x, x)  # light of pupil point u goes to f = -u fc; turning both signs is the same
     distances, places = folded(x)
     fade = taper(np.hypot(distances, distances[:, None]), 0.75 * (n // 2) * dx, n // 2 * dx)
     for row, place in zip(focus, places, strict=True):
