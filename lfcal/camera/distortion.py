@@ -166,7 +166,8 @@ class LatticeDistortion:
         object.__setattr__(self, "terms", tuple(check_tuple("terms of the distortion", t) for t in self.terms))
         self._check_counts()
         slopes = _slopes_within_reach(self.model, len(self.terms[0]) if self.model == "radial" else self.degree)
-        least = float(np.linalg.det(np.eye(2) + self._weighted(slopes) / self.scale).min())
+        with np.errstate(over="ignore", invalid="ignore"):  # terms beyond all bounds are refused below
+            least = float(np.linalg.det(np.eye(2) + self._weighted(slopes) / self.scale).min())
         if not least > 0.1:
             raise InputError.expected(
                 "distortion of the lattice",
@@ -254,10 +255,10 @@ class LatticeDistortion:
         """Return the derivative of `apply` ``(..., 2, 2)``: rows what is displaced, columns along what (x, y)."""
         at, step = np.asarray(points, float), STEP * self.scale
         u = (at - np.array(self.centre)) / self.scale
-        terms = len(self.terms[0])
-        slopes = _radial_slopes(u, terms) if self.model == "radial" else _monomial_slopes(u, self.degree)
-        jacobian: Array = np.eye(2) + self._weighted(slopes) / self.scale
         far = np.hypot(u[..., 0], u[..., 1]) > REACH
+        near, terms = np.where(far[..., None], 0.0, u), len(self.terms[0])
+        slopes = _radial_slopes(near, terms) if self.model == "radial" else _monomial_slopes(near, self.degree)
+        jacobian: Array = np.eye(2) + self._weighted(slopes) / self.scale
         if far.any():
             out = at[far]
             changes = [self.displacement(out + e) - self.displacement(out - e) for e in step * np.eye(2)]

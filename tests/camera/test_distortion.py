@@ -70,6 +70,14 @@ def test_the_derivative_is_that_of_small_steps(distortion: LatticeDistortion) ->
 
 
 @pytest.mark.parametrize("distortion", [CUBIC, RADIAL])
+def test_terms_and_points_beyond_all_bounds_end_in_words(distortion: LatticeDistortion) -> None:
+    """Overflow is no warning: those are errors here."""
+    with pytest.raises(InputError, match="distortion of the lattice: expected one that keeps"):
+        LatticeDistortion("polynomial", (0.0, 0.0), 5000.0, ((1e308,) * 7, (1e308,) * 7))
+    assert np.isfinite(distortion.jacobian([[1e300, 0.0]])).all()
+
+
+@pytest.mark.parametrize("distortion", [CUBIC, RADIAL])
 def test_another_unit_and_origin(distortion: LatticeDistortion) -> None:
     moved = distortion.scaled(0.2, (70.0, -11.0))
     shift = np.array([70.0, -11.0])

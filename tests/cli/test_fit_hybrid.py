@@ -107,7 +107,6 @@ def test_a_fit_of_a_filled_h_takes_what_was_recorded(lfcal: Lfcal, place: Path, 
     assert again.json["patterns"] + len(again.json["outliers"]) == 15
 
 
-@pytest.mark.long
 def test_a_fit_of_something_else_fills_nothing(lfcal: Lfcal, place: Path, scan: Path) -> None:
     path = place / "fit" / "fit.json"
     kept = json.loads(path.read_text())

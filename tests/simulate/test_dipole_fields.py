@@ -86,8 +86,8 @@ def test_turned_arrays(name: str, turn_rad: float) -> None:
     assert relative_error(found, truth) < 1e-3 < 0.02 < relative_error(wanted(name), truth)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("name", EVERY)
+@pytest.mark.few(1)
 def test_nodes_buy_accuracy_on_the_debye_path(name: str) -> None:
     """Light of lenslets beyond the geometric spill was left out: 0.3 % at any number of nodes."""
     for nodes, error in ((4, 1e-3), (6, 2e-4)):
