@@ -26,6 +26,7 @@ from lfcal.campaign.steps import FEWEST
 from lfcal.devices.protocols import Rig
 from lfcal.devices.registry import open_rig
 from lfcal.errors import InputError
+from lfcal.fit.design import CurvePoint, Design
 from lfcal.fit.judge import ModelError
 from lfcal.fit.nuisance import Spread
 from lfcal.fit.setup import described_effects
@@ -247,3 +248,23 @@ def test_frames_of_unknown_noise_are_not_fitted(tmp_path: Path) -> None:
     record(tmp_path / "s", PLAN, rig_for(PLAN), replace(OPTIONS, bracket=(1.0, 0.5)), only=only)
     with pytest.raises(InputError, match="noise of the frames: expected a variance, got none"):
         drain(iter_session_patterns(tmp_path / "s"))
+
+
+@pytest.mark.parametrize(("goal", "recorded"), [(0.01, 8), (0.004, 20), (0.0008, 40)])
+def test_no_more_positions_are_recorded_than_the_goal_is_expected_to_need(goal: float, recorded: int) -> None:
+    """Of 40 that were chosen; a fifth of them are kept aside."""
+    index = np.stack([np.zeros(40, int), np.arange(40) // 8, np.arange(40) % 8], 1)
+    curve = tuple(CurvePoint(n, error, error, 0.0) for n, error in ((8, 0.008), (20, 0.004), (40, 0.001)))
+    design = Design(index[:32], index[32:], curve, 0.01, 0.02, {}, 40)
+    asked: dict[str, list[Position]] = {}
+
+    def record_them(**parts: list[Position]) -> Iterator[None]:
+        asked.update(parts)
+        yield
+
+    own = SimpleNamespace(_goal=replace(GOAL, error=goal), _record=record_them)
+    step = AdaptiveStep(9, 0.02, ModelError(0.0, 1e-6, 0.02, 2), 1.0, True, (), 0)
+    list(adaptive._Campaign.more(own, design, step))  # type: ignore[arg-type]
+    assert len(asked["redo"]) == recorded
+    assert asked["redo"][-recorded // 5 :] == asked["kept_aside"]
+    assert asked["redo"][0] == Position(0, 0, 0)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lfcal.campaign.point_fit import _with_hole
-from lfcal.campaign.point_optics import OwnOptics, iter_with_own_light
+from lfcal.campaign.point_optics import OwnOptics, _Holes, iter_with_own_light
 from lfcal.campaign.point_parts import measured_points
 from lfcal.campaign.points import Points, points_of
 from lfcal.fit.fit import problem_of
@@ -83,3 +83,11 @@ def test_the_size_of_a_source_among_the_effects_is_that_of_the_holes(points: Poi
     found, effects = _with_hole(points, (*EFFECTS, FiniteSource(35.0)))
     assert found.plan.target.hole_um == 35.0 and effects == EFFECTS
     assert _with_hole(points, EFFECTS) == (points, EFFECTS)
+
+
+def test_holes_of_no_size_are_points(points: Points) -> None:
+    setup = Setup(SCAN.camera, EFFECTS, (0.0,))
+    holes = _Holes(60.0, 0.0, told=True)
+    assert holes.put(setup).effects == (*EFFECTS, FiniteSource(60.0))
+    assert holes.put(setup, 35.0).effects == (*EFFECTS, FiniteSource(35.0))
+    assert holes.put(setup, 0.0) is setup

@@ -151,3 +151,11 @@ def test_points_that_were_all_fitted_or_of_another_sensor_are_refused() -> None:
     other = replace(plan.camera, sensor=replace(plan.camera.sensor, shape=(200, 200)))
     with pytest.raises(InputError, match="a sensor of"):
         validate(fit_of(replace(plan, camera=other)), recorded(plan, few(plan)))
+
+
+@pytest.mark.parametrize(
+    ("count", "inner", "outer"), [(1, [0], [0]), (4, [0], [3]), (6, [0, 1], [4, 5]), (7, [0, 1], [5, 6])]
+)
+def test_middle_and_edges_are_a_third_of_the_points_each(count: int, inner: list[int], outer: list[int]) -> None:
+    found = Validation(tuple(range(count)))  # type: ignore[arg-type]
+    assert (list(found.middle), list(found.edges)) == (inner, outer)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from lfcal.camera import Camera, LensletLattice, MainLens, Sensor, preset
 from lfcal.errors import InputError
 from lfcal.lattice.fit import LatticeFit, fit_lattice
+from tests.lattice.test_iris_centre import off_centre, white
 from tests.lattice.white_frames import WhiteFrame, draw_white
 
 REAL = Path(__file__).parents[3] / "shared/data/lfm_guv"
@@ -232,3 +233,11 @@ def test_unusable_input_is_one_clear_line(frame: Callable[[], Any], options: dic
     with pytest.raises(InputError, match="expected") as caught:
         fit_lattice(frame(), **options)
     assert "\n" not in str(caught.value)
+
+
+def test_an_iris_without_a_centre_of_symmetry_moves_the_lattice_and_adds_its_error() -> None:
+    frame = white("hexagonal", 11.0, 7, 0.95, noise=60.0)
+    fit = fit_lattice(frame, dark=64.0)
+    off = np.abs(off_centre(fit, "hexagonal", 11.0))
+    assert (off < 4 * np.array(fit.errors.origin_px)).all() and max(fit.errors.origin_px) < 0.03
+    assert fit.errors.origin_px[0] > 2 * fit.residual_rms_px / math.sqrt(len(fit.index)), "the iris is known less well"

@@ -44,3 +44,8 @@ def test_a_handful_of_lenslets_is_refused() -> None:
     with pytest.raises(InputError, match="smooth field"):
         vignetting_map(fit, degree=6)
     assert vignetting_map(fit, degree=1).falloff < 1.0
+
+
+def test_scatter_is_that_of_the_lenslets_light() -> None:
+    fit = fit_lattice(draw_white(scatter=0.03, snr=200.0, dead=0.0).frame, dark=100.0)
+    assert vignetting_map(fit).scatter == pytest.approx(0.03, rel=0.15)

@@ -63,6 +63,17 @@ def test_light_and_identity_are_kept():
     assert finer.apply(blob).sum() == pytest.approx(blob.sum(), rel=1e-5)
 
 
+@pytest.mark.parametrize("order", range(6))
+def test_splines_of_every_order_keep_light_and_place(order):
+    """Half a pixel to the right: what is straight stays so, whatever the splines, but for the nearest pixel's."""
+    frame = np.tile(np.arange(30.0), (33, 1))
+    moved = Resampling.to_period((33, 30), (5.0, 5.5), (5.0, 0.0), (0.0, 5.0), (5, 5))
+    first = float(moved.places(np.array(10.0), np.array(10.0))[1])
+    row = moved.apply(frame, order=order)[10, 10:20]
+    wanted = first + np.arange(10.0)
+    assert np.allclose(row, wanted, atol=0.5 if order == 0 else 0.02)
+
+
 def test_hexagonal_period_spans_two_rows_and_three_types():
     a = np.array([11.0, 0.0])
     b = np.array([5.5, 9.526])

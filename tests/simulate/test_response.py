@@ -87,3 +87,9 @@ def test_neighbouring_pixels_share_light_up_to_the_cutout_s_edge() -> None:
         expected += weight * wide[..., 1 + down : 16 + down, 1 + right : 16 + right]
     found = PlaneResponse(plan, 0, (Crosstalk(share),), level="geometric").rows(range(2), range(2))
     np.testing.assert_allclose(found, expected, atol=1e-6 * expected.max())
+
+
+def test_a_point_s_window_lies_where_its_chief_ray_meets_the_sensor() -> None:
+    plan = replace(ScanPlan.for_camera(small_camera(), virtual_depths=[3.0], cutout=15), period=(5, 9))
+    ((row, column, values),) = PlaneResponse(plan, 0, (), level="geometric").point(1.2, 7.9)
+    assert (row, column) == (1, 8) and values.shape == (15, 15)

@@ -170,3 +170,10 @@ def test_an_image_farther_behind_is_of_a_source_nearer_to_the_objective(before: 
     first, second = (scene_of(camera, z_um=z, cutout=(31, 31)) for z in (before, after))
     found = first.refocused(second.image_um - first.image_um)
     assert found.z_um == pytest.approx(after, abs=1e-9) and first.z_um == pytest.approx(before)
+
+
+def test_the_farthest_source_is_the_one_that_lies_farthest_from_its_place():
+    offsets = np.zeros((26, 45, 2))
+    assert camera_scene(offsets_um=offsets).farthest_um == camera_scene().farthest_um == 0.0
+    offsets[3, 4], offsets[20, 40] = (1.0, -2.0), (-3.0, 4.0)
+    assert camera_scene(offsets_um=offsets).farthest_um == pytest.approx(5.0)

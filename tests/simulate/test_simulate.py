@@ -26,6 +26,7 @@ from lfcal.simulate.effects import (
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.response import PlaneResponse
+from lfcal.simulate.simulate import Simulation
 from lfcal.simulate.staging import outlook_of, resolve_level, scene_for
 from tests.simulate.common import BASE, FAST, difference, small_camera, small_plan
 
@@ -179,3 +180,16 @@ def test_bad_input() -> None:
     large = ScanPlan.for_camera(preset("r29"), virtual_depths=[2.0, 3.0, 4.0], cutout=401)
     with pytest.raises(InputError, match="out="):
         simulate_psf(large.camera, large, ())
+
+
+def test_effects_that_are_on_at_some_planes_name_them() -> None:
+    """What H was made of is known plane by plane."""
+    plan = corner(ScanPlan.for_camera(small_camera(), virtual_depths=[6.0, 4.0, 2.5], cutout=31), 1, 1)
+    found = Simulation(plan.camera, plan, "auto", "auto", 0.3, None, 1)
+    on = [{effect.name for effect in found.budget.at(z)[0]} for z in plan.depths_um]
+    told = found.provenance()["simulated"]
+    everywhere, some = set.intersection(*on), set.union(*on) - set.intersection(*on)
+    assert everywhere and some
+    assert told["planes"] == {name: [z for z in range(3) if name in on[z]] for name in some}
+    assert {effect["name"] for effect in told["effects"]} == everywhere | some
+    assert "planes" not in Simulation(plan.camera, plan, BASE, "auto", 0.3, None, 1).provenance()["simulated"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -209,3 +210,13 @@ def test_patterns_of_subsets_lie_where_they_are_shown(plan: TargetPlan) -> None:
 @pytest.mark.parametrize(("frames", "order"), [(1, 0), (2, 0), (3, 3), (6, 3), (7, 7), (9, 7), (11, 11), (200, 11)])
 def test_how_many_frames_are_shown_together(frames: int, order: int) -> None:
     assert group_order(frames) == order
+
+
+def test_a_display_of_one_row_of_points_is_planned() -> None:
+    """As high as two periods and a pixel: one row has room to move, a second has not."""
+    period, step = SCAN.camera.period_px[0], SCAN.camera.step_um(SCAN.depths_um[0])
+    rows = math.ceil(2 * period * step / DISPLAY.pixel_um) + 1
+    found = drain(iter_plan_display(SCAN, replace(DISPLAY, shape=(rows, 2000)), Wishes(0.3, 0.02, 3)))
+    assert found.target.shape[0] == 1 < found.target.shape[1]
+    with pytest.raises(InputError, match="room for two points"):
+        drain(iter_plan_display(SCAN, replace(DISPLAY, shape=(rows - 1, 2000)), Wishes(0.3, 0.02, 3)))

@@ -124,3 +124,10 @@ def test_errors_of_rounded_lists_are_of_the_size_of_what_is_wrong() -> None:
         wrong = np.mean(plan.depths_um) - np.mean(planned.depths_um)
         pulls.append(wrong / stated(next(note for note in notes if note.startswith("depths:")), "all"))
     assert 0.4 < np.sqrt(np.mean(np.square(pulls))) < 1.5 and np.abs(pulls).max() < 4
+
+
+def test_given_depths_fall_where_the_steps_of_numbered_planes_do() -> None:
+    """From the first plane to the last: one between them may have a step that is off."""
+    planes = planes_of(counted=True, depths=DEPTHS[::-1])
+    odd = replace(planes, sizes=planes.sizes * np.array([1.0, 1.3, 1.0]))
+    assert find_depths(small_camera(), StageAxes(), odd, DEPTHS).depths == DEPTHS[::-1]

@@ -268,3 +268,15 @@ def test_in_one_plane_the_stage_s_noise_along_the_axis_is_no_coordinate() -> Non
     noisy = replace(found, stage=found.stage + rng.normal(0, 0.02, found.stage.shape) * (0, 0, 1))
     placed, still = (place(listing_of(one), plan_of((10e3,))) for one in (noisy, found))
     np.testing.assert_allclose(placed.drift, still.drift, atol=1e-9)
+
+
+@pytest.mark.parametrize("axis", [1, 2])
+def test_steps_that_differ_along_one_axis_are_said(axis: int) -> None:
+    """Whichever axes of the stage they are: here y and z, as depths lie along x."""
+    found = scan(**CASES["depth along x"])
+    longer = np.ones(3)
+    longer[axis] = 1.06
+    listing = replace(listing_of(found), places=found.stage * longer)
+    placed = place(listing, plan_of(stage=StageAxes("+y", "+z", "+x")), reader(found, listing))
+    np.testing.assert_array_equal(placed.positions, truth(found, listing))
+    assert any(re.match(r"steps: 1.03\d times the plan's", note) for note in placed.notes), placed.notes

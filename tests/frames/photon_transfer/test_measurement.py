@@ -229,3 +229,11 @@ def test_copies_singles_and_swapped_folders_are_refused() -> None:
         measured([f[:6, :6] for f in flats], [d[:6, :6] for d in darks])
     with pytest.raises(InputError, match="finite"):
         measured([np.where(f > 3, np.nan, f) for f in flats], darks)
+
+
+def test_flats_whose_light_drifts_are_one_level_however_high_the_black_level() -> None:
+    """Five per cent of the light are a fifth of it where the black level is not told from it rightly."""
+    truth = PLAIN.but(black=800.0)
+    light = 1000.0 / truth.gain
+    found = measured([truth.frame(light, key=0), truth.frame(1.05 * light, key=1)], truth.darks(4))
+    assert found.gain is not None and abs(found.gain.value - 0.2) < 4 * found.gain.sigma

@@ -80,3 +80,12 @@ def test_frames_of_another_size_or_gain_are_said(dim: SensorMeasurement) -> None
     assert "120 × 160" in size and "320 × 320" in size
     (gain,) = unlike(dim, replace(own, full_well_e=4031 * 20.0))
     assert "times as many electrons per count" in gain and "averaged" in gain
+
+
+def test_each_channel_has_its_gain() -> None:
+    mosaic = PLAIN.but(white_balance=(1.0, 1.5, 1.5, 2.0))
+    found = measured(mosaic.flats(LEVELS[:4], 2, vignetting(SHAPE)), mosaic.darks(4), "RGGB")
+    told = rows(found)
+    for name, factor in (("R", 1.0), ("B", 2.0)):
+        assert float(told[f"  {name}"].split()[0]) == pytest.approx(0.2 * factor, rel=0.1)
+        assert told[f"  {name}"].endswith("counts per e⁻")
