@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gui.models.settings import PageSettings
-from gui.pages.multiplex.model_fields import FIELDS, MAX_SIZE, TYPED
+from gui.pages.multiplex.model_fields import FIELDS, MAX_SIZE, SEARCH_FIELDS, TYPED
 from lfcal.checks import check_number
 from lfcal.errors import InputError
 from lfcal.multiplex.colour_filters import CFA_PATTERNS, cfa, parse_pattern
@@ -140,12 +140,13 @@ class MultiplexSettings(PageSettings):
 
     def __post_init__(self) -> None:
         """Check every value."""
-        offered = {f.key: tuple(value for value, _ in f.choices) for f in FIELDS if f.kind == "choice"}
+        asked = (*FIELDS, *SEARCH_FIELDS)
+        labels = {f.key: f.label for f in asked}
+        offered = {f.key: tuple(value for value, _ in f.choices) for f in asked if f.kind == "choice"}
         offered["right"] = ("difference", "truth")
-        offered["sought"] = ("filters", "filters 2x3", "mask")
         for key, values in offered.items():
             if getattr(self, key) not in values:
-                raise InputError.expected(key.replace("_", " "), " or ".join(values), getattr(self, key), "choose")
+                raise InputError.expected(labels.get(key, key), " or ".join(values), getattr(self, key), "choose")
         parse_pattern(self.pattern)
         if not 1 <= self.size <= MAX_SIZE:
             raise InputError.expected("size (px)", f"1 to {MAX_SIZE}", self.size, "correct it")
@@ -159,7 +160,7 @@ class MultiplexSettings(PageSettings):
             raise InputError.expected("figure", "3, 5, 6, 7, or 0 for the gain map", self.figure, "choose one of these")
         for what, (low, high) in RANGES.items():
             if not low <= getattr(self, what) <= high:
-                raise InputError.expected(what.replace("_", " "), f"{low} to {high}", getattr(self, what), "correct it")
+                raise InputError.expected(labels[what], f"{low} to {high}", getattr(self, what), "correct it")
 
     def changed(self, key: str, value: Any) -> MultiplexSettings:
         """Return the settings with one field changed; a mask that has no such size takes the next one it has."""

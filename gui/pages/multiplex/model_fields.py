@@ -8,7 +8,7 @@ from lfcal.multiplex.filters import SPATIAL_FILTERS
 from lfcal.multiplex.masks import MASKS
 from lfcal.multiplex.naming import GRAMMAR
 
-__all__ = ["FIELDS", "MAX_SIZE", "ROUTE_FIELDS", "TYPED"]
+__all__ = ["FIELDS", "MAX_SIZE", "ROUTE_FIELDS", "SEARCH_FIELDS", "TYPED"]
 
 TYPED = "typed"
 """In place of the name of a pattern: the user's own letters."""
@@ -146,3 +146,18 @@ FIELDS = (
 
 ROUTE_FIELDS = (("route", "dead"), ("white", "transmissions"), ("spacing", "smoothness"))
 """Keys of `FIELDS` that say how samples are found, as they lie beside each other."""
+
+SEARCH_FIELDS = (
+    Field(
+        "sought",
+        "Search for",
+        kind="choice",
+        choices=(("filters", "filters, 2 × 2"), ("filters 2x3", "filters, 2 × 3"), ("mask", "printed mask")),
+        tip="All layouts of filters are tried; of masks all where there are few, otherwise the best found and a bound",
+    ),
+    Field("search_size", "Mask side", "px", "Pixels along a side of the mask, 2 to 13", kind="int"),
+    Field("levels", "Levels", "", "Transmissions that can be printed: 2 for open and closed", kind="int"),
+    Field("kinds", "Kinds", "", "Kinds of filters at most", kind="int"),
+    Field("crosstalk", "Crosstalk", "", "Share of the light that pixels lose to their four neighbours, 0 to 0.4"),
+    Field("least_light", "Least light", "", "Share of the light that must pass, 0 to below 1"),
+)

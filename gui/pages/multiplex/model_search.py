@@ -4,29 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gui.models.form import Field
 from gui.pages.multiplex.model import MultiplexSettings
 from lfcal.camera import Sensor
 from lfcal.multiplex.design import Design, best_array, best_printed_mask
 from lfcal.multiplex.noise import camera_chi2
 from lfcal.progress import Clock, Work
 
-__all__ = ["SEARCH_FIELDS", "Found", "iter_search"]
-
-SEARCH_FIELDS = (
-    Field(
-        "sought",
-        "Search for",
-        kind="choice",
-        choices=(("filters", "filters, 2 × 2"), ("filters 2x3", "filters, 2 × 3"), ("mask", "printed mask")),
-        tip="All layouts of filters are tried; of masks all where there are few, otherwise the best found and a bound",
-    ),
-    Field("search_size", "Mask side", "px", "Pixels along a side of the mask, 2 to 13", kind="int"),
-    Field("levels", "Levels", "", "Transmissions that can be printed: 2 for open and closed", kind="int"),
-    Field("kinds", "Kinds", "", "Kinds of filters at most", kind="int"),
-    Field("crosstalk", "Crosstalk", "", "Share of the light that pixels lose to their four neighbours, 0 to 0.4"),
-    Field("least_light", "Least light", "", "Share of the light that must pass, 0 to below 1"),
-)
+__all__ = ["Found", "iter_search"]
 
 
 @dataclass(frozen=True, eq=False)

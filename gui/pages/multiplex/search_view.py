@@ -6,7 +6,8 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QGridLayout, QHBoxLayout, QLabel, QPushButton, QWidget
 
 from gui.pages.multiplex.matrix_view import MatrixView
-from gui.pages.multiplex.model_search import SEARCH_FIELDS, Found
+from gui.pages.multiplex.model_fields import SEARCH_FIELDS
+from gui.pages.multiplex.model_search import Found
 from gui.widgets.cards import card
 from gui.widgets.form import Form
 from gui.widgets.words import set_role

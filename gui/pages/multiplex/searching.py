@@ -11,8 +11,8 @@ from gui.context import Context
 from gui.jobs import Job, JobState
 from gui.models.project import ProjectState
 from gui.pages.multiplex.model import MultiplexSettings
-from gui.pages.multiplex.model_fields import TYPED
-from gui.pages.multiplex.model_search import SEARCH_FIELDS, iter_search
+from gui.pages.multiplex.model_fields import SEARCH_FIELDS, TYPED
+from gui.pages.multiplex.model_search import iter_search
 from gui.pages.multiplex.search_view import SearchView
 from gui.saving import ask_target
 from lfcal.errors import LfcalError

@@ -273,7 +273,7 @@ def test_search_and_use(page: Page, qtbot: QtBot, tmp_path: Path, monkeypatch: p
     size.editingFinished.emit()
     size.setText("40")
     size.textEdited.emit("40")
-    assert "2 to 13" in search.form.error and page.settings.search_size == 3
+    assert "Mask side: expected 2 to 13" in search.form.error and page.settings.search_size == 3
 
 
 def test_live_frames_of_another_page_are_demultiplexed(page: Page, context: Context, qtbot: QtBot) -> None:
