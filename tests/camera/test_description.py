@@ -123,6 +123,11 @@ def test_unknown_and_missing_entries_are_named() -> None:
     del data["sensor"]
     with pytest.raises(InputError, match="sensor"):
         Camera.from_dict(data)
+    # of several the same one each time
+    data["lattice"] |= {f"colour {letter}": 1 for letter in "qwertyuiopasdfghjkl"}
+    data["sensor"] = WHOLE["sensor"]
+    with pytest.raises(InputError, match="colour a"):
+        Camera.from_dict(data)
 
 
 @pytest.mark.parametrize(

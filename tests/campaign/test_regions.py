@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +13,7 @@ import pytest
 
 from lfcal.acquire.session_file import SessionFile
 from lfcal.camera import RegionPlan
-from lfcal.campaign.regions import is_regions, iter_record_regions, read_regions
+from lfcal.campaign.regions import first_begun, is_regions, iter_record_regions, read_regions
 from lfcal.cli import main
 from lfcal.devices.simulated.faults import Fault
 from lfcal.errors import InputError
@@ -61,6 +62,14 @@ def test_every_region_is_recorded_at_its_place(tmp_path: Path) -> None:
         source = open_frames(tmp_path / "s" / name)
         row, column = PLAN.anchors[k]
         assert source.info(0).origin == (row - 10, column - 10)
+
+
+def test_the_first_region_that_was_begun_is_found(tmp_path: Path) -> None:
+    record(tmp_path / "s")
+    for folder in (tmp_path / "s" / name for name in PLAN.names):
+        assert first_begun(tmp_path / "s") == folder
+        shutil.rmtree(folder)
+    assert first_begun(tmp_path / "s") is None
 
 
 @pytest.mark.parametrize("at", [5, 25, 50])

@@ -241,3 +241,8 @@ def test_an_iris_without_a_centre_of_symmetry_moves_the_lattice_and_adds_its_err
     off = np.abs(off_centre(fit, "hexagonal", 11.0))
     assert (off < 4 * np.array(fit.errors.origin_px)).all() and max(fit.errors.origin_px) < 0.03
     assert fit.errors.origin_px[0] > 2 * fit.residual_rms_px / math.sqrt(len(fit.index)), "the iris is known less well"
+
+
+def test_another_kind_is_refused_by_its_name() -> None:
+    with pytest.raises(InputError, match="lattice: expected square or hexagonal"):
+        fit_lattice(plain(), kind="round")

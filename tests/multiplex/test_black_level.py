@@ -9,6 +9,7 @@ from lfcal.camera import Sensor
 from lfcal.cli.multiplex_frames import Recorded, level_of
 from lfcal.errors import InputError
 from lfcal.multiplex import pixel_weights, without_black_level
+from lfcal.multiplex.black_level import black_level_map
 
 
 def test_levels_of_a_pattern_lie_at_their_places() -> None:
@@ -19,6 +20,7 @@ def test_levels_of_a_pattern_lie_at_their_places() -> None:
         assert light[y, x] == frame[y, x] - (1, 2, 3, 4)[y % 2 * 2 + x % 2]
     np.testing.assert_array_equal(without_black_level(frame, 7), frame - 7.0)
     np.testing.assert_array_equal(without_black_level(frame, (7,)), frame - 7.0)
+    assert black_level_map((7,), frame.shape).shape == black_level_map(7, frame.shape).shape == ()
     assert without_black_level(frame.astype(float), frame / 2).dtype == np.float64
     np.testing.assert_array_equal(without_black_level(frame, frame / 2), frame / 2)
     for bad in ((), (1, 2), (1, 2, 3), np.nan, np.ones((4, 7))):

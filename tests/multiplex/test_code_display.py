@@ -38,6 +38,9 @@ def test_frames_show_the_code_at_the_points() -> None:
         assert (frame > 0).sum() == lit.sum()
     many = list(display_frames(code / 2, places, fit, (40, 60), repeat=(6, 7)))
     assert (many[0] > 0).sum() == 3 * 4 * code[0].sum() and set(np.unique(many[0])) == {0, 128}
+    # blocks of 3 x 3 display pixels may touch
+    near = list(display_frames(code, places, display_fit(5.0, 5.0), (9, 9), repeat=(3, 3)))
+    assert (near[0] > 0).sum() == 9 * code[0].sum()
     for bad in ({"shape": (4, 60)}, {"repeat": (1, 1), "shape": (40, 60)}):
         with pytest.raises(InputError):
             list(display_frames(code, places, fit, bad.pop("shape"), **bad))

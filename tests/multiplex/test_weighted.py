@@ -43,6 +43,15 @@ def test_clipped_pixels_do_not_count() -> None:
     assert np.isfinite(found.deviation).all()
 
 
+def test_rows_are_taken_in_as_many_parts_as_there_is_room_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    frame, weights = multiplex(RNG(0).random((1, 12, 12)), ND), RNG(1).random((12, 12))
+    whole = demultiplex_weighted(frame, ND, weights)
+    monkeypatch.setattr("lfcal.multiplex.weighted.VALUES_AT_ONCE", 1)
+    parts = demultiplex_weighted(frame, ND, weights)
+    np.testing.assert_allclose(parts.samples, whole.samples, rtol=1e-12)
+    np.testing.assert_allclose(parts.deviation, whole.deviation, rtol=1e-12)
+
+
 def test_high_dynamic_range_of_a_sensor() -> None:
     """Radiance over four decades: relative error by shot noise where something is unclipped, none larger."""
     radiance = np.logspace(1.5, 4.6, 640)[None, :] * np.ones((80, 1))

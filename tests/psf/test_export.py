@@ -8,8 +8,8 @@ import pytest
 
 from lfcal.errors import InputError
 from lfcal.psf import PSFMatrix, export, iter_export, open_psf
-from lfcal.psf.export import ExportOptions
-from lfcal.psf.matlab import MatOptions
+from lfcal.psf.export import ExportOptions, export_notes
+from lfcal.psf.matlab import MatOptions, mat_notes
 
 SHAPE = (2, 3, 4, 5, 7)
 
@@ -38,6 +38,12 @@ def test_a_mat_file_gets_its_options_and_no_others() -> None:
     given = ExportOptions(compress=False, rows_first=True, lens_centred=True, dtype="uint16", position=(1, 2))
     assert given.mat == MatOptions(compress=False, rows_first=True, lens_centred=True)
     assert ExportOptions().mat == MatOptions()
+
+
+def test_only_mat_files_have_readers_who_take_something_else() -> None:
+    assert export_notes(matrix(), "H.MAT", ExportOptions()) == mat_notes(matrix()) != ()
+    for name in ("H.h5", "H.npy", "H.tif"):
+        assert export_notes(matrix(), name, ExportOptions()) == ()
 
 
 def test_unknown_format_and_cancel(tmp_path: Path) -> None:

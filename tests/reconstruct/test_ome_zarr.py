@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import pytest
 from lfcal.errors import FileFormatError, InputError, StorageError
 from lfcal.files import replace_store
 from lfcal.reconstruct.facts import VolumeFacts
-from lfcal.reconstruct.ome_zarr import open_ome_zarr
+from lfcal.reconstruct.ome_zarr import MAX_EXPANSION, open_ome_zarr
 from lfcal.reconstruct.volumes import load_volume, save_volume, write_volumes
 
 zarr: Any = pytest.importorskip("zarr", reason="zarr is not installed")
@@ -123,6 +124,12 @@ def test_what_is_no_image_or_damaged_is_refused(tmp_path: Path) -> None:
     (path / "0" / ".zarray").write_text(json.dumps(said | {"shape": [1, 10**6, 10**6, 10**6]}))
     with pytest.raises(FileFormatError, match="bytes on disk"):
         load_volume(path)
+    # bytes are counted, not values: two thirds as many bytes as there can be, and four thirds
+    most = MAX_EXPANSION * sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
+    for share, refused in ((1 / 6, False), (1 / 3, True)):
+        (path / "0" / ".zarray").write_text(json.dumps(said | {"shape": [1, 1, 1, int(share * most)]}))
+        with pytest.raises(FileFormatError, match="bytes on disk") if refused else nullcontext():
+            open_ome_zarr(path)
 
 
 def test_a_folder_of_other_files_is_never_replaced(tmp_path: Path) -> None:

@@ -119,6 +119,10 @@ def test_bad_lattices_are_refused():
         Resampling.to_period((9, 9), (4, 4), (1.0, 1.0), (2.0, 2.0), (3, 3))
     with pytest.raises(InputError, match="two axes"):
         Resampling.to_period((9, 9), (4, 4), (3.0, 0.0), (0.0, 3.0), (3, 3)).apply(np.ones(9))
+    good = Resampling.to_period((9, 9), (4, 4), (3.0, 0.0), (0.0, 3.0), (3, 3))
+    for bad in ({"period": (0, 3)}, {"period": (3, 0)}, {"shape": (0, 9)}, {"shape": (9, 0)}):
+        with pytest.raises(InputError, match="period and shape: expected positive"):
+            replace(good, **bad)
 
 
 @pytest.mark.parametrize("name", ["v.tif", "v.h5", "v.npy"])

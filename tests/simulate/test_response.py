@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import convolve
 
 from lfcal.camera import ScanPlan
 from lfcal.progress import Unwanted, wanted_while
@@ -14,7 +15,7 @@ from lfcal.simulate.effects import Crosstalk
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.engines.wave import WavePlane
-from lfcal.simulate.response import PlaneResponse, at_wavelength
+from lfcal.simulate.response import PlaneResponse, at_wavelength, filtered
 from lfcal.simulate.scene import seidel
 from tests.simulate.common import small_camera
 from tests.simulate.scenes import camera_scene, relative_error
@@ -87,6 +88,14 @@ def test_neighbouring_pixels_share_light_up_to_the_cutout_s_edge() -> None:
         expected += weight * wide[..., 1 + down : 16 + down, 1 + right : 16 + right]
     found = PlaneResponse(plan, 0, (Crosstalk(share),), level="geometric").rows(range(2), range(2))
     np.testing.assert_allclose(found, expected, atol=1e-6 * expected.max())
+
+
+@pytest.mark.parametrize("leading", [(), (3,), (2, 3)])
+def test_patterns_are_convolved_however_many_axes_lead(leading: tuple[int, ...]) -> None:
+    rng = np.random.default_rng(0)
+    values, kernel = rng.random((*leading, 5, 7)).astype(np.float32), rng.random((3, 5))
+    expected = convolve(values, kernel.reshape(*np.ones_like(leading, int), 3, 5), mode="constant")
+    np.testing.assert_allclose(filtered(values, kernel), expected, rtol=1e-5)
 
 
 def test_a_point_s_window_lies_where_its_chief_ray_meets_the_sensor() -> None:

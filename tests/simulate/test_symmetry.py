@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -78,6 +79,18 @@ def test_a_regular_camera_is_alike_upside_down(scene: Scene) -> None:
     rows = np.arange(-6, 7)
     # every row and its mirror image about the row of lenslets through the middle
     assert mirrored_rows(scene, rows).keys() >= {i for i in range(13) if rows[i] > 0}
+
+
+@pytest.mark.parametrize("offset_px", [0.0, 0.5, 1.5])
+def test_rows_are_paired_about_any_line_that_mirrors_the_array(offset_px: float) -> None:
+    plain = camera_scene(iris=Iris(9))
+    at = (0.0, offset_px * plain.pixel_um / plain.scale)
+    scene = replace(plain, lattice=replace(plain.lattice, offset_um=at))
+    rows = np.arange(-6, 7)
+    # no other line of rows of lenslets lies so near that it mirrors a row of these onto another
+    assert 2 * plain.lattice.row_step_um * plain.scale / plain.pixel_um > 24
+    expected = {i: int(2 * offset_px - y) + 6 for i, y in enumerate(rows) if -6 <= 2 * offset_px - y < y}
+    assert mirrored_rows(scene, rows) == expected
 
 
 @pytest.mark.parametrize(

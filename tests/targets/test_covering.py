@@ -149,6 +149,14 @@ def test_holes_on_one_phase_count_once() -> None:
     assert found.shown.tolist() == [1] * 9
 
 
+def test_rows_and_columns_that_part_need_no_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(covering, "_greedy", None)
+    scan = scan_of(small())
+    assert covering_of(scan, target_of(scan, (3 * 12.12436 - 2, 39.0), (6, 7))).coverage == 1
+    with pytest.raises(TypeError):
+        covering_of(scan, target_of(scan, (40.0, 40.0), (6, 6), Pose(rotation_rad=math.radians(1))))
+
+
 def test_of_two_coverings_that_show_as_much_the_shorter_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     scan = scan_of(small())
     target = target_of(scan, (40.0, 40.0), (6, 6), Pose(rotation_rad=math.radians(1)))

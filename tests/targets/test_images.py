@@ -71,6 +71,8 @@ def test_cutouts_that_leave_the_sensor_are_not_whole() -> None:
     assert images.whole((100, 100), (41, 41)).tolist() == [True, True, False]
     assert images.whole((100, 100), (41, 43)).tolist() == [False, True, False]
     assert images.whole((100, 100), (41, 41), (0.0, -1.0)).tolist() == [False, True, True]
+    # 19.4 px is nearest to 19, whose cutout begins beside the sensor; 79.4 is nearest to 79
+    assert images.whole((100, 100), (41, 41), (0.0, -0.1)).tolist() == [False, True, True]
 
 
 def test_a_target_behind_the_lens_is_refused() -> None:

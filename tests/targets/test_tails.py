@@ -11,7 +11,8 @@ import scipy.fft as sf
 from numpy.typing import NDArray
 
 from lfcal.camera import Camera, ScanPlan
-from lfcal.targets.tails import simulated_tails
+from lfcal.errors import InputError
+from lfcal.targets.tails import Tails, simulated_tails
 from tests.targets.common import bench
 
 PER_PX = 10
@@ -108,3 +109,16 @@ def test_tails_are_simulated_once() -> None:
     scan = ScanPlan.for_camera(round_iris(240), virtual_depths=(2.0,))
     found = simulated_tails(scan, 0)
     assert simulated_tails(scan, 0) is found and not found.light.flags.writeable
+
+
+@pytest.mark.parametrize(("away", "least"), [(6, 9), (4, 7), (7, None)])
+def test_the_least_pitch_is_sought_up_to_two_cutouts(away: int, least: int | None) -> None:
+    """Light at one distance: cutouts of 5 px at multiples of the pitch hold it up to two pixels from their middle."""
+    light = np.zeros((21, 21))
+    light[10, 10], light[10 + away, 10] = 1.0, 0.01
+    tails = Tails(light, (5, 5), "waves")
+    if least is None:
+        with pytest.raises(InputError, match="two cutouts' distance"):
+            tails.least_pitch(0.005)
+    else:
+        assert tails.least_pitch(0.005) == least
