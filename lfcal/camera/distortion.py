@@ -167,12 +167,15 @@ class LatticeDistortion:
         self._check_counts()
         slopes = _slopes_within_reach(self.model, len(self.terms[0]) if self.model == "radial" else self.degree)
         with np.errstate(over="ignore", invalid="ignore"):  # terms beyond all bounds are refused below
-            least = float(np.linalg.det(np.eye(2) + self._weighted(slopes) / self.scale).min())
-        if not least > 0.1:
+            stretched = np.eye(2) + self._weighted(slopes) / self.scale
+            least = float(np.linalg.det(stretched).min())
+            # where both directions are turned over the area is positive again
+            turned = float(stretched.trace(axis1=-2, axis2=-1).min())
+        if not (least > 0.1 and turned > 0):
             raise InputError.expected(
                 "distortion of the lattice",
                 "one that keeps neighbouring lenslets apart",
-                f"an area shrunk to {least:.2g}",
+                f"an area shrunk to {least:.2g}" if turned > 0 else "one that turns it upside down",
                 "correct its terms or its scale",
             )
 

@@ -104,6 +104,7 @@ def test_the_largest_displacement() -> None:
         {"model": "radial", "terms": ((),)},
         {"model": "radial", "terms": ((1.0,) * 5,)},
         {"model": "radial", "terms": ((-5000.0,),)},
+        {"model": "radial", "terms": ((-1e7,),)},
     ],
 )
 def test_bad_values_are_refused_in_one_line(values: dict[str, Any]) -> None:
