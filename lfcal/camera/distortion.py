@@ -175,7 +175,7 @@ class LatticeDistortion:
             raise InputError.expected(
                 "distortion of the lattice",
                 "one that keeps neighbouring lenslets apart",
-                f"an area shrunk to {least:.2g}" if turned > 0 else "one that turns it upside down",
+                "one that turns them upside down" if least > 0.1 else f"an area shrunk to {least:.2g}",
                 "correct its terms or its scale",
             )
 

@@ -218,7 +218,6 @@ def plain() -> NDArray[np.uint16]:
         (lambda: np.zeros((12, 12)), {}),
         (lambda: np.full((400, 400), np.nan), {}),
         (lambda: np.array([["a"]]), {}),
-        (plain, {"kind": "round"}),
         (plain, {"pitch_px": 1.0}),
         (plain, {"pitch_px": 200.0}),
         (plain, {"pitch_px": 18.0}),

@@ -41,8 +41,8 @@ Would the tests see a mistake? One small mistake at a time is put into a copy of
 its file (`tests/psf/test_cutout.py` for `lfcal/psf/cutout.py`) are run, the long ones too if the quick ones see
 nothing; no other test counts. Files and places are drawn with a seed, packages and kinds of mistakes take turns. What
 survives and could be seen is a missing test: it is written, and the mutant judged again. An edit of the sources may
-draw others. So the figure below is one of tests that mutants have asked for: of 60 that nobody had looked at, 41, 42
-and 43 were killed at first (seeds 2, 1 and 3), and 56, 58 and 56 after their turn.
+draw others. So the figure below is one of tests that mutants have asked for: of 60 drawn anew, 41, 42 and 43 were
+killed at first (seeds 2, 1 and 3), and 56, 58 and 56 after their turn.
 
 ```sh
 python -m tests.mutants                      # {len(verdicts)} mutants of seed {seed}; goes on where it was stopped

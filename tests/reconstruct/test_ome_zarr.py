@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import shutil
 import sys
-from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -126,10 +125,11 @@ def test_what_is_no_image_or_damaged_is_refused(tmp_path: Path) -> None:
         load_volume(path)
     # bytes are counted, not values: two thirds as many bytes as there can be, and four thirds
     most = MAX_EXPANSION * sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
-    for share, refused in ((1 / 6, False), (1 / 3, True)):
-        (path / "0" / ".zarray").write_text(json.dumps(said | {"shape": [1, 1, 1, int(share * most)]}))
-        with pytest.raises(FileFormatError, match="bytes on disk") if refused else nullcontext():
-            open_ome_zarr(path)
+    (path / "0" / ".zarray").write_text(json.dumps(said | {"shape": [1, 1, 1, int(most / 6)]}))
+    open_ome_zarr(path)
+    (path / "0" / ".zarray").write_text(json.dumps(said | {"shape": [1, 1, 1, int(most / 3)]}))
+    with pytest.raises(FileFormatError, match="bytes on disk"):
+        open_ome_zarr(path)
 
 
 def test_a_folder_of_other_files_is_never_replaced(tmp_path: Path) -> None:
