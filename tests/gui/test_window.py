@@ -59,10 +59,10 @@ def test_a_whole_sitting(window: MainWindow, qtbot: QtBot, recorded: Path, tmp_p
     assert frames.position == (0, 0, 1)
     assert frames.panel.view.cutout.getData()[0][0] == left + 1, "the cutout moves one pixel with the point"
     assert right > left
-    frames.panel.boxes["use_dark"].setChecked(False)
+    frames.panel.choices.boxes["use_dark"].setChecked(False)
     assert not FrameSettings.of(window.project.state).use_dark
     window.project.undo()
-    assert frames.panel.boxes["use_dark"].isChecked()
+    assert frames.panel.choices.boxes["use_dark"].isChecked()
     idle(window.jobs, qtbot)
     target = tmp_path / "H.h5"
     with qtbot.waitSignal(window.jobs.finished, timeout=GUARD_MS) as end:

@@ -6,7 +6,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QStackedLayout, QVBoxLayout, QWidget
 
 from gui.jobs import Jobs
-from gui.pages.frames.model import Loaded
+from gui.pages.frames.model_frame import Loaded
 from gui.widgets.cards import heading
 from gui.widgets.frame_view import FrameView
 

@@ -1,16 +1,15 @@
-"""The frames of a project: which are imported, how they are corrected, and what is shown of one. No Qt."""
+"""The frames of a project: which are imported, and how they are corrected. No Qt."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gui.models.frame_view import FrameNumbers, frame_numbers
 from gui.models.settings import PageSettings
 from gui.pages.frames.orientation import turned
 from lfcal.camera import ScanPlan
@@ -18,7 +17,7 @@ from lfcal.files import read_text
 from lfcal.frames.orientation import named_orientation
 from lfcal.frames.source import FrameSource, Position
 from lfcal.progress import drain
-from lfcal.psf.cutout import INTERPOLATIONS, Cutout, Window
+from lfcal.psf.cutout import INTERPOLATIONS
 from lfcal.psf.upright import CHECK
 
 if TYPE_CHECKING:
@@ -30,10 +29,8 @@ __all__ = [
     "Delivered",
     "FrameSettings",
     "Imported",
-    "Loaded",
     "Opened",
     "import_folder",
-    "load_frame",
     "open_imported",
     "open_source",
 ]
@@ -182,33 +179,6 @@ class Opened:
         return Position(position.z, y % ny, x % nx)
 
 
-@dataclass(frozen=True, eq=False)
-class Loaded:
-    """One frame ``(rows, columns)``, before and after correction, with its numbers.
-
-    Attributes
-    ----------
-    window
-        First row, first column, rows and columns of the cutout.
-    point
-        Row and column of the paraxial image, where the plan has it.
-    origin
-        Sensor row and column of the frame's first pixel; window and point count from it.
-    crop
-        ``(nt, ns)`` the cutout as it goes into H, before and after correction; None where it leaves the frame.
-    """
-
-    position: Position
-    label: str
-    raw: NDArray[Any]
-    fixed: NDArray[np.float32]
-    numbers: FrameNumbers
-    window: tuple[int, int, int, int]
-    point: tuple[float, float]
-    origin: tuple[int, int] = (0, 0)
-    crop: tuple[NDArray[Any], NDArray[Any]] | None = None
-
-
 def open_source(folder: str, settings: FrameSettings, plan: ScanPlan | None) -> Frames:
     """Open frames as they lie in their files, as the settings say; raises what opening raises."""
     from lfcal.frames import open_frames
@@ -347,40 +317,3 @@ def _plan_in(*folders: Path) -> ScanPlan | None:
     """Return the plan that lies in the first of the folders that has one."""
     found = [folder / "plan.json" for folder in folders if (folder / "plan.json").is_file()]
     return ScanPlan.from_json(read_text(found[0])) if found else None
-
-
-def load_frame(opened: Opened, position: Position) -> Loaded:
-    """Read one frame, correct it, count every pixel of it, and say where its cutout is."""
-    index = int(opened.frames[position])
-    info = opened.view.info(index)
-    raw = turned(opened.source, opened.plan, opened.delivered.orientation).read(index)
-    fixed = opened.view.samples(index)
-    cutout = Cutout.for_plan(opened.plan, interpolation=opened.interpolation)
-    corner = cutout.window(position)
-    row, column = opened.plan.image_px(position).tolist()
-    top, left = info.origin
-    return Loaded(
-        position,
-        info.label,
-        raw,
-        fixed.values,
-        frame_numbers(raw, fixed.saturated),
-        (corner.row - top, corner.column - left, *cutout.reach),
-        (row - top, column - left),
-        info.origin,
-        _crop(cutout, corner, (raw, fixed.values), info.origin),
-    )
-
-
-def _crop(
-    cutout: Cutout, window: Window, frames: tuple[NDArray[Any], NDArray[Any]], origin: tuple[int, int]
-) -> tuple[NDArray[Any], NDArray[Any]] | None:
-    """Return the cutout of both frames, whose first pixel is ``origin``; None where it leaves them."""
-    rows, columns = cutout.region(window)
-    top, left = rows.start - origin[0], columns.start - origin[1]
-    bottom, right = rows.stop - origin[0], columns.stop - origin[1]
-    height, width = frames[0].shape
-    if top < 0 or left < 0 or bottom > height or right > width:
-        return None
-    raw, fixed = (cutout.resample(frame[top:bottom, left:right], window) for frame in frames)
-    return raw, fixed

@@ -10,16 +10,8 @@ from typing import Any
 from gui.pages.frames.import_choice import ImportChoice, check_ways, list_of, root_of
 from gui.pages.frames.import_words import said_in_dialog
 from gui.pages.frames.list_columns import columns_used
-from gui.pages.frames.model import (
-    FrameSettings,
-    Imported,
-    Loaded,
-    Opened,
-    import_folder,
-    load_frame,
-    open_imported,
-    open_source,
-)
+from gui.pages.frames.model import FrameSettings, Imported, Opened, import_folder, open_imported, open_source
+from gui.pages.frames.model_frame import Loaded, load_frame
 from gui.pages.frames.orientation import other_sensor
 from lfcal.camera import Camera, ScanPlan
 from lfcal.errors import FileFormatError, InputError, LfcalError, StorageError

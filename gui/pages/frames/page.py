@@ -18,15 +18,8 @@ from gui.models.page import PageSpec
 from gui.models.project import ProjectState
 from gui.pages.frames.assembly import iter_assembly, notes_of
 from gui.pages.frames.import_dialog import ImportDialog
-from gui.pages.frames.model import (
-    FrameSettings,
-    Imported,
-    Loaded,
-    Opened,
-    import_folder,
-    load_frame,
-    open_imported,
-)
+from gui.pages.frames.model import FrameSettings, Imported, Opened, import_folder, open_imported
+from gui.pages.frames.model_frame import Loaded, load_frame
 from gui.pages.frames.model_import import open_choice
 from gui.pages.frames.noticed import Noticed
 from gui.pages.frames.orientation import refusal
@@ -92,8 +85,8 @@ class Page(BasePage):
         panel.plane_asked.connect(lambda z: self.go_to(self.position._replace(z=z)))
         panel.position_asked.connect(lambda y, x: self.go_to(Position(self.position.z, y, x)))
         panel.play_toggled.connect(lambda on: self.play_timer.start() if on else self.play_timer.stop())
-        panel.correction_toggled.connect(self._correct)
-        panel.setting_chosen.connect(self._set)
+        panel.choices.correction_toggled.connect(self._correct)
+        panel.choices.setting_chosen.connect(self._set)
         panel.before_toggled.connect(lambda _: self._show_pixels())
         panel.lattice_toggled.connect(lambda _: self._show_overlays())
 
@@ -193,7 +186,7 @@ class Page(BasePage):
             self._opening = False
             self.context.jobs.drop("frames open")
             self.notice.clear()
-        self.panel.show_settings(settings)
+        self.panel.choices.show_settings(settings)
         self.opened = self.found = self.loaded = None
         self.hint.setText(self.spec.hint)
         self.assemble_button.setEnabled(False)
@@ -247,7 +240,7 @@ class Page(BasePage):
         self.hint.setText(f"{len(opened.source)} frames of {columns} × {rows} px")
         # these frames may have fewer planes than those before, and not all positions
         self.position = opened.recorded(self.position)
-        self.panel.show_dark(opened.dark, wanted=opened.chosen.use_dark)
+        self.panel.choices.show_dark(opened.dark, wanted=opened.chosen.use_dark)
         self.noticed.tell_left_out(opened.left_out)
         self.panel.set_planes(opened.frames.shape[0])
         self._show_map()

@@ -16,7 +16,8 @@ from gui.context import Context
 from gui.models.words import said_in_window
 from gui.pages.frames.import_choice import ImportChoice
 from gui.pages.frames.list_columns import columns_text
-from gui.pages.frames.model import FrameSettings, load_frame, open_imported
+from gui.pages.frames.model import FrameSettings, open_imported
+from gui.pages.frames.model_frame import load_frame
 from gui.pages.frames.model_import import open_choice, survey
 from lfcal.camera import ScanPlan, preset
 from tests.cli.test_colours import ANCHOR, PERIOD, SENSOR, mosaic, plan_of

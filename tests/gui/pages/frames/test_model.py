@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from gui.pages.frames.assembly import iter_assembly
-from gui.pages.frames.model import FrameSettings, Opened, load_frame, open_imported
+from gui.pages.frames.model import FrameSettings, Opened, open_imported
+from gui.pages.frames.model_frame import load_frame
 from gui.pages.plan.model import default_plan
 from lfcal.camera import preset
 from lfcal.cli.sample import sample_recording

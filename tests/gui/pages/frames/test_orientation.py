@@ -13,7 +13,8 @@ from pytestqt.qtbot import QtBot
 
 from gui.context import Context
 from gui.pages.frames.assembly import iter_assembly
-from gui.pages.frames.model import FrameSettings, load_frame, open_imported
+from gui.pages.frames.model import FrameSettings, open_imported
+from gui.pages.frames.model_frame import load_frame
 from gui.pages.frames.orientation import CHOICES, advice, refusal
 from lfcal.cli.app import build_app
 from lfcal.errors import InputError
@@ -84,7 +85,7 @@ def test_the_page_names_it_and_turns_the_frames(
     qtbot.waitUntil(lambda: page.opened is not None and page.found is not None, timeout=GUARD_MS)
     assert not page.notice.isVisible()
     assert FrameSettings.of(context.state).orientation == "mirror x"
-    assert page.panel.orientation.currentData() == "mirror x"
+    assert page.panel.choices.orientation.currentData() == "mirror x"
     assert assembled(qtbot, context, page, tmp_path / "H.h5") == {"applied": "mirror x", "found": None}
     assert commanded(mirrored, tmp_path / "C.h5", "mirror-x") == {"applied": "mirror x", "found": None}
     with open_psf(tmp_path / "H.h5") as ours, open_psf(tmp_path / "C.h5") as theirs:

@@ -83,8 +83,8 @@ def test_playing_goes_through_the_positions_until_it_is_stopped(qtbot: QtBot, op
 
 def test_what_the_settings_say_is_what_the_widgets_show(qtbot: QtBot, context: Context, open_page: Any) -> None:
     page = open_page("frames")
-    pattern: QLineEdit = page.panel.pattern
-    box: QComboBox = page.panel.interpolation
+    pattern: QLineEdit = page.panel.choices.pattern
+    box: QComboBox = page.panel.choices.interpolation
     pattern.setText("z{z}_y{y}_x{x}.tif")
     pattern.editingFinished.emit()
     box.setCurrentIndex(box.findData("linear"))
