@@ -74,8 +74,8 @@ def test_what_is_refused_is_not_called_done(held: MainWindow, qtbot: QtBot) -> N
     assert plan is not None
     held.go("acquire")
     setup: Any = held.page("acquire").setup  # type: ignore[attr-defined]
-    setup.found["stage"] = type("Fit", (), {"axes": plan.stage.__class__("-x", "+y", "+z")})()
-    setup.use("stage")
+    setup.measuring.found["stage"] = type("Fit", (), {"axes": plan.stage.__class__("-x", "+y", "+z")})()
+    setup.measuring.use("stage")
     assert setup.panel.results["stage"].text() == ""
     setup.reserved = True
     setup.show_controls()

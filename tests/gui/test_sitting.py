@@ -61,7 +61,7 @@ def test_from_the_camera_to_the_volume(
     acquire.panel.setup.live.setChecked(False)
     done(window, qtbot)
     for kind in ("white", "dark"):
-        acquire.setup.take_stills(kind)
+        acquire.setup.measuring.take_stills(kind)
         qtbot.waitUntil(lambda: acquire.setup.free, timeout=GUARD_MS)
         assert f"8 {kind} frames" in acquire.panel.setup.results[kind].text()
     acquire.record.start()

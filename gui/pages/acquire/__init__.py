@@ -1,7 +1,8 @@
 """Acquire: set the devices up, record a session, see at once whether it is good.
 
 - ``page``: two tabs over one set of devices
-- ``setup_tab``, ``record_tab``: what each tab does; ``moves``: of the stage; ``after``: what is made of a session
+- ``setup_tab``, ``record_tab``: what each tab does; ``moves``: of the stage; ``measuring``: what
+  a few moves tell; ``after``: what is made of a session
 - ``panel``, ``setup_panel``, ``record_panel``, ``record_pictures``, ``error_view``, ``device_panel``,
   ``stage_panel``: their widgets
 - ``lab``, ``lab_panel``, ``model_lab``: large buttons for a dark lab

@@ -59,7 +59,7 @@ class Lab(QObject):
         return Standing(
             setup.station is not None,
             record.recording or setup.connecting or not setup.free,
-            setup.found,
+            setup.measuring.found,
             record.folder.there is not None,
             record.folder.complete,
             len(state.redo),
@@ -97,9 +97,9 @@ class Lab(QObject):
         setup, record = self.setup, self.record
         actions: dict[str, Callable[[], None]] = {
             "connect": setup.connect_devices,
-            **{name: lambda name=name: setup.find(name) for name in ("stage", "exposure", "dark", "white")},
-            "use stage": lambda: setup.use("stage"),
-            "use exposure": lambda: setup.use("exposure"),
+            **{name: lambda name=name: setup.measuring.find(name) for name in ("stage", "exposure", "dark", "white")},
+            "use stage": lambda: setup.measuring.use("stage"),
+            "use exposure": lambda: setup.measuring.use("exposure"),
             "start": record.start,
             "redo": lambda: record.start(redo=True),
             "assemble": record.after.assemble,

@@ -196,7 +196,8 @@ class RecordTab(QObject):
             widget.setEnabled(not recording)
         self._show_error()
         backend = AcquireSettings.of(state).backend if self.setup.station is None else ""
-        words = advice_words(self.folder, recording=recording, backend=backend, measured="stage" in self.setup.found)
+        measured = "stage" in self.setup.measuring.found
+        words = advice_words(self.folder, recording=recording, backend=backend, measured=measured)
         self.panel.why.setText(words)
         self.shown.emit()
 

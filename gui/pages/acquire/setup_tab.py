@@ -1,29 +1,23 @@
-"""Set up: devices, live view, moves, and what a few moves tell."""
+"""Set up: devices, live view, moves."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QObject, QTimer, Signal
-from PySide6.QtWidgets import QFileDialog, QMessageBox
 
 from gui.context import Context
-from gui.jobs import Job, JobState
 from gui.models.project import ProjectState
-from gui.pages.acquire import model_findings as findings
+from gui.pages.acquire.measuring import SetupMeasuring
 from gui.pages.acquire.model import AcquireSettings
 from gui.pages.acquire.model_faults import fault_words
 from gui.pages.acquire.model_live import LivePicture, live_picture, stage_arrows
 from gui.pages.acquire.model_station import Station, open_station, with_defaults
-from gui.pages.acquire.model_stills import ASKED, KINDS, iter_stills, still_files
 from gui.pages.acquire.moves import StageMoves
-from gui.pages.acquire.setup_panel import FINDINGS, SetupPanel
-from gui.saving import may_replace
+from gui.pages.acquire.setup_panel import SetupPanel
 from gui.workers import start_thread, wait_for
-from lfcal.camera import ScanPlan
 from lfcal.devices.simulated.faults import Fault
 from lfcal.errors import LfcalError
 from lfcal.psf import PSFMatrix
@@ -34,7 +28,6 @@ LIVE_MS = 30
 RELEASE_S = 5.0
 """How long closing the window waits for devices to be released (s)."""
 QUICK = "the simulator's quick pattern has no lenslets: set optics under Options"
-MEASURING = "measuring …"
 
 
 class SetupTab(QObject):
@@ -52,12 +45,9 @@ class SetupTab(QObject):
         super().__init__(parent)
         self.context, self.panel = context, panel
         self.station: Station | None = None
-        self.found: dict[str, Any] = {}
         self.reserved = False
         """Whether a session is being recorded."""
         self.connecting = False
-        self._job = 0
-        self._scene: Any = None
         self._looked_for = False
         self._then: Callable[[], None] | None = None
         self.live_timer = QTimer(self)
@@ -70,12 +60,11 @@ class SetupTab(QObject):
         panel.devices.connect_asked.connect(self.connect_devices)
         panel.devices.disconnect_asked.connect(self.disconnect_devices)
         panel.live_toggled.connect(self._live_toggled)
-        panel.find_asked.connect(self.find)
-        panel.use_asked.connect(self.use)
         self.moves = StageMoves(context, panel.stage, lambda: self.station, self)
         self.moves.refused.connect(self._refused)
         self.moves.plane_reached.connect(self._plane_reached)
-        context.jobs.finished.connect(self._job_finished)
+        self.measuring = SetupMeasuring(context, panel, lambda: self.station if self.free else None, self)
+        self.measuring.changed.connect(self._changed)
         context.on_close(self._close_station)
 
     def entered(self) -> None:
@@ -96,27 +85,14 @@ class SetupTab(QObject):
         self.panel.faults.set_faults(dict(chosen.device_options).get("faults", ""))
         if self.panel.exposure.value() == self.panel.exposure.minimum():
             self.panel.set_exposure(state.plan.exposures[0])
-        self._forget_others(state.plan)
+        self.measuring.follow(state.plan)
         self._check_station()
 
     def let_go(self) -> None:
         """Forget what was seen and found for the project before, and what was to be done once it is connected."""
         self._then = None
-        for key in self.panel.results:
-            self._forget(key)
+        self.measuring.forget(*self.panel.results)
         self.panel.show_nothing()
-
-    def _forget(self, key: str) -> None:
-        self.found.pop(key, None)
-        self.panel.show_result(key, "")
-
-    def _forget_others(self, plan: ScanPlan) -> None:
-        """Forget what was found of other optics or planes; how the stage moves is true of any."""
-        scene = _scene(plan)
-        if self._scene not in (None, scene):
-            for key in ("axis", "exposure"):
-                self._forget(key)
-        self._scene = scene
 
     def _check_station(self) -> None:
         """Let go of devices that are not those of the project any more, unless they are at work."""
@@ -133,7 +109,7 @@ class SetupTab(QObject):
     @property
     def free(self) -> bool:
         """Whether nothing but the live view uses the devices."""
-        return not (self._job or self.reserved)
+        return not (self.measuring.busy or self.reserved)
 
     def show_controls(self) -> None:
         """Enable what can be used now."""
@@ -266,107 +242,9 @@ class SetupTab(QObject):
         self.panel.live.setChecked(False)
         self._refused(words)
 
-    # -- finding ---------------------------------------------------------------------------------------
-    def find(self, key: str) -> None:
-        """Measure one of `FINDINGS` as a job, or record white or dark frames."""
-        if key in ASKED:
-            self.take_stills(key)
-            return
-        from lfcal.acquire import setup as library
-
-        station, plan = self.station, self.context.state.plan
-        if station is None or plan is None or not self.free:
-            return
-        options, z = AcquireSettings.of(self.context.state).options(), max(0, self.panel.stage.plane.currentIndex())
-        works: dict[str, Callable[[], Any]] = {
-            "stage": lambda: library.iter_stage_fit(station.rig, plan, z=z, options=options),
-            "axis": lambda: library.iter_optical_axis(station.rig, plan, options=options),
-            "exposure": lambda: library.iter_exposures(station.rig, plan, options=options),
-        }
-        self._start(key, lambda: station.use(works[key]()), lambda found: self._found(key, found, plan))
-
-    def _start(self, key: str, work: Callable[[], Any], done: Callable[[Any], None]) -> None:
-        """Use the devices for a job whose result stands below its button."""
-        title = {name: text for name, text, _ in (*FINDINGS, *KINDS)}[key]
-        self.panel.show_result(key, MEASURING)
-        self._job = self.context.jobs.start(
-            title,
-            "acquire",
-            work,
-            done,
-            lambda job: self.panel.show_result(key, f"<b>{job.error}</b>", good=False),
-            at_once=True,
-        )
-        self._changed()
-
-    def take_stills(self, kind: str) -> None:
-        """Record white or dark frames beside the session, once the user has done what they need."""
-        station, plan, folder = self.station, self.context.state.plan, self.context.state.recording
-        if station is None or plan is None or not self.free:
-            return
-        folder = folder or QFileDialog.getExistingDirectory(self.panel, "Folder of the session")
-        if not folder or not may_replace(self.panel, still_files(Path(folder), kind)):
-            return
-        by_hand = station.name != "sim" and (kind == "white" or station.rig.light is None)
-        buttons = QMessageBox.StandardButton
-        if by_hand and buttons.Ok != QMessageBox.information(
-            self.panel, "Before the frames", ASKED[kind], buttons.Ok | buttons.Cancel
-        ):
-            return
-        self.context.project.update("session folder", recording=folder)
-        exposure = self.panel.exposure.value() / 1e3
-        self._start(
-            kind,
-            lambda: iter_stills(station, plan, exposure, Path(folder), kind),
-            lambda found: self.panel.show_result(kind, found.words()),
-        )
-
-    def _found(self, key: str, found: Any, asked: ScanPlan) -> None:
-        plan = self.context.state.plan
-        if plan is None or _scene(plan) != _scene(asked):
-            self.panel.show_result(key, "Camera or planes changed meanwhile; measure again.")
-            return
-        self.found[key] = found
-        if key == "stage":
-            words, good = findings.fit_words(found, plan)
-            self.context.attention.emit("acquire", not good)
-            self.panel.show_result(key, words, good=good, usable=found.axes != plan.stage)
-        elif key == "axis":
-            self.panel.show_result(key, findings.axis_words(found, plan))
-        else:
-            self.panel.show_result(key, findings.exposure_words(found, plan), usable=True)
-
-    def use(self, key: str) -> None:
-        """Take what was found into the plan."""
-        plan, found = self.context.state.plan, self.found.get(key)
-        if plan is None or found is None:
-            return
-        if key == "stage":
-            if not self.context.project.update("stage axes as measured", plan=replace(plan, stage=found.axes)):
-                return
-            self.context.attention.emit("acquire", False)
-            self.panel.show_result(key, "Taken into the plan. Measure again to check.")
-        elif self.context.project.update("exposures as measured", plan=replace(plan, exposure_s=found)):
-            self.panel.show_result(key, findings.exposure_words(found, plan))
-
-    def _job_finished(self, job: Job) -> None:
-        if job.number != self._job:
-            return
-        self._job = 0
-        if job.state is JobState.CANCELLED:
-            for key, label in self.panel.results.items():
-                if label.text() == MEASURING:
-                    self.panel.show_result(key, "")
-        self._changed()
-
     def _changed(self) -> None:
         self.show_controls()
         self.changed.emit()
-
-
-def _scene(plan: ScanPlan) -> tuple[Any, ...]:
-    """Return what exposures and the optical axis are found for."""
-    return plan.camera, plan.depths_um
 
 
 def _backends() -> tuple[Any, dict[str, Any], dict[str, bool]]:

@@ -43,9 +43,9 @@ def connect(page: Page, qtbot: QtBot) -> None:
 
 
 def find(page: Page, qtbot: QtBot, key: str) -> None:
-    page.setup.find(key)
+    page.setup.measuring.find(key)
     qtbot.waitUntil(lambda: page.setup.free, timeout=GUARD_MS)
-    assert key in page.setup.found
+    assert key in page.setup.measuring.found
 
 
 def test_a_simulator_of_another_camera_is_let_go(page: Page, context: Context, qtbot: QtBot) -> None:
@@ -77,13 +77,13 @@ def test_devices_that_are_not_those_chosen_are_let_go(page: Page, context: Conte
 
 
 def test_devices_at_work_are_let_go_afterwards(page: Page, context: Context, qtbot: QtBot) -> None:
-    page.setup.find("axis")
+    page.setup.measuring.find("axis")
     assert not page.setup.free
     changed = replace(PLAN, depths_um=(*PLAN.depths_um, 2 * PLAN.depths_um[-1] - PLAN.depths_um[0]), exposure_s=0.02)
     context.project.update("planes", plan=changed)
     assert page.setup.station is not None
     qtbot.waitUntil(lambda: page.setup.free, timeout=GUARD_MS)
-    assert page.setup.station is None and "axis" not in page.setup.found
+    assert page.setup.station is None and "axis" not in page.setup.measuring.found
     assert "measure again" in page.panel.setup.results["axis"].text()
 
 
@@ -94,9 +94,9 @@ def test_findings_are_not_used_for_other_planes(page: Page, context: Context, qt
     results = page.panel.setup.results
     other = small_plan((3, 4), 5, settle_s=0.0)
     context.project.update("planes", plan=other, camera=other.camera)
-    assert "exposure" not in page.setup.found and results["exposure"].text() == ""
-    assert "stage" in page.setup.found, "the stage moves as it does"
-    page.setup.use("exposure")
+    assert "exposure" not in page.setup.measuring.found and results["exposure"].text() == ""
+    assert "stage" in page.setup.measuring.found, "the stage moves as it does"
+    page.setup.measuring.use("exposure")
     assert context.state.plan == other
 
 
@@ -104,7 +104,7 @@ def test_another_project_knows_nothing_of_what_was_found(page: Page, context: Co
     find(page, qtbot, "stage")
     context.project.start(ProjectState())
     context.project.update("plan", plan=PLAN, camera=PLAN.camera)
-    assert page.setup.found == {} and all(label.text() == "" for label in page.panel.setup.results.values())
+    assert page.setup.measuring.found == {} and all(label.text() == "" for label in page.panel.setup.results.values())
 
 
 def test_what_is_connected_for_an_earlier_project_begins_nothing(

@@ -158,7 +158,7 @@ def test_a_wrong_sign_is_caught_in_red_and_corrected(page: Page, qtbot: QtBot, c
     context.attention.connect(lambda key, flag: seen.append((key, flag)))
 
     def measure() -> str:
-        page.setup.find("stage")
+        page.setup.measuring.find("stage")
         assert not page.panel.setup.live.isEnabled(), "the devices are at work"
         qtbot.waitUntil(lambda: page.setup.free, timeout=GUARD_MS)
         return page.panel.setup.results["stage"].text()
@@ -175,12 +175,12 @@ def test_a_wrong_sign_is_caught_in_red_and_corrected(page: Page, qtbot: QtBot, c
 def test_exposures_are_found_and_used(page: Page, qtbot: QtBot, context: Context) -> None:
     connect(page, qtbot)
     page.panel.setup.live.setChecked(False)
-    page.setup.find("exposure")
+    page.setup.measuring.find("exposure")
     qtbot.waitUntil(lambda: page.setup.free, timeout=GUARD_MS)
-    page.setup.use("exposure")
+    page.setup.measuring.use("exposure")
     plan = context.state.plan
-    assert plan is not None and plan.exposures == page.setup.found["exposure"] != PLAN.exposures
-    page.setup.find("axis")
+    assert plan is not None and plan.exposures == page.setup.measuring.found["exposure"] != PLAN.exposures
+    page.setup.measuring.find("axis")
     qtbot.waitUntil(lambda: page.setup.free, timeout=GUARD_MS)
     assert "Optical axis" in page.panel.setup.results["axis"].text() or "magnification" in (
         page.panel.setup.results["axis"].text()
