@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from PySide6.QtWidgets import QFileDialog
 
 from gui.base_page import BasePage
@@ -16,7 +15,7 @@ from gui.models.page import PageSpec
 from gui.models.project import ProjectState
 from gui.pages.multiplex import model as view
 from gui.pages.multiplex import takes
-from gui.pages.multiplex.figures_view import MAP
+from gui.pages.multiplex.drawing import Drawing
 from gui.pages.multiplex.model import ModulatorPicture, MultiplexSettings
 from gui.pages.multiplex.model_compare import Comparison, compare
 from gui.pages.multiplex.model_frames import opened
@@ -27,9 +26,6 @@ from gui.pages.multiplex.searching import Searching
 from lfcal.camera import Camera
 from lfcal.errors import LfcalError
 from lfcal.frames.formats.opening import image_suffixes
-from lfcal.multiplex.gains import gain_map
-from lfcal.multiplex.noise import camera_chi2
-from lfcal.multiplex.paper import paper_figure
 from lfcal.progress import drain
 
 __all__ = ["Page"]
@@ -37,9 +33,6 @@ __all__ = ["Page"]
 IMAGES = f"Images ({' '.join('*' + suffix for suffix in sorted(image_suffixes()))});;All files (*)"
 CHOSEN = ("family", "cfa", "pattern", "mask", "size", "written", "scene", "filter", "weighted", "noise", "image")
 CHOSEN += ("route", "dead", "white", "transmissions", "spacing", "smoothness")
-MODULATORS = ("family", "cfa", "pattern", "mask", "size", "written")
-MODULATORS += ("reference_cfa", "reference_mask", "reference_written")
-"""Settings that change the modulator or its reference."""
 
 RECONSTRUCTED = (*CHOSEN, "gain")
 """Settings that change what is reconstructed; the gain only with noise."""
@@ -58,7 +51,6 @@ class Page(BasePage):
         self._job = 0
         self._request = 0
         self._asked: tuple[Any, ...] = ()
-        self._figure_asked: tuple[Any, ...] = ()
         self._live: tuple[Any, tuple[int, int]] | None = None
         self._live_busy = False
         self._in_colour = ""
@@ -75,6 +67,7 @@ class Page(BasePage):
         self.panel.tabs.currentChanged.connect(lambda _: self._tab_changed())
         self.panel.figures.figure_chosen.connect(lambda number: self._edited("figure", number))
         self.panel.figures.camera_chosen.connect(lambda own: self._edited("own_camera", own))
+        self.drawing = Drawing(context, self.panel.figures)
         self.searching = Searching(context, self.panel.search)
         self.searching.used.connect(self._show_design)
         context.frame_seen.connect(self._frame_seen)
@@ -131,7 +124,8 @@ class Page(BasePage):
 
     def _tab_changed(self) -> None:
         self._reconstruct()
-        self._draw_figure()
+        if self._entered and self.panel.tabs.currentIndex() == 2:
+            self.drawing.draw()
 
     def _computed(self, result: tuple[ModulatorPicture, Comparison]) -> None:
         self.picture, self.comparison = result
@@ -178,7 +172,8 @@ class Page(BasePage):
 
     def _show_design(self) -> None:
         """Show what the search's design does; its file may be one that held another."""
-        self._asked = self._figure_asked = ()
+        self._asked = ()
+        self.drawing.forget()
         self._show(self.context.state)
         self.panel.tabs.setCurrentIndex(0)
 
@@ -298,34 +293,6 @@ class Page(BasePage):
 
         self.context.jobs.compute(
             "multiplex live", lambda: drain(iter_reconstruct(settings, camera.sensor, live, camera)), done, failed
-        )
-
-    # -- figures of the paper ----------------------------------------------------------------------------
-    def _draw_figure(self) -> None:
-        settings, camera = self.settings, self.context.state.camera
-        own = settings.own_camera or settings.figure == 6
-        chi2 = camera_chi2(camera.sensor, gain=settings.gain) if own else None
-        asked: tuple[Any, ...] = (settings.figure, chi2, camera.name if own else "")
-        if settings.figure == MAP:
-            asked = (MAP, *(getattr(settings, key) for key in MODULATORS))
-        if not self._entered or self.panel.tabs.currentIndex() != 2 or asked == self._figure_asked:
-            return
-        self._figure_asked = asked
-        self.panel.figures.show_status("computing …")
-        if settings.figure == MAP:
-            chi2s = 10.0 ** np.arange(-4, 5)
-            self.context.jobs.compute(
-                "multiplex figure",
-                lambda: gain_map(settings.modulator(), settings.reference(), chi2s),
-                lambda found: self.panel.figures.show_map(found) if asked == self._figure_asked else None,
-                self.panel.figures.show_refusal,
-            )
-            return
-        self.context.jobs.compute(
-            "multiplex figure",
-            lambda: paper_figure(settings.figure, camera=camera.name, chi2=chi2),
-            lambda found: self.panel.figures.show_figure(found) if asked == self._figure_asked else None,
-            self.panel.figures.show_refusal,
         )
 
     def _job_finished(self, job: Job) -> None:
