@@ -92,12 +92,12 @@ def test_a_camera_that_is_still_read(
 def test_a_session_folder_that_is_still_looked_into(
     window: MainWindow, tmp_path: Path, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import gui.pages.acquire.record_tab as module
+    import gui.pages.acquire.folder_choice as module
 
     held = Held(module.folder_state)
     page: Any = window.page("acquire")
     monkeypatch.setattr(module, "folder_state", held)
-    page.record.set_folder(str(tmp_path))
+    page.record.folder_choice.take(str(tmp_path))
     assert held.after(window, qtbot).recording == ""
 
 

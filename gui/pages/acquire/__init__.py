@@ -3,6 +3,7 @@
 - ``page``: two tabs over one set of devices
 - ``setup_tab``, ``record_tab``: what each tab does; ``moves``: of the stage; ``measuring``: what
   a few moves tell; ``after``: what is made of a session
+- ``folder_choice``, ``target_choice``: where it is recorded, and what is shown to the camera
 - ``panel``, ``setup_panel``, ``record_panel``, ``record_pictures``, ``error_view``, ``device_panel``,
   ``stage_panel``: their widgets
 - ``lab``, ``lab_panel``, ``model_lab``: large buttons for a dark lab

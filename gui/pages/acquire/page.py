@@ -90,7 +90,7 @@ class Page(BasePage):
     def accept_drop(self, paths: list[str]) -> bool:
         """Take a dropped session folder."""
         if len(paths) == 1 and takes(paths[0]):
-            self.record.set_folder(paths[0])
+            self.record.folder_choice.take(paths[0])
             self.panel.setCurrentWidget(self.panel.record)
             return True
         return False

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QObject, QTimer, Signal
-from PySide6.QtWidgets import QFileDialog
 
 from gui.context import Context
 from gui.jobs import Job
 from gui.models.project import Hold, ProjectState
 from gui.models.words import plane_words
 from gui.pages.acquire.after import Afterwards
+from gui.pages.acquire.folder_choice import FolderChoice
 from gui.pages.acquire.model import AcquireSettings
 from gui.pages.acquire.model_recorder import FolderState, Recorder, RecordPicture, folder_state
 from gui.pages.acquire.model_target import picture_of, places_px
@@ -54,6 +54,7 @@ class RecordTab(QObject):
         self.folder = FolderState()
         self.after = Afterwards(context, panel, lambda: self.recording)
         self.target = TargetChoice(context, self._target_read)
+        self.folder_choice = FolderChoice(context, panel.folder, self._folder_seen, self._refuse)
         self._job, self._lamp, self._refused = 0, "", False
         self._under_way: Job | None = None
         """The recording as it was told last."""
@@ -64,8 +65,8 @@ class RecordTab(QObject):
             form.check = self._check_field
             form.edited.connect(self._field_edited)
         panel.extent_asked.connect(lambda key: self._field_edited("extent", key))
-        panel.folder_edited.connect(self.set_folder)
-        panel.folder_asked.connect(self._choose_folder)
+        panel.folder_edited.connect(self.folder_choice.take)
+        panel.folder_asked.connect(lambda: self.folder_choice.ask())
         panel.target_asked.connect(lambda: self.target.ask(panel))
         panel.view_changed.connect(self._refresh_picture)
         panel.plane_asked.connect(self.after.open_plane)
@@ -86,7 +87,7 @@ class RecordTab(QObject):
         if folder:
             if not self.recording:
                 self._forget()
-            self._look_into_folder()
+            self.folder_choice.look()
         if state.plan is None:
             return
         settings = AcquireSettings.of(state)
@@ -100,8 +101,8 @@ class RecordTab(QObject):
 
     def let_go(self) -> None:
         """Open no folder any more for the project before."""
-        for group in ("acquire folder chosen", "acquire folder", "acquire start"):
-            self.context.jobs.drop(group)
+        self.folder_choice.let_go()
+        self.context.jobs.drop("acquire start")
 
     def _forget(self) -> None:
         """Let go of what was recorded before: it is of another folder."""
@@ -133,37 +134,11 @@ class RecordTab(QObject):
         if self.recorder is None:
             self._refresh_picture()
 
-    # -- session folder --------------------------------------------------------------------------------
-    def _choose_folder(self, then: Callable[[], None] | None = None) -> None:
-        path = QFileDialog.getExistingDirectory(self.panel, "Folder of the session")
-        if path:
-            self.set_folder(path, then)
-
-    def set_folder(self, path: str, then: Callable[[], None] | None = None) -> None:
-        """Record into (or go on in) another folder, unless what it holds is damaged."""
-
-        def seen(found: FolderState) -> None:
-            if found.problem:
-                self.panel.folder.setText(self.context.state.recording)
-                self._refuse(found.problem)
-            else:
-                self.context.project.update("session folder", recording=path)
-                if then is not None:
-                    then()
-
-        self.context.jobs.drop("acquire folder chosen")
-        self.context.jobs.load("acquire folder chosen", lambda: folder_state(path), seen, self._refuse)
-
     def _refuse(self, words: str) -> None:
         """Say why something cannot be done, until something else is asked."""
         self._refused = True
         self.panel.show_status("Cannot begin.", words, 0.0)
         self.context.message.emit(words)
-
-    def _look_into_folder(self) -> None:
-        path = self.context.state.recording
-        self.context.jobs.drop("acquire folder")  # it may hang
-        self.context.jobs.load("acquire folder", lambda: folder_state(path), self._folder_seen)
 
     def _folder_seen(self, found: FolderState) -> None:
         self.folder = found
@@ -222,7 +197,7 @@ class RecordTab(QObject):
             return
         self._refused = False
         if not state.recording:
-            self._choose_folder(lambda: self.start(redo=redo))
+            self.folder_choice.ask(lambda: self.start(redo=redo))
             return
         if self.setup.station is None:
             self.setup.connect_devices(lambda: self.start(redo=redo))
@@ -391,7 +366,7 @@ class RecordTab(QObject):
             self.ended.emit()
             return
         self._poll()
-        self._look_into_folder()
+        self.folder_choice.look()
         ended = ("",) if self.recorder is None else (self.recorder.ended, self.recorder.counted)
         words, fraction = end_words(job, *ended)
         curve = self.panel.error_curve()
