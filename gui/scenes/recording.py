@@ -53,7 +53,7 @@ def _set_up(stage: Stage, page: Any) -> Iterator[Shot]:
     setup.live.setChecked(False)
     stage.settle()
     for key in ("stage", "axis", "exposure", "white", "dark"):
-        page.setup.find(key)
+        page.setup.measuring.find(key)
         stage.until(lambda: page.setup.free, key)
         stage.settle()
     stage.tidy()

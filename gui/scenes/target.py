@@ -48,7 +48,7 @@ def _recorded(stage: Stage, plan: Any) -> Iterator[Shot]:
     stage.settle()
     folder = stage.folder / "target_session"
     rmtree(folder, ignore_errors=True)
-    page.record.set_folder(str(folder))
+    page.record.folder_choice.take(str(folder))
     stage.settle()
     stage.tidy()
     yield Shot("acquire_target_ready")
