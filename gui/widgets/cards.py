@@ -7,7 +7,10 @@ from collections.abc import Sequence
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QComboBox, QFrame, QHBoxLayout, QLabel, QScrollArea, QStackedWidget, QVBoxLayout, QWidget
 
-__all__ = ["card", "choice_box", "clear", "column_area", "heading", "line", "scrolling", "told_or_shown"]
+__all__ = ["SPACING", "card", "choice_box", "clear", "column_area", "heading", "line", "scrolling", "told_or_shown"]
+
+SPACING = 5
+"""Between the parts of a card (px)."""
 
 
 def heading(text: str) -> QLabel:
@@ -23,7 +26,7 @@ def card(title: str | QLabel = "") -> tuple[QFrame, QVBoxLayout]:
     frame.setProperty("role", "card")
     column = QVBoxLayout(frame)
     column.setContentsMargins(10, 7, 10, 9)
-    column.setSpacing(5)
+    column.setSpacing(SPACING)
     if isinstance(title, QLabel):
         title.setProperty("role", "heading")
         column.addWidget(title)

@@ -7,7 +7,7 @@ from PySide6.QtWidgets import QCheckBox, QComboBox, QFormLayout, QHBoxLayout, QL
 
 from gui.pages.frames.model import CORRECTIONS, WAYS, FrameSettings
 from gui.pages.frames.orientation import CHOICES
-from gui.widgets.cards import choice_box, heading
+from gui.widgets.cards import SPACING, choice_box, heading
 
 __all__ = ["FrameChoices"]
 
@@ -32,6 +32,7 @@ class FrameChoices(QWidget):
         super().__init__()
         column = QVBoxLayout(self)
         column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(SPACING)
         column.addWidget(heading("Corrections"))
         column.addLayout(self._corrections())
         column.addWidget(heading("Positions and cutout"))

@@ -574,7 +574,7 @@ def test_a_search_does_not_fall_back_on_the_value_before(page: Page, context: Co
     search = page.panel.search
     type_in(page, "kinds", "0")
     search.buttons["Search"].click()
-    assert "kinds: expected 1 to 6, got 0" in search.status.text() and not context.jobs.jobs()
+    assert "Kinds: expected 1 to 6, got 0" in search.status.text() and not context.jobs.jobs()
     assert search.status.property("role") == "error"
     choose(page, "sought", "mask")
     assert not search.form.error, "it is no wish of masks"
