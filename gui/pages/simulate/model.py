@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gui.models.settings import PageSettings
-from lfcal.camera import ScanPlan
+from lfcal.camera import Camera, ScanPlan
+from lfcal.camera.planes import checked_depths
 from lfcal.errors import InputError
 from lfcal.units import format_length
 
@@ -174,11 +175,25 @@ def preview(
 
 
 def depth_of(plan: ScanPlan, step: int) -> float:
-    """Return the depth (µm) of a step of the preview: from the nearest to the farthest plane, or about the only one."""
+    """Return the depth (µm) of a step of the preview: from the nearest to the farthest plane, or about the only one.
+
+    There it goes no farther than the camera sees.
+    """
     low, high = min(plan.depths_um), max(plan.depths_um)
     if low == high:
-        low, high = low - abs(low or 100) / 2, high + abs(high or 100) / 2
+        reach = abs(low or 100) / 2
+        while not all(_sees(plan.camera, low + side * reach) for side in (-1, 1)):
+            reach /= 2
+        low, high = low - reach, high + reach
     return low + (high - low) * step / Z_STEPS
+
+
+def _sees(camera: Camera, z_um: float) -> bool:
+    try:
+        checked_depths(camera, (z_um,))
+    except InputError:
+        return False
+    return True
 
 
 def preview_words(plan: ScanPlan, z_um: float, level: str) -> str:

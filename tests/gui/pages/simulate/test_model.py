@@ -15,12 +15,14 @@ from gui.pages.simulate.model import (
     SimulateSettings,
     depth_of,
     preview,
+    preview_words,
     tolerance_of,
     tolerance_step,
 )
 from gui.pages.simulate.model_effects import bar_share, iter_simulation, read_terms, refused, verdict_of
 from gui.pages.simulate.model_files import read_settings, settings_text
 from lfcal.camera import ScanPlan, preset
+from lfcal.camera.planes import checked_depths
 from lfcal.errors import FileFormatError, InputError
 from lfcal.progress import drain
 from lfcal.simulate import simulate_psf
@@ -60,6 +62,14 @@ def test_the_previews_depth_goes_from_plane_to_plane() -> None:
     assert depth_of(plan, 0) == low and depth_of(plan, Z_STEPS) == pytest.approx(high)
     one = replace(plan, depths_um=plan.depths_um[:1], exposure_s=plan.exposures[0])
     assert depth_of(one, Z_STEPS // 2) == pytest.approx(plan.depths_um[0])
+
+
+@pytest.mark.parametrize(("name", "nearest"), [("r29", -799.9e3), ("lfm_20x05", -4e3)])
+def test_the_only_planes_preview_stays_where_the_camera_sees(name: str, nearest: float) -> None:
+    plan = ScanPlan.for_camera(preset(name), depths_um=[nearest], cutout=31)
+    ends = depth_of(plan, 0), depth_of(plan, Z_STEPS)
+    assert ends[0] < nearest < ends[1] and checked_depths(plan.camera, ends) == ends
+    assert all("v = " in preview_words(plan, z, "") for z in ends)
 
 
 def test_a_verdict_for_another_question_is_not_used(tmp_path: Path) -> None:
