@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from gui.models.display import Display
 from gui.models.words import plane_words
 from lfcal.axes import centre
+from lfcal.camera import Camera
+from lfcal.errors import InputError
 from lfcal.psf import PSFMatrix
 from lfcal.units import format_length
 
@@ -240,11 +242,20 @@ def pixel_words(picture: PSFPicture, pixel: Pixel, unit: str) -> str:
     return f"t {t}, s {s}: {picture.main[t, s]:.5g} {'counts' if 'counts' in unit else 'of the light'}"
 
 
+def _virtual_words(camera: Camera | None, depth_um: float) -> str:
+    if camera is None:
+        return ""
+    try:
+        return f", v = {camera.virtual_depth(depth_um):.2f}"
+    except InputError:  # the H of others may bring another camera
+        return ", where its camera sees nothing"
+
+
 def place_words(matrix: PSFMatrix, intent: PSFIntent) -> tuple[str, str]:
     """Return plane and position in words."""
     depth = float(matrix.known_depths[intent.z])
-    virtual = f", v = {matrix.camera.virtual_depth(depth):.2f}" if matrix.camera is not None else ""
-    at = f"z = {format_length(depth)}{virtual}" if matrix.knows_depths else "depth not stated"
+    known = f"z = {format_length(depth)}{_virtual_words(matrix.camera, depth)}"
+    at = known if matrix.knows_depths else "depth not stated"
     at = at.replace(" ", "\u00a0").replace(",\u00a0", ", ")  # no line ends in it
     ny, nx = matrix.period
     return (

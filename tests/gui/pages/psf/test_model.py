@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from gui.pages.psf.model import LoadedPlane, PSFIntent, linked_pixel, place_words, resolve, turn_pixel
 from gui.pages.psf.model_aperture import aperture_tip
+from lfcal.camera import preset
 from lfcal.psf import PSFMatrix, transpose
 from lfcal.units import format_plane
 
@@ -68,6 +69,10 @@ def test_a_depth_that_h_does_not_state_is_not_told() -> None:
     assert place_words(PSFMatrix(values), PSFIntent(z=1))[0] == "Plane 1 (0 to 1): depth\u00a0not\u00a0stated"
     known = PSFMatrix(values, depths=[-2000.0, -1000.0])
     assert place_words(known, PSFIntent(z=1))[0] == "Plane 1 (0 to 1): z\u00a0=\u00a0-1\u00a0mm"
+    # its focal length before the lens
+    other = PSFMatrix(values, depths=(-260e3, 0.0), camera=preset("bench"))
+    told = [place_words(other, PSFIntent(z=z))[0].replace("\u00a0", " ") for z in (0, 1)]
+    assert told[0].endswith("z = -260 mm, where its camera sees nothing") and "v = " in told[1]
 
 
 def test_planes_without_depths_have_numbers_under_their_pictures() -> None:
