@@ -1,8 +1,9 @@
-"""What OME metadata say of the planes of a TIFF: where the stage stood, exposures, size of a pixel."""
+"""What OME metadata say of the planes of a TIFF: which page is which, where the stage stood, exposures, pixel size."""
 
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass, field
 from typing import Any
 from xml.etree import ElementTree
 
@@ -14,13 +15,37 @@ LENGTHS = {"µm": 1.0, "μm": 1.0, "um": 1.0, "mm": 1e3, "nm": 1e-3, "m": 1e6, "
 """Micrometres of OME's units; its default for positions is a frame of reference without unit, as µm in practice."""
 TIMES = {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "μs": 1e-6, "min": 60.0}
 MAX_CHARACTERS = 1 << 26
+MAX_PLANES = 10_000_000
+
+Page = tuple[str, int]
+"""Name of a file, empty for the file that is read, and number of its page."""
 
 
-def ome_facts(text: str, pages: int) -> dict[str, Any]:
-    """Return what OME-XML ``text`` states of ``pages`` planes, as far as it states it of every one.
+def ome_facts(text: str, pages: int, *, name: str = "", samples: int = 1) -> dict[str, Any]:
+    """Return what OME-XML ``text`` states of the planes in a file of ``pages`` pages.
 
-    ``stage_um`` ``(pages, 3)`` as (x, y, z), NaN where an axis is not stated; ``exposure_s`` ``(pages,)``;
-    ``pixel_um``. Anything else, and what cannot be read, is left out: the pictures are there without it.
+    Which page holds which plane follows from ``TiffData`` (IFD, FirstZ, FirstC, FirstT, PlaneCount, UUID of the file);
+    only where an image has none do its pages follow each other in ``DimensionOrder``. What is not stated, and what
+    cannot be read, is left out: the pictures are there without it.
+
+    Parameters
+    ----------
+    text
+        The XML.
+    pages
+        Pages of the file that it was read from.
+    name
+        Name of that file.
+    samples
+        Samples per pixel: so many channels of OME share a page.
+
+    Returns
+    -------
+    dict
+        ``stage_um`` ``(n, 3)`` as (x, y, z), NaN where an axis is not stated, and ``stage_pages``, the n pages (file,
+        page) they belong to; ``stage_exposure_s`` ``(n,)``; ``exposure_s`` ``(pages,)`` in the order of the file;
+        ``page_order``, the pages in the order of the planes, slowest axis first; ``scan_axes``, names and lengths of
+        these axes; ``order_notes``; ``pixel_um``.
     """
     # entities are how a small XML becomes a large one; OME needs none
     if len(text) > MAX_CHARACTERS or re.search(r"<!(DOCTYPE|ENTITY)", text, re.IGNORECASE):
@@ -33,30 +58,189 @@ def ome_facts(text: str, pages: int) -> dict[str, Any]:
     facts: dict[str, Any] = {}
     if images and (size := _value(images[0], "PhysicalSizeX", LENGTHS, "µm")) is not None and size > 0:
         facts["pixel_um"] = size
-    planes = [plane for pixels in images for plane in _in_order(pixels)]
-    if len(planes) != pages:
+    try:
+        planes = [_planes(pixels, samples) for pixels in images]
+        _place(planes, images, _Files(root, images, name, pages))
+        modulo = _modulo(root)
+    except (ValueError, OverflowError) as error:
+        if root.find("{*}Image/{*}Pixels/{*}TiffData") is not None:
+            facts["order_notes"] = (f"pages: OME metadata state {error}; pages are taken in the order of the file",)
         return facts
-    stage = np.array([[_number(plane, axis) for axis in "XYZ"] for plane in planes])
-    if np.isfinite(stage[:, :2]).all() and np.ptp(stage, axis=0)[:2].any():
-        facts["stage_um"] = stage
-    exposures = [_value(plane, "ExposureTime", TIMES, "s") for plane in planes]
-    if all(seconds is not None and seconds > 0 for seconds in exposures):
+    told = _of_pages(planes, pages) | _of_order(planes, pages, modulo)
+    notes = _order_notes(planes, pages) if told else ()
+    return facts | told | ({"order_notes": notes} if notes else {})
+
+
+@dataclass(slots=True)
+class _Planes:
+    """The planes of an image in ``DimensionOrder``: lengths of the axes, fastest first; element and page of each."""
+
+    axes: str
+    lengths: tuple[int, ...]
+    elements: dict[int, ElementTree.Element] = field(default_factory=dict)
+    pages: dict[int, Page] = field(default_factory=dict)
+
+    @property
+    def count(self) -> int:
+        return int(np.prod(self.lengths))
+
+    def number(self, element: ElementTree.Element, prefix: str) -> int:
+        """Return the number of the plane whose Z, C and T an element gives with ``prefix``, 0 where it has none."""
+        at = [int(element.get(f"{prefix}{axis}", "0")) for axis in self.axes]
+        if any(not 0 <= k < n for k, n in zip(at, self.lengths, strict=True)):
+            raise ValueError("a plane outside of the image")
+        return int(np.ravel_multi_index(at, self.lengths, order="F"))
+
+
+def _planes(pixels: ElementTree.Element, samples: int) -> _Planes:
+    """Return the planes of an image with their elements; raises `ValueError` for sizes that no image has."""
+    axes = pixels.get("DimensionOrder", "XYCZT")[2:]
+    if sorted(axes) != ["C", "T", "Z"]:
+        raise ValueError("an unknown order of dimensions")
+    found = pixels.findall("{*}Plane")
+    lengths = []
+    for axis in axes:
+        # sizes are required; where a writer left them out, the planes give them
+        most = 1 + max((int(plane.get(f"The{axis}", "0")) for plane in found), default=0)
+        size = int(pixels.get(f"Size{axis}", most))
+        lengths.append(size // samples if axis == "C" and samples > 1 and size % samples == 0 else size)
+    planes = _Planes(axes, tuple(lengths))
+    if min(lengths) < 1 or np.prod(lengths, dtype=object) > MAX_PLANES:
+        raise ValueError("sizes that no image has")
+    for plane in found:
+        planes.elements[planes.number(plane, "The")] = plane
+    return planes
+
+
+class _Files:
+    """Which file a ``TiffData`` means, by its UUID or its name."""
+
+    def __init__(self, root: ElementTree.Element, images: list[ElementTree.Element], name: str, pages: int) -> None:
+        self.pages = pages
+        marks = [mark for pixels in images for mark in pixels.findall("{*}TiffData/{*}UUID")]
+        uuids = {_uuid(mark) for mark in marks}
+        own = root.get("UUID", "").strip().lower()
+        if own not in uuids:
+            named = {_uuid(mark) for mark in marks if name and mark.get("FileName") == name}
+            # a file that was renamed is still the only one that is meant
+            own = next(iter(named or (uuids if len(uuids) == 1 else ())), "")
+        self._own = own
+
+    def of(self, data: ElementTree.Element) -> str:
+        """Return the name of the file, empty for the one that is read."""
+        mark = data.find("{*}UUID")
+        if mark is None or (self._own and _uuid(mark) == self._own):
+            return ""
+        return mark.get("FileName") or _uuid(mark)
+
+
+def _uuid(mark: ElementTree.Element) -> str:
+    return (mark.text or "").strip().lower()
+
+
+def _place(planes: list[_Planes], images: list[ElementTree.Element], files: _Files) -> None:
+    """Enter the page of every plane; raises `ValueError` where two planes or two pages contradict each other."""
+    taken: set[Page] = set()
+    begin = 0
+    for image, pixels in zip(planes, images, strict=True):
+        blocks = [data for data in pixels.findall("{*}TiffData") if data.attrib or len(data)]
+        if blocks:
+            placed = [pair for data in blocks for pair in _block(image, data, files)]
+        else:
+            placed = [(number, ("", begin + number)) for number in range(image.count)]
+            begin += image.count
+        for number, page in placed:
+            if page in taken or number in image.pages:
+                raise ValueError("two planes of one page, or two pages of one plane")
+            taken.add(page)
+            if page[0] or page[1] < files.pages:
+                image.pages[number] = page
+
+
+def _block(image: _Planes, data: ElementTree.Element, files: _Files) -> list[tuple[int, Page]]:
+    """Return plane and page of everything that one ``TiffData`` states."""
+    first, page = image.number(data, "First"), int(data.get("IFD", "0"))
+    count = int(data.get("PlaneCount", data.get("NumPlanes", "1" if "IFD" in data.attrib else str(files.pages))))
+    if page < 0 or not 0 <= count <= MAX_PLANES:
+        raise ValueError("a page that no file has")
+    file = files.of(data)
+    return [(first + k, (file, page + k)) for k in range(min(count, image.count - first))]
+
+
+def _of_pages(planes: list[_Planes], pages: int) -> dict[str, Any]:
+    """Return stage coordinates and exposures of the pages that the planes are on."""
+    found = {page: image.elements[n] for image in planes for n, page in image.pages.items() if n in image.elements}
+    order = sorted(found)
+    facts: dict[str, Any] = {}
+    stage = np.array([[_number(found[page], axis) for axis in "XYZ"] for page in order]).reshape(-1, 3)
+    exposures = [_value(found[page], "ExposureTime", TIMES, "s") for page in order]
+    timed = bool(order) and all(seconds is not None and seconds > 0 for seconds in exposures)
+    if len(order) and np.isfinite(stage[:, :2]).all() and np.ptp(stage, axis=0)[:2].any():
+        facts |= {"stage_um": stage, "stage_pages": tuple(order)}
+        if timed:
+            facts["stage_exposure_s"] = np.array(exposures, float)
+    if timed and order == [("", k) for k in range(pages)]:
         facts["exposure_s"] = np.array(exposures, float)
     return facts
 
 
-def _in_order(pixels: ElementTree.Element) -> list[ElementTree.Element]:
-    """Return the planes of an image in the order of its pages."""
-    order = pixels.get("DimensionOrder", "XYCZT")[2:]
+def _modulo(root: ElementTree.Element) -> dict[str, tuple[str, int]]:
+    """Return the axis within an axis and its length, as annotations split C, T or Z (phases, angles, lifetimes)."""
+    found = {}
+    for element in root.findall("{*}StructuredAnnotations/{*}XMLAnnotation/{*}Value/{*}Modulo/*"):
+        axis, letter = element.tag[-1], {"angle": "A", "phase": "P"}.get(element.get("Type", ""), "Q")
+        first, last, step = (
+            float(element.get(key, default)) for key, default in (("Start", 0), ("End", 0), ("Step", 1))
+        )
+        found[axis] = letter, len(element.findall("{*}Label")) or round((last - first) / (step or 1)) + 1
+    return found
 
-    def place(plane: ElementTree.Element) -> list[int]:
-        # the first letter runs fastest
-        return [int(plane.get(f"The{axis}", "0")) for axis in reversed(order)]
 
-    try:
-        return sorted(pixels.findall("{*}Plane"), key=place)
-    except ValueError:
-        return []
+def _of_order(planes: list[_Planes], pages: int, modulo: dict[str, tuple[str, int]]) -> dict[str, Any]:
+    """Return the order of the pages and the axes that they run over, of one image whose planes all have a page."""
+    if len(planes) != 1 or len(planes[0].pages) != planes[0].count:
+        return {}
+    (image,) = planes
+    facts: dict[str, Any] = {}
+    order = tuple(image.pages[k] for k in range(image.count))
+    lead: list[tuple[str, int]] = []
+    for axis, n in zip(image.axes[::-1], image.lengths[::-1], strict=True):
+        letter, part = modulo.get(axis, ("", 1))
+        lead += [(axis, n // part), (letter, part)] if part > 1 and n % part == 0 else [(axis, n)]
+    lead = [(axis, n) for axis, n in lead if n > 1]
+    # a single plane says nothing of the pages behind its own
+    if order != tuple(("", k) for k in range(pages if lead else 1)):
+        facts["page_order"] = order
+    if len(lead) > 1:
+        facts["scan_axes"] = ("".join(axis for axis, _ in lead), tuple(n for _, n in lead))
+    return facts
+
+
+def _order_notes(planes: list[_Planes], pages: int) -> tuple[str, ...]:
+    """Return notes on planes without a page, pages without a plane, and an order that is not ``DimensionOrder``."""
+    notes = []
+    count, there = sum(image.count for image in planes), sum(len(image.pages) for image in planes)
+    if count > there:
+        notes.append(f"pages: OME metadata state {count} planes, of which {there} have a page")
+    own = sum(not page[0] for image in planes for page in image.pages.values())
+    if own < pages:
+        notes.append(f"pages: {own} of {pages} hold a plane that OME metadata state; the others are left out")
+    odd = next((image for image in planes if not _rising(image)), None)
+    if odd is not None:
+        order = f"DimensionOrder XY{odd.axes}"
+        notes.append(f"pages: in the order that TiffData states; that of {order} would be another one")
+    return tuple(notes)
+
+
+def _rising(image: _Planes) -> bool:
+    """Return whether the planes of an image lie in each of its files in their order."""
+    last: dict[str, int] = {}
+    for number in sorted(image.pages):
+        file, page = image.pages[number]
+        if page < last.get(file, -1):
+            return False
+        last[file] = page
+    return True
 
 
 def _number(plane: ElementTree.Element, axis: str) -> float:

@@ -139,18 +139,20 @@ class TiffImage(ImageFile):
         self.pages = max(self.pages, self._virtual)
         # TIFF stores 10, 12 or 14 bits packed; read, they fill 16
         known: dict[str, Any] = {} if bits in (8, 16, 32, 64) else {"bit_depth": bits}
-        axes = self._scan_axes()
         if self._component is not None:
             known["colour"] = colour
         if self._tiff.is_ome:
-            known |= ome_facts(str(self._tiff.ome_metadata or ""), self.pages)
-        self.metadata = known | ({"scan_axes": axes} if axes else {})
+            text = str(self._tiff.ome_metadata or "")
+            known |= ome_facts(text, self.pages, name=self.path.name, samples=self._samples)
+        elif axes := self._scan_axes():
+            known["scan_axes"] = axes
+        self.metadata = known
 
     def _scan_axes(self) -> tuple[str, tuple[int, ...]] | None:
-        """Return names and lengths of the axes that the pages run over, as OME or ImageJ metadata state them."""
+        """Return names and lengths of the axes that the pages run over, as ImageJ's metadata state them."""
         import tifffile
 
-        if not (self._tiff.is_ome or self._tiff.is_imagej) or self._samples != 1:
+        if not self._tiff.is_imagej or self._samples != 1:
             return None
         # series are asked of a file of their own: they turn its pages into frames without tags
         with tifffile.TiffFile(self.path) as again:

@@ -9,7 +9,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from lfcal.errors import FileFormatError
+from lfcal.errors import FileFormatError, StorageError
 from lfcal.files import read_text
 from lfcal.frames.formats.opening import image_suffixes, open_image
 from lfcal.frames.lists.entries import located, manifest_of
@@ -85,15 +85,24 @@ def from_stage(path: Path, metadata: Mapping[str, Any], options: FrameOptions) -
 
 def stage_listing(path: Path, metadata: Mapping[str, Any]) -> Listing:
     """Return the pages of one file as a list, from the stage coordinates of its metadata."""
-    places, exposures = metadata["stage_um"], metadata.get("exposure_s")
-    pages = tuple(range(len(places)))
-    times = None if exposures is None else tuple(float(seconds) for seconds in exposures)
+    exposures = metadata.get("stage_exposure_s")
+    named = [(file or path.name, page) for file, page in metadata["stage_pages"]]
+    files, pages = zip(*named, strict=True)
+    for file in sorted(set(files)):
+        if file != Path(file).name or not (path.parent / file).is_file():
+            remedy = "copy it there under this name, or list the frames that are there (--manifest LIST)"
+            raise StorageError(
+                f"{path}: {files.count(file)} of its planes are in {file!r}, which is not in the same folder; {remedy}"
+            )
+    places = metadata["stage_um"]
+    times = None if exposures is None else tuple(exposures.tolist())
     notes = [f"positions: of the stage, as {path.name} states them for its {len(pages)} pages"]
+    notes += metadata.get("order_notes", ())
     if times is not None and max(times) > LONGEST_S:
         # programs write a camera's microseconds where the format means seconds
         notes.append(f"exposures: {max(times):g} s, as {path.name} states them, are hardly meant and left out")
         times = None
-    return Listing(path.name, (path.name,) * len(pages), pages, places, "um", times, notes=tuple(notes))
+    return Listing(path.name, files, pages, places, "um", times, notes=tuple(notes))
 
 
 def _placed(listing: Listing, root: Path, options: FrameOptions) -> tuple[Manifest, tuple[str, ...]]:

@@ -193,16 +193,17 @@ def _from_file(
 ) -> tuple[Manifest, tuple[str, ...], dict[str, Any]]:
     image = open_image(path, colour=options.colour, dataset=options.dataset)
     image.close()
-    pages = [(path.name, k) for k in range(image.pages)]
     facts = {"pixel_um": image.metadata["pixel_um"]} if "pixel_um" in image.metadata else {}
     if image.metadata.get("stage_um") is not None and options.plan is not None and not options.order:
         return *from_stage(path, image.metadata, options), facts
+    order = image.metadata.get("page_order") or [("", k) for k in range(image.pages)]
+    pages = [(file or path.name, page) for file, page in order]
     listed = _of_pages(path, image, pages, options, shape)
     exposures = image.metadata.get("exposure_s")
     if exposures is not None and all(entry.exposure_s is None for entry in listed.entries):
         entries = tuple(replace(entry, exposure_s=float(exposures[entry.page])) for entry in listed.entries)
         listed = replace(listed, entries=entries)
-    return listed, (), facts
+    return listed, tuple(image.metadata.get("order_notes", ())), facts
 
 
 def _of_pages(

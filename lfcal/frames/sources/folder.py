@@ -31,6 +31,12 @@ __all__ = ["FolderSource", "check_frame"]
 MAX_OPEN = 128
 """Files of many pages that are kept open at once."""
 
+_OF_PAGES = (
+    *("positions", "exposure_s", "scan_axes", "page_order", "order_notes"),
+    *("stage_um", "stage_pages", "stage_exposure_s"),
+)
+"""What an image file says of its pages: the manifest holds it for the frames."""
+
 
 def check_frame(
     frame: NDArray[Any], name: str, *, nan: str = "reject", blank: str = "reject", bit_depth: int | None = None
@@ -166,11 +172,7 @@ class FolderSource(Frames):
         with self._image(name) as image:
             shape, dtype = manifest.shape or image.shape, np.dtype(manifest.dtype or image.dtype)
             # positions and exposures belong to single frames, not to all of them
-            found = {
-                key: value
-                for key, value in image.metadata.items()
-                if key not in ("positions", "exposure_s", "stage_um")
-            }
+            found = {key: value for key, value in image.metadata.items() if key not in _OF_PAGES}
             if manifest.cfa and not found.get("cfa"):
                 found["cfa"] = manifest.cfa
             self._check_kind(name, image, shape, dtype, manifest.cfa)
