@@ -11,7 +11,16 @@ from typing import TYPE_CHECKING
 import typer
 
 from lfcal.cli.console import print_json, print_table, report, run_work
-from lfcal.cli.options import CutoutOption, DepthsOption, ForceOption, JsonOption, VirtualDepthsOption, WorkersOption
+from lfcal.cli.matrices import check_mat_files, open_matrix
+from lfcal.cli.options import (
+    CutoutOption,
+    DepthsOption,
+    ForceOption,
+    JsonOption,
+    MatOrderOption,
+    VirtualDepthsOption,
+    WorkersOption,
+)
 from lfcal.cli.outputs import check_output
 from lfcal.errors import InputError
 
@@ -40,6 +49,7 @@ def command(
     error: str = typer.Option("1%", "--error", help="Error whose cost is asked for: 1% or 0.01."),
     seconds: float = typer.Option(10.0, "--seconds", help="About how long each place may take (s)."),
     draw: Path | None = typer.Option(None, "--draw", help="Draw all curves on one page (PNG)."),
+    mat_order: MatOrderOption = "",
     workers: WorkersOption = None,
     force: ForceOption = False,
     json: JsonOption = False,
@@ -58,10 +68,11 @@ def command(
         _list_places(json=json)
         return
     share = _share(error)
+    check_mat_files(mat_order, Path(subject))
     chosen = [PLACES.get(name) for name in dict.fromkeys(place)] or list(PLACES)
     if draw is not None:
         check_output(draw, subject, force=force)
-    with _subject(subject, (depths, virtual_depths, cutout), workers, quiet=json) as measured:
+    with _subject(subject, (depths, virtual_depths, cutout), workers, mat_order=mat_order, quiet=json) as measured:
         curves, ended = _measured(chosen, measured, seconds, share, quiet=json)
         if json:
             print_json(
@@ -125,12 +136,13 @@ def _keeping(work: Work[Curve], kept: list[Curve]) -> Work[Curve]:
 
 
 @contextmanager
-def _subject(name: str, planes: tuple[str, str, str], workers: int | None, *, quiet: bool) -> Iterator[Subject]:
+def _subject(
+    name: str, planes: tuple[str, str, str], workers: int | None, *, mat_order: str, quiet: bool
+) -> Iterator[Subject]:
     """Give what is measured: H, closed at the end, or a plan."""
     from lfcal.accuracy import Subject
     from lfcal.cli.cameras import tell_assumed
     from lfcal.cli.planned import planned_scan
-    from lfcal.psf import open_psf
 
     path = Path(name)
     if path.suffix.lower() not in MATRICES:
@@ -139,7 +151,7 @@ def _subject(name: str, planes: tuple[str, str, str], workers: int | None, *, qu
         return
     if any(planes):
         raise InputError("planes and cutout: expected those of H, got others; leave the options out")
-    with open_psf(path) as matrix:
+    with open_matrix(path, mat_order=mat_order) as matrix:
         tell_assumed(matrix.camera, path.name, quiet=quiet)
         yield Subject.of_matrix(matrix, path.name, workers)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import typer
 
-from lfcal.cli.options import ForceOption, JsonOption, MatrixArgument, WorkersOption
+from lfcal.cli.options import ForceOption, JsonOption, MatOrderOption, MatrixArgument, WorkersOption
 from lfcal.errors import InputError
 
 __all__ = ["register"]
@@ -30,6 +30,7 @@ def command(
         help="Region of the field, by name, in files of several; twice: of the first and of the second H.",
     ),
     by_number: bool = typer.Option(False, "--by-number", help="Compare planes of equal numbers, not of equal depths."),
+    mat_order: MatOrderOption = "",
     workers: WorkersOption = None,
     force: ForceOption = False,
     json: JsonOption = False,
@@ -42,9 +43,9 @@ def command(
     Example: `lfcal compare may/H.h5 june/H.h5 --report compared/`
     """
     from lfcal.cli.console import print_json, print_table, run_work
+    from lfcal.cli.matrices import check_mat_files, open_matrix
     from lfcal.cli.outputs import check_outputs
     from lfcal.psf.difference import iter_difference
-    from lfcal.psf.opening import open_psf
     from lfcal.psf.pairing import pair
     from lfcal.psf.report.two import (
         COLUMNS,
@@ -55,12 +56,13 @@ def command(
         verdict,
     )
 
+    check_mat_files(mat_order, first, second)
     if report is not None:
         check_outputs(report_files(report), first, second, force=force)
     page, names = None, _regions(region or [])
     with ExitStack() as files:
         pairs = zip((first, second), names, strict=True)
-        a, b = (files.enter_context(open_psf(path, region=name)) for path, name in pairs)
+        a, b = (files.enter_context(open_matrix(path, region=name, mat_order=mat_order)) for path, name in pairs)
         start = time.perf_counter()
         found = run_work(iter_difference(pair(a, b, by_number=by_number), workers=workers), quiet=json)
         seconds = time.perf_counter() - start

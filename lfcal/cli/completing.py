@@ -4,7 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-__all__ = ["complete_camera", "complete_compression", "complete_executor", "complete_orientation", "complete_solver"]
+__all__ = [
+    "complete_camera",
+    "complete_compression",
+    "complete_executor",
+    "complete_mat_order",
+    "complete_orientation",
+    "complete_solver",
+]
 
 
 def _among(names: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
@@ -34,6 +41,12 @@ def _executors() -> Iterable[str]:
     return EXECUTORS.names()
 
 
+def _mat_orders() -> Iterable[str]:
+    from lfcal.psf.mat_import import MAT_ORDERS
+
+    return MAT_ORDERS
+
+
 def _orientations() -> Iterable[str]:
     from lfcal.frames import ORIENTATIONS
     from lfcal.psf.upright import AUTO, CHECK
@@ -50,5 +63,6 @@ def _solvers() -> Iterable[str]:
 complete_camera = _among(_presets)
 complete_compression = _among(_compressions)
 complete_executor = _among(_executors)
+complete_mat_order = _among(_mat_orders)
 complete_orientation = _among(_orientations)
 complete_solver = _among(_solvers)

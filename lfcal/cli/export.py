@@ -7,7 +7,7 @@ from pathlib import Path
 
 import typer
 
-from lfcal.cli.options import ForceOption, JsonOption, MatrixArgument, WorkersOption
+from lfcal.cli.options import ForceOption, JsonOption, MatOrderOption, MatrixArgument, WorkersOption
 from lfcal.errors import InputError
 
 
@@ -33,6 +33,7 @@ def command(
     ),
     uncompressed: bool = typer.Option(False, "--uncompressed", help=".mat, .h5: no compression; faster to read."),
     position: str = typer.Option("", help=".tif: the stack over depth of one position, 'y,x', in place of all."),
+    mat_order: MatOrderOption = "",
     workers: WorkersOption = None,
     force: ForceOption = False,
     json: JsonOption = False,
@@ -42,6 +43,7 @@ def command(
     Example: `lfcal export H.h5 -o H.mat`
     """
     from lfcal.cli.console import print_json, report, report_dark, run_work
+    from lfcal.cli.matrices import check_mat_files
     from lfcal.cli.outputs import check_outputs
     from lfcal.psf.export import ExportOptions, export_files, export_notes, iter_export
     from lfcal.psf.opening import open_psf, opening_notes
@@ -62,7 +64,8 @@ def command(
         interpolation=interpolation or None,
         position=_position(position),
     )
-    with open_psf(source) as H:
+    check_mat_files(mat_order, source)
+    with open_psf(source, mat_order=mat_order) as H:
         matrix = H.T if transposed else H
         # a TIFF of a large H is written under other names: one per plane
         files = export_files(matrix, out, options.position)

@@ -63,10 +63,10 @@ class Asked:
 def check_h(old: Path, sources: list[Path], asked: Asked, *, json: bool) -> bool:
     """Hold new frames against an old H; print the answer, and return whether it holds."""
     from lfcal.cli.console import print_json, run_work
+    from lfcal.cli.matrices import open_matrix
     from lfcal.fit.holds import iter_check
-    from lfcal.psf import open_psf
 
-    with open_psf(old) as opened:
+    with open_matrix(old) as opened:
         H = opened.T if opened.is_transposed else opened
         with ExitStack() as stack:
             frames = [frame for source in sources for frame in _frames(H, source, asked, stack, quiet=json)]

@@ -88,9 +88,9 @@ def own_words(without: str = "") -> Iterator[None]:
 
 def open_upright(path: Path) -> PSFMatrix:
     """Return the H of a file, which may hold HT."""
-    from lfcal.psf import open_psf
+    from lfcal.cli.matrices import open_matrix
 
-    matrix = open_psf(path)
+    matrix = open_matrix(path)
     return matrix.T if matrix.is_transposed else matrix
 
 

@@ -13,6 +13,7 @@ from lfcal.cli.options import (
     ExecutorOption,
     ForceOption,
     JsonOption,
+    MatOrderOption,
     MatrixArgument,
     ResumeOption,
     SchedulerOption,
@@ -54,6 +55,7 @@ def command(
     fit: Path | None = typer.Option(
         None, "--fit", help="Folder of lfcal fit of this scan: patterns are compared with the camera as found."
     ),
+    mat_order: MatOrderOption = "",
     strict: bool = typer.Option(False, "--strict", help="End with exit code 1 when H should not be used."),
     workers: WorkersOption = None,
     executor: ExecutorOption = "",
@@ -72,12 +74,12 @@ def command(
     from lfcal.cli.console import print_json, run_work
     from lfcal.cli.inspect_controls import control_frames
     from lfcal.cli.inspect_units import iter_inspect_units
+    from lfcal.cli.matrices import check_mat_files, open_matrix
     from lfcal.cli.regions import show_loss, told_loss
     from lfcal.cli.runs import may_replace, run_choice, run_kept
     from lfcal.errors import InputError
     from lfcal.inspect import iter_inspection
     from lfcal.psf.compare import iter_compare
-    from lfcal.psf.opening import open_psf
     from lfcal.psf.quality import iter_inspect
     from lfcal.psf.region_loss import draw_region_loss
     from lfcal.work import parts_folder
@@ -85,14 +87,15 @@ def command(
 
     if report is None and (executor or scheduler or resume):
         raise InputError("--executor: expected --report beside it, got none; name the folder that is worked on")
+    check_mat_files(mat_order, source, reference)
     again = report is not None and may_replace(report, resume=resume, force=force)
     _check_before(report, source, reference, force=again)
     with ExitStack() as files:
-        H = files.enter_context(open_psf(source))
+        H = files.enter_context(open_matrix(source, mat_order=mat_order))
         # The metrics are about the images of points: an HT file is inspected as the H it came from.
         H = H.T if H.is_transposed else H
         tell_assumed(H.camera, source.name, quiet=json)
-        other = None if reference is None else files.enter_context(open_psf(reference))
+        other = None if reference is None else files.enter_context(open_matrix(reference, mat_order=mat_order))
         comparison = None
         if other is not None:
             comparison = run_work(iter_compare(H, other, workers=workers), quiet=json)

@@ -16,6 +16,7 @@ from lfcal.cli.inspect_controls import control_frames
 from lfcal.cli.outputs import files_of
 from lfcal.progress import Clock, Work
 from lfcal.psf import PSFMatrix, open_psf
+from lfcal.psf.opening import mat_order_of
 from lfcal.psf.quality import QualityReport
 from lfcal.psf.quality.inspect import iter_inspect_plane, judged, straight
 from lfcal.psf.quality.measure import PASSES
@@ -52,7 +53,7 @@ def iter_inspect_units(H: PSFMatrix, report: Path, session: Path | None, *, run:
         Unit(
             f"plane {z:04d}",
             f"{__name__}:{do_plane.__name__}",
-            {"source": source, "region": H.region, "session": beside, "z": z},
+            {"source": source, "region": H.region, "mat_order": mat_order_of(H), "session": beside, "z": z},
             inputs,
             ".record",
         )
@@ -65,7 +66,7 @@ def iter_inspect_units(H: PSFMatrix, report: Path, session: Path | None, *, run:
 def do_plane(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]:
     """Inspect one plane and write what it told: the task of a unit."""
     z = int(arguments["z"])
-    with open_psf(arguments["source"], region=arguments["region"]) as opened:
+    with open_psf(arguments["source"], region=arguments["region"], mat_order=arguments.get("mat_order", "")) as opened:
         H = straight(opened)
         session = arguments["session"]
         controls = None if session is None else control_frames(Path(session), H)

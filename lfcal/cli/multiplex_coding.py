@@ -10,7 +10,8 @@ import typer
 
 from lfcal.checks import check_choice
 from lfcal.cli.console import print_json, print_table, report
-from lfcal.cli.options import ForceOption, GainOption, JsonOption, WorkersOption
+from lfcal.cli.matrices import check_mat_files, open_matrix
+from lfcal.cli.options import ForceOption, GainOption, JsonOption, MatOrderOption, WorkersOption
 from lfcal.cli.outputs import check_output, check_outputs
 from lfcal.errors import InputError
 from lfcal.multiplex.codes import CODES
@@ -74,6 +75,7 @@ def coding(
     ),
     repeat: int = typer.Option(0, min=0, help="With --patterns: show the block again after so many px in the image."),
     out: Path | None = typer.Option(None, "--out", "-o", help="Draw the gain of each entry, and over light, as PNG."),
+    mat_order: MatOrderOption = "",
     workers: WorkersOption = None,
     force: ForceOption = False,
     json: JsonOption = False,
@@ -90,12 +92,13 @@ def coding(
     check_choice("code", code, CODES)
     if out is not None:
         check_output(out, source, sensor, force=force)
+    check_mat_files(mat_order, Path(source))
     screen = _display(display)
     rng = np.random.default_rng(seed)
     lit = code_matrix(code, points, frames=frames, density=density, rng=rng)
     names = _files(patterns, len(lit), screen)
     check_outputs(names, source, sensor, force=force)
-    seen = _plane(source, plane, virtual_depth, depth, _pair(at), points, step)
+    seen = _plane(source, plane, virtual_depth, depth, _pair(at), points, step, mat_order=mat_order)
     noise = _noise(sensor, seen.camera, gain, exposure, corrected=not uncorrected)
     light, places = overlapping_patterns(seen.patterns, points, step=step, first=_pair(at))
     verdicts = [coding_pays(light, noise, code=lit, signal_e=signal, limit=limit) for limit in ("time", "full well")]
@@ -201,16 +204,16 @@ def _plane(
     first: tuple[int, int],
     points: int,
     step: int,
+    *,
+    mat_order: str = "",
 ) -> _Plane:
     if Path(source).suffix.lower() not in MATRICES:
         from lfcal.cli.cameras import load_camera
 
         return _simulated(load_camera(source), virtual_depth, depth, first, points, step)
-    from lfcal.psf import open_psf
-
     if virtual_depth is not None or depth is not None:
         raise InputError("--depth, --virtual-depth: are of a simulated plane; take --plane of an H file")
-    with open_psf(source) as matrix:
+    with open_matrix(Path(source), mat_order=mat_order) as matrix:
         if plane >= len(matrix):
             raise InputError.expected("plane", f"0 … {len(matrix) - 1}", plane, f"{source} has {len(matrix)}")
         z = float(matrix.depths[plane])

@@ -7,7 +7,7 @@ from typing import Annotated, TypeAlias
 
 import typer
 
-from lfcal.cli.completing import complete_camera, complete_compression, complete_executor
+from lfcal.cli.completing import complete_camera, complete_compression, complete_executor, complete_mat_order
 from lfcal.threads import bounded_threads
 
 __all__ = [
@@ -21,6 +21,7 @@ __all__ = [
     "ForceOption",
     "GainOption",
     "JsonOption",
+    "MatOrderOption",
     "MatrixArgument",
     "PresetOption",
     "ResumeOption",
@@ -93,6 +94,17 @@ MatrixArgument: TypeAlias = Annotated[
     Path, typer.Argument(help="H file (.h5), another code's file (.mat v7.3, .lfc of napari-LF), or .npy array.")
 ]
 """H in any form that `lfcal.psf.open_psf` reads."""
+
+MatOrderOption: TypeAlias = Annotated[
+    str,
+    typer.Option(
+        "--mat-order",
+        autocompletion=complete_mat_order,
+        help="Axes of H in a .mat file that does not state them: rows-first, H(t,s,y,x,z), or columns-first, "
+        "H(s,t,x,y,z). By default inferred from its variables.",
+    ),
+]
+"""See `lfcal.psf.mat_import`."""
 
 CameraArgument: TypeAlias = Annotated[
     str,

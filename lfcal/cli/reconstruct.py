@@ -16,6 +16,7 @@ from lfcal.cli.options import (
     ExecutorOption,
     ForceOption,
     JsonOption,
+    MatOrderOption,
     ResumeOption,
     SchedulerOption,
     WorkersOption,
@@ -120,6 +121,7 @@ def command(
         help="Write all planes with voxels of one size: a number of µm, or auto, the smallest of them. Behind a main "
         "lens each plane has its own; by default they are written pixel by pixel.",
     ),
+    mat_order: MatOrderOption = "",
     double: bool = typer.Option(False, "--double", help="Compute in double precision."),
     memory: float | None = typer.Option(
         None, "--memory", help="Most memory of the reconstruction (GB); most of what is free by default."
@@ -139,6 +141,7 @@ def command(
     Example: `lfcal reconstruct H.h5 frame.tif -o volume.tif --solver rl-tv --iterations 30`
     """
     from lfcal.checks import check_number
+    from lfcal.cli.matrices import check_mat_files
     from lfcal.cli.outputs import check_outputs
     from lfcal.cli.reconstruct_forecast import show_forecast, total_seconds
     from lfcal.cli.reconstruct_grid import anchor_of, check_grid, check_lattice, grid_of, view_of, wide
@@ -168,10 +171,12 @@ def command(
     regions = tuple(region or ())
     if regions and resample:
         raise InputError.expected("--resample", "H of one region", "--region", "leave one of them out")
-    read = (psf, *files_of_regions(psf, regions), source, dark, white, lattice)
+    others = files_of_regions(psf, regions)
+    check_mat_files(mat_order, psf, *others)
+    read = (psf, *others, source, dark, white, lattice)
     check_outputs(dict.fromkeys(targets.values()), *read, force=again)
     with ExitStack() as stack:
-        matrices = open_regions(psf, regions, stack)
+        matrices = open_regions(psf, regions, stack, mat_order=mat_order)
         H = matrices[0]
         anchor = anchor or placed_anchor(source, H, resample=resample)
         view = view_of(H, white, lattice) if resample else None
@@ -199,7 +204,9 @@ def command(
         if forecast or out is None:
             show_forecast(P, choice, len(task.frames), warm=warm, json=json)
             return
-        shared = Settings(psf, dark, white, lattice, resample, anchor, method, double, threshold, within, regions)
+        shared = Settings(
+            psf, dark, white, lattice, resample, anchor, method, double, threshold, within, regions, mat_order
+        )
         seconds = total_seconds(P, choice, len(task.frames))
         run = run_choice(
             out, executor, scheduler, workers, resume=resume, force=force, seconds=seconds, units="frame by frame"

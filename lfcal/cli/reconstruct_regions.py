@@ -54,12 +54,17 @@ def _places(psf: Path, regions: Sequence[str]) -> list[tuple[Path, str]]:
     return found
 
 
-def open_regions(psf: Path, regions: Sequence[str], stack: ExitStack) -> list[PSFMatrix]:
+def open_regions(
+    psf: Path, regions: Sequence[str], stack: ExitStack, *, mat_order: str = "", quiet: bool = False
+) -> list[PSFMatrix]:
     """Return H of ``psf`` and of each of ``regions``, which ``stack`` closes."""
-    from lfcal.psf import open_psf
+    from lfcal.cli.matrices import open_matrix
 
     places = [(psf, ""), *_places(psf, regions)]
-    return [stack.enter_context(open_psf(file, region=region)) for file, region in places]
+    return [
+        stack.enter_context(open_matrix(file, region=region, mat_order=mat_order, quiet=quiet))
+        for file, region in places
+    ]
 
 
 def projector_of(

@@ -47,6 +47,7 @@ class Settings:
     threshold: float
     within: float
     regions: tuple[str, ...] = ()
+    mat_order: str = ""
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -225,7 +226,7 @@ def _made(settings: Settings, shape: tuple[int, ...], how: How) -> _Tool:
     from lfcal.cli.reconstruct_regions import open_regions, projector_of
 
     with ExitStack() as stack:
-        matrices = open_regions(settings.psf, settings.regions, stack)
+        matrices = open_regions(settings.psf, settings.regions, stack, mat_order=settings.mat_order, quiet=True)
         first = matrices[0]
         view = view_of(first, settings.white, settings.lattice) if settings.resample else None
         frame = (shape[0], shape[1]) if view is None else view.shape

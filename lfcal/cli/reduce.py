@@ -11,6 +11,7 @@ from lfcal.cli.options import (
     ExecutorOption,
     ForceOption,
     JsonOption,
+    MatOrderOption,
     MatrixArgument,
     ResumeOption,
     SchedulerOption,
@@ -31,6 +32,7 @@ def command(
     *,
     out: Path = typer.Option(..., "--out", "-o", help="H file to write (.h5)."),
     tolerance: float = typer.Option(0.005, "--tolerance", help="Share (L1) of itself that every pattern may lack."),
+    mat_order: MatOrderOption = "",
     compression: CompressionOption = "gzip",
     workers: WorkersOption = None,
     executor: ExecutorOption = "",
@@ -46,6 +48,7 @@ def command(
     import time
 
     from lfcal.cli.console import print_json, report, run_work
+    from lfcal.cli.matrices import check_mat_files, open_matrix
     from lfcal.cli.outputs import check_output
     from lfcal.cli.runs import may_replace, run_choice, run_kept
     from lfcal.psf import iter_save, open_psf, regions_of
@@ -56,7 +59,8 @@ def command(
     check_store_tolerance(tolerance)
     check_output(out, source, force=may_replace(out, resume=resume, force=force))
     start = time.perf_counter()
-    with open_psf(source) as matrix:
+    check_mat_files(mat_order, source)
+    with open_matrix(source, mat_order=mat_order) as matrix:
         if len(names := regions_of(source)) > 1:
             report(f"note: of {len(names)} regions of the field {matrix.region or 'the first'} alone is written")
         run = run_choice(out, executor, scheduler, workers, resume=resume, force=force, seconds=matrix.nbytes / RATE)

@@ -11,6 +11,7 @@ from lfcal.cli.options import (
     ExecutorOption,
     ForceOption,
     JsonOption,
+    MatOrderOption,
     MatrixArgument,
     ResumeOption,
     SchedulerOption,
@@ -31,6 +32,7 @@ def command(
     *,
     out: Path = typer.Option(..., "--out", "-o", help="HT file to write (.h5)."),
     method: str = typer.Option("exact", help="'exact', or 'paper' for the published loop with its unwritten border."),
+    mat_order: MatOrderOption = "",
     compression: CompressionOption = "gzip",
     workers: WorkersOption = None,
     executor: ExecutorOption = "",
@@ -46,16 +48,17 @@ def command(
     import time
 
     from lfcal.cli.console import print_json, report_dark, run_work
+    from lfcal.cli.matrices import check_mat_files, open_matrix
     from lfcal.cli.outputs import check_output
     from lfcal.cli.runs import may_replace, run_choice, run_kept
-    from lfcal.psf.opening import open_psf
     from lfcal.psf.transpose_file import iter_transpose_file
     from lfcal.psf.transpose_units import iter_transpose_units
     from lfcal.units import format_bytes, format_seconds
 
     check_output(out, source, force=may_replace(out, resume=resume, force=force))
     start = time.perf_counter()
-    with open_psf(source) as matrix:
+    check_mat_files(mat_order, source)
+    with open_matrix(source, mat_order=mat_order) as matrix:
         dark = report_dark(matrix)
         # File to file by planes: H may be far larger than the memory.
         ahead = matrix.nbytes / RATE

@@ -43,13 +43,13 @@ def tell_quality(paths: Sequence[Path], out: Path | None, *, force: bool, json: 
 def _judged(place: Path, label: str) -> Judged:
     """Return what is known of a session: of an H file its metrics are measured now."""
     from lfcal.cli.console import run_work
-    from lfcal.psf.opening import open_psf
+    from lfcal.cli.matrices import open_matrix
     from lfcal.psf.quality import iter_inspect
     from lfcal.psf.quality.trend import judged_of, read_judged
 
     if place.suffix.lower() == ".json":
         return read_judged(place, label)
-    with open_psf(place) as opened:
+    with open_matrix(place) as opened:
         H = opened.T if opened.is_transposed else opened
         report = run_work(iter_inspect(H), quiet=True)
     return judged_of(report, label, datetime.fromtimestamp(place.stat().st_mtime, UTC))

@@ -2,6 +2,7 @@
 
 The images of those codes are MATLAB's, rows first, and so is their ``H(t, s, y, x, z)``. Of each plane they use the
 window ``CAindex`` alone. What is computed by fast-light-field holds a quarter of the positions (``ReducedMatrix``).
+A file that says nothing of its axes is read columns first, ``H(s, t, x, y, z)``. Which order was taken is always noted.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import FileFormatError
+from lfcal.errors import FileFormatError, InputError
 from lfcal.files import storage_errors
 from lfcal.h5.file import H5File
 from lfcal.psf.matlab import COLUMNS_FIRST, ROWS_FIRST
@@ -20,27 +21,53 @@ from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.planes import DatasetPlanes, FilePlanes, Planes
 from lfcal.psf.rearranged import MirroredPlanes, PlacedPlanes, Window
 
-__all__ = ["open_mat"]
+__all__ = ["MAT_ORDERS", "check_mat_order", "open_mat"]
 
-THEIRS = ("ReducedMatrix", "settingPSF", "MLARRAY", "OSR", "x1objspace", "fml", "MLPitch")
-"""Variables by which a file of Prevedel's code, or one written after it, is known."""
+THEIRS = ("ReducedMatrix", "settingPSF", "MLARRAY", "OSR", "x1objspace", "fml", "MLPitch", "Nnum", "CAindex")
+"""Variables that identify a file of Prevedel's code, or one written after it."""
+
+MAT_ORDERS = {"rows-first": ROWS_FIRST, "columns-first": COLUMNS_FIRST}
+"""Orders of the axes of H that a reader may state, as the variable ``axisOrder`` writes them."""
+
+_WORDS = {
+    ROWS_FIRST: ("rows-first", "H(t, s, y, x, z), rows first"),
+    COLUMNS_FIRST: ("columns-first", "H(s, t, x, y, z), columns first"),
+}
+"""Name and description of each order."""
 
 
-def open_mat(path: Path) -> PSFMatrix:
+def check_mat_order(mat_order: str) -> str:
+    """Return ``mat_order``; raises `InputError` unless it is empty or one of `MAT_ORDERS`."""
+    if mat_order and mat_order not in MAT_ORDERS:
+        raise InputError.expected("order of a .mat file's axes", " or ".join(MAT_ORDERS), mat_order, "choose one")
+    return mat_order
+
+
+def open_mat(path: Path, *, mat_order: str = "") -> PSFMatrix:
     """Open the ``H`` of a MATLAB v7.3 file as a lazy `PSFMatrix`; ``x3objspace`` gives its depths.
 
-    A 4-D H is a single plane; MATLAB drops trailing axes of length one. How the file was read stands in the
-    provenance: ``notes`` for a reader, ``lens_centre`` where the file or its code's convention says it.
+    A 4-D H is a single plane; MATLAB drops trailing axes of length one. The provenance states how the file was read:
+    ``notes`` for a reader, ``lens_centre`` where the file or its code's convention says it.
+
+    Parameters
+    ----------
+    path
+        The file.
+    mat_order
+        Order of the axes of H, one of `MAT_ORDERS`; empty: as the file says, or as its variables suggest.
 
     Raises
     ------
     FileFormatError
         If it is of version 5 to 7, or has no H that can be read, with the reason.
+    InputError
+        For an unknown ``mat_order``, or one that the file contradicts.
     """
+    check_mat_order(mat_order)
     _check_version(path)
     file = H5File(path)
     try:
-        return _Reader(file).matrix()
+        return _Reader(file, MAT_ORDERS.get(mat_order, "")).matrix()
     except BaseException:
         file.close()
         raise
@@ -61,12 +88,28 @@ def _check_version(path: Path) -> None:
 class _Reader:
     """One file: whose it is, and what that means for its H."""
 
-    def __init__(self, file: H5File) -> None:
+    def __init__(self, file: H5File, stated: str = "") -> None:
         self._file = file
         self._order = self._text("axisOrder")
-        self._theirs = not self._order and any(name in file for name in THEIRS)
-        self._swapped = self._theirs or self._order == ROWS_FIRST
-        self._notes: list[str] = []
+        if stated and self._order not in ("", stated):
+            wanted = f"{_WORDS[self._order][0]}, as its axisOrder says"
+            raise InputError.expected(
+                f"{file.path}, order of its axes", wanted, _WORDS[stated][0], "leave the order out"
+            )
+        known = [name for name in THEIRS if name in file]
+        self._theirs = not self._order and bool(known)
+        taken = self._order or stated or (ROWS_FIRST if self._theirs else COLUMNS_FIRST)
+        self._swapped = taken == ROWS_FIRST
+        self._notes: list[str] = [self._order_note(taken, stated, known)]
+
+    def _order_note(self, taken: str, stated: str, known: list[str]) -> str:
+        """Return which order the axes were read in, and why; where it was inferred, how to state the other one."""
+        read = f"read as {_WORDS[taken][1]}"
+        if self._order or stated:
+            return f"{read}, as {'its axisOrder says' if self._order else 'stated'}"
+        other, axes = _WORDS[COLUMNS_FIRST if taken == ROWS_FIRST else ROWS_FIRST]
+        why = f"as codes that write {known[0]} do" if known else "because nothing in the file states the order"
+        return f"{read}, {why}; if it is {axes}, import it with `lfcal export --mat-order {other}`"
 
     def matrix(self) -> PSFMatrix:
         """Return H."""
@@ -78,12 +121,10 @@ class _Reader:
         windows = self._windows(nz, nt, ns)
         if self._swapped or windows:
             base = self._placed(base, windows)
-        if self._swapped and self._theirs:
-            self._notes.append("read as H(t, s, y, x, z), rows first, as MATLAB reads images")
         depths, anchor = self._depths(nz), self._anchor()
         provenance: dict[str, Any] = {"imported": self._file.path.name, **self._lens(base.shape)}
-        if self._notes:
-            provenance["notes"] = self._notes
+        provenance["mat_order"] = _WORDS[ROWS_FIRST if self._swapped else COLUMNS_FIRST][0]
+        provenance["notes"] = self._notes
         if isinstance(stored, FilePlanes):  # read whole
             self._file.close()
         return PSFMatrix(base, depths=depths, anchor=anchor, provenance=provenance)
@@ -93,6 +134,13 @@ class _Reader:
         if (kind := self._class("H")) in ("cell", "struct"):
             raise FileFormatError.expected(
                 where, "an array of numbers", f"a {kind} array", "write it as one: H = full(H{aa,bb,cc}) for each"
+            )
+        if "H" in self._file and self._file.attributes("H").integer("MATLAB_sparse") is not None:
+            raise FileFormatError.expected(
+                where,
+                "a full array of numbers",
+                "a sparse matrix",
+                "write it in full, with its axes: H = reshape(full(H), [nt ns ny nx nz])",
             )
         data = self._file.dataset("H")
         if data.ndim == 4:

@@ -28,7 +28,7 @@ from lfcal.psf.planes import DatasetPlanes, FilePlanes, Planes, ScaledPlanes
 from lfcal.psf.steps import SteppedPlanes
 from lfcal.psf.store import FORMAT, REGIONS, STEPPED_VERSION, VERSION
 
-__all__ = ["FOREIGN", "facts_in", "open_psf", "opening_notes", "regions_of", "scaling_of", "steps_in"]
+__all__ = ["FOREIGN", "facts_in", "mat_order_of", "open_psf", "opening_notes", "regions_of", "scaling_of", "steps_in"]
 
 
 VERSIONS = (1, VERSION, STEPPED_VERSION)
@@ -38,7 +38,7 @@ FOREIGN = (".npy", ".mat", ".lfc")
 """Suffixes of the files of other codes that `open_psf` reads."""
 
 
-def open_psf(path: str | os.PathLike[str], *, region: str = "", check: bool = False) -> PSFMatrix:
+def open_psf(path: str | os.PathLike[str], *, region: str = "", check: bool = False, mat_order: str = "") -> PSFMatrix:
     """Open an H file, a file of another code, or an ``.npy`` file as a lazy `PSFMatrix`.
 
     Of other codes MATLAB v7.3 files (``.mat``) and the calibrations of napari-LF (``.lfc``) are read.
@@ -51,6 +51,9 @@ def open_psf(path: str | os.PathLike[str], *, region: str = "", check: bool = Fa
         Region of the field, in a file of several; empty: the one the file opens with.
     check
         Read every plane and compare it with its checksum (files of lfcal, version 2).
+    mat_order
+        Order of the axes of H in a ``.mat`` file that does not state it: ``"rows-first"``, ``H(t, s, y, x, z)``, or
+        ``"columns-first"``, ``H(s, t, x, y, z)``. Empty: as inferred from its variables; `opening_notes` says how.
 
     Raises
     ------
@@ -59,7 +62,7 @@ def open_psf(path: str | os.PathLike[str], *, region: str = "", check: bool = Fa
     FileFormatError, UnsafeFileError
         If it is damaged, of another format, or asks for something unsafe.
     InputError
-        If it has no such region.
+        If it has no such region, or ``region``, ``check`` or ``mat_order`` do not apply to its format.
 
     Examples
     --------
@@ -69,23 +72,29 @@ def open_psf(path: str | os.PathLike[str], *, region: str = "", check: bool = Fa
     (2, 19, 33, 55, 55) [-20035.0, -26018.0] 7
     """
     source = Path(path)
-    matrix = _open(source, region, check)
+    matrix = _open(source, region, check, mat_order)
     if matrix.dtype.kind == "c":
         matrix.close()
         raise FileFormatError.expected(
             str(source), "real numbers", f"{matrix.dtype}", "store the intensity, |amplitude|²"
         )
-    return matrix.opened_by(partial(open_psf, os.path.abspath(source), region=region))
+    return matrix.opened_by(partial(open_psf, os.path.abspath(source), region=region, mat_order=mat_order))
 
 
-def _open(source: Path, region: str, check: bool) -> PSFMatrix:
+def _open(source: Path, region: str, check: bool, mat_order: str) -> PSFMatrix:
     suffix = source.suffix.lower()
+    if mat_order and suffix != ".mat":
+        raise InputError.expected("order of a .mat file's axes", "a .mat file", source.name, "leave the order out")
+    if region and suffix in FOREIGN:
+        raise InputError.expected(f"{source}, region", "an H file of lfcal", f"a {suffix} file", "leave it out")
+    if check and suffix in FOREIGN:
+        raise InputError.expected(f"{source}, checksums", "an H file of lfcal", f"a {suffix} file", "leave them out")
     if suffix == ".npy":
         return PSFMatrix(FilePlanes(map_npy(source), source))
     if suffix == ".mat":
         from lfcal.psf.mat_import import open_mat
 
-        return open_mat(source)
+        return open_mat(source, mat_order=mat_order)
     if suffix == ".lfc":
         from lfcal.psf.lfc_import import open_lfc
 
@@ -103,9 +112,19 @@ def _open(source: Path, region: str, check: bool) -> PSFMatrix:
 
 
 def opening_notes(matrix: PSFMatrix) -> tuple[str, ...]:
-    """Return how another code's file was read, a line each: what it left open and lfcal took for granted."""
+    """Return how another code's file was read, a line each: what it left open and lfcal took for granted.
+
+    An H file that was imported from one has none; its provenance keeps them.
+    """
+    if matrix.path and Path(matrix.path).suffix.lower() not in FOREIGN:
+        return ()
     notes = matrix.provenance.get("notes", ())
     return tuple(str(note) for note in notes) if isinstance(notes, list) else ()
+
+
+def mat_order_of(matrix: PSFMatrix) -> str:
+    """Return ``mat_order`` by which another process opens the file of ``matrix`` alike; empty unless it is ``.mat``."""
+    return str(matrix.provenance.get("mat_order", "")) if Path(matrix.path).suffix.lower() == ".mat" else ""
 
 
 def regions_of(path: str | os.PathLike[str]) -> tuple[str, ...]:

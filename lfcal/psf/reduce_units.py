@@ -13,7 +13,7 @@ from lfcal.files import check_other_file, require_space
 from lfcal.progress import Clock, Work
 from lfcal.psf.joining import iter_join
 from lfcal.psf.matrix import PSFMatrix
-from lfcal.psf.opening import open_psf
+from lfcal.psf.opening import mat_order_of, open_psf
 from lfcal.psf.steps import check_store_tolerance
 from lfcal.psf.store import PSFWriter, facts_of, stored_bytes, writer_of
 from lfcal.work import RunChoice, Unit, iter_made
@@ -50,13 +50,13 @@ def iter_reduce_units(
     target = Path(out)
     stored = {"compression": compression, "store_tolerance": check_store_tolerance(tolerance)}
     require_space(target.parent, stored_bytes(matrix.shape, "uint16", compression, tolerance), what=target.name)
-    source = os.path.abspath(matrix.path)
+    source, order = os.path.abspath(matrix.path), mat_order_of(matrix)
     writer = writer_of(matrix, target, workers=run.workers, compression=compression, store_tolerance=tolerance)
     units = [
         Unit(
             f"plane {z:04d}",
             f"{__name__}:{do_plane.__name__}",
-            {"source": source, "z": z, "region": matrix.region, **stored},
+            {"source": source, "z": z, "region": matrix.region, "mat_order": order, **stored},
             (source,),
         )
         for z in range(len(matrix))
@@ -70,7 +70,7 @@ def do_plane(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None
     z = int(arguments["z"])
     clock = Clock(f"reduce plane {z}", 1)
     yield clock.at(0)
-    with open_psf(arguments["source"], region=arguments["region"]) as matrix:
+    with open_psf(arguments["source"], region=arguments["region"], mat_order=arguments.get("mat_order", "")) as matrix:
         stated = matrix.stated_uncertainty
         with PSFWriter(
             out,

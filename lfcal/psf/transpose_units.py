@@ -14,7 +14,7 @@ from lfcal.files import check_other_file, require_space
 from lfcal.progress import Clock, Work
 from lfcal.psf.joining import iter_join
 from lfcal.psf.matrix import PSFMatrix
-from lfcal.psf.opening import open_psf
+from lfcal.psf.opening import mat_order_of, open_psf
 from lfcal.psf.store import PSFWriter, facts_of, stored_type
 from lfcal.psf.transpose import transpose
 from lfcal.psf.transpose_file import writer_of_transpose
@@ -55,6 +55,7 @@ def iter_transpose_units(
     target = Path(out)
     require_space(target.parent, math.prod(matrix.shape) * matrix.dtype.itemsize, what=target.name)
     how = {"method": method, "compression": compression, "dtype": stored_type(matrix), "region": matrix.region}
+    how["mat_order"] = mat_order_of(matrix)
     source = os.path.abspath(matrix.path)
     units = [
         Unit(f"plane {z:04d}", f"{__name__}:{do_plane.__name__}", {"source": source, "z": z, **how}, (source,))
@@ -70,7 +71,7 @@ def do_plane(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None
     z, exact = int(arguments["z"]), arguments["method"] == "exact"
     clock = Clock(f"transpose plane {z + 1}", 1)
     yield clock.at(0)
-    with open_psf(arguments["source"], region=arguments["region"]) as matrix:
+    with open_psf(arguments["source"], region=arguments["region"], mat_order=arguments.get("mat_order", "")) as matrix:
         plane = matrix.T.plane(z) if exact else transpose(matrix.plane(z)[None], method=arguments["method"])[0]
         stated = matrix.T.stated_uncertainty if exact else None
         with PSFWriter(

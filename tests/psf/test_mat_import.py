@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +11,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lfcal.errors import FileFormatError, UnsafeFileError
-from lfcal.psf import open_psf
+from lfcal.errors import FileFormatError, InputError, UnsafeFileError
+from lfcal.psf import PSFMatrix, export, open_psf, save
 from lfcal.psf.lens_centre import lens_centre_of
+from lfcal.psf.opening import opening_notes
 from lfcal.reconstruct import Projector
 from tests.psf.test_lens_centre import forward_project
 
@@ -79,6 +81,76 @@ def test_a_quarter_of_the_positions_is_mirrored(tmp_path: Path) -> None:
         for y, x in np.ndindex(3, 3):
             np.testing.assert_array_equal(found[0, y, x], found.plane(0)[y, x])
         assert "mirrored" in " ".join(found.provenance["notes"])
+
+
+def as_meant(H: Array) -> Array:
+    """Return MATLAB's ``H(t, s, y, x, z)`` in lfcal's order."""
+    return H.transpose(4, 2, 3, 0, 1)
+
+
+@pytest.mark.parametrize(
+    "known", [{"Nnum": 3}, {"CAindex": [[1, 5], [1, 5]]}, {"Nnum": 3, "CAindex": [[1, 5], [1, 5]]}]
+)
+def test_nnum_or_caindex_means_rows_first(tmp_path: Path, known: dict[str, Any]) -> None:
+    """A MATLAB user's own file: no variable of Prevedel's window, but the terms of that family."""
+    H = np.random.default_rng(1).random((5, 5, 3, 3, 2))
+    path = save_v73(tmp_path / "H.mat", H=H, x3objspace=[-1e-6, 1e-6], **known)
+    with open_psf(path) as found:
+        np.testing.assert_array_equal(np.asarray(found), as_meant(H))
+        (note,) = opening_notes(found)
+        assert "H(t, s, y, x, z), rows first" in note and next(iter(known)) in note and "columns-first" in note
+    with open_psf(path, mat_order="columns-first") as found:
+        np.testing.assert_array_equal(np.asarray(found), as_meant(H).transpose(0, 2, 1, 4, 3))
+        assert opening_notes(found) == ("read as H(s, t, x, y, z), columns first, as stated",)
+
+
+def test_an_order_that_nothing_states_is_said_and_can_be_stated(tmp_path: Path) -> None:
+    H = np.random.default_rng(2).random((5, 5, 3, 3, 2))
+    path = save_v73(tmp_path / "H.mat", H=H)
+    with open_psf(path) as found:
+        np.testing.assert_array_equal(np.asarray(found), as_meant(H).transpose(0, 2, 1, 4, 3))
+        (note,) = opening_notes(found)
+        assert "columns first, because nothing in the file states" in note and "--mat-order rows-first" in note
+    with open_psf(path, mat_order="rows-first") as found:
+        np.testing.assert_array_equal(np.asarray(found), as_meant(H))
+        np.testing.assert_array_equal(np.asarray(pickle.loads(pickle.dumps(found))), as_meant(H))
+    with pytest.raises(InputError, match=r"expected rows-first or columns-first, got tsyxz"):
+        open_psf(path, mat_order="tsyxz")
+
+
+@pytest.mark.parametrize("rows_first", [False, True])
+def test_a_file_that_states_its_order_is_not_read_in_another(tmp_path: Path, rows_first: bool) -> None:
+    H = np.random.default_rng(3).random((2, 3, 3, 5, 5)).astype(np.float32)
+    path = export(PSFMatrix(H), tmp_path / "H.mat", rows_first=rows_first)
+    own, other = ("rows-first", "columns-first") if rows_first else ("columns-first", "rows-first")
+    with open_psf(path, mat_order=own) as found:
+        np.testing.assert_array_equal(np.asarray(found), H)
+        assert opening_notes(found)[0].endswith("as its axisOrder says")
+    with pytest.raises(InputError, match=f"order of its axes: expected {own}, as its axisOrder says, got {other}"):
+        open_psf(path, mat_order=other)
+
+
+def test_what_applies_to_another_format_is_refused(tmp_path: Path) -> None:
+    np.save(tmp_path / "H.npy", np.ones((1, 2, 2, 3, 3)))
+    save(PSFMatrix(np.ones((1, 2, 2, 3, 3))), tmp_path / "H.h5")
+    for name in ("H.npy", "H.h5"):
+        with pytest.raises(InputError, match=r"expected a \.mat file"):
+            open_psf(tmp_path / name, mat_order="rows-first")
+    with pytest.raises(InputError, match="region: expected an H file of lfcal"):
+        open_psf(tmp_path / "H.npy", region="edge")
+    with pytest.raises(InputError, match="checksums: expected an H file of lfcal"):
+        open_psf(tmp_path / "H.npy", check=True)
+
+
+def test_a_sparse_matrix_is_refused_with_what_to_do(tmp_path: Path) -> None:
+    """MATLAB saves one as a group with its rows in the attribute MATLAB_sparse."""
+    with h5py.File(tmp_path / "H.mat", "w", userblock_size=512) as file:
+        group = file.create_group("H")
+        group.attrs["MATLAB_class"] = np.bytes_(b"double")
+        group.attrs["MATLAB_sparse"] = np.uint64(25)
+        group["data"], group["ir"], group["jc"] = np.ones(2), np.zeros(2, np.uint64), np.arange(3, dtype=np.uint64)
+    with pytest.raises(FileFormatError, match=r"expected a full array of numbers, got a sparse matrix; .*full\(H\)"):
+        open_psf(tmp_path / "H.mat")
 
 
 def test_windows_that_cannot_be_are_refused(tmp_path: Path) -> None:
