@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
@@ -96,7 +97,12 @@ def command(
     anchor: str = typer.Option("", "--anchor", help="Pixel ROW,COLUMN of H's position (0, 0); H's own by default."),
     background: float = typer.Option(0.0, "--background", help="Counts of a pixel without any source."),
     read_noise: float = typer.Option(0.0, "--read-noise", help="Rms read noise (counts)."),
-    gain: float = typer.Option(1.0, "--gain", help="Counts per photo-electron, for --iterations auto:discrepancy."),
+    gain: float | None = typer.Option(
+        None,
+        "--gain",
+        help="Counts per photo-electron: for chi2 per pixel (default: the noise stored in H), and for --iterations "
+        "auto:discrepancy (default: 1).",
+    ),
     saturation: float | None = typer.Option(
         None, "--saturation", help="Leave out pixels at or above this value (counts)."
     ),
@@ -145,7 +151,7 @@ def command(
     from lfcal.cli.outputs import check_outputs
     from lfcal.cli.reconstruct_forecast import show_forecast, total_seconds
     from lfcal.cli.reconstruct_grid import anchor_of, check_grid, check_lattice, grid_of, view_of, wide
-    from lfcal.cli.reconstruct_numbers import iterations_of, margin_of
+    from lfcal.cli.reconstruct_numbers import iterations_of, margin_of, noise_of
     from lfcal.cli.reconstruct_regions import files_of_regions, open_regions, projector_of
     from lfcal.cli.reconstruct_saving import saving, targets_of
     from lfcal.cli.reconstruct_units import Settings
@@ -184,7 +190,7 @@ def command(
         at = anchor_of(anchor, view, H)
         shape = task.shape if view is None else view.shape
         usual = margin if margin != "auto" or "weights" in choice.solver.honours else "0"
-        choice = replace(choice, margin=margin_of(usual, H, shape))
+        choice = replace(choice, margin=margin_of(usual, H, shape), noise=noise_of(H))
         task = replace(task, choice=choice)
         wider, moved = wide(shape, at, H, choice.margin)
         most = None if memory is None else int(memory * 1e9)
@@ -272,6 +278,8 @@ def _solve(task: _Task, P: Projector, clean: Cleaner, view: Resampling | None, s
 
     def take(name: str, result: Reconstruction) -> None:
         known = {"notes": result.notes, "residual": result.history[-1].residual, "stopped": result.stopped}
+        if math.isfinite(result.chi2):
+            known["chi2"] = result.chi2
         save(name, result.volume, known)
 
     def leave(name: str) -> None:
@@ -379,6 +387,7 @@ def _show(result: Any, target: Path, shape: tuple[int, ...]) -> None:
     for note in result.notes:
         report(f"note: {result.name}: {note}")
     took = format_seconds(result.seconds)
-    typer.echo(f"{target}: volume {shape}, {result.iterations} iterations in {took}, residual {result.residual:.4f}")
+    fit = f"residual {result.residual:.4f}" + (f", chi2 per pixel {result.chi2:.3g}" if result.chi2 >= 0 else "")
+    typer.echo(f"{target}: volume {shape}, {result.iterations} iterations in {took}, {fit}")
     if result.stopped:
         typer.echo(f"stopped: {result.stopped}")

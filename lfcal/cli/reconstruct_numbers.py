@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from lfcal.psf import PSFMatrix
 
-__all__ = ["iterations_of", "margin_of"]
+__all__ = ["iterations_of", "margin_of", "noise_of"]
 
 
 def iterations_of(text: str) -> tuple[int, bool, str]:
@@ -29,6 +29,15 @@ def margin_of(text: str, H: PSFMatrix, shape: tuple[int, int]) -> int:
 
     pixels = _number("--margin", text, 0, "a number of pixels", ("auto",))
     return usual_margin(H.period, (H.shape[3], H.shape[4]), shape) if pixels is None else pixels
+
+
+def noise_of(H: PSFMatrix) -> tuple[float, float] | None:
+    """Return variance without light (counts²) and per count (counts) of the frames that H was made from, if stored."""
+    known = H.provenance.get("noise")
+    floor, slope = (known.get(key) if isinstance(known, dict) else None for key in ("floor", "slope"))
+    if not isinstance(floor, int | float) or not isinstance(slope, int | float) or not (floor >= 0 and slope > 0):
+        return None
+    return float(floor), float(slope)
 
 
 def _number(option: str, text: str, least: int, kind: str, words: Iterable[str]) -> int | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -143,6 +144,7 @@ def do_frame(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None
         "iterations": result.state.iteration,
         "residual": last.residual,
         "stopped": result.stopped,
+        "chi2": result.chi2 if math.isfinite(result.chi2) else None,
         "seconds": time.perf_counter() - began,
         "notes": result.notes,
         "method": tool.projector.method,
@@ -261,7 +263,9 @@ def iter_collect(parts: Sequence[Path], names: Sequence[str], saved: Saved, resu
             results.append(FrameResult.without_volume(name, known["failed"], known["seconds"]))
             continue
         counts = known["iterations"], known["residual"], known["seconds"]
-        results.append(FrameResult(name, *counts, tuple(known["notes"]), known["stopped"]))
+        chi2 = known.get("chi2")
+        judged = float("nan") if chi2 is None else float(chi2)
+        results.append(FrameResult(name, *counts, tuple(known["notes"]), known["stopped"], chi2=judged))
     if all(result.failed for result in results):
         return
     clock = Clock("write volumes", len(parts))
@@ -269,7 +273,9 @@ def iter_collect(parts: Sequence[Path], names: Sequence[str], saved: Saved, resu
         for k, (part, result, known) in enumerate(zip(parts, results, told, strict=True)):
             # a run that went on took the method that it was begun with
             said: dict[str, Any] = {
-                key: known[key] for key in ("residual", "stopped", "method", "notes") if key in known
+                key: known[key]
+                for key in ("residual", "stopped", "method", "notes", "chi2")
+                if known.get(key) is not None
             }
             save(result.name, None if result.failed else load_volume(part), said)
             yield clock.at(k + 1)

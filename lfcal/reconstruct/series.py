@@ -39,6 +39,8 @@ class FrameResult:
         Why the solver ended where it did; empty where all iterations were done.
     failed
         Why there is no volume of this frame; empty where there is one.
+    chi2
+        Per pixel, as in `Reconstruction`.
     """
 
     name: str
@@ -48,6 +50,7 @@ class FrameResult:
     notes: tuple[str, ...]
     stopped: str = ""
     failed: str = ""
+    chi2: float = float("nan")
 
     @classmethod
     def without_volume(cls, name: str, why: str, seconds: float) -> FrameResult:
@@ -178,6 +181,6 @@ def iter_series(
         last = result.history[-1]
         seconds = time.perf_counter() - start
         done = result.state.iteration
-        results.append(FrameResult(name, done, last.residual, seconds, result.notes, result.stopped))
+        results.append(FrameResult(name, done, last.residual, seconds, result.notes, result.stopped, chi2=result.chi2))
     check_any(results)
     return tuple(results)

@@ -90,6 +90,28 @@ def test_the_volume_is_that_of_the_library(lfcal: Callable[..., Run], folder: Pa
     assert np.abs(volume - plain).max() > 1e-3 * plain.max(), "the option has an effect"
 
 
+@pytest.mark.parametrize("run", [(), ("--executor", "threads")])
+def test_chi2_per_pixel_is_stated_where_the_noise_is_known(
+    lfcal: Callable[..., Run], folder: Path, tmp_path: Path, run: tuple[object, ...]
+) -> None:
+    """By ``--gain``, else by the noise that H keeps of the frames it was made from."""
+    told = tmp_path / "told.h5"
+    noise = {"floor": 0.0, "slope": 1.0, "from": "darks and repeats"}
+    H = lenslet_psf(2, 5, 15).astype(np.float32)
+    save(PSFMatrix(H, depths=(-5.0, 5.0), provenance={"noise": noise}), told)
+    options = ("--solver", "rl", "--iterations", 40, "--margin", 0, "--background", 5, "--force", "--json", *run)
+    found = {}
+    for name, psf, more in (("none", folder / "H.h5", ()), ("gain", folder / "H.h5", ("--gain", 1)), ("H", told, ())):
+        out = tmp_path / f"{name}.h5"
+        done = lfcal("reconstruct", psf, folder / "frame.png", "--out", out, *options, *more)
+        assert done.code == 0, done.err
+        found[name] = done.json["volumes"][0]["chi2"]  # type: ignore[index, call-overload]
+        with h5py.File(out) as file:
+            assert json.loads(file.attrs["details"]).get("chi2") == found[name]
+    assert found["none"] is None and 0.5 < found["H"] < 1.2
+    assert found["gain"] == pytest.approx(found["H"], rel=1e-5)
+
+
 def test_method_workers_and_precision(lfcal: Callable[..., Run], folder: Path, tmp_path: Path) -> None:
     """They change how the volume is computed, not what it is."""
     volumes = {}
@@ -188,7 +210,7 @@ def test_it_stops_by_the_noise_that_it_is_told(lfcal: Callable[..., Run], folder
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--gain", 2), "gain: expected the stop by discrepancy"),
+        (("--gain", 0), "gain (counts per photo-electron): expected a number > 0"),
         (("--iterations", "auto:luck"), "auto or auto:discrepancy"),
         (("--solver", "rl", "--subsets", 2), "osem"),
         (("--threshold", 2), "threshold"),

@@ -6,12 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from lfcal.bench._fault_recordings import CAMERAS
 from lfcal.camera import ScanPlan, preset
 from lfcal.errors import InputError
 from lfcal.psf import PSFMatrix
 from lfcal.reconstruct import Projector
+from lfcal.reconstruct.metrics import nrmse
 from lfcal.reconstruct.solvers.choice import SolverChoice, reconstruct
 from lfcal.reconstruct.solvers.em import EmOptions
 from lfcal.reconstruct.solvers.records import SolverState
@@ -35,6 +37,18 @@ def microscope() -> PSFMatrix:
     )
     plan = ScanPlan.for_camera(camera, depths_um=(-4.0, 0.0, 4.0), cutout=101)
     return simulate_psf(camera, plan, plan_effects(camera, plan, 0.3), tolerance=0.3)
+
+
+@pytest.fixture(scope="module")
+def textured() -> tuple[Projector, tuple[slice, slice]]:
+    """Return a projector of three planes seen alike behind square lenslets, and where light of a volume is kept."""
+    camera = preset("bench")
+    camera = replace(camera, lattice=replace(camera.lattice, kind="square", types=camera.lattice.types[1:2]))
+    depths = tuple(camera.depth_of(v) for v in (2.2, 2.8, 3.4))
+    plan = ScanPlan(camera, (11, 11), cutout=(45, 45), depths_um=depths, anchor=(137, 137))
+    H = simulate_psf(camera, plan, effects=(), tolerance=0.1)
+    # without the camera: nothing but the stretch tells it from accelerated Richardson-Lucy
+    return Projector(H[:], (77, 77), anchor=(5, 5), workers=1), (slice(14, -14), slice(14, -14))
 
 
 def test_a_sieve_is_its_own_transpose():
@@ -71,9 +85,11 @@ def test_it_is_accelerated_richardson_lucy_of_a_blurred_matrix(monkeypatch, subs
 
     The logarithm of u, beside its mean over a cutout, is taken 1 + p times, and the light of a u stays as it was. p is
     2 and shrinks to 0.9 of it, by as much as the step from model to model went beyond the top of a parabola, to 0.3.
+    a leaves a tenth of each voxel. Where the likelihood of a has fallen, the best of 256 points between s before and a
+    takes its place, and t starts again.
     """
-    rng = np.random.default_rng(0)
-    H, shape = rng.random((2, 3, 3, 5, 5)) ** 16, (9, 9)
+    rng = np.random.default_rng(1)
+    H, shape = rng.random((2, 3, 3, 5, 5)) ** 30, (9, 9)
     P, A = Projector(H, shape, dtype=np.float64), dense(H, shape)
     sieve = Sieve((0.0, 1.1))
     monkeypatch.setattr("lfcal.reconstruct.solvers.sieve.sieve_of", lambda P: sieve)
@@ -82,29 +98,61 @@ def test_it_is_accelerated_richardson_lucy_of_a_blurred_matrix(monkeypatch, subs
     B, f, b = A @ S, rng.uniform(1, 20, 81), 0.7
     s = np.full(162, (f - b).sum() / B.sum())
     before, t, step, p, tops, last = s, 1.0, 0.0, 2.0, [], None
+    turned, reached = 0, -np.inf
+
+    def likelihood(model):
+        return float((f * np.log(model) - model).sum())
+
     for k in range(6):
-        ahead = np.maximum(s + step * (s - before), 0)
+        ahead = np.maximum(s + step * (s - before), 0.1 * s)
         model = B @ ahead + b
+        fell = likelihood(model) < reached
         if last is not None:
             rise, left = ((f / m - 1) @ (model - last) for m in (last, model))
             tops.append(rise / (rise - left))
             p *= 0.9 * np.clip(tops[-1], 0.3, 1)
-        last = model
+        if fell:
+            turned += 1
+            way, shares = ahead - before, np.arange(1, 256) / 256
+            uphill = [q for q in shares if (f / (B @ (before + q * way) + b) - 1) @ (B @ way) > 0]
+            s = ahead = before + max(uphill, default=0.0) * way
+            model = B @ ahead + b
+        last, reached = model, likelihood(model)
         u = (B.T @ (f / model)) / B.sum(0)
         logs = np.log(np.maximum(u, np.exp(-3))).reshape(2, 9, 9)
         longer = u * np.exp(np.clip(p * (logs - box_mean(logs, 5)), -3, 3)).ravel()
         longer *= (B.sum(0) * ahead) @ u / ((B.sum(0) * ahead) @ longer)
         before, s = s, ahead * longer
-        if k:
-            t = (1 + np.sqrt(1 + 4 * t**2)) / 2
+        t = 1.0 if fell or not k else (1 + np.sqrt(1 + 4 * t**2)) / 2
         step = (t - 1) / ((1 + np.sqrt(1 + 4 * t**2)) / 2)
-    assert min(tops) < 1 < max(tops) and p > 0.2, "both sides of the rule are met"
+    assert min(tops) < 1 < max(tops) and p > 0.2 and 0 < turned < 5, "all sides of the rule are met"
     choice = SolverChoice("sieve", 6, b, subsets=subsets)
     np.testing.assert_allclose(reconstruct(P, f.reshape(9, 9), choice).volume.ravel(), S @ s, rtol=1e-8)
     first = reconstruct(P, f.reshape(9, 9), replace(choice, iterations=4)).state
     rest = reconstruct(P, f.reshape(9, 9), replace(choice, iterations=2), resume=first)
     np.testing.assert_allclose(rest.volume.ravel(), S @ s, rtol=1e-8)
     assert rest.history[-1].iteration == 6
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_dense_texture_is_fitted_as_well_as_by_plain_richardson_lucy(textured, seed):
+    """Stretched steps must not put out voxels for good.
+
+    Chi2 per pixel was 11 to 29 after three iterations and 1.1 to 3.6 after 30, where plain ones reach 9 and 1.1.
+    """
+    P, inner = textured
+    rng = np.random.default_rng(seed)
+    truth = np.zeros(P.volume_shape)
+    for plane in truth:
+        plane[inner] = (np.clip(10 * gaussian_filter(rng.standard_normal(plane.shape), 3), 0, None) + 0.1)[inner]
+    truth *= 2000 / P.forward(truth).max()
+    image = rng.poisson(P.forward(truth).clip(0) + 10).astype(float)
+    found = {name: reconstruct(P, image, SolverChoice(name, 30, 10.0, gain=1.0)) for name in ("rl", "sieve")}
+    error = {name: nrmse(one.volume, truth) for name, one in found.items()}
+    assert found["sieve"].chi2 < found["rl"].chi2 and error["sieve"] < error["rl"]
+    assert found["sieve"].chi2 < 1.0
+    likelihood = [one.likelihood for one in found["sieve"].history]
+    assert likelihood[3] > found["rl"].history[3].likelihood
 
 
 def test_what_repeats_is_left_out_of_an_update():

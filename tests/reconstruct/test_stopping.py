@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -193,12 +195,30 @@ def test_noise_that_is_never_met_is_told(noisy):
     assert any("times its noise: check gain and read noise, or H" in note for note in found.notes)
 
 
+@pytest.mark.parametrize("margin", [0, 8])
+def test_a_result_has_chi2_per_pixel_where_the_noise_is_known(noisy, margin):
+    P, _, image = noisy
+    wide = P if not margin else Projector(lenslet_psf(), (SHAPE[0] + 16, SHAPE[1] + 16), (1 + 8, 3 + 8))
+    image = 4 * image + 3 * np.random.default_rng(1).standard_normal(SHAPE)
+    image[5, 5] = np.nan
+    choice = SolverChoice("rl", 8, 8.0, read_noise=3.0, margin=margin)
+    found = reconstruct(wide, image, choice)
+    assert np.isnan(found.chi2)
+    model = wide.forward(found.state.volume)[margin : margin + SHAPE[0], margin : margin + SHAPE[1]] + 8
+    expected = np.nanmean((image - model) ** 2 / (4 * np.maximum(model, 8) + 9))
+    for known in ({"gain": 4.0}, {"noise": (9.0, 4.0)}):
+        again = reconstruct(wide, image, replace(choice, **known))
+        np.testing.assert_array_equal(again.volume, found.volume)
+        assert again.chi2 == pytest.approx(expected, rel=1e-4)
+    assert reconstruct(wide, image, replace(choice, iterations=60, gain=4.0)).chi2 < 1.2 < expected
+
+
 def test_what_the_stop_does_not_use_is_refused():
     for setting, words in (
         ({"stop": "luck"}, "left-out or discrepancy"),
-        ({"gain": 2.0}, "gain: expected the stop by discrepancy, which alone uses it, got 2.0; leave it out"),
-        ({"gain": 2.0, "auto": True}, "which alone uses it"),
-        ({"gain": 0.0, "auto": True, "stop": "discrepancy"}, r"gain \(counts per photo-electron\)"),
+        ({"gain": 0.0}, r"gain \(counts per photo-electron\)"),
+        ({"noise": (1.0, 0.0)}, r"noise per count \(counts\)"),
+        ({"noise": (-1.0, 1.0)}, "noise without light"),
     ):
         with pytest.raises(InputError, match=words):
             SolverChoice("rl", 5, **setting)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from dataclasses import asdict, replace
 from typing import Any, NamedTuple
@@ -53,7 +54,7 @@ class Solving:
         self.history: tuple[SolverProgress, ...] = ()
         self.state: SolverState | None = None
         self.notes: tuple[str, ...] = ()
-        self.stopped = ""
+        self.stopped, self.chi2 = "", float("nan")
         self.depths: NDArray[np.float64] | None = None
         self.voxel_um: tuple[float, float] | None = None
         self._projector: Any = None
@@ -94,6 +95,8 @@ class Solving:
             f"{self.state.iteration} iterations in {format_seconds(last.seconds)}",
             f"residual {100 * last.residual:.3g} % of the image",
         ]
+        if math.isfinite(self.chi2):
+            lines.append(f"chi2 per pixel {self.chi2:.3g}")
         if truth is not None and truth.any():
             lines.append(f"error against the truth: NRMSE {nrmse(self.volume, truth):.3f}")
         return "<br>".join((*lines, *((self.stopped,) if self.stopped else ()), *self.notes))
@@ -123,7 +126,7 @@ class Solving:
             return self.state
         settings = self.settings if iterations is None else self.settings.changed("iterations", iterations)
         choice = replace(settings.choice(), margin=self._margin)
-        self.stopped = ""
+        self.stopped, self.chi2 = "", float("nan")
         running = iter_reconstruct(self._projector, self.image[self.window], choice, resume=self.state)
         try:
             while True:
@@ -137,6 +140,7 @@ class Solving:
         except StopIteration as end:
             # of a run that stops by itself the best estimate is an earlier one
             self.notes, self.stopped, self.state = end.value.notes, end.value.stopped, end.value.state
+            self.chi2 = end.value.chi2
         finally:
             running.close()
         return self.state

@@ -24,7 +24,7 @@ def step(project: ProjectState, out: str = "") -> Step:
     pairs = (
         ("--solver", choice.name),
         ("--iterations", _iterations(choice)),
-        ("--gain", choice.gain if choice.gain != 1 else None),
+        ("--gain", choice.gain),
         ("--method", chosen.method),
         ("--device", chosen.device if chosen.device != "auto" else None),
         ("--threshold", chosen.threshold or None),

@@ -18,6 +18,9 @@ __all__ = ["ACCELERATIONS", "extrapolate", "remember"]
 ACCELERATIONS = ("none", "biggs-andrews", "nesterov")
 """Ways to extrapolate."""
 
+LEAST_LEFT = 0.1
+"""Share of a voxel that extrapolation leaves. Zero would be final: multiplicative updates cannot raise it again."""
+
 
 def check_acceleration(name: str) -> None:
     """Raise `InputError` unless ``name`` is a way to extrapolate."""
@@ -30,6 +33,7 @@ def extrapolate(state: SolverState, name: str) -> tuple[NDArray[Any], float]:
 
     ``biggs-andrews`` takes the step from two successive updates (Biggs & Andrews 1997, equation 10), ``nesterov``
     from the iteration number (Beck & Teboulle 2009, equation 4.2). A state without memory is returned as it is.
+    A voxel keeps at least `LEAST_LEFT` of its value.
     """
     if name == "none" or not state.arrays:
         return state.volume, 0.0
@@ -54,29 +58,35 @@ def extrapolate(state: SolverState, name: str) -> tuple[NDArray[Any], float]:
             np.subtract(now, then, out=plane)
             plane *= plane.dtype.type(step)
             plane += now
-            # a multiplicative update cannot come back from a negative value
-            np.maximum(plane, 0, out=plane)
+            np.maximum(plane, now * plane.dtype.type(LEAST_LEFT), out=plane)
 
     for_each_chunk(some, len(ahead), plane_threads(len(ahead), ahead[0].nbytes))
     return ahead, step
 
 
 def remember(
-    state: SolverState, start: NDArray[Any], updated: NDArray[Any], name: str, *, restart: bool
+    state: SolverState,
+    start: NDArray[Any],
+    updated: NDArray[Any],
+    name: str,
+    *,
+    restart: bool,
+    likelihood: float,
 ) -> tuple[tuple[NDArray[Any], ...], tuple[float, ...]]:
     """Return what the next extrapolation needs: arrays and numbers of the next state.
 
-    ``restart`` forgets the past: the likelihood had fallen, so the last step was too long.
+    ``restart`` forgets the past: the likelihood had fallen, so the last step was too long. ``likelihood``, that of
+    ``start``, is the last of the numbers: the next one is compared with it.
     """
     if name == "none":
         return (), ()
     if name == "nesterov":
         t = 1.0 if restart or not state.numbers else _next_t(state.numbers[0])
-        return (state.volume,), (t,)
+        return (state.volume,), (t, likelihood)
     gradient = updated - start
     if restart or not state.arrays:
-        return (state.volume, gradient), ()
-    return (state.volume, gradient, state.arrays[1]), ()
+        return (state.volume, gradient), (likelihood,)
+    return (state.volume, gradient, state.arrays[1]), (likelihood,)
 
 
 def _next_t(t: float) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Generator
 from dataclasses import dataclass, replace
 from typing import Any
@@ -79,7 +80,11 @@ class SolverChoice:
         ``"left-out"``: when pixels that are left out of the fit, one of 25, are foretold worse; the volume is the one
         that foretold them best. ``"discrepancy"``: when the volume's image is as near the frame as noise allows.
     gain
-        Counts per photo-electron; for ``"discrepancy"`` alone.
+        Counts per photo-electron; None: unknown, and 1 for ``"discrepancy"``. Where it is given, the result has chi2
+        per pixel.
+    noise
+        Variance of a pixel without light (counts²), and per count of light (counts), as measured: for chi2 where
+        ``gain`` is not given. None: unknown.
     margin
         Pixels that the volume goes on beyond each edge of the frame; the projector is that of the wider frame.
 
@@ -109,7 +114,8 @@ class SolverChoice:
     auto: bool = False
     margin: int = 0
     stop: str = "left-out"
-    gain: float = 1.0
+    gain: float | None = None
+    noise: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         """Check name and settings, before anything is prepared for them."""
@@ -118,7 +124,6 @@ class SolverChoice:
         if self.margin < 0:
             raise InputError.expected("margin (pixels)", "not negative", self.margin, "correct it")
         check_choice("stop", self.stop, STOPS)
-        discrepancy = self.auto and self.stop == "discrepancy"
         check_counts(self.read_noise, self.saturation)
         check_number("background (counts)", self.background, at_least=0, at_most=MAX_SAMPLE)
         check_number("tolerance", self.tolerance, at_least=0)
@@ -126,9 +131,11 @@ class SolverChoice:
             check_number("strength", self.strength, at_least=0, at_most=MAX_SAMPLE)
         if self.subsets is not None:
             check_number("subsets", self.subsets, at_least=1, integer=True)
-        check_number("gain (counts per photo-electron)", self.gain, above=0, at_most=MAX_SAMPLE)
-        if self.gain != 1 and not discrepancy:
-            raise InputError.expected("gain", "the stop by discrepancy, which alone uses it", self.gain, "leave it out")
+        if self.gain is not None:
+            check_number("gain (counts per photo-electron)", self.gain, above=0, at_most=MAX_SAMPLE)
+        if self.noise is not None:
+            check_number("noise without light (counts²)", self.noise[0], at_least=0, at_most=MAX_SAMPLE)
+            check_number("noise per count (counts)", self.noise[1], above=0, at_most=MAX_SAMPLE)
         if "weights" not in self.solver.honours:
             self._check_without_weights()
 
@@ -154,6 +161,13 @@ class SolverChoice:
     def solver(self) -> Solver:
         """The solver itself."""
         return SOLVERS.get(self.name)
+
+    @property
+    def known_noise(self) -> tuple[float, float] | None:
+        """Counts per photo-electron and rms read noise (counts), by which the fit is judged; None: unknown."""
+        if self.gain is not None:
+            return self.gain, self.read_noise
+        return None if self.noise is None else (self.noise[1], math.sqrt(self.noise[0]))
 
 
 def check_option(solver: Solver, option: str, given: object) -> None:
@@ -208,6 +222,8 @@ def iter_reconstruct(
         work = _iter_to_noise(P, image, run, c)
     else:
         work = _iter_auto(P, image, run, c.solver)
+    if c.known_noise is not None:
+        work = _iter_judged(work, P, image, run, c.known_noise)
     return _iter_cropped(work, c.margin) if c.margin else work
 
 
@@ -235,9 +251,19 @@ def _iter_to_noise(P: Projector, image: ArrayLike, run: SolverRun, choice: Solve
     data = run.measure(P, image, signed=True)
 
     def misfit_of(volume: NDArray[Any]) -> float:
-        return misfit(P.forward(volume) + data.background, data, run.read_noise, choice.gain)
+        return misfit(P.forward(volume) + data.background, data, run.read_noise, choice.gain or 1.0)
 
     return iter_until_noise(choice.solver.iterate(P, image, run), data.notes, misfit_of)
+
+
+def _iter_judged(
+    work: SolverWork, P: Projector, image: ArrayLike, run: SolverRun, noise: tuple[float, float]
+) -> SolverWork:
+    """Run ``work`` and state chi2 per pixel of its volume, which is projected once more for it."""
+    result = yield from work
+    gain, read_noise = noise
+    data = replace(run, read_noise=read_noise).measure(P, image, signed=True)
+    return replace(result, chi2=misfit(P.forward(result.volume) + data.background, data, read_noise, gain))
 
 
 def _iter_cropped(work: SolverWork, margin: int) -> Generator[SolverProgress, None, Reconstruction]:

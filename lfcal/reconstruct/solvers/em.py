@@ -27,7 +27,7 @@ from lfcal.reconstruct.solvers.records import (
 from lfcal.reconstruct.solvers.repeating import Repeating
 from lfcal.reconstruct.solvers.smoothing import DepthSmoothing
 from lfcal.reconstruct.solvers.solver import SolverRun
-from lfcal.reconstruct.solvers.stretch import Stretch, weaker
+from lfcal.reconstruct.solvers.stretch import Stretch, best_share, weaker
 from lfcal.reconstruct.solvers.subsets import Masks, check_partition
 from lfcal.threads import in_order
 
@@ -101,10 +101,21 @@ class _Part:
 
 @dataclass
 class _Pace:
-    """How far updates go: the strength by which they are stretched, and the model that the last one began with."""
+    """How far updates go.
+
+    Attributes
+    ----------
+    strength
+        By which they are stretched.
+    model
+        The model ``(Y, X)`` that the last update began with.
+    likelihood
+        Of that model.
+    """
 
     strength: float
     model: NDArray[Any] | None = None
+    likelihood: float = -np.inf
 
     def at(self, model: NDArray[Any], data: Measurement, floor: float) -> float:
         """Return the strength of the update that begins with ``model``."""
@@ -112,6 +123,30 @@ class _Pace:
             self.strength = weaker(self.strength, self.model, model, data, floor)
         self.model = model
         return self.strength
+
+    def remember(
+        self, state: SolverState, done: _Pass, acceleration: str, *, restart: bool
+    ) -> tuple[tuple[NDArray[Any], ...], tuple[float, ...]]:
+        """Return what the next update needs to know: arrays and numbers of the next state."""
+        arrays, numbers = remember(
+            state, done.start, done.volume, acceleration, restart=restart, likelihood=self.likelihood
+        )
+        if self.strength > 0 and self.model is not None:
+            return (*arrays, self.model), (*numbers, self.strength)
+        return arrays, numbers
+
+
+@dataclass(frozen=True)
+class _Pass:
+    """One pass over all subsets: the volume it began with, the one it ended with, and the fit met on the way.
+
+    ``turned_back``: the last update had been stretched too far, and it began with a shorter one.
+    """
+
+    start: NDArray[Any]
+    volume: NDArray[Any]
+    fit: GoodnessOfFit
+    turned_back: bool
 
 
 def iter_em(
@@ -147,19 +182,20 @@ def iter_em(
         raise InputError.expected("start", f"shape {P.volume_shape}", state.volume.shape, "use the same projector")
     history: list[SolverProgress] = []
     total = state.iteration + iterations
-    before, stopped = -np.inf, ""
+    stopped = ""
     pace = _pace(state, options)
     for _ in range(iterations):
         began = time.perf_counter()
         start, step = extrapolate(state, options.acceleration)
-        volume, fit = _iterate(start, parts, data, options, pace)
+        before = pace.likelihood
+        done = _iterate(start, parts, data, options, pace, state.arrays[0] if state.arrays else None)
+        volume, fit = done.volume, done.fit
         change = relative_change(volume, state.volume)
+        if done.turned_back:
+            state = replace(state, volume=done.start)
         # The likelihood belongs to the extrapolated start: where it fell, the last step was too long.
-        restart = step > 0 and fit.likelihood < before
-        before = fit.likelihood
-        arrays, numbers = remember(state, start, volume, options.acceleration, restart=restart)
-        if pace.strength > 0 and pace.model is not None:
-            arrays, numbers = (*arrays, pace.model), (*numbers, pace.strength)
+        restart = done.turned_back or (step > 0 and fit.likelihood < before)
+        arrays, numbers = pace.remember(state, done, options.acceleration, restart=restart)
         seconds = state.seconds + time.perf_counter() - began
         state = SolverState(volume, state.iteration + 1, seconds, arrays, numbers)
         record = progress_of(
@@ -235,33 +271,73 @@ def _start(P: Projector, data: Measurement, parts: tuple[_Part, ...], initial: A
 
 def _pace(state: SolverState, options: EmOptions) -> _Pace:
     """Return how far the next update goes, as the state remembers it; one that does not is past its start."""
-    if options.stretch is None or (state.iteration > 0 and len(state.arrays) < 2):
+    if state.iteration == 0:
+        return _Pace(0.0 if options.stretch is None else options.stretch.first)
+    if not state.numbers:
         return _Pace(0.0)
-    return _Pace(state.numbers[1], state.arrays[1]) if state.iteration > 0 else _Pace(options.stretch.first)
+    if options.stretch is None or len(state.arrays) < 2:
+        return _Pace(0.0, likelihood=state.numbers[-1])
+    return _Pace(state.numbers[-1], state.arrays[1], state.numbers[-2])
 
 
 def _iterate(
-    volume: NDArray[Any], parts: tuple[_Part, ...], data: Measurement, options: EmOptions, pace: _Pace
-) -> tuple[NDArray[Any], GoodnessOfFit]:
-    """Return the volume after one pass over all subsets, and the fit met on the way."""
+    volume: NDArray[Any],
+    parts: tuple[_Part, ...],
+    data: Measurement,
+    options: EmOptions,
+    pace: _Pace,
+    previous: NDArray[Any] | None,
+) -> _Pass:
+    """Return one pass over all subsets, from ``volume`` on.
+
+    Where a stretched update has lowered the likelihood, the pass begins between ``previous``, the volume before that
+    update, and ``volume``: where the likelihood is highest.
+    """
     square, likelihood, foretold, error, norm = 0.0, 0.0, 0.0, 0.0, float(np.linalg.norm(data.weighted(data.image)))
+    start, turned_back = volume, False
     for part in parts:
-        P = part.projector
-        model = P.forward(volume) + data.background
-        floor = max(P.rounding * float(model.max(initial=0)), float(np.finfo(model.dtype).tiny))
-        fit = data.fit(model, part.mask, floor)
+        model, floor, fit = _compared(part, volume, data)
         likelihood += fit.likelihood
         foretold += fit.left_out
         error += fit.left_out_error**2
         # Subsets are disjoint: their squares add up to that of the whole image, each at its own estimate.
         own = data.image if part.mask is None else data.image * part.mask
         square += (fit.residual * float(np.linalg.norm(data.weighted(own)))) ** 2
-        strength = pace.at(model, data, floor)
+        stretched, strength = pace.strength > 0, pace.at(model, data, floor)
+        reached = fit.likelihood
+        if stretched and reached < pace.likelihood and previous is not None:
+            start, model, floor = _shortened(part, previous, volume, model, data)
+            volume, turned_back, pace.model = start, True, model
+            reached = data.fit(model, part.mask, floor).likelihood
         volume = _update(volume, model, floor, part, data, options, strength)
+    pace.likelihood = likelihood if len(parts) > 1 else reached
     if options.smoothing is not None:
         volume = options.smoothing.apply(volume)
     residual = fit.residual if len(parts) == 1 else (square**0.5 / norm if norm > 0 else 0.0)
-    return volume, GoodnessOfFit(residual, likelihood, foretold, error**0.5)
+    return _Pass(start, volume, GoodnessOfFit(residual, likelihood, foretold, error**0.5), turned_back)
+
+
+def _compared(part: _Part, volume: NDArray[Any], data: Measurement) -> tuple[NDArray[Any], float, GoodnessOfFit]:
+    """Return the model ``(Y, X)`` of a volume, the value below which it is rounding, and how well it fits."""
+    P = part.projector
+    model = P.forward(volume) + data.background
+    floor = max(P.rounding * float(model.max(initial=0)), float(np.finfo(model.dtype).tiny))
+    return model, floor, data.fit(model, part.mask, floor)
+
+
+def _shortened(
+    part: _Part, previous: NDArray[Any], volume: NDArray[Any], model: NDArray[Any], data: Measurement
+) -> tuple[NDArray[Any], NDArray[Any], float]:
+    """Return the volume of the highest likelihood between two, its model, and the value below which that is rounding.
+
+    Models are linear in volumes: only that of ``previous`` is projected, ``model`` is that of ``volume``.
+    """
+    first, floor, _ = _compared(part, previous, data)
+    share = first.dtype.type(best_share(first, model, data, floor))
+    between = np.subtract(volume, previous)
+    between *= share
+    between += previous
+    return between, first + share * (model - first), floor
 
 
 def _update(

@@ -119,6 +119,9 @@ class Reconstruction:
         What was done to the input that one should know: masked, negative or unseen values.
     stopped
         Why it ended where it did; empty where all iterations asked for were done.
+    chi2
+        Mean over the pixels of the squared residual over its variance by noise: 1 where only noise is left. NaN
+        where the noise is unknown (`SolverChoice.gain`, `SolverChoice.noise`).
 
     Examples
     --------
@@ -136,6 +139,7 @@ class Reconstruction:
     state: SolverState
     notes: tuple[str, ...] = ()
     stopped: str = ""
+    chi2: float = float("nan")
 
 
 SolverWork = Generator[SolverProgress, None, Reconstruction]

@@ -8,6 +8,8 @@ light stays that of the plain update.
 
 How long is too long, the image tells: between the models of two iterations the likelihood is nearly a parabola, and
 where its top lies before the second one (a Newton step along the way, Kaufman 1987) the strength is lowered as much.
+Where the second one is less likely than the first, the update ends at the top instead: the likelihood is concave along
+the way, so that the top is found from the two models without another projection.
 """
 
 from __future__ import annotations
@@ -22,7 +24,7 @@ from numpy.typing import NDArray
 from lfcal.reconstruct.solvers.measurement import Measurement
 from lfcal.reconstruct.solvers.planes import box_mean
 
-__all__ = ["Stretch", "weaker"]
+__all__ = ["Stretch", "best_share", "weaker"]
 
 FIRST = 2.0
 """Strength of the first update."""
@@ -35,6 +37,9 @@ LEAST = 0.3
 
 IDLE = 0.2
 """Strengths below are not worth their time: updates are plain from there on."""
+
+HALVINGS = 8
+"""Of the way in the search for its top."""
 
 STEEPEST = 3.0
 """Stretching changes the logarithm of a factor by no more than this."""
@@ -88,6 +93,17 @@ def weaker(strength: float, before: NDArray[Any], model: NDArray[Any], data: Mea
     top = rise / (rise - left) if rise > left else math.inf
     found = strength * FADING * min(max(top, LEAST), 1.0)
     return found if found >= IDLE else 0.0
+
+
+def best_share(before: NDArray[Any], model: NDArray[Any], data: Measurement, floor: float) -> float:
+    """Return the share of the way between two models ``(Y, X)`` at which the likelihood is highest, not above it."""
+    way = np.subtract(model, before, dtype=np.float64)
+    low, high = 0.0, 1.0
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2
+        at = (before + middle * way).astype(before.dtype, copy=False)
+        low, high = (middle, high) if _slope(at, way, data, floor) > 0 else (low, middle)
+    return low
 
 
 def _slope(model: NDArray[Any], way: NDArray[np.float64], data: Measurement, floor: float) -> float:
