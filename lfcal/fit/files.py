@@ -18,6 +18,7 @@ from lfcal.fit.result import Fit
 from lfcal.plain import plain
 from lfcal.progress import Work
 from lfcal.psf import PSFMatrix, PSFWriter
+from lfcal.psf.provenance import OF_FRAMES
 from lfcal.simulate.effects.described import Entry, entries_json
 from lfcal.work import RunChoice
 
@@ -179,7 +180,9 @@ def iter_write_hybrid(
     StorageError
         If the file cannot be written.
     """
-    with _writer(fit, out, provenance, compression, workers) as writer:
+    recorded = source.provenance if isinstance(source, PSFMatrix) else {}
+    kept = {name: recorded[name] for name in OF_FRAMES if name in recorded}
+    with _writer(fit, out, {**kept, **(provenance or {})}, compression, workers) as writer:
 
         def take(z: int, plane: HybridPlane) -> None:
             writer.write_plane(z, plane.values, facts=plane.facts, uncertainty=plane.uncertainty)

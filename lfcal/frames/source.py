@@ -180,6 +180,7 @@ class FrameSource(Protocol):
     Frames come in any order; a position may be missing or given more than once. Reading is safe from several
     threads. ``metadata`` holds what is known of all frames: ``bit_depth``, ``saturation`` (sample value),
     ``black_level``, ``cfa``, ``gains``, ``noise`` (`Noise` of raw samples), ``darks`` (recorded with the frames),
+    ``codec`` (how files store samples: ``{"name": "lzw", "lossless": True}``), ``optics`` (of simulated frames),
     ``plan_shape``, ``plan``, ``path``, ``left_out`` (damaged frames, `LeftOut`) …; an entry that is not there is not
     known.
     """

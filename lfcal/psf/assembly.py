@@ -28,6 +28,9 @@ from lfcal.threads import worker_count
 
 __all__ = ["AssembledPlane", "Assembly", "AssemblyProgress"]
 
+FRAME_FACTS = ("codec",)
+"""Metadata of a frame source that H keeps with the number of frames."""
+
 
 @dataclass(frozen=True, eq=False)
 class AssembledPlane:
@@ -127,7 +130,7 @@ class Assembly:
         """Return what H keeps of how it was made."""
         known, cutout = self.source.metadata, self.cutout
         found = {
-            "frames": self.recorded,
+            "frames": {"count": self.recorded, **{name: known[name] for name in FRAME_FACTS if name in known}},
             "cutout": {"interpolation": cutout.interpolation, "outside": cutout.outside, "scale": list(cutout.scale)},
             "corrections": known.get("corrections", {}),
             **(provenance or {}),

@@ -12,7 +12,8 @@ from lfcal.errors import FileFormatError
 from lfcal.h5.file import H5File
 from lfcal.progress import Clock, Work
 from lfcal.psf.layout import StoredPlane
-from lfcal.psf.opening import facts_in, scaling_of, steps_in
+from lfcal.psf.opening import facts_in, provenance_of, scaling_of, steps_in
+from lfcal.psf.provenance import simulated_planes
 from lfcal.psf.store import PSFWriter
 
 __all__ = ["iter_join", "stored_plane"]
@@ -69,4 +70,5 @@ def stored_plane(file: H5File) -> StoredPlane:
         uncertainty,
         wide,
         None if steps is None else (steps[0][0], steps[1][0]),
+        simulated_planes(provenance_of(file), 1)[0],
     )

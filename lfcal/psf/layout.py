@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal import __version__
 from lfcal.axes import AXES
 from lfcal.errors import InputError
 from lfcal.h5.dataset import H5Data
@@ -22,6 +21,7 @@ from lfcal.psf.chunk_codec import copy_plane, parallel_write
 from lfcal.psf.facts import Facts, stacked
 from lfcal.psf.steps import bound_after, stepped_plane
 from lfcal.threads import for_each_chunk
+from lfcal.version import full_version
 
 if TYPE_CHECKING:
     from lfcal.camera import Camera
@@ -91,6 +91,8 @@ class StoredPlane:
         Standard deviations of its entries in steps of the scale; None: none are stated.
     steps
         Step and zero of each pattern ``(ny, nx)``, of an H in whole steps.
+    simulated
+        How it was simulated, as plain JSON types; None where it was not.
     """
 
     data: H5Data
@@ -104,6 +106,7 @@ class StoredPlane:
     uncertainty: H5Data | None = None
     uncertainty_scale: float = 1.0
     steps: tuple[NDArray[np.float32], NDArray[np.uint16]] | None = None
+    simulated: Mapping[str, Any] | None = None
 
 
 class MatrixGroup:
@@ -120,6 +123,7 @@ class MatrixGroup:
         self._sums = np.zeros((nz, *header.shape[3:]))
         self._facts = [Facts()] * nz
         self._provenance = dict(header.provenance)
+        self._simulated: dict[int, Mapping[str, Any]] = {}
         self._uncertainty: Any = None
         self._uncertain = np.zeros(nz, bool)
         self._uncertainty_scale = np.ones(nz)
@@ -198,6 +202,10 @@ class MatrixGroup:
         """Keep more provenance beside the header's."""
         self._provenance |= provenance
 
+    def note_simulated(self, z: int, simulated: Mapping[str, Any]) -> None:
+        """Keep how plane ``z`` was simulated: engine, sampling, seconds."""
+        self._simulated[z] = dict(simulated)
+
     def write_uncertainty(self, z: int, plane: NDArray[np.floating[Any]]) -> None:
         """Write the standard deviation of every entry of plane ``z`` ``(ny, nx, nt, ns)``; 0: none is stated.
 
@@ -241,6 +249,8 @@ class MatrixGroup:
                 self._uncertainty = self._create_dataset("uncertainty", np.dtype(np.uint16))
             copy_plane(stored.uncertainty, self._uncertainty, z)
             self._uncertain[z], self._uncertainty_scale[z] = True, stored.uncertainty_scale
+        if stored.simulated is not None:
+            self.note_simulated(z, stored.simulated)
         self._written[z] = True
 
     def _complete_uncertainty(self) -> None:
@@ -306,6 +316,9 @@ class MatrixGroup:
         """Write everything but the values; every plane must be there."""
         group, header = self._group, self._header
         self._complete_uncertainty()
+        if self._simulated:
+            planes = [self._simulated.get(z) for z in range(header.shape[0])]
+            self.note({"simulated": {**self._provenance.get("simulated", {}), "planes": planes}})
         group.create_dataset("depth_sum", data=self._sums)
         known = not np.isnan(header.depths).any()
         stored = header.depths if known else np.arange(header.depths.size, dtype=np.float64)
@@ -328,7 +341,7 @@ class MatrixGroup:
                 "centre": CENTRE_RULE,
                 "anchor": np.asarray(header.anchor, np.float64),
                 "region": header.region,
-                "provenance": json.dumps({"lfcal": __version__, **self._provenance}),
+                "provenance": json.dumps({"lfcal": full_version(), **self._provenance}),
             }
         )
         if header.camera is not None:

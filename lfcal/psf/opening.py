@@ -28,7 +28,17 @@ from lfcal.psf.planes import DatasetPlanes, FilePlanes, Planes, ScaledPlanes
 from lfcal.psf.steps import SteppedPlanes
 from lfcal.psf.store import FORMAT, REGIONS, STEPPED_VERSION, VERSION
 
-__all__ = ["FOREIGN", "facts_in", "mat_order_of", "open_psf", "opening_notes", "regions_of", "scaling_of", "steps_in"]
+__all__ = [
+    "FOREIGN",
+    "facts_in",
+    "mat_order_of",
+    "open_psf",
+    "opening_notes",
+    "provenance_of",
+    "regions_of",
+    "scaling_of",
+    "steps_in",
+]
 
 
 VERSIONS = (1, VERSION, STEPPED_VERSION)
@@ -186,7 +196,7 @@ def _matrix_of(file: H5File, group: str) -> PSFMatrix:
     attributes = file.attributes(group)
     _check_conventions(file, attributes)
     camera = attributes.text("camera")
-    provenance = _provenance(file, attributes)
+    provenance = provenance_of(file, group)
     sums = f"{prefix}depth_sum"
     scale, offset = scaling_of(data, shape[0])
     anchor = attributes.numbers("anchor", (2,))
@@ -268,7 +278,9 @@ def _check_conventions(file: H5File, attributes: Attributes) -> None:
             )
 
 
-def _provenance(file: H5File, attributes: Attributes) -> dict[str, Any]:
+def provenance_of(file: H5File, group: str = "") -> dict[str, Any]:
+    """Return the provenance of the matrix in a group; raises `FileFormatError` where it is no JSON object."""
+    attributes = file.attributes(group)
     what, remedy = f"{file.path}, attribute provenance", "take it from its source again"
     found = parse_json(attributes.text("provenance", "{}"), what, remedy=remedy, finite=False)
     if not isinstance(found, dict):

@@ -159,18 +159,21 @@ class PSFWriter:
         saturated: ArrayLike | None = None,
         facts: Facts | None = None,
         uncertainty: NDArray[np.floating[Any]] | None = None,
+        simulated: Mapping[str, Any] | None = None,
     ) -> None:
         """Write plane ``z``, ``(ny, nx, nt, ns)``.
 
         ``recorded`` and ``saturated`` are ``(ny, nx)`` counts per position (by default 1 and unknown); ``facts``
         stands for both and all else that is known. ``uncertainty`` is the standard deviation of every entry, 0 where
-        none is stated beside the noise.
+        none is stated besides the noise. ``simulated`` says how a plane was simulated, as plain JSON types.
         """
         if facts is None:
             facts = Facts.of(self.shape[1:3], self.shape[3:], recorded=recorded, saturated=saturated)
         self._matrix.write_plane(z, plane, facts)
         if uncertainty is not None:
             self._matrix.write_uncertainty(z, uncertainty)
+        if simulated is not None:
+            self._matrix.note_simulated(z, simulated)
 
     def adopt_plane(self, z: int, stored: StoredPlane) -> None:
         """Take plane ``z`` over as another file has it, byte for byte; see `lfcal.psf.joining`."""

@@ -17,6 +17,7 @@ from lfcal.progress import Clock, Work
 from lfcal.psf import PSFMatrix
 from lfcal.psf.facts import Facts
 from lfcal.psf.joining import stored_plane
+from lfcal.psf.provenance import simulated_planes
 from lfcal.psf.store import PSFWriter
 from lfcal.simulate.simulate import Simulation
 from lfcal.simulate.units import unit_of
@@ -85,7 +86,8 @@ class PassUnits:
                 else:
                     assert before is not None
                     facts = Facts.of(work.plan.period, work.plan.cutout, error=errors[z])
-                    writer.write_plane(z, before.plane(z), facts=facts)
+                    record = simulated_planes(before.provenance, len(before))[z]
+                    writer.write_plane(z, before.plane(z), facts=facts, simulated=record)
                 yield clock.at(z + 1)
         with Journal.open(parts_folder(self.out)) as journal:
             journal.note(PASS, mark=mark, stamp=stamp_of([str(self.out)]))

@@ -16,6 +16,7 @@ from lfcal.checks import check_number
 from lfcal.progress import Progress, Work
 from lfcal.psf import PSFMatrix, open_psf
 from lfcal.psf.facts import Facts
+from lfcal.psf.provenance import simulated_planes
 from lfcal.psf.store import PSFWriter
 from lfcal.simulate.pass_units import PassUnits, kept_errors
 from lfcal.simulate.simulate import EffectsLike, Simulation
@@ -157,11 +158,11 @@ def _pass(work: Simulation, writing: PSFWriter, before: PSFMatrix | None) -> Wor
         for z in range(plan.shape[0]):
             if z in errors and before is not None:
                 plane[:] = before.plane(z)
-                error = errors[z]
+                error, record = errors[z], simulated_planes(before.provenance, len(before))[z]
             else:
                 plane[:] = 0
-                error = yield from work.plane(z, plane)
-            writer.write_plane(z, plane, facts=Facts.of(plan.period, plan.cutout, error=error))
+                error, record = yield from work.plane(z, plane)
+            writer.write_plane(z, plane, facts=Facts.of(plan.period, plan.cutout, error=error), simulated=record)
 
 
 def _noted(work: Work[None], stage: str, note: str) -> Work[None]:

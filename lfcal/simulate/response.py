@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -87,6 +88,11 @@ class PlaneResponse:
         self._engines: dict[float, PlaneEngine] = {}
         self._lock = threading.Lock()
         self._spent: list[Certificate] = []
+
+    @property
+    def sampling_used(self) -> dict[str, Any] | None:
+        """Return the sampling of the engines so far, as plain JSON types; None where there is none."""
+        return None if self.wanted is None else asdict(self.wanted)
 
     @property
     def runs(self) -> int:

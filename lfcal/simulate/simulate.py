@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +27,7 @@ from lfcal.simulate.staging import outlook_of
 from lfcal.threads import worker_count
 from lfcal.units import format_bytes
 
-__all__ = ["Budget", "PlaneTask", "Simulation", "budgeted", "iter_simulate_psf", "simulate_psf"]
+__all__ = ["Budget", "Computed", "PlaneTask", "Simulation", "budgeted", "iter_simulate_psf", "simulate_psf"]
 
 MEMORY_LIMIT = 6 << 30
 """Largest H that is built in memory (bytes); a file has no such limit."""
@@ -88,6 +89,21 @@ def describe(effects: Iterable[Effect]) -> list[dict[str, Any]]:
     return [{"name": e.name, **dataclasses.asdict(e)} for e in effects]  # type: ignore[call-overload]
 
 
+class Computed(NamedTuple):
+    """What is known of a plane that was computed.
+
+    Attributes
+    ----------
+    error
+        Relative L1 error: what is left out, as estimated, and the computation, as measured.
+    record
+        ``engine``, ``sampling`` and ``seconds`` (elapsed), for provenance.
+    """
+
+    error: float
+    record: dict[str, Any]
+
+
 @dataclass(frozen=True)
 class PlaneTask:
     """One plane of an H, and all that decides its values.
@@ -114,8 +130,9 @@ class PlaneTask:
     left_out: float
     sampling: Sampling | None
 
-    def compute(self, out: NDArray[np.float32], workers: int | None) -> Work[float]:
-        """Compute the plane into ``out`` ``(ny, nx, nt, ns)``, zeroed; return its whole error."""
+    def compute(self, out: NDArray[np.float32], workers: int | None) -> Work[Computed]:
+        """Compute the plane into ``out`` ``(ny, nx, nt, ns)``, zeroed."""
+        begun = time.perf_counter()
         response = PlaneResponse(
             self.plan, self.z, self.effects, level=self.level, tolerance=self.tolerance, sampling=self.sampling
         )
@@ -123,7 +140,9 @@ class PlaneTask:
         yield from _plane(out, response, name, worker_count(workers))
         outlook, rays = outlook_of(self.plan, self.z), response.level == "geometric"
         lost = sum(e.estimate(outlook).error for e in self.effects if rays and e.needs_waves)
-        return response.reached + self.left_out + lost
+        seconds = round(time.perf_counter() - begun, 3)
+        record = {"engine": response.level, "sampling": response.sampling_used, "seconds": seconds}
+        return Computed(response.reached + self.left_out + lost, record)
 
 
 class Simulation:
@@ -150,11 +169,8 @@ class Simulation:
         self.budget = budgeted(effects, plan, tolerance)
         self.workers = workers
 
-    def plane(self, z: int, out: NDArray[np.float32]) -> Work[float]:
-        """Compute plane ``z`` into ``out`` ``(ny, nx, nt, ns)``, zeroed; return its whole error.
-
-        That is what is left out, as estimated, and the computation, as measured.
-        """
+    def plane(self, z: int, out: NDArray[np.float32]) -> Work[Computed]:
+        """Compute plane ``z`` into ``out`` ``(ny, nx, nt, ns)``, zeroed."""
         return (yield from self.task(z).compute(out, self.workers))
 
     def task(self, z: int) -> PlaneTask:
@@ -194,7 +210,7 @@ class Simulation:
         # effects that are not on at every plane name theirs
         planes = {e.name: [z for z, names in enumerate(on) if e.name in names] for e in shown}
         if partly := {name: found for name, found in planes.items() if len(found) < len(on)}:
-            details["planes"] = partly
+            details["effect_planes"] = partly
         found: dict[str, Any] = {"simulated": {**details, "level": self.level, "tolerance": budget.tolerance}}
         if plan.resample:
             found["cutout"] = {"scale": list(plan.resample_factors)}
@@ -232,12 +248,14 @@ def iter_simulate_psf(
     work = Simulation(camera, plan, effects, level, tolerance, sampling, workers)
     if out is None:
         # Kept with it, so that H can be simulated again.
-        details = {**work.provenance(), **(provenance or {})}
+        details = work.provenance()
         whole = _in_memory(plan)
-        errors = []
+        computed: list[Computed] = []
         for z in range(len(whole)):
-            errors.append((yield from work.plane(z, whole[z])))
-        facts = Facts.of(plan.shape[:3], plan.cutout, error=errors)
+            computed.append((yield from work.plane(z, whole[z])))
+        facts = Facts.of(plan.shape[:3], plan.cutout, error=[one.error for one in computed])
+        details["simulated"]["planes"] = [one.record for one in computed]
+        details |= provenance or {}
         return PSFMatrix(
             whole, depths=plan.depths_um, camera=camera, anchor=plan.anchor, provenance=details, facts=facts
         )
@@ -246,8 +264,9 @@ def iter_simulate_psf(
         for z in range(plan.shape[0]):
             # The buffer of one plane is used for all: a file of any size takes the memory of one.
             plane[:] = 0
-            error = yield from work.plane(z, plane)
-            writer.write_plane(z, plane, facts=Facts.of(plan.period, plan.cutout, error=error))
+            made = yield from work.plane(z, plane)
+            facts = Facts.of(plan.period, plan.cutout, error=made.error)
+            writer.write_plane(z, plane, facts=facts, simulated=made.record)
     return open_psf(Path(out))
 
 

@@ -126,8 +126,9 @@ def do_plane(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None
     sampling = None if values["sampling"] is None else Sampling(**values["sampling"])
     task = PlaneTask(plan, values["z"], effects, values["level"], values["tolerance"], values["left_out"], sampling)
     plane = np.zeros(plan.shape[1:], np.float32)
-    error = yield from task.compute(plane, workers)
+    made = yield from task.compute(plane, workers)
     with PSFWriter(
         out, (1, *plan.shape[1:]), depths=[plan.depths_um[task.z]], camera=plan.camera, workers=workers, **stored
     ) as writer:
-        writer.write_plane(0, plane, facts=Facts.of(plan.period, plan.cutout, error=error))
+        facts = Facts.of(plan.period, plan.cutout, error=made.error)
+        writer.write_plane(0, plane, facts=facts, simulated=made.record)

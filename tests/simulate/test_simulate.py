@@ -190,6 +190,6 @@ def test_effects_that_are_on_at_some_planes_name_them() -> None:
     told = found.provenance()["simulated"]
     everywhere, some = set.intersection(*on), set.union(*on) - set.intersection(*on)
     assert everywhere and some
-    assert told["planes"] == {name: [z for z in range(3) if name in on[z]] for name in some}
+    assert told["effect_planes"] == {name: [z for z in range(3) if name in on[z]] for name in some}
     assert {effect["name"] for effect in told["effects"]} == everywhere | some
-    assert "planes" not in Simulation(plan.camera, plan, BASE, "auto", 0.3, None, 1).provenance()["simulated"]
+    assert "effect_planes" not in Simulation(plan.camera, plan, BASE, "auto", 0.3, None, 1).provenance()["simulated"]

@@ -1,0 +1,111 @@
+"""What the provenance of H says of its frames, its simulation and its judgement, read with care.
+
+Provenance comes from a file that anyone may have written, and files of older versions lack most of it: whatever is not
+of the expected form is unknown. ``docs/formats_h.md`` lists the entries.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+__all__ = ["OF_FRAMES", "RESERVED", "Codec", "FrameNoise", "codec_of", "noise_of", "optics_of", "simulated_planes"]
+
+RESERVED = ("task", "verdict")
+"""Entries that only the record of a task and the judgement of H write."""
+
+
+OF_FRAMES = ("frames", "noise", "optics")
+"""Entries that describe the frames, and stay with whatever is made of their patterns."""
+
+
+class Codec(NamedTuple):
+    """How the files of the frames store their samples.
+
+    Attributes
+    ----------
+    name
+        The codec, such as ``lzw``; ``recording`` for a session of lfcal.
+    lossless
+        Whether samples come back as the camera delivered them; None: unknown.
+    """
+
+    name: str
+    lossless: bool | None
+
+
+class FrameNoise(NamedTuple):
+    """The noise of a sample of one frame: its variance at value v is ``floor + slope * max(v, 0)``.
+
+    Attributes
+    ----------
+    floor
+        Variance without light (counts²).
+    slope
+        Growth of the variance per count of signal (counts).
+    source
+        How it was measured, in words.
+    """
+
+    floor: float
+    slope: float
+    source: str
+
+
+def codec_of(provenance: Mapping[str, Any]) -> Codec | None:
+    """Return how the frames were stored, None where it is unknown.
+
+    Examples
+    --------
+    >>> from lfcal.psf.provenance import codec_of
+    >>> codec_of({"frames": {"count": 627, "codec": {"name": "lzw", "lossless": True}}})
+    Codec(name='lzw', lossless=True)
+    >>> print(codec_of({"frames": 627}))  # a file of lfcal 0.1
+    None
+    """
+    codec = _within(_within(provenance, "frames"), "codec")
+    if not isinstance(codec.get("name"), str):
+        return None
+    lossless = codec.get("lossless")
+    return Codec(codec["name"], lossless if isinstance(lossless, bool) else None)
+
+
+def noise_of(provenance: Mapping[str, Any]) -> FrameNoise | None:
+    """Return the noise of the frames, None where it was not measured.
+
+    Examples
+    --------
+    >>> from lfcal.psf.provenance import noise_of
+    >>> noise_of({"noise": {"floor": 4.0, "slope": 0.25, "from": "darks and repeats"}})
+    FrameNoise(floor=4.0, slope=0.25, source='darks and repeats')
+    """
+    noise = _within(provenance, "noise")
+    floor, slope = (_variance(noise.get(name)) for name in ("floor", "slope"))
+    if floor is None or slope is None or floor + slope == 0:
+        return None
+    return FrameNoise(floor, slope, str(noise.get("from", "not stated")))
+
+
+def optics_of(provenance: Mapping[str, Any]) -> str | None:
+    """Return which optics the simulator computed the frames with; None: real frames, or unknown."""
+    found = provenance.get("optics")
+    return found if isinstance(found, str) and found else None
+
+
+def simulated_planes(provenance: Mapping[str, Any], planes: int) -> list[dict[str, Any] | None]:
+    """Return engine, sampling and seconds of each simulated plane, None where they are unknown."""
+    found = _within(provenance, "simulated").get("planes")
+    if not isinstance(found, list) or len(found) != planes:
+        return [None] * planes
+    return [dict(one) if isinstance(one, Mapping) else None for one in found]
+
+
+def _within(value: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    found = value.get(name)
+    return found if isinstance(found, Mapping) else {}
+
+
+def _variance(value: Any) -> float | None:
+    good = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value) and value >= 0
+    return float(value) if good else None

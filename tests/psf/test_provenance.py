@@ -1,0 +1,134 @@
+"""What H keeps of its frames and its simulation, through everything that is made of it."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lfcal
+from lfcal import version
+from lfcal.camera import ScanPlan
+from lfcal.frames import ArraySource
+from lfcal.progress import drain
+from lfcal.psf import Cutout, PSFMatrix, assemble, open_psf, save, save_regions
+from lfcal.psf.provenance import Codec, FrameNoise, codec_of, noise_of, optics_of, simulated_planes
+from lfcal.psf.transpose_file import iter_transpose_file
+from lfcal.simulate import simulate_psf
+from lfcal.simulate.progressive import iter_refine_psf
+from lfcal.simulate.units import iter_simulate_units
+from lfcal.work import RunChoice
+from tests.simulate.common import BASE, FAST, small_plan
+
+FACTS: dict[str, Any] = {"codec": {"name": "lzw", "lossless": True}, "optics": "pattern"}
+
+
+def of_frames(out: Path | None = None, facts: Mapping[str, Any] = FACTS) -> PSFMatrix:
+    """H of nine frames whose files are stored with a lossless codec."""
+    stack = np.random.default_rng(0).integers(1, 4000, (1, 3, 3, 16, 16), np.uint16)
+    return assemble(ArraySource(stack, metadata=dict(facts)), (1, 3, 3), Cutout((5, 5), anchor=(7, 8)), out).matrix
+
+
+def test_the_codec_of_the_frames_is_kept() -> None:
+    provenance = of_frames().provenance
+    assert provenance["frames"] == {"count": 9, "codec": {"name": "lzw", "lossless": True}}
+    assert codec_of(provenance) == Codec("lzw", True)
+    assert codec_of(of_frames(facts={}).provenance) is None
+
+
+def test_facts_of_the_frames_stay_with_what_is_made_of_h(tmp_path: Path) -> None:
+    with of_frames(tmp_path / "H.h5") as H:
+        noisy = {**H.provenance, "noise": {"floor": 4.0, "slope": 0.5, "from": "darks and repeats"}}
+        first = save(PSFMatrix(H[:], provenance=noisy), tmp_path / "first.h5")
+    with open_psf(first) as H:
+        made = [
+            drain(iter_transpose_file(H, tmp_path / "HT.h5")),
+            drain(iter_transpose_file(H, tmp_path / "paper.h5", method="paper")),
+            save(H, tmp_path / "small.h5", store_tolerance=0.01),
+            save(H.T, tmp_path / "view.h5"),
+            save_regions({"centre": H}, tmp_path / "field.h5"),
+        ]
+    for path in made:
+        with open_psf(path) as H:
+            assert codec_of(H.provenance) == Codec("lzw", True), path
+            assert noise_of(H.provenance) == FrameNoise(4.0, 0.5, "darks and repeats"), path
+
+
+@pytest.mark.parametrize(
+    "frames", [627, None, [], {"codec": "lzw"}, {"codec": {"name": 3}}, {"codec": {"lossless": True}}]
+)
+def test_provenance_of_anyone_is_read_with_care(frames: Any) -> None:
+    assert codec_of({"frames": frames}) is None
+    assert noise_of({"noise": frames}) is None
+    assert optics_of({"optics": frames}) is None
+    assert simulated_planes({"simulated": frames}, 2) == [None, None]
+
+
+@pytest.mark.parametrize("floor", [-1.0, float("nan"), float("inf"), "4", True, None])
+def test_a_noise_that_is_none_is_unknown(floor: Any) -> None:
+    assert noise_of({"noise": {"floor": floor, "slope": 0.5}}) is None
+    assert noise_of({"noise": {"floor": 0, "slope": 0}}) is None
+
+
+def small() -> ScanPlan:
+    return replace(small_plan(cutout=31), period=(2, 3))
+
+
+def assert_says_how(matrix: PSFMatrix) -> None:
+    for plane in simulated_planes(matrix.provenance, len(matrix)):
+        assert plane is not None and plane["engine"] in ("geometric", "wave", "grid"), plane
+        assert plane["sampling"]["nodes_per_px"] >= 1 and plane["seconds"] > 0
+
+
+def test_each_simulated_plane_says_how_it_was_computed(tmp_path: Path) -> None:
+    plan = small()
+    assert_says_how(simulate_psf(plan.camera, plan, BASE, sampling=FAST))
+    with simulate_psf(plan.camera, plan, BASE, sampling=FAST, out=tmp_path / "file.h5") as H:
+        assert_says_how(H)
+        assert_says_how(open_psf(drain(iter_transpose_file(H, tmp_path / "HT.h5"))))
+    how = {"tolerance": 0.3, "out": tmp_path / "units.h5"}
+    with drain(iter_simulate_units(plan.camera, plan, run=RunChoice("threads"), **how)) as H:
+        assert_says_how(H)
+
+
+def test_a_plane_that_a_pass_keeps_says_how_it_was_computed_before(tmp_path: Path) -> None:
+    plan = small()
+    for run in (None, RunChoice("threads")):
+        out = tmp_path / f"{run is None}.h5"
+        with drain(iter_refine_psf(plan.camera, plan, tolerance=0.3, out=out, run=run)) as H:
+            assert_says_how(H)
+
+
+def test_h_names_the_lfcal_that_made_it(tmp_path: Path) -> None:
+    root = Path(lfcal.__file__).parents[1]
+    git = subprocess.run(["git", "rev-parse", "HEAD"], cwd=root, capture_output=True, text=True, check=False)
+    made = of_frames(tmp_path / "H.h5").provenance["lfcal"]
+    assert made == version.full_version() and made.startswith(lfcal.__version__)
+    if git.returncode == 0 and (root / ".git").exists():
+        assert made == f"{lfcal.__version__}+g{git.stdout.strip()[:10]}"
+
+
+def test_the_commit_is_read_from_a_checkout_of_any_form(tmp_path: Path) -> None:
+    commit = "1234567890abcdef1234567890abcdef12345678"
+    git = tmp_path / "main" / ".git"
+    (git / "worktrees" / "w").mkdir(parents=True)
+    (git / "refs" / "heads").mkdir(parents=True)
+    (git / "HEAD").write_text("ref: refs/heads/main\n")
+    assert version._checked_out(tmp_path / "main") == "", "no commit yet"
+    (git / "packed-refs").write_text(f"# pack-refs\n{commit} refs/heads/main\n")
+    assert version._checked_out(tmp_path / "main") == commit
+    (git / "refs" / "heads" / "main").write_text(commit[::-1] + "\n")
+    assert version._checked_out(tmp_path / "main") == commit[::-1]
+    (git / "HEAD").write_text(commit)
+    assert version._checked_out(tmp_path / "main") == commit, "a detached head"
+    (tmp_path / "tree").mkdir()
+    (tmp_path / "tree" / ".git").write_text(f"gitdir: {git / 'worktrees' / 'w'}\n")
+    (git / "worktrees" / "w" / "commondir").write_text("../..\n")
+    (git / "worktrees" / "w" / "HEAD").write_text("ref: refs/heads/main\n")
+    assert version._checked_out(tmp_path / "tree") == commit[::-1]
+    assert version._checked_out(tmp_path) == "", "no checkout"
