@@ -1,7 +1,7 @@
 """PSF calibration and acquisition for plenoptic (light-field) cameras.
 
 - ``axes``: array conventions shared by every part
-- ``errors``, ``progress``, ``files``, ``units``, ``plain``, ``threads``, ``figures``: common ground
+- ``errors``, ``progress``, ``files``, ``units``, ``plain``, ``threads``, ``figures``, ``version``: common ground
 - ``camera``: what the optics are; presets; Raytrix XML; scan plan and its forecast
 - ``frames``: where frames come from and how they are cleaned
 - ``psf``: the matrix H: cutout, assembly, storage, transpose, judgement, export

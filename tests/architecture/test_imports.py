@@ -33,6 +33,7 @@ COMMON = {
 ALLOWED: dict[str, set[str]] = {
     "errors": set(),
     "units": set(),
+    "version": set(),
     "npy": {"errors", "files", "units"},
     "plain": {"errors"},
     "axes": {"errors"},
@@ -50,7 +51,7 @@ ALLOWED: dict[str, set[str]] = {
     "lattice": COMMON | {"camera"},
     "frames": COMMON | {"camera", "lattice"},
     "work": COMMON,
-    "psf": COMMON | {"work", "camera", "frames"},
+    "psf": COMMON | {"work", "camera", "frames", "version"},
     "simulate": COMMON | {"work", "camera", "frames", "psf"},
     "fit": COMMON | {"work", "camera", "psf", "simulate"},
     "targets": COMMON | {"camera", "frames", "simulate"},
