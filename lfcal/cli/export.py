@@ -32,6 +32,11 @@ def command(
         "", help="With --lens-centred: move patterns by what whole pixels leave: linear, cubic or fourier."
     ),
     uncompressed: bool = typer.Option(False, "--uncompressed", help=".mat, .h5: no compression; faster to read."),
+    allow_missing: bool = typer.Option(
+        False,
+        "--allow-missing",
+        help=".mat, .npy, .tif: write zeros for positions that were never recorded; these formats cannot mark them.",
+    ),
     position: str = typer.Option("", help=".tif: the stack over depth of one position, 'y,x', in place of all."),
     mat_order: MatOrderOption = "",
     workers: WorkersOption = None,
@@ -51,7 +56,7 @@ def command(
 
     suffix = out.suffix.lower()
     given = {"--no-ht": no_ht, "--rows-first": rows_first, "--uncompressed": uncompressed, "--position": bool(position)}
-    given |= {"--lens-centred": lens_centred, "--interpolation": bool(interpolation)}
+    given |= {"--lens-centred": lens_centred, "--interpolation": bool(interpolation), "--allow-missing": allow_missing}
     _check_given(suffix, {**given, "--transposed": transposed})
     if interpolation and not lens_centred:
         raise InputError("--interpolation: says how --lens-centred moves patterns; add that, or leave it out")
@@ -63,6 +68,7 @@ def command(
         lens_centred=lens_centred or None,
         interpolation=interpolation or None,
         position=_position(position),
+        allow_missing=allow_missing or None,
     )
     check_mat_files(mat_order, source)
     with open_psf(source, mat_order=mat_order) as H:
@@ -105,6 +111,7 @@ _KNOWN_TO = {
     "--interpolation": (".mat",),
     "--uncompressed": (".mat", ".h5"),
     "--position": (".tif", ".tiff"),
+    "--allow-missing": (".mat", ".npy", ".tif", ".tiff"),
 }
 """Formats that an option is for; the others would ignore it without a word."""
 

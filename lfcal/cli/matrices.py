@@ -10,7 +10,7 @@ from lfcal.cli.console import report
 if TYPE_CHECKING:
     from lfcal.psf import PSFMatrix
 
-__all__ = ["check_mat_files", "open_matrix"]
+__all__ = ["check_mat_files", "open_matrix", "report_missing"]
 
 
 def open_matrix(path: Path, *, region: str = "", mat_order: str = "", quiet: bool = False) -> PSFMatrix:
@@ -31,6 +31,15 @@ def open_matrix(path: Path, *, region: str = "", mat_order: str = "", quiet: boo
     for note in () if quiet else opening_notes(matrix):
         report(f"note: {path.name}: {note}")
     return matrix
+
+
+def report_missing(matrix: PSFMatrix) -> int:
+    """Return how many positions of H were neither recorded nor filled, and print a note where there are any."""
+    from lfcal.psf.light import empty_positions, empty_words
+
+    if words := empty_words(matrix):
+        report(f"note: {words}: their entries are zero; lfcal assemble --fill fills them from a fit")
+    return len(empty_positions(matrix))
 
 
 def check_mat_files(mat_order: str, *paths: Path | None) -> None:

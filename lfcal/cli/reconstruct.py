@@ -147,7 +147,7 @@ def command(
     Example: `lfcal reconstruct H.h5 frame.tif -o volume.tif --solver rl-tv --iterations 30`
     """
     from lfcal.checks import check_number
-    from lfcal.cli.matrices import check_mat_files
+    from lfcal.cli.matrices import check_mat_files, report_missing
     from lfcal.cli.outputs import check_outputs
     from lfcal.cli.reconstruct_forecast import show_forecast, total_seconds
     from lfcal.cli.reconstruct_grid import anchor_of, check_grid, check_lattice, grid_of, view_of, wide
@@ -184,6 +184,8 @@ def command(
     with ExitStack() as stack:
         matrices = open_regions(psf, regions, stack, mat_order=mat_order)
         H = matrices[0]
+        for one in matrices:
+            report_missing(one)
         anchor = anchor or placed_anchor(source, H, resample=resample)
         view = view_of(H, white, lattice) if resample else None
         check_grid(H, task.shape, resample=resample)

@@ -48,7 +48,7 @@ def command(
     import time
 
     from lfcal.cli.console import print_json, report, run_work
-    from lfcal.cli.matrices import check_mat_files, open_matrix
+    from lfcal.cli.matrices import check_mat_files, open_matrix, report_missing
     from lfcal.cli.outputs import check_output
     from lfcal.cli.runs import may_replace, run_choice, run_kept
     from lfcal.psf import iter_save, open_psf, regions_of
@@ -63,6 +63,7 @@ def command(
     with open_matrix(source, mat_order=mat_order) as matrix:
         if len(names := regions_of(source)) > 1:
             report(f"note: of {len(names)} regions of the field {matrix.region or 'the first'} alone is written")
+        report_missing(matrix)
         run = run_choice(out, executor, scheduler, workers, resume=resume, force=force, seconds=matrix.nbytes / RATE)
         if run is None:
             work = iter_save(matrix, out, compression=compression, workers=workers, store_tolerance=tolerance)

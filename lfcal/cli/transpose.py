@@ -48,7 +48,7 @@ def command(
     import time
 
     from lfcal.cli.console import print_json, report_dark, run_work
-    from lfcal.cli.matrices import check_mat_files, open_matrix
+    from lfcal.cli.matrices import check_mat_files, open_matrix, report_missing
     from lfcal.cli.outputs import check_output
     from lfcal.cli.runs import may_replace, run_choice, run_kept
     from lfcal.psf.transpose_file import iter_transpose_file
@@ -59,7 +59,7 @@ def command(
     start = time.perf_counter()
     check_mat_files(mat_order, source)
     with open_matrix(source, mat_order=mat_order) as matrix:
-        dark = report_dark(matrix)
+        dark, missing = report_dark(matrix), report_missing(matrix)
         # File to file by planes: H may be far larger than the memory.
         ahead = matrix.nbytes / RATE
         run = run_choice(out, executor, scheduler, workers, resume=resume, force=force, seconds=ahead)
@@ -73,6 +73,7 @@ def command(
         made = "H" if matrix.is_transposed and method == "exact" else "HT"
     seconds = time.perf_counter() - start
     if json:
-        print_json({"out": out, "shape": shape, "bytes": nbytes, "seconds": seconds, "method": method, "dark": dark})
+        told = {"out": out, "shape": shape, "bytes": nbytes, "seconds": seconds, "method": method}
+        print_json(told | {"dark": dark, "missing": missing})
     else:
         typer.echo(f"{out}: {made} {shape}, {format_bytes(nbytes)} transposed ({method}) in {format_seconds(seconds)}")

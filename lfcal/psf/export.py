@@ -15,6 +15,7 @@ from lfcal.errors import InputError
 from lfcal.files import check_other_file, replace_whole, require_space, storage_errors
 from lfcal.npy import npy_header
 from lfcal.progress import Clock, Work, drain
+from lfcal.psf.light import empty_positions, empty_words
 from lfcal.psf.matlab import MatOptions, iter_write_mat, mat_notes
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.store import iter_save
@@ -24,6 +25,7 @@ __all__ = [
     "WRITERS",
     "ExportOptions",
     "check_export",
+    "check_missing",
     "export",
     "export_files",
     "export_notes",
@@ -64,6 +66,8 @@ class ExportOptions:
         ``.mat``: as in `lfcal.psf.matlab.MatOptions`.
     position
         TIFF: position (y, x) of which a stack over depth is written, instead of every position.
+    allow_missing
+        ``.mat``, ``.npy``, TIFF: write zeros where a position was never recorded, which these formats cannot mark.
     """
 
     compress: bool | None = None
@@ -73,6 +77,7 @@ class ExportOptions:
     lens_centred: bool | None = None
     interpolation: str | None = None
     position: tuple[int, int] | None = None
+    allow_missing: bool | None = None
 
     def given(self) -> dict[str, Any]:
         """Return what was said, by name."""
@@ -109,11 +114,14 @@ class _Writer(NamedTuple):
     uses: frozenset[str]
 
 
-_TIFF = _Writer(_write_tiff, frozenset({"position"}))
+_UNMARKED = frozenset({"allow_missing"})
+"""Of formats that hold nothing but values."""
+
+_TIFF = _Writer(_write_tiff, frozenset({"position"}) | _UNMARKED)
 WRITERS = {
     ".h5": _Writer(_write_h5, frozenset({"compress", "dtype"})),
-    ".mat": _Writer(_write_mat, frozenset(entry.name for entry in fields(MatOptions))),
-    ".npy": _Writer(_write_npy, frozenset()),
+    ".mat": _Writer(_write_mat, frozenset(entry.name for entry in fields(MatOptions)) | _UNMARKED),
+    ".npy": _Writer(_write_npy, _UNMARKED),
     ".tif": _TIFF,
     ".tiff": _TIFF,
 }
@@ -129,8 +137,25 @@ def export_files(
 
 
 def export_notes(matrix: PSFMatrix, path: str | os.PathLike[str], options: ExportOptions) -> tuple[str, ...]:
-    """Return what the readers of the file take otherwise than lfcal does, a line each, with what to do."""
-    return mat_notes(matrix, options.mat) if Path(path).suffix.lower() == ".mat" else ()
+    """Return what readers of the file should know, a line each, with what to do.
+
+    Missing positions, and conventions of the codes that read ``.mat`` files.
+    """
+    suffix = Path(path).suffix.lower()
+    notes = mat_notes(matrix, options.mat) if suffix == ".mat" else ()
+    words = empty_words(matrix) if _exports_empty(matrix, options) else ""
+    if not words:
+        return notes
+    marked = "the file marks them" if suffix == ".h5" else "they are zeros, which the file cannot mark"
+    return (f"{words}: {marked}", *notes)
+
+
+def _exports_empty(matrix: PSFMatrix, options: ExportOptions) -> bool:
+    """Return whether missing positions are among what is exported."""
+    empty = empty_positions(matrix)
+    if options.position is not None and not matrix.is_transposed:
+        empty = empty[(empty[:, 1:] == options.position).all(axis=1)]
+    return len(empty) > 0
 
 
 def iter_export(
@@ -144,6 +169,7 @@ def iter_export(
     lens_centred: bool | None = None,
     interpolation: str | None = None,
     position: tuple[int, int] | None = None,
+    allow_missing: bool | None = None,
 ) -> Work[Path]:
     """Write ``matrix`` in the format of the suffix.
 
@@ -153,7 +179,8 @@ def iter_export(
     Raises
     ------
     InputError
-        For an unknown suffix, or an option that its format does not use.
+        For an unknown suffix, or an option that its format does not use; or for missing positions that its format
+        cannot mark, without ``allow_missing``.
 
     Examples
     --------
@@ -164,7 +191,9 @@ def iter_export(
     write npy file 1 of 2
     write npy file 2 of 2
     """
-    options = ExportOptions(compress, dtype, include_transpose, rows_first, lens_centred, interpolation, position)
+    options = ExportOptions(
+        compress, dtype, include_transpose, rows_first, lens_centred, interpolation, position, allow_missing
+    )
     suffix = check_export(matrix, path, options)
     return WRITERS[suffix].write(matrix, path, options)
 
@@ -178,8 +207,20 @@ def check_export(matrix: PSFMatrix, path: str | os.PathLike[str], options: Expor
         if name not in WRITERS[suffix].uses:
             used = ", ".join(sorted(WRITERS[suffix].uses)) or "none"
             raise InputError.expected(f"options of {suffix} files", used, name, "leave it out")
+    check_missing(matrix, suffix, options)
     check_other_file(matrix.path, path)
     return suffix
+
+
+def check_missing(matrix: PSFMatrix, suffix: str, options: ExportOptions) -> None:
+    """Raise `InputError` for missing positions that files of ``suffix`` cannot mark, unless they are allowed."""
+    if "allow_missing" in WRITERS[suffix].uses and not options.allow_missing and _exports_empty(matrix, options):
+        raise InputError.expected(
+            f"H for a {suffix} file, which cannot mark missing positions",
+            "all recorded or filled",
+            empty_words(matrix),
+            "fill them (lfcal assemble --fill), write an H file (.h5), or allow zeros in their place (--allow-missing)",
+        )
 
 
 def export(
@@ -193,6 +234,7 @@ def export(
     lens_centred: bool | None = None,
     interpolation: str | None = None,
     position: tuple[int, int] | None = None,
+    allow_missing: bool | None = None,
 ) -> Path:
     """Write ``matrix`` at once; see `iter_export`.
 
@@ -216,5 +258,6 @@ def export(
             lens_centred=lens_centred,
             interpolation=interpolation,
             position=position,
+            allow_missing=allow_missing,
         )
     )

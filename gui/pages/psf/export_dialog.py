@@ -49,7 +49,7 @@ class ExportDialog(QDialog):
         self._rows: dict[str, QWidget] = {}
         for choice in CHOICES:
             column.addWidget(self._row(choice.name, choice.text, choice.hint))
-        self.notes_card, notes = card("What readers of this file take otherwise")
+        self.notes_card, notes = card("What to know of this file")
         self.notes = QLabel()
         self.notes.setWordWrap(True)
         self.notes.setTextFormat(Qt.TextFormat.PlainText)
@@ -111,6 +111,7 @@ class ExportDialog(QDialog):
         lines = (typeset(said_in_window(note)) for note in notes)
         self.notes.setText("\n\n".join(f"{line[:1].upper()}{line[1:]}." for line in lines))
         self.notes_card.setVisible(bool(notes))
+        self.go.setEnabled(not intent.refusal(self._matrix))
         self._fit()
 
     def _fit(self) -> None:

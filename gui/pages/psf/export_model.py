@@ -8,10 +8,13 @@ from typing import ClassVar, NamedTuple
 
 from gui.models.kept_run import going_on
 from gui.models.settings import PageSettings
+from gui.models.words import said_in_window
+from lfcal.errors import InputError
 from lfcal.progress import Work
 from lfcal.psf import PSFMatrix
-from lfcal.psf.export import ExportOptions, export_files, export_notes
+from lfcal.psf.export import ExportOptions, check_missing, export_files, export_notes
 from lfcal.psf.lens_centre import lens_centre_of
+from lfcal.psf.light import empty_positions
 
 __all__ = ["KINDS", "Choice", "ExportIntent", "ExportSettings", "iter_exported"]
 
@@ -50,6 +53,12 @@ CHOICES = (
     Choice(
         "sixteen", (".h5",), "16-bit", "Whole numbers with a scale per plane: half the bytes, rounded by about 0.1 %."
     ),
+    Choice(
+        "allow_missing",
+        (".mat", ".npy", ".tif"),
+        "Zeros for missing positions",
+        "These files cannot mark a position that was never recorded; an H file can.",
+    ),
     Choice("compress", (".mat", ".h5"), "Compressed", "Smaller; without it faster to read."),
 )
 
@@ -64,7 +73,7 @@ class ExportIntent:
         Kind of file.
     position
         Position (y, x) shown.
-    lens_centred, moved, rows_first, include_transpose, transposed, here, sixteen, compress
+    lens_centred, moved, rows_first, include_transpose, transposed, here, sixteen, allow_missing, compress
         See `CHOICES`.
     """
 
@@ -77,6 +86,7 @@ class ExportIntent:
     transposed: bool = False
     here: bool = False
     sixteen: bool = False
+    allow_missing: bool = False
     compress: bool = True
 
     def with_choice(self, name: str, on: bool) -> ExportIntent:
@@ -100,6 +110,7 @@ class ExportIntent:
             lens_centred=True if mat and self.lens_centred else None,
             interpolation="cubic" if mat and self.moved else None,
             position=self.position if self.suffix == ".tif" and self.here else None,
+            allow_missing=True if self.allow_missing and self.suffix != ".h5" else None,
         )
 
     def matrix(self, H: PSFMatrix) -> PSFMatrix:
@@ -109,15 +120,25 @@ class ExportIntent:
     def open_to(self, H: PSFMatrix) -> set[str]:
         """Return the names of the choices that can be made for H: a lens is centred where it is known."""
         unknown = {"lens_centred", "moved"} if lens_centre_of(H) is None else set()
-        return {choice.name for choice in self.choices()} - unknown
+        complete = set() if len(empty_positions(H)) else {"allow_missing"}
+        return {choice.name for choice in self.choices()} - unknown - complete
+
+    def refusal(self, H: PSFMatrix) -> str:
+        """Return why H cannot be written so, for missing positions that must be allowed; empty where it can."""
+        try:
+            check_missing(self.matrix(H), self.suffix, self.options)
+        except InputError as error:
+            return said_in_window(str(error))
+        return ""
 
     def files(self, H: PSFMatrix, path: Path) -> list[Path]:
         """Return the files that an export to ``path`` writes."""
         return export_files(self.matrix(H), path, self.options.position)
 
     def notes(self, H: PSFMatrix) -> tuple[str, ...]:
-        """Return where readers of the file take something else than H, a line each."""
-        return export_notes(H, f"H{self.suffix}", self.options)
+        """Return what readers of the file should know, a line each; why it cannot be written comes first."""
+        refusal, notes = self.refusal(H), export_notes(self.matrix(H), f"H{self.suffix}", self.options)
+        return (refusal, *notes[1:]) if refusal else notes
 
     @classmethod
     def of_path(cls, path: str) -> ExportIntent:

@@ -28,6 +28,7 @@ def step(project: ProjectState, out: str = "", intent: ExportIntent | None = Non
         ("--interpolation", chosen.interpolation),
         ("--uncompressed", chosen.compress is False),
         ("--position", place),
+        ("--allow-missing", chosen.allow_missing),
     )
     given = "".join(f", {name}={value!r}" for name, value in chosen.given().items())
     python = f"""

@@ -23,6 +23,7 @@ from gui.pages.reconstruct.panel import ReconstructPanel
 from gui.pages.reconstruct.volume_file import VolumeFile
 from gui.saving import ask_target
 from lfcal.errors import LfcalError
+from lfcal.psf.light import empty_words
 from lfcal.units import format_seconds
 
 __all__ = ["Page"]
@@ -115,7 +116,8 @@ class Page(BasePage):
             return
         self.show_body()
         nz, ny, nx, nt, ns = matrix.shape
-        self.hint.setText(f"H: {Path(state.psf).name}, {nz} planes, period {nx} × {ny} px, cutout {ns} × {nt} px")
+        said = f"H: {Path(state.psf).name}, {nz} planes, period {nx} × {ny} px, cutout {ns} × {nt} px"
+        self.hint.setText("; ".join(filter(None, (said, empty_words(matrix)))))
         settings = self.settings
         values = {key: getattr(settings, key) for key in self.panel.form.fields}
         self.panel.form.set_values(values)

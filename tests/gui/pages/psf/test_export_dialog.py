@@ -16,7 +16,7 @@ from gui.pages.psf.export_dialog import ExportDialog
 from gui.pages.psf.export_model import ExportIntent
 from gui.window import MainWindow
 from lfcal.psf import PSFMatrix, save
-from tests.gui.pages.psf.test_export_model import matrix
+from tests.gui.pages.psf.test_export_model import incomplete, matrix
 from tests.gui.waiting import GUARD_MS, idle
 
 
@@ -25,7 +25,7 @@ def test_only_what_concerns_the_file_is_shown(qtbot: QtBot) -> None:
     qtbot.addWidget(dialog)
     dialog.show()
     shown = {name for name, box in dialog.boxes.items() if box.isVisible()}
-    assert shown == {"lens_centred", "moved", "rows_first", "include_transpose", "compress"}
+    assert shown == {"lens_centred", "moved", "rows_first", "include_transpose", "allow_missing", "compress"}
     assert "8.50" in dialog.notes.text() and dialog.notes_card.isVisible()
     assert "--" not in dialog.notes.text(), "the window has boxes where the command line has options"
     dialog.layout().activate()
@@ -33,11 +33,22 @@ def test_only_what_concerns_the_file_is_shown(qtbot: QtBot) -> None:
     dialog.boxes["moved"].click()
     assert dialog.boxes["lens_centred"].isChecked() and not dialog.notes_card.isVisible()
     dialog.kind_box.setCurrentIndex(dialog.kind_box.findData(".tif"))
-    assert {name for name, box in dialog.boxes.items() if box.isVisible()} == {"transposed", "here"}
+    assert {name for name, box in dialog.boxes.items() if box.isVisible()} == {"transposed", "here", "allow_missing"}
     asked: list[ExportIntent] = []
     dialog.asked.connect(asked.append)
     dialog.go.click()
     assert [intent.suffix for intent in asked] == [".tif"] and not dialog.isVisible()
+
+
+def test_missing_positions_must_be_allowed(qtbot: QtBot) -> None:
+    dialog = ExportDialog(incomplete(), ExportIntent())
+    qtbot.addWidget(dialog)
+    assert not dialog.go.isEnabled() and "1 of 18 positions is missing" in dialog.notes.text()
+    dialog.boxes["allow_missing"].click()
+    assert dialog.go.isEnabled() and "1 of 18 positions is missing" in dialog.notes.text()
+    dialog.boxes["allow_missing"].click()
+    dialog.kind_box.setCurrentIndex(dialog.kind_box.findData(".h5"))
+    assert dialog.go.isEnabled() and "the file marks them" in dialog.notes.text()
 
 
 def test_without_a_camera_no_lens_can_be_centred(qtbot: QtBot) -> None:

@@ -49,6 +49,24 @@ def test_notes_follow_the_choices() -> None:
     assert not {"lens_centred", "moved"} & intent.open_to(plain) and "lens_centred" in intent.open_to(H)
 
 
+def incomplete() -> PSFMatrix:
+    values = np.ones((2, 3, 3, 3, 3), np.float32)
+    recorded = np.ones((2, 3, 3), int)
+    recorded[0, 1, 2] = 0
+    return PSFMatrix(values, depths=[0.0, 1.0], recorded=recorded)
+
+
+@pytest.mark.parametrize("suffix", [suffix for suffix, _ in KINDS])
+def test_missing_positions_are_written_only_where_that_was_allowed(suffix: str) -> None:
+    H, intent = incomplete(), ExportIntent(suffix=suffix)
+    said = "1 of 18 positions is missing"
+    assert said in intent.notes(H)[0] and "--" not in intent.notes(H)[0]
+    assert bool(intent.refusal(H)) is (suffix != ".h5") and ("allow_missing" in intent.open_to(H)) is (suffix != ".h5")
+    allowed = intent.with_choice("allow_missing", True)
+    assert not allowed.refusal(H) and said in allowed.notes(H)[0]
+    assert "allow_missing" not in intent.open_to(matrix()) and not intent.refusal(matrix())
+
+
 def test_files_and_matrix_are_what_is_written(tmp_path: Path) -> None:
     H = matrix()
     intent = ExportIntent(suffix=".tif", position=(1, 2)).with_choice("here", True)

@@ -18,6 +18,7 @@ from gui.pages.reconstruct.model_device import NO_DEVICE, device_reason
 from gui.pages.reconstruct.page import Page
 from gui.pages.reconstruct.volume_view import VolumeView
 from gui.theme import DARK, LIGHT, NIGHT, apply_theme
+from lfcal.psf import PSFMatrix, save
 from lfcal.reconstruct.projectors.device import ArrayDevice
 from lfcal.reconstruct.solvers.choice import SolverChoice
 from lfcal.reconstruct.volumes import load_volume
@@ -47,6 +48,15 @@ def test_empty_states_say_what_comes_next(page: Page, context: Context) -> None:
     assert "Make one" in page.panel.hint.text() and not page.panel.buttons["start"].isEnabled()
     context.project.update("none", psf="")
     assert page.empty is not None and "needs an H" in page.empty.label.text()
+
+
+def test_missing_positions_of_h_are_named(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
+    recorded = np.ones((2, 4, 4), int)
+    recorded[1, 2, 3] = 0
+    path = str(save(PSFMatrix(np.ones((2, 4, 4, 5, 5), np.float32), recorded=recorded), tmp_path / "gaps.h5"))
+    context.project.update("open", psf=path)
+    qtbot.waitUntil(lambda: context.matrix(path) is not None, timeout=GUARD_MS)
+    assert "1 of 32 positions is missing, first (z, y, x) = (1, 2, 3)" in page.hint.text()
 
 
 def test_a_light_field_that_cannot_be_made_yet_is_refused_in_words(
