@@ -22,6 +22,7 @@ from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
 from lfcal.frames.damage import named
 from lfcal.frames.described import stated_noise
+from lfcal.frames.formats.codecs import codec_fact
 from lfcal.frames.regions import Region, check_region
 from lfcal.frames.source import FrameInfo, Frames, Noise, Position, Samples, check_index
 
@@ -129,6 +130,7 @@ class RecordingSource(Frames):
             "plan": self.plan,
             "plan_shape": self.plan.shape[:3],
             "path": str(self._folder),
+            "codec": codec_fact("recording"),
         }
         found = self._darks
         more = {

@@ -10,11 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.errors import FileFormatError
+from lfcal.frames.formats.codecs import codec_fact
 from lfcal.frames.formats.image_file import Format, ImageFile, check_samples
 from lfcal.frames.regions import check_region
 from lfcal.h5.file import H5File
 
 __all__ = ["Hdf5Image"]
+
+_COMPRESSING = {1: "deflate", 32000: "lzf", 32001: "blosc", 32004: "lz4", 32008: "bitshuffle", 32015: "zstd"}
+"""Names of the filters that compress, by their numbers."""
 
 
 class Hdf5Image(ImageFile):
@@ -61,7 +65,11 @@ class Hdf5Image(ImageFile):
         self.shape = (shape[-2], shape[-1])
         self.dtype = self._data.dtype.newbyteorder("=")
         self.pages = int(np.prod(self._lead))
-        metadata: dict[str, Any] = {"plan_shape": self._lead} if len(self._lead) == 3 else {}
+        # filters that may lose something are none of those that are read
+        names = [_COMPRESSING[number] for number in self._data.filters if number in _COMPRESSING]
+        metadata: dict[str, Any] = {"codec": codec_fact(names[0] if names else "none")}
+        if len(self._lead) == 3:
+            metadata["plan_shape"] = self._lead
         folder = name.rpartition("/")[0]
         tables = {"positions": (self.pages, 3), "exposure_s": (self.pages,), "mask": self.shape}
         for key, wanted in tables.items():

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.errors import FileFormatError, UnsafeFileError
+from lfcal.frames.formats.codecs import codec_fact
 from lfcal.frames.formats.image_file import Format, ImageFile, check_samples
 from lfcal.frames.regions import check_region
 from lfcal.npy import map_npy
@@ -38,8 +39,7 @@ class NpyImage(ImageFile):
         self.dtype = array.dtype.newbyteorder("=")
         self._lead = tuple(int(n) for n in array.shape[:-2])
         self.pages = int(np.prod(self._lead))
-        if len(self._lead) == 3:
-            self.metadata = {"plan_shape": self._lead}
+        self.metadata = {"codec": codec_fact("none")} | ({"plan_shape": self._lead} if len(self._lead) == 3 else {})
 
     def read(self, page: int = 0) -> NDArray[Any]:
         """Return a copy of one frame."""

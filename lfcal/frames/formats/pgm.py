@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from lfcal.errors import FileFormatError
 from lfcal.files import storage_errors
+from lfcal.frames.formats.codecs import codec_fact
 from lfcal.frames.formats.image_file import Format, ImageFile, check_declared
 from lfcal.frames.regions import check_region
 
@@ -43,7 +44,7 @@ class PgmImage(ImageFile):
         self._offset = head.end()
         self.shape = (rows, columns)
         self.dtype = self._stored.newbyteorder("=")
-        self.metadata = {"saturation": float(top)}
+        self.metadata = {"saturation": float(top), "codec": codec_fact("none")}
 
     def read(self, page: int = 0) -> NDArray[Any]:
         """Return the frame."""

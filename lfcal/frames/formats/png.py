@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from lfcal.errors import FileFormatError
 from lfcal.files import storage_errors
 from lfcal.frames.formats._png_kernels import samples_of, unfilter
+from lfcal.frames.formats.codecs import codec_fact
 from lfcal.frames.formats.decoder_messages import caught_messages
 from lfcal.frames.formats.image_file import Format, ImageFile, check_declared, check_grey, decoding
 
@@ -46,8 +47,7 @@ class PngImage(ImageFile):
         self.shape = (rows, columns)
         self.dtype = np.dtype(np.uint8 if bits == 8 else np.uint16)
         self._component = _COLOURS[colour] if colour is not None and _COMPONENTS[kind] > 1 else None
-        if self._component is not None:
-            self.metadata = {"colour": colour}
+        self.metadata = {"codec": codec_fact("png")} | ({"colour": colour} if self._component is not None else {})
 
     def read(self, page: int = 0) -> NDArray[Any]:
         """Return the frame."""

@@ -12,10 +12,18 @@ from numpy.typing import NDArray
 
 from lfcal.errors import FileFormatError
 from lfcal.files import storage_errors
+from lfcal.frames.formats.codecs import LOSSLESS, check_tiff_codec, codec_fact
 from lfcal.frames.formats.decoder_messages import caught_messages
 from lfcal.frames.formats.image_file import Format, ImageFile, decoding
+from lfcal.frames.formats.sensor_tags import CFA, LINEAR, check_pattern
 
-__all__ = ["RawImage"]
+__all__ = ["RawImage", "codec_of"]
+
+PICTURES = {6, 7, 34892, 50002, 52546}
+"""Compression schemes of pictures that RAW files use: JPEG, of which one process is lossless, and JPEG XL."""
+
+SONY = 32767
+"""Scheme of Sony's compressed RAW, which rounds differences of 16 pixels to 7 bits."""
 
 
 class RawImage(ImageFile):
@@ -62,7 +70,7 @@ class RawImage(ImageFile):
         mosaic = [(r, c) for r in range(side) for c in range(side)] if side > 1 else []
         index = [int(raw.raw_color(top + r, left + c)) for r, c in mosaic] or [0]
         cfa = "".join(names[k] for k in index) if mosaic else ""
-        self._check_pattern(cfa)
+        check_pattern(self.path, cfa)
         black = [float(raw.black_level_per_channel[k]) for k in index]
         metadata: dict[str, Any] = {"cfa": cfa, "black_level": tuple(black)}
         if raw.white_level:
@@ -72,17 +80,7 @@ class RawImage(ImageFile):
         if cfa and min(gains) > 0:
             one = gains[cfa.index("G")] if "G" in cfa else gains[0]
             metadata["gains"] = tuple(g / one for g in gains)
-        self.metadata = metadata
-
-    def _check_pattern(self, cfa: str) -> None:
-        """Refuse patterns that no sensor has, as a wrong tag gives: a Bayer pattern has its greens on a diagonal."""
-        known = len(cfa) in (0, 4, 16, 36) and set(cfa) <= set("RGBWCMYE")
-        if known and len(cfa) == 4 and set(cfa) <= set("RGB"):
-            known = sorted(cfa) == ["B", "G", "G", "R"] and "GG" in (cfa[0] + cfa[3], cfa[1] + cfa[2])
-        if not known:
-            raise FileFormatError.expected(
-                str(self.path), "a known colour filter pattern", repr(cfa), "its Bayer tag is wrong"
-            )
+        self.metadata = metadata | codec_of(self.path)
 
     def read(self, page: int = 0) -> NDArray[Any]:
         """Return the mosaic of the visible area, untouched."""
@@ -94,6 +92,36 @@ class RawImage(ImageFile):
                 str(self.path), f"{self.shape} px", frame.shape, "the file changed; copy it again"
             )
         return frame
+
+
+def codec_of(path: Path) -> dict[str, Any]:
+    """Return how a RAW file that is a TIFF inside compresses its mosaic; nothing where that cannot be told.
+
+    Raises
+    ------
+    FileFormatError
+        If it is a DNG whose samples went through a lossy codec of pictures.
+    """
+    import tifffile
+
+    try:
+        with tifffile.TiffFile(path) as file:
+            pages = [page for first in file.pages for page in (first, *(first.pages or ()))]
+            mosaic = next((p for p in pages if getattr(p, "photometric", None) in (CFA, LINEAR)), None)
+            if mosaic is None or not mosaic.dataoffsets:
+                return {}
+            compression = int(mosaic.compression)
+            file.filehandle.seek(mosaic.dataoffsets[0])
+            stored = file.filehandle.read(min(1 << 16, mosaic.databytecounts[0]))
+    except (FileFormatError, MemoryError):
+        raise
+    except Exception:  # what is no TIFF, or an odd one, was read by LibRaw all the same
+        return {}
+    if compression == SONY:
+        return {"codec": codec_fact("Sony ARW", lossless=False)}
+    if compression in LOSSLESS or compression in PICTURES:
+        return {"codec": codec_fact(check_tiff_codec(path, compression, lambda: stored, whole=True))}
+    return {}
 
 
 _SUFFIXES = frozenset(

@@ -12,8 +12,11 @@ from numpy.typing import NDArray
 
 from lfcal.errors import FileFormatError
 from lfcal.files import storage_errors
+from lfcal.frames.formats.codecs import check_tiff_codec, codec_fact
 from lfcal.frames.formats.image_file import Format, ImageFile, check_declared, check_grey, check_samples, decoding
 from lfcal.frames.formats.ome import ome_facts
+from lfcal.frames.formats.raw import RawImage
+from lfcal.frames.formats.sensor_tags import CFA, LINEAR, needs_raw_reader, sensor_facts
 from lfcal.frames.regions import check_region
 
 __all__ = ["TiffImage", "count_pages"]
@@ -21,9 +24,8 @@ __all__ = ["TiffImage", "count_pages"]
 # What tifffile logs of damaged files is found out here and raised; without a handler it would reach the terminal.
 logging.getLogger("tifffile").addHandler(logging.NullHandler())
 
-_LOSSY = {6: "JPEG", 7: "JPEG", 34892: "lossy JPEG", 33007: "JPEG", 50001: "WebP"}
-_GREY = {1, 32803, 34892}
-"""Photometric interpretations that are data: black is zero, colour filter array, linear raw."""
+_GREY = {1, CFA, LINEAR}
+"""Photometric interpretations that are data: black is zero, or samples of a sensor."""
 
 _COLOURS = "RGB"
 
@@ -83,7 +85,10 @@ def _damaged(path: Path, reason: str) -> FileFormatError:
 
 
 class TiffImage(ImageFile):
-    """A TIFF file of grey pages (8, 16, 32 bits, float), or one component of colour ones."""
+    """A TIFF file of grey pages (8, 16, 32 bits, float), or one component of colour ones.
+
+    ``raw`` says whether the tags of a DNG ask for more than reading samples: the reader of camera RAW does it.
+    """
 
     def __init__(self, path: Path, colour: str | None = None) -> None:
         import tifffile
@@ -109,15 +114,8 @@ class TiffImage(ImageFile):
     def _describe(self, colour: str | None) -> None:
         page = self._first
         bits = int(page.bitspersample)
-        compression, photometric = int(page.compression), int(page.photometric)
-        # lossy compression changes the values by more than the sensor's noise
-        if compression in _LOSSY:
-            raise FileFormatError.expected(
-                str(self.path),
-                "data compressed without loss",
-                _LOSSY[compression],
-                "record RAW, or TIFF with LZW, deflate or no compression",
-            )
+        photometric = int(page.photometric)
+        codec = self._codec(page)
         check_grey(self.path, int(page.samplesperpixel), colour, bits)
         if photometric not in _GREY and not (photometric == 2 and colour is not None):
             raise FileFormatError.expected(
@@ -131,6 +129,7 @@ class TiffImage(ImageFile):
                 str(self.path), "samples of 8 bits or more", f"{bits} bits", "record 16-bit grey TIFF"
             )
         self._samples = int(page.samplesperpixel)
+        self.raw = self._samples == 1 and needs_raw_reader(page)
         self._component = _COLOURS.index(colour) if colour is not None and self._samples > 1 else None
         self.shape = (int(page.imagelength), int(page.imagewidth))
         self.dtype = page.dtype.newbyteorder("=")
@@ -139,6 +138,10 @@ class TiffImage(ImageFile):
         self.pages = max(self.pages, self._virtual)
         # TIFF stores 10, 12 or 14 bits packed; read, they fill 16
         known: dict[str, Any] = {} if bits in (8, 16, 32, 64) else {"bit_depth": bits}
+        known["codec"] = codec_fact(codec)
+        if self._samples == 1:
+            with decoding(self.path, "TIFF"):
+                known |= sensor_facts(self.path, page)
         if self._component is not None:
             known["colour"] = colour
         if self._tiff.is_ome:
@@ -147,6 +150,19 @@ class TiffImage(ImageFile):
         elif axes := self._scan_axes():
             known["scan_axes"] = axes
         self.metadata = known
+
+    def _codec(self, page: Any) -> str:
+        """Return how a page is compressed; raises `FileFormatError` where that loses something."""
+
+        def stored() -> bytes:
+            if not page.dataoffsets or page.dataoffsets[0] <= 0:
+                return b""
+            with storage_errors(self.path), self.path.open("rb") as file:
+                file.seek(page.dataoffsets[0])
+                return file.read(min(int(page.databytecounts[0]), self._size))
+
+        whole = page.dtype is not None and page.dtype.kind in "iu"
+        return check_tiff_codec(self.path, int(page.compression), stored, whole=whole)
 
     def _scan_axes(self) -> tuple[str, tuple[int, ...]] | None:
         """Return names and lengths of the axes that the pages run over, as ImageJ's metadata state them."""
@@ -209,6 +225,8 @@ class TiffImage(ImageFile):
                 f"{dtype} {shape}",
                 "keep frames of one kind in a file",
             )
+        if number:  # every page may be compressed in a way of its own
+            self._codec(page)
         skip = number * int(np.prod(self.shape)) * self.dtype.itemsize if self._virtual else 0
         for start, length in zip(starts, lengths, strict=True):
             if start <= 0 or length <= 0 or skip + start + length > self._size:
@@ -231,9 +249,17 @@ class TiffImage(ImageFile):
         self._tiff.close()
 
 
+def _opened(path: Path, colour: str | None) -> ImageFile:
+    image = TiffImage(path, colour)
+    if not image.raw:
+        return image
+    image.close()
+    return RawImage(path)
+
+
 FORMAT = Format(
     "TIFF",
     frozenset({".tif", ".tiff"}),
     lambda head, _: head[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"),
-    lambda path, colour, _: TiffImage(path, colour),
+    lambda path, colour, _: _opened(path, colour),
 )
