@@ -40,6 +40,12 @@ if TYPE_CHECKING:
 
 __all__ = ["register"]
 
+LEAST_LIGHT = 0.9
+"""Share of a plane's light below which the cutout is reported as too small."""
+
+MOST_DRIFT = 0.5
+"""Drift of the lattice against H's period over the sensor (px) above which it is reported."""
+
 
 def register(app: typer.Typer) -> None:
     """Add ``simulate`` to the app."""
@@ -109,6 +115,8 @@ def command(
 
     found = choose(tolerance)
     if plan_only:
+        if not json:
+            _tell_period(planned)
         _show(found, planned, json)
         return
     if (out is None) == (frames is None):
@@ -124,6 +132,8 @@ def command(
     if in_units and (progressive or out is None):
         other = "--progressive" if progressive else "--frames"
         raise InputError(f"{other}: expected no --executor, --scheduler or --resume, got one; leave one of them out")
+    if not json:
+        _tell_period(planned)
     for row in found.rows:
         if row.setting == "on" and not row.on:  # what was asked for by name is not left out without a word
             report(f"note: {row.name}: {row.reason}")
@@ -231,6 +241,7 @@ class _Runner:
 
 def _write_h(task: _Task, runner: _Runner, choose: Callable[[float], EffectSelection] | None) -> dict[str, Any]:
     from lfcal.simulate import predict_seconds
+    from lfcal.simulate.cutout_light import light_in_cutout
     from lfcal.units import format_bytes, format_seconds
 
     plan, out, workers = task.planned, runner.out, runner.workers
@@ -253,7 +264,9 @@ def _write_h(task: _Task, runner: _Runner, choose: Callable[[float], EffectSelec
     with matrix:
         shape = matrix.shape
         errors = [float(error) for error in matrix.facts.known()["error"]]
+        light = light_in_cutout(matrix, plan, task.found)
     _tell_error(errors, task)
+    _tell_light(light, task)
     return {
         "path": out,
         "what": f"H {shape}",
@@ -261,6 +274,7 @@ def _write_h(task: _Task, runner: _Runner, choose: Callable[[float], EffectSelec
         "level": task.found.level,
         "tolerance": task.tolerance,
         "error": errors,
+        "light_in_cutout": light,
         "predicted_seconds": predicted,
         "effects": [e.name for e in task.found.effects],
     }
@@ -346,6 +360,38 @@ def _tell_error(errors: Sequence[float], task: _Task) -> None:
         report(
             f"warning: {len(over)} of {len(errors)} planes miss the {asked}; plane {worst} at "
             f"{task.planned.depths_um[worst]:g} µm reaches {100 * errors[worst]:.2g} %; {more}"
+        )
+
+
+def _tell_light(light: Sequence[float], task: _Task) -> None:
+    """Report the share of the light that the cutout holds; warn of planes of which it holds too little."""
+    low = [z for z, share in enumerate(light) if share < LEAST_LIGHT]
+    if not task.quiet:
+        least, most = 100 * min(light), 100 * max(light)
+        report(f"light in the cutout: {least:.3g}" + ("" if most - least < 0.1 else f" to {most:.3g}") + " %")
+    if low:
+        worst = min(low, key=lambda z: light[z])
+        nt, ns = task.planned.cutout
+        report(
+            f"warning: the cutout of {nt} x {ns} px holds less than {100 * LEAST_LIGHT:g} % of the light in "
+            f"{len(low)} of {len(light)} planes; plane {worst} at {task.planned.depths_um[worst]:g} µm has "
+            f"{100 * light[worst]:.3g} %; choose a larger --cutout"
+        )
+
+
+def _tell_period(plan: ScanPlan) -> None:
+    """Report where the period of H does not keep step with the lattice over the sensor."""
+    if plan.resample:
+        return
+    sides = zip(plan.period_residual_px, plan.camera.sensor.shape, plan.period, strict=True)
+    drift = max(abs(residual) * side / period for residual, side, period in sides)
+    # a plan of fewer positions than a period has no period to keep step with
+    if drift > MOST_DRIFT and max(map(abs, plan.period_residual_px)) <= 0.5:
+        (py, px), (ny, nx) = plan.camera.period_px, plan.period
+        own = f"{py * plan.cells[0]:.5g} x {px * plan.cells[1]:.5g} px"
+        report(
+            f"note: H's period of {ny} x {nx} px does not fit the lattice's {own}: {drift:.3g} px of drift over the "
+            "sensor; `lfcal plan --resample` removes it, and `lfcal reconstruct` resamples frames to H's period"
         )
 
 

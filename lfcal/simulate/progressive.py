@@ -19,7 +19,7 @@ from lfcal.psf.facts import Facts
 from lfcal.psf.provenance import simulated_planes
 from lfcal.psf.store import PSFWriter
 from lfcal.simulate.pass_units import PassUnits, kept_errors
-from lfcal.simulate.simulate import EffectsLike, Simulation
+from lfcal.simulate.simulate import EffectsLike, Simulation, tolerance_for
 from lfcal.work import RunChoice
 
 __all__ = ["Pass", "iter_refine_psf", "passes_for"]
@@ -65,7 +65,7 @@ def iter_refine_psf(
     effects: EffectsLike | EffectsFor = "auto",
     level: str = "auto",
     *,
-    tolerance: float = 0.03,
+    tolerance: float | None = None,
     out: str | os.PathLike[str],
     dtype: str = "float32",
     compression: str = "gzip",
@@ -117,7 +117,7 @@ def iter_refine_psf(
     """
     path = Path(out)
     chosen = effects if callable(effects) else lambda _: effects
-    passes = passes_for(tolerance, level)
+    passes = passes_for(tolerance_for(effects, tolerance), level)
     works = [Simulation(camera, plan, chosen(p.tolerance), p.level, p.tolerance, None, workers) for p in passes]
     units = None if run is None else PassUnits(path, run, {"dtype": dtype, "compression": compression})
     marks = [""] * len(works) if units is None else units.marks(works)

@@ -27,13 +27,25 @@ from lfcal.simulate.staging import outlook_of
 from lfcal.threads import worker_count
 from lfcal.units import format_bytes
 
-__all__ = ["Budget", "Computed", "PlaneTask", "Simulation", "budgeted", "iter_simulate_psf", "simulate_psf"]
+__all__ = [
+    "Budget",
+    "Computed",
+    "PlaneTask",
+    "Simulation",
+    "budgeted",
+    "iter_simulate_psf",
+    "simulate_psf",
+    "tolerance_for",
+]
 
 MEMORY_LIMIT = 6 << 30
 """Largest H that is built in memory (bytes); a file has no such limit."""
 
 BLOCK_BYTES = 64 << 20
 """Rows of responses that are computed between two reports of progress are about this large."""
+
+USUAL_TOLERANCE = 0.03
+"""Relative L1 error allowed where nothing says another."""
 
 EffectsLike = Iterable[Effect] | EffectSelection | str
 
@@ -66,11 +78,19 @@ class Budget:
         return chosen.at(z_um), left
 
 
-def budgeted(effects: EffectsLike, plan: ScanPlan, tolerance: float) -> Budget:
+def tolerance_for(effects: object, tolerance: float | None) -> float:
+    """Return ``tolerance`` where it is given; None: that of a selection of effects, else `USUAL_TOLERANCE`."""
+    if tolerance is not None:
+        return tolerance
+    return effects.tolerance if isinstance(effects, EffectSelection) else USUAL_TOLERANCE
+
+
+def budgeted(effects: EffectsLike, plan: ScanPlan, tolerance: float | None) -> Budget:
     """Return the budget of effects as given, of those a selection has on, or of those that ``"auto"`` finds necessary.
 
-    Nothing is known to be left out beside effects that are given.
+    Nothing is known to be left out beside effects that are given. ``tolerance`` is as in `tolerance_for`.
     """
+    tolerance = tolerance_for(effects, tolerance)
     if isinstance(effects, str):
         if effects != "auto":
             raise InputError.expected("effects", "effects, an EffectSelection or 'auto'", repr(effects), "correct it")
@@ -160,7 +180,7 @@ class Simulation:
         plan: ScanPlan,
         effects: EffectsLike,
         level: str,
-        tolerance: float,
+        tolerance: float | None,
         sampling: Sampling | None,
         workers: int | None,
     ) -> None:
@@ -223,7 +243,7 @@ def iter_simulate_psf(
     effects: EffectsLike = "auto",
     level: str = "auto",
     *,
-    tolerance: float = 0.03,
+    tolerance: float | None = None,
     sampling: Sampling | None = None,
     out: str | os.PathLike[str] | None = None,
     dtype: str = "float32",
@@ -284,7 +304,7 @@ def simulate_psf(
     effects: EffectsLike = "auto",
     level: str = "auto",
     *,
-    tolerance: float = 0.03,
+    tolerance: float | None = None,
     sampling: Sampling | None = None,
     out: str | os.PathLike[str] | None = None,
     dtype: str = "float32",
@@ -313,8 +333,9 @@ def simulate_psf(
         ``"geometric"``, ``"wave"``, ``"grid"``, ``"microscope"``, ``"reference"``, or ``"auto"``: rays unless an effect
         calls for waves.
     tolerance
-        Relative L1 error allowed, of what is left out and of the computation together. What each plane reached, by a
-        probe of a few positions, is stated in its facts.
+        Relative L1 error allowed, of what is left out and of the computation together; None: that of the selection
+        of effects, else `USUAL_TOLERANCE`. What each plane reached, by a probe of a few positions, is stated in its
+        facts.
     sampling
         How finely to compute; None: what the tolerance needs.
     out

@@ -38,7 +38,7 @@ def iter_simulate_units(
     level: str = "auto",
     *,
     run: RunChoice,
-    tolerance: float = 0.03,
+    tolerance: float | None = None,
     sampling: Sampling | None = None,
     out: str | os.PathLike[str],
     dtype: str = "float32",

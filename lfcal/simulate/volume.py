@@ -52,7 +52,9 @@ class _Stored:
 class _Simulated:
     """Responses computed when asked for; one plane's tables are kept."""
 
-    def __init__(self, plan: ScanPlan, effects: EffectsLike, level: str, tolerance: float, sampling: Sampling | None):
+    def __init__(
+        self, plan: ScanPlan, effects: EffectsLike, level: str, tolerance: float | None, sampling: Sampling | None
+    ):
         self.plan = plan
         self.budget = budgeted(effects, plan, tolerance)
         self.options: dict[str, Any] = {"level": level, "sampling": sampling}
@@ -73,7 +75,7 @@ def iter_light_field(
     *,
     effects: EffectsLike = "auto",
     level: str = "auto",
-    tolerance: float = 0.03,
+    tolerance: float | None = None,
     sampling: Sampling | None = None,
     workers: int | None = None,
 ) -> Work[NDArray[np.float32]]:
@@ -122,7 +124,7 @@ def light_field(
     *,
     effects: EffectsLike = "auto",
     level: str = "auto",
-    tolerance: float = 0.03,
+    tolerance: float | None = None,
     sampling: Sampling | None = None,
     workers: int | None = None,
 ) -> NDArray[np.float32]:

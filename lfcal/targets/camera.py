@@ -24,7 +24,7 @@ from lfcal.simulate.sensor.camera_source import SimulatedCamera
 from lfcal.simulate.sensor.noise import FrameKind
 from lfcal.simulate.sensor.responses import Responses, Window
 from lfcal.simulate.sensor.windows import place
-from lfcal.simulate.simulate import EffectsLike, budgeted
+from lfcal.simulate.simulate import EffectsLike, budgeted, tolerance_for
 from lfcal.targets.images import HoleImages, hole_images
 from lfcal.targets.plan import TargetPlan
 from lfcal.targets.target import Target
@@ -96,7 +96,7 @@ class TargetCamera(Frames):
         really: Target | None = None,
         brightness: ArrayLike | None = None,
         level: str = "auto",
-        tolerance: float = 0.03,
+        tolerance: float | None = None,
         sampling: Sampling | None = None,
         peak: float = 0.8,
         seed: int = 0,
@@ -104,8 +104,9 @@ class TargetCamera(Frames):
         self.plan, self.target = plan, really or plan.target
         scan = plan.scan
         if effects == "auto":
-            effects = plan_effects(scan.camera, scan, tolerance, frames=True, peak=peak).effects
-        chosen = budgeted(effects, scan, tolerance).effects
+            effects = plan_effects(scan.camera, scan, tolerance_for(effects, tolerance), frames=True, peak=peak).effects
+        budget = budgeted(effects, scan, tolerance)
+        chosen = budget.effects
         if any(isinstance(effect, MotionEffect) for effect in chosen):
             raise InputError.expected("effects of a target's frames", "none of a stage", "motion", "leave it out")
         if self.target.hole_um > 0 and not any(isinstance(effect, FiniteSource) for effect in chosen):
@@ -121,7 +122,7 @@ class TargetCamera(Frames):
             scan,
             chosen,
             level=level,
-            tolerance=tolerance,
+            tolerance=budget.tolerance,
             sampling=sampling,
             peak=peak,
             seed=seed,

@@ -44,6 +44,37 @@ def test_h_from_a_plan(lfcal: Lfcal, plan_file: Path, tmp_path: Path) -> None:
         assert H.provenance["plan"]["period"] == [2, 3]
 
 
+@pytest.mark.parametrize("run", [(), ("--progressive",)])
+def test_light_beside_the_cutout_is_reported(
+    lfcal: Lfcal, plan_file: Path, tmp_path: Path, run: tuple[str, ...]
+) -> None:
+    """Compared with a cutout that holds all of it; each H was within 3 % by what was printed, whatever it lacked."""
+    plan = ScanPlan.from_json(plan_file.read_text())
+    held, shares = {}, {}
+    for cutout in (21, 55):
+        plan_file.write_text(replace(plan, cutout=(cutout, cutout)).to_json())
+        out = tmp_path / f"{cutout}.h5"
+        done = lfcal("simulate", plan_file, "-o", out, "--tolerance", 0.5, "--json", *run)
+        assert done.code == 0, done.err
+        assert ("holds less than 90 % of the light in 1 of 1 planes" in done.err) == (cutout == 21)
+        shares[cutout] = done.json["light_in_cutout"][0]  # type: ignore[index, call-overload]
+        with open_psf(out) as H:
+            held[cutout] = float(H.plane(0).sum())
+    assert shares[55] > 0.95 and shares[21] < 0.6
+    assert shares[21] == pytest.approx(shares[55] * held[21] / held[55], rel=0.05)
+    again = lfcal("simulate", plan_file, "-o", out, "--tolerance", 0.5, "--force", *run)
+    assert f"light in the cutout: {100 * shares[55]:.3g} %" in again.err
+
+
+def test_a_period_that_does_not_fit_the_lattice_is_reported(lfcal: Lfcal, tmp_path: Path) -> None:
+    """As `lfcal plan` reports it; a plan that resamples, or has no whole period, says nothing."""
+    done = lfcal("simulate", "lfm_60x12", "--depths", "0", "--plan-only")
+    assert "H's period of 15 x 15 px does not fit the lattice's 15.385 x 15.385 px: 52.5 px of drift" in done.err
+    planned = lfcal("plan", "lfm_60x12", "--depths", "0", "--resample", "-o", tmp_path / "plan.json")
+    assert planned.code == 0, planned.err
+    assert "does not fit" not in lfcal("simulate", tmp_path / "plan.json", "--plan-only").err
+
+
 def test_frames_of_a_session(lfcal: Lfcal, plan_file: Path, tmp_path: Path) -> None:
     folder = tmp_path / "session"
     run = lfcal("simulate", plan_file, "--frames", folder, "--level", "geometric", "--seed", 3)

@@ -226,6 +226,13 @@ def test_an_image_that_tells_nothing_is_refused(name):
         reconstruct(P, image, SolverChoice(name, saturation=0.5))
     with pytest.raises(NothingMeasured, match="pixels to fit, got none"):
         reconstruct(P, image, SolverChoice(name), weights=np.zeros(image.shape))
+    with pytest.raises(NothingMeasured, match="expected light of at least 1e-31, got no pixel above 1e-42"):
+        reconstruct(P, image / image.max() * 1e-42, SolverChoice(name))
+    with pytest.raises(InputError, match=r"image: expected counts up to 1e\+12, got 1e\+30; scale the frame"):
+        reconstruct(P, image / image.max() * 1e30, SolverChoice(name))
+    faint = reconstruct(P, image * 2.0**-90, SolverChoice(name, iterations=3)).volume
+    usual = reconstruct(P, image, SolverChoice(name, iterations=3)).volume
+    np.testing.assert_allclose(faint * 2.0**90, usual, rtol=1e-6, atol=1e-9 * usual.max())
     half = np.where(np.arange(8) < 4, image, 0)
     assert reconstruct(P, half, SolverChoice(name, iterations=1)).volume.any(), "a part of it has light"
 

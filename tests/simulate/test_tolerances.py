@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from lfcal.bench._effect_scenes import random_plan
-from lfcal.camera import ScanPlan
+from lfcal.camera import ScanPlan, preset
 from lfcal.simulate.accuracy.planner import plan_effects
 from lfcal.simulate.accuracy.sampling import steps_for
 from lfcal.simulate.effects import Effect, FiniteSource
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.response import PlaneResponse
-from lfcal.simulate.simulate import budgeted
+from lfcal.simulate.sensor.camera_source import SimulatedCamera
+from lfcal.simulate.simulate import budgeted, simulate_psf, tolerance_for
 from lfcal.simulate.staging import resolve_level, scene_for
+from lfcal.simulate.volume import light_field
 from tests.simulate.common import difference
 
 TOLERANCES = (0.1, 0.03, 0.01)
@@ -32,6 +35,23 @@ def finest(plan: ScanPlan, effects: tuple[Effect, ...], ys: list[int], xs: list[
         return PlaneResponse(plan, 0, effects, sampling=Sampling(nodes_per_px=7)).rows(ys, xs)
     sampling = steps_for(scene, "reference")[2].sampling
     return PlaneResponse(plan, 0, effects, level="reference", sampling=sampling).rows(ys, xs)
+
+
+def test_a_selection_of_effects_brings_its_tolerance() -> None:
+    """Where none is named: the library took 3 % whatever the selection was made for."""
+    camera = preset("bench")
+    plan = ScanPlan(camera, (2, 3), cutout=(41, 41), depths_um=(camera.depth_of(4.0),), anchor=(160, 160))
+    found = plan_effects(camera, plan, 0.01)
+    by_itself, named, coarse = (simulate_psf(camera, plan, found, tolerance=t) for t in (None, 0.01, 0.03))
+    np.testing.assert_array_equal(by_itself[:], named[:])
+    assert by_itself.facts.error[0] == named.facts.error[0] <= 0.01 < coarse.facts.error[0]
+    assert by_itself.provenance["simulated"]["tolerance"] == 0.01
+    assert simulate_psf(camera, plan, found.effects).provenance["simulated"]["tolerance"] == 0.03
+    assert SimulatedCamera(plan, found).tolerance == 0.01 and SimulatedCamera(plan).tolerance == 0.03
+    assert tolerance_for(found, 0.1) == 0.1
+    volume = np.zeros((1, 9, 9), np.float32)
+    volume[0, 4, 4] = 1
+    np.testing.assert_array_equal(light_field(volume, plan, effects=found), light_field(volume, named))
 
 
 @pytest.mark.few(1)

@@ -26,6 +26,9 @@ LARGE = 1 << 20
 
 NOTHING = np.zeros(0)
 
+FAINTEST = 1e-31
+"""Counts of the brightest pixel below which shares of its light have too few digits in single precision."""
+
 TINY = float(np.finfo(np.float64).tiny)
 
 HALF_MEDIAN = 0.22747
@@ -33,7 +36,7 @@ HALF_MEDIAN = 0.22747
 
 
 class NothingMeasured(InputError):
-    """An image tells nothing of a volume: none of its pixels counts, or none of those that do has light."""
+    """An image tells nothing of a volume: none of its pixels counts, or none of those has light to compute with."""
 
 
 def check_counts(read_noise: float, saturation: float | None) -> None:
@@ -115,7 +118,7 @@ class Measurement:
         Raises
         ------
         InputError
-            If shapes differ, or weights, background, read noise or saturation are none that can be.
+            If shapes differ, or pixels, weights, background, read noise or saturation are none that can be.
         NothingMeasured
             If no pixel has both weight and light: no volume follows from it.
         """
@@ -227,8 +230,15 @@ def foretold(terms: NDArray[np.float64], held: NDArray[Any]) -> tuple[float, flo
 
 def _check_told(data: NDArray[Any], counted: NDArray[np.bool_], notes: list[str]) -> None:
     """Raise `NothingMeasured` unless a pixel that is ``counted`` has light; ``notes`` say what became of the others."""
-    if np.any(data > 0, where=counted):
+    brightest = float(np.max(data, where=counted, initial=0))
+    largest = max(brightest, -float(np.min(data, where=counted, initial=0)))
+    if largest > MAX_SAMPLE:
+        raise InputError.expected("image", f"counts up to {MAX_SAMPLE:g}", f"{largest:g}", "scale the frame")
+    if brightest >= FAINTEST:
         return
+    if brightest > 0:
+        least = f"light of at least {FAINTEST:g}"
+        raise NothingMeasured.expected("image", least, f"no pixel above {brightest:.2g}", "scale the frame to counts")
     said = "".join(f"; {note}" for note in notes)
     remedy = "check the frame, saturation and weights"
     if not counted.any():

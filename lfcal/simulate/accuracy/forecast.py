@@ -38,7 +38,7 @@ def predict_seconds(
     effects: EffectsLike = "auto",
     level: str = "auto",
     *,
-    tolerance: float = 0.03,
+    tolerance: float | None = None,
     sampling: Sampling | None = None,
 ) -> float:
     """Return the CPU-seconds that `simulate_psf` will take, from a short run of its own engine.

@@ -113,7 +113,7 @@ class LadderProgress(Progress):
 def iter_ladder(
     camera: Camera,
     plan: ScanPlan,
-    tolerance: float = 0.03,
+    tolerance: float | None = None,
     *,
     effects: EffectsLike = "auto",
     z: int | None = None,
@@ -155,7 +155,7 @@ def iter_ladder(
     shares = whole_of(plan, z, budget, level)
     whole = each * scene.period[0] * scene.period[1] * shares.runs * shares.planes
     v = camera.virtual_depth(plan.depths_um[z])
-    found = Ladder((), (), tolerance, f"reference, {judge} samples/px", whole, v, len(places))
+    found = Ladder((), (), budget.tolerance, f"reference, {judge} samples/px", whole, v, len(places))
     for done, (kind, sampling) in enumerate(tasks, 1):
         label = rung_label(kind, sampling)
         yield _told(clock.at(done, label), found)
@@ -175,7 +175,7 @@ def _told(record: Progress, found: Ladder) -> LadderProgress:
 def ladder(
     camera: Camera,
     plan: ScanPlan,
-    tolerance: float = 0.03,
+    tolerance: float | None = None,
     *,
     effects: EffectsLike = "auto",
     z: int | None = None,
@@ -190,7 +190,7 @@ def ladder(
     camera, plan
         What is simulated.
     tolerance
-        Relative L1 error for which a rung is picked.
+        Relative L1 error for which a rung is picked, as in `simulate_psf`.
     effects
         As in `simulate_psf`; the same scene is computed by every rung.
     z

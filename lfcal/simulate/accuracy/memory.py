@@ -56,7 +56,7 @@ def predict_bytes(
     effects: EffectsLike = "auto",
     level: str = "auto",
     *,
-    tolerance: float = 0.03,
+    tolerance: float | None = None,
     sampling: Sampling | None = None,
     to_file: bool = False,
     workers: int | None = None,

@@ -29,7 +29,7 @@ from lfcal.simulate.sensor.noise import FrameKind, expose, random_numbers, sampl
 from lfcal.simulate.sensor.responses import Responses
 from lfcal.simulate.sensor.white import white_light, white_tile
 from lfcal.simulate.sensor.windows import place, sum_of
-from lfcal.simulate.simulate import EffectsLike, budgeted, describe
+from lfcal.simulate.simulate import EffectsLike, budgeted, describe, tolerance_for
 
 __all__ = ["SOURCE", "SimulatedCamera"]
 
@@ -82,7 +82,7 @@ class SimulatedCamera(Frames):
         effects: EffectsLike = "auto",
         *,
         level: str = "auto",
-        tolerance: float = 0.03,
+        tolerance: float | None = None,
         sampling: Sampling | None = None,
         peak: float = 0.8,
         seed: int = 0,
@@ -90,11 +90,11 @@ class SimulatedCamera(Frames):
         check_number("brightest pixel (share of the full well)", peak, above=0, at_most=1000)
         check_number("seed", seed, at_least=0, integer=True)
         if effects == "auto":
-            effects = plan_effects(plan.camera, plan, tolerance, frames=True, peak=peak)
+            effects = plan_effects(plan.camera, plan, tolerance_for(effects, tolerance), frames=True, peak=peak)
         self.plan, self.camera = plan, plan.camera
         self.budget = budgeted(effects, plan, tolerance)
         self.effects = self.budget.effects
-        self.level, self.tolerance, self.sampling = level, tolerance, sampling
+        self.level, self.tolerance, self.sampling = level, self.budget.tolerance, sampling
         self.peak, self.seed = peak, seed
         self._frame_effects = [e for e in self.effects if isinstance(e, FrameEffect)]
         self._order = plan.order_indices()
@@ -169,7 +169,7 @@ class SimulatedCamera(Frames):
         """Return the ``index``-th frame of an even, white scene; its brightest pixels reach ``level`` of full well."""
         with self._lock:
             if self._white is None:
-                tile = white_tile(self.plan, 0, self.effects)
+                tile = white_tile(self.plan, self.effects)
                 self._white = white_light(self.plan, tile / tile.max(), self.effects)
         light = self._white * np.float32(level * self.camera.sensor.full_well_e)
         return self.expose(light, self.plan.exposures[0], FrameKind.WHITE, index)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.camera import ScanPlan
 from lfcal.camera.lens_centre import nearest_lens
+from lfcal.camera.shadow import cutout_for
 from lfcal.simulate.effects.base import Effect
 from lfcal.simulate.effects.image import Distortion
 from lfcal.simulate.effects.lenslets import MissingLenslets
@@ -17,6 +19,10 @@ from lfcal.simulate.effects.light import Bandwidth, FiniteSource
 from lfcal.simulate.response import PlaneResponse
 
 __all__ = ["fold", "white_light", "white_tile"]
+
+NEAR = 1.2
+"""Virtual depth of the plane, on one side of the lenslets or the other, that stands for an even scene: a point lights
+few lenslets, and at 1 its images would be a whole pixel apart."""
 
 
 def fold(pattern: NDArray[np.float32], period: tuple[int, int], shift: tuple[int, int]) -> NDArray[np.float64]:
@@ -29,23 +35,37 @@ def fold(pattern: NDArray[np.float32], period: tuple[int, int], shift: tuple[int
     return np.roll(tile, shift, axis=(0, 1))
 
 
-def white_tile(plan: ScanPlan, z: int, effects: Sequence[Effect]) -> NDArray[np.float64]:
+def white_tile(plan: ScanPlan, effects: Sequence[Effect]) -> NDArray[np.float64]:
     """Return one period ``(ny, nx)`` of the image of an evenly glowing plane, by rays; about 1 where nothing blocks.
 
-    Pixel (0, 0) is that of source position (0, 0). The radiance of an even scene is the same in every plane, so
-    the depth does not matter. Rays are followed: diffraction hardly changes what is smooth already. Distortion moves
-    light of an even scene from one place to another like it.
+    Pixel (0, 0) is that of source position (0, 0). The radiance of an even scene is the same in every plane, and
+    sources a pixel apart show it where no lens type is in focus (`_blurred`). Rays are followed: diffraction hardly
+    changes what is smooth already. Distortion moves light of an even scene from one place to another like it.
     """
     ny, nx = plan.period  # in resampled pixels where the plan resamples: then it is the array's own, whole
     beside = Bandwidth | Distortion | FiniteSource | MissingLenslets
     simple = [e for e in effects if not (isinstance(e, beside) or e.by_wavelength)]
-    response = PlaneResponse(plan, z, simple, level="geometric")
+    blurred = _blurred(plan)
+    side = cutout_for(plan.camera, blurred.depths_um)
+    response = PlaneResponse(blurred, 0, simple, level="geometric", cutout=(side, side))
     ct, cs = ((n - 1) // 2 for n in response.cutout)
     tile = np.zeros((ny, nx))
     for y in range(ny):
         for x, pattern in enumerate(response.rows([y], range(nx))[0]):
             tile += fold(pattern, (ny, nx), (y - ct, x - cs))
     return tile
+
+
+def _blurred(plan: ScanPlan) -> ScanPlan:
+    """Return ``plan`` with one plane, near the lenslets, in which every lens type blurs a point over many pixels.
+
+    A point in focus lights one pixel, and points a pixel apart leave bars between them.
+    """
+    camera = plan.camera
+    foci = [lens.focus_depth(camera.lattice.gap_um) for lens in camera.lattice.types]
+    v = max((NEAR, -NEAR), key=lambda v: min(abs(1 / v - 1 / focus) for focus in foci))
+    depth = camera.depth_of(v)
+    return replace(plan, depths_um=(depth,), exposure_s=plan.exposures[0])
 
 
 def white_light(plan: ScanPlan, tile: NDArray[np.float64], effects: Sequence[Effect] = ()) -> NDArray[np.float32]:

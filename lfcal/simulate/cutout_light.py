@@ -1,0 +1,49 @@
+"""How much of the light the cutout of an H holds: the rest falls beside it, whatever the tolerance."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import ScanPlan
+from lfcal.psf import PSFMatrix
+from lfcal.simulate.sensor.white import white_tile
+from lfcal.simulate.simulate import EffectsLike, budgeted
+
+__all__ = ["light_in_cutout"]
+
+PLACES = 16
+"""Positions along each axis of the period at which the light is summed, at most."""
+
+
+def light_in_cutout(H: PSFMatrix, plan: ScanPlan, effects: EffectsLike) -> tuple[float, ...]:
+    """Return, for each plane, the light in the cutout over the light that the lenslets let through.
+
+    Parameters
+    ----------
+    H
+        Simulated for ``plan``.
+    plan, effects
+        As in `simulate_psf`.
+
+    Returns
+    -------
+    Means over positions spread evenly over the period, by planes, at most 1; NaN where no light passes.
+    """
+    budget = budgeted(effects, plan, None)
+    # what lenslets pass on average: over one cell of the array, however many positions the plan has
+    ny, nx = (max(1, round(side)) for side in plan.cell_camera.period_px)
+    cell = replace(plan, period=(ny, nx), cutout=(1, 1))
+    rows, columns = (_spread(n) for n in plan.period)
+    found = []
+    for z, depth in enumerate(plan.depths_um):
+        passed = float(white_tile(cell, budget.at(depth)[0]).mean())
+        held = [float(np.sum(H[z, int(y), int(x)], dtype=np.float64)) for y in rows for x in columns]
+        found.append(min(1.0, float(np.mean(held)) / passed) if passed > 0 else float("nan"))
+    return tuple(found)
+
+
+def _spread(count: int) -> NDArray[np.intp]:
+    return np.unique(np.linspace(0, count - 1, min(count, PLACES)).round().astype(np.intp))
