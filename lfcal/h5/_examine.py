@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import sys
+from contextlib import suppress
 from typing import Any
 
 import h5py
@@ -100,7 +101,7 @@ def examine(path: str) -> str:
 
 
 def limit(seconds: int) -> None:
-    """Let the system end this process when one file takes more processor time or memory than that."""
+    """Ask the system to end this process if one file takes more processor time or memory than that."""
     try:
         import resource
     except ImportError:  # Windows: the parent watches the clock
@@ -112,9 +113,11 @@ def limit(seconds: int) -> None:
         resource.RLIMIT_CORE: 0,
     }
     for what, most in wanted.items():
-        _, hard = resource.getrlimit(what)
-        # a limit that was set from outside may be lower still
-        resource.setrlimit(what, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
+        # macOS refuses any limit on the address space; a refused limit says nothing about the file
+        with suppress(ValueError, OSError):
+            _, hard = resource.getrlimit(what)
+            # a limit that was set from outside may be lower still
+            resource.setrlimit(what, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
 
 
 def main() -> None:

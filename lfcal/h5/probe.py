@@ -13,7 +13,6 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import IO
@@ -37,7 +36,10 @@ EXAMINE = "--examine-hdf5"
 _SCRIPT = Path(__file__).with_name("_examine.py")
 
 _OUT_OF_TIME = {-int(getattr(signal, name)) for name in ("SIGXCPU", "SIGKILL") if hasattr(signal, name)}
-"""Statuses of a child that was ended for its time: by the system's limit, or from here."""
+"""Statuses of a child that the system ended because its processor time was used up."""
+
+_OF_PYTHON = (0, 1)
+"""Statuses of a child that ended by itself or by a Python exception: they say nothing about the file."""
 
 Mark = tuple[int, int, int, int]
 
@@ -46,7 +48,8 @@ def probe(path: Path) -> None:
     """Raise `FileFormatError` where reading the HDF5 file ``path`` ends or hangs the process that does it.
 
     A file that was looked at before, and has not changed since, is not looked at again. Where no child can be started
-    (no memory, no permission, libraries that do not load there) the file is taken as it is.
+    (no memory, no permission, libraries that do not load there), or where it ends by a Python exception, the file is
+    taken as it is.
     """
     mark = _mark(path)
     with _CHILD.lock:
@@ -88,7 +91,7 @@ class _Child:
             return ""
         assert process.stdin is not None and process.stdout is not None
         # asked for only now: it starts while this process goes on
-        if not self._ready and not _line(process.stdout, CPU_S * PATIENCE, process.kill):
+        if not self._ready and not _line(process.stdout, CPU_S * PATIENCE)[0]:
             self.end()
             return ""
         self._ready = True
@@ -99,13 +102,17 @@ class _Child:
         except OSError:  # it ended while it waited
             self.end()
             return ""
-        answer = _line(process.stdout, seconds * PATIENCE, process.kill)
+        answer, in_time = _line(process.stdout, seconds * PATIENCE)
         if answer:
             return str(json.loads(answer))
+        if not in_time:
+            process.kill()
         status = process.wait()
         self.end()
-        if status in _OUT_OF_TIME:
+        if not in_time or status in _OUT_OF_TIME:
             return f"damaged data that cannot be read to their end in {seconds} s"
+        if status in _OF_PYTHON:
+            return ""
         return f"damaged data that end the process reading them (status {status})"
 
     def _started(self) -> subprocess.Popen[str] | None:
@@ -152,17 +159,14 @@ def _words() -> list[str]:
     return [sys.executable, "-P", str(_SCRIPT)]
 
 
-def _line(pipe: IO[str], seconds: float, give_up: Callable[[], None]) -> str:
-    """Return the next line, empty at the end of the pipe; after ``seconds`` without one, ``give_up`` must end it."""
+def _line(pipe: IO[str], seconds: float) -> tuple[str, bool]:
+    """Return the next line, empty at the end of the pipe, and whether it came within ``seconds``."""
     found: list[str] = []
     # a pipe cannot be waited for with a limit on every system; a thread can
     reader = threading.Thread(target=lambda: found.append(pipe.readline()), daemon=True)
     reader.start()
     reader.join(seconds)
-    if reader.is_alive():
-        give_up()
-        reader.join()
-    return found[0] if found else ""
+    return (found[0] if found else ""), not reader.is_alive()
 
 
 _CHILD = _Child()

@@ -109,6 +109,56 @@ def test_a_child_that_cannot_begin_says_nothing_of_the_file(tmp_path: Path, monk
         assert file.values("a").tolist() == [0, 1, 2, 3, 4]
 
 
+def test_a_python_exception_in_the_child_says_nothing_about_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    raises = tmp_path / "raises.py"
+    raises.write_text("print('ready', flush=True)\nraise ValueError(input())\n")
+    monkeypatch.setattr(probing, "_SCRIPT", raises)
+    monkeypatch.setattr(probing, "_CHILD", probing._Child())
+    with H5File(small_file(tmp_path / "a.h5")) as file:
+        assert file.values("a").tolist() == [0, 1, 2, 3, 4]
+
+
+def test_a_child_without_an_answer_is_out_of_time_whatever_its_status(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On Windows a process that is ended from outside has status 1, as one that ends by an exception."""
+    hangs = tmp_path / "hangs.py"
+    hangs.write_text(
+        "import signal, sys, time\nsignal.signal(signal.SIGTERM, lambda *_: sys.exit(1))\n"
+        "print('ready', flush=True)\ntime.sleep(60)\n"
+    )
+    monkeypatch.setattr(probing, "_SCRIPT", hangs)
+    monkeypatch.setattr(probing, "_CHILD", probing._Child())
+    monkeypatch.setattr(probing, "CPU_S", 1)
+    monkeypatch.setattr(probing, "PATIENCE", 2)
+    monkeypatch.setattr(subprocess.Popen, "kill", subprocess.Popen.terminate)
+    with pytest.raises(FileFormatError, match="cannot be read to their end in 1 s"):
+        probe(small_file(tmp_path / "a.h5"))
+
+
+@pytest.mark.skipif(os.name != "posix", reason="limits of the system")
+def test_a_refused_limit_is_no_damage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Answer as macOS does: it refuses every limit on the address space with EINVAL."""
+    (tmp_path / "sitecustomize.py").write_text(
+        "import resource\nreal = resource.setrlimit\n"
+        "def setrlimit(what, limits):\n"
+        "    if what == resource.RLIMIT_AS:\n"
+        "        raise ValueError('current limit exceeds maximum limit')\n"
+        "    real(what, limits)\n"
+        "resource.setrlimit = setrlimit\n"
+    )
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setattr(probing, "_CHILD", probing._Child())
+    path = small_file(tmp_path / "a.h5")
+    with H5File(path) as file:
+        assert file.values("a").tolist() == [0, 1, 2, 3, 4]
+    # the child answered: it was not ended by the refusal
+    assert probing._CHILD._process is not None and probing._CHILD._process.poll() is None
+    probing._CHILD.end()
+
+
 @pytest.mark.skipif(os.name != "posix", reason="limits of a shell")
 @pytest.mark.parametrize("limit", ["-t 5", "-v 4000000", "-c 0", "-n 20"])
 def test_limits_from_outside_are_no_damage(tmp_path: Path, limit: str) -> None:
