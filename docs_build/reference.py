@@ -48,7 +48,9 @@ def _package(folder: Path, root: Path) -> Package:
     name = ".".join(folder.relative_to(root).parts)
     tree = ast.parse((folder / "__init__.py").read_text(encoding="utf-8"))
     modules = (_module(path, root) for path in sorted(folder.glob("*.py")) if not path.name.startswith("_"))
-    return Package(name, _first_line(tree), tuple(one for one in modules if one.public), tuple(_exported(tree) or ()))
+    face = folder / "_face.py"
+    names = _exported(ast.parse(face.read_text(encoding="utf-8")) if face.is_file() else tree)
+    return Package(name, _first_line(tree), tuple(one for one in modules if one.public), tuple(names or ()))
 
 
 def _module(path: Path, root: Path) -> Module:

@@ -7,28 +7,11 @@
 - ``curve_file``, ``drawing``: curves as JSON, and on one page
 """
 
-from lfcal.accuracy.base import Curve, Rung, marked
-from lfcal.accuracy.catalogue import PLACES
-from lfcal.accuracy.curve_file import read_curves, write_curves
-from lfcal.accuracy.drawing import draw_curves
-from lfcal.accuracy.measure import CurveProgress, iter_curve, iter_curves, measure_curve
-from lfcal.accuracy.place import Place, Step, Truth
-from lfcal.accuracy.subject import Subject
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "PLACES",
-    "Curve",
-    "CurveProgress",
-    "Place",
-    "Rung",
-    "Step",
-    "Subject",
-    "Truth",
-    "draw_curves",
-    "iter_curve",
-    "iter_curves",
-    "marked",
-    "measure_curve",
-    "read_curves",
-    "write_curves",
-]
+from lfcal.face import lazy_face
+
+if TYPE_CHECKING:
+    from lfcal.accuracy._face import *  # noqa: F403
+
+lazy_face(__name__)

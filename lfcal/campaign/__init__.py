@@ -9,8 +9,11 @@
 - ``adaptive``: record, fit, choose the next positions, until the error of H is as small as wanted
 """
 
-from lfcal.campaign.adaptive import iter_adaptive
-from lfcal.campaign.regions import iter_record_regions, read_regions
-from lfcal.campaign.steps import Adapted, AdaptiveStep, Goal
+from typing import TYPE_CHECKING
 
-__all__ = ["Adapted", "AdaptiveStep", "Goal", "iter_adaptive", "iter_record_regions", "read_regions"]
+from lfcal.face import lazy_face
+
+if TYPE_CHECKING:
+    from lfcal.campaign._face import *  # noqa: F403
+
+lazy_face(__name__)

@@ -7,65 +7,11 @@
 - ``simulated``: a camera and a stage that need no hardware
 """
 
-from lfcal.devices.errors import (
-    CameraError,
-    DeviceError,
-    DeviceLost,
-    DeviceMissing,
-    FrameTimeout,
-    IncompleteFrame,
-    LimitError,
-    NotInPosition,
-    StageError,
-    StaleFrame,
-    WrongFrame,
-)
-from lfcal.devices.options import limits_option, number_option
-from lfcal.devices.protocols import (
-    CameraDevice,
-    Frame,
-    Light,
-    Limits,
-    Point,
-    Rig,
-    Roi,
-    Setting,
-    StageDevice,
-    SystemTime,
-    TimeSource,
-)
-from lfcal.devices.registry import Backend, Finding, find_backends, get_backend, open_rig
-from lfcal.devices.simulated.backend import simulated_rig
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "Backend",
-    "CameraDevice",
-    "CameraError",
-    "DeviceError",
-    "DeviceLost",
-    "DeviceMissing",
-    "Finding",
-    "Frame",
-    "FrameTimeout",
-    "IncompleteFrame",
-    "Light",
-    "LimitError",
-    "Limits",
-    "NotInPosition",
-    "Point",
-    "Rig",
-    "Roi",
-    "Setting",
-    "StageDevice",
-    "StageError",
-    "StaleFrame",
-    "SystemTime",
-    "TimeSource",
-    "WrongFrame",
-    "find_backends",
-    "get_backend",
-    "limits_option",
-    "number_option",
-    "open_rig",
-    "simulated_rig",
-]
+from lfcal.face import lazy_face
+
+if TYPE_CHECKING:
+    from lfcal.devices._face import *  # noqa: F403
+
+lazy_face(__name__)

@@ -24,29 +24,11 @@
 - ``stored``: a fit read back, to fill what a scan never recorded
 """
 
-from lfcal.fit.convergence import FitProgress
-from lfcal.fit.fit import fit_camera, iter_fit_camera
-from lfcal.fit.holds import Check, check
-from lfcal.fit.locate import NewFrame
-from lfcal.fit.measured import Measured, measured_of
-from lfcal.fit.parameters import GROUPS, Group, Unknown
-from lfcal.fit.result import Fit, Outlier, Parameter
-from lfcal.fit.setup import Setup
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "GROUPS",
-    "Check",
-    "Fit",
-    "FitProgress",
-    "Group",
-    "Measured",
-    "NewFrame",
-    "Outlier",
-    "Parameter",
-    "Setup",
-    "Unknown",
-    "check",
-    "fit_camera",
-    "iter_fit_camera",
-    "measured_of",
-]
+from lfcal.face import lazy_face
+
+if TYPE_CHECKING:
+    from lfcal.fit._face import *  # noqa: F403
+
+lazy_face(__name__)

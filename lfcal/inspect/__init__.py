@@ -6,21 +6,11 @@
 - ``search``: one fault after the other; ``inspection``: what was found beside the metrics that need no model
 """
 
-from lfcal.inspect.compared import iter_evidence
-from lfcal.inspect.evidence import Evidence, Unlike
-from lfcal.inspect.finding import FAULTS, Fault, Finding, Picture
-from lfcal.inspect.inspection import Inspection, iter_inspection
-from lfcal.inspect.search import iter_search
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "FAULTS",
-    "Evidence",
-    "Fault",
-    "Finding",
-    "Inspection",
-    "Picture",
-    "Unlike",
-    "iter_evidence",
-    "iter_inspection",
-    "iter_search",
-]
+from lfcal.face import lazy_face
+
+if TYPE_CHECKING:
+    from lfcal.inspect._face import *  # noqa: F403
+
+lazy_face(__name__)

@@ -11,39 +11,11 @@
 - ``rendering``: the same for lenslets focused on the scene, lens types by their sharpness, and all in focus
 """
 
-from lfcal.lattice.fit import LatticeFit, fit_lattice
-from lfcal.lattice.lens_types import LensTypes, classify_lens_types, expected_blur
-from lfcal.lattice.micro_images import FrameLattice, MicroImageLattice, TypeLattice, cropped, lattice_of, type_lattice
-from lfcal.lattice.refocus import refocus, sensor_slope
-from lfcal.lattice.rendering import RenderedPlanes, render, sharpness_shares, total_focus
-from lfcal.lattice.view_grid import ViewGrid, view_grid
-from lfcal.lattice.view_samples import sample_views
-from lfcal.lattice.views import Views, extract_views
-from lfcal.lattice.vignetting import Vignetting, vignetting_map
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "FrameLattice",
-    "LatticeFit",
-    "LensTypes",
-    "MicroImageLattice",
-    "RenderedPlanes",
-    "TypeLattice",
-    "ViewGrid",
-    "Views",
-    "Vignetting",
-    "classify_lens_types",
-    "cropped",
-    "expected_blur",
-    "extract_views",
-    "fit_lattice",
-    "lattice_of",
-    "refocus",
-    "render",
-    "sample_views",
-    "sensor_slope",
-    "sharpness_shares",
-    "total_focus",
-    "type_lattice",
-    "view_grid",
-    "vignetting_map",
-]
+from lfcal.face import lazy_face
+
+if TYPE_CHECKING:
+    from lfcal.lattice._face import *  # noqa: F403
+
+lazy_face(__name__)

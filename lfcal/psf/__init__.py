@@ -16,50 +16,11 @@
 - ``mat_import``, ``rearranged``, ``lfc_import``, ``plain_pickle``: theirs for lfcal
 """
 
-from lfcal.psf.assemble import assemble, iter_assemble
-from lfcal.psf.assemble_plan import AssemblySettings, assemble_plan, iter_assemble_plan
-from lfcal.psf.assembly_report import AssemblyReport
-from lfcal.psf.compare import Comparison, compare, iter_compare
-from lfcal.psf.cutout import Cutout, find_cutout
-from lfcal.psf.export import export, iter_export
-from lfcal.psf.facts import Facts
-from lfcal.psf.matrix import PSFMatrix
-from lfcal.psf.opening import open_psf, regions_of
-from lfcal.psf.quality import QualityReport, inspect, iter_inspect
-from lfcal.psf.report import iter_report, report
-from lfcal.psf.store import PSFWriter, iter_save, save, save_regions
-from lfcal.psf.transpose import transpose
-from lfcal.psf.verify import MatrixCheck, iter_verify, verify
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "AssemblyReport",
-    "AssemblySettings",
-    "Comparison",
-    "Cutout",
-    "Facts",
-    "MatrixCheck",
-    "PSFMatrix",
-    "PSFWriter",
-    "QualityReport",
-    "assemble",
-    "assemble_plan",
-    "compare",
-    "export",
-    "find_cutout",
-    "inspect",
-    "iter_assemble",
-    "iter_assemble_plan",
-    "iter_compare",
-    "iter_export",
-    "iter_inspect",
-    "iter_report",
-    "iter_save",
-    "iter_verify",
-    "open_psf",
-    "regions_of",
-    "report",
-    "save",
-    "save_regions",
-    "transpose",
-    "verify",
-]
+from lfcal.face import lazy_face
+
+if TYPE_CHECKING:
+    from lfcal.psf._face import *  # noqa: F403
+
+lazy_face(__name__)

@@ -11,22 +11,11 @@
 - ``journal``: what a run did and does; ``table``: as `lfcal status` and the window show it
 """
 
-from __future__ import annotations
+from typing import TYPE_CHECKING
 
-from lfcal.work.choice import RunChoice, iter_begun, iter_made
-from lfcal.work.executors import EXECUTORS
-from lfcal.work.journal import RunState, read_run
-from lfcal.work.runs import iter_run, parts_folder
-from lfcal.work.unit import Unit
+from lfcal.face import lazy_face
 
-__all__ = [
-    "EXECUTORS",
-    "RunChoice",
-    "RunState",
-    "Unit",
-    "iter_begun",
-    "iter_made",
-    "iter_run",
-    "parts_folder",
-    "read_run",
-]
+if TYPE_CHECKING:
+    from lfcal.work._face import *  # noqa: F403
+
+lazy_face(__name__)

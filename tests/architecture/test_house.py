@@ -49,6 +49,39 @@ def imports(path: Path) -> set[tuple[str, str]]:
     return found
 
 
+def ancestors(module: str) -> set[str]:
+    parts = module.split(".")
+    return {".".join(parts[:k]) for k in range(1, len(parts))} & MODULES.keys()
+
+
+def runtime_imports(name: str) -> set[str]:
+    """Return the modules that importing a module waits for: what it imports at its top level, and their packages.
+
+    A public name of a package with a lazy face stands for the package's module ``_face``.
+    """
+    found = ancestors(name)
+    waiting: list[ast.stmt] = list(tree_of(MODULES[name]).body)
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            continue
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            face = f"{node.module}._face"
+            found |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+            found |= {face for alias in node.names if not alias.name.startswith("_")}
+        parts = ("orelse",) if is_for_types_only(node) else ("body", "orelse", "finalbody", "handlers")
+        for part in parts:
+            waiting += getattr(node, part, [])
+    known = found & MODULES.keys()
+    return known.union(*map(ancestors, known)) - {name}
+
+
+def is_for_types_only(node: ast.stmt) -> bool:
+    return isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
+
+
 def circles(graph: dict[str, set[str]]) -> list[list[str]]:
     """Return the strongly connected parts of more than one node (Tarjan's algorithm)."""
     number: dict[str, int] = {}

@@ -29,9 +29,11 @@ COMMON = {
     "figures",
     "npy",
     "plain",
+    "face",
 }
 ALLOWED: dict[str, set[str]] = {
     "errors": set(),
+    "face": set(),
     "units": set(),
     "version": set(),
     "npy": {"errors", "files", "units"},

@@ -16,19 +16,11 @@
 - ``synthetic``: depth-plane sums of a known iris
 """
 
-from lfcal.psf.aperture.expected import expected_aperture, footprint_px
-from lfcal.psf.aperture.f_number import FNumber, working_f_number
-from lfcal.psf.aperture.fit import fit_aperture
-from lfcal.psf.aperture.iris import Iris, joint_iris
-from lfcal.psf.aperture.shape import Aperture
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "Aperture",
-    "FNumber",
-    "Iris",
-    "expected_aperture",
-    "fit_aperture",
-    "footprint_px",
-    "joint_iris",
-    "working_f_number",
-]
+from lfcal.face import lazy_face
+
+if TYPE_CHECKING:
+    from lfcal.psf.aperture._face import *  # noqa: F403
+
+lazy_face(__name__)

@@ -9,27 +9,11 @@
 - ``periodicity``: how true the tiling is, from control frames over the field
 """
 
-from lfcal.psf.quality.across import MatrixMeasures
-from lfcal.psf.quality.catalogue import METRICS
-from lfcal.psf.quality.inspect import inspect, iter_inspect
-from lfcal.psf.quality.measure import PlaneMeasures
-from lfcal.psf.quality.metric import UNKNOWN, CostModel, Limits, Metric, MetricSpec, Reading
-from lfcal.psf.quality.periodicity import Periodicity, periodicity
-from lfcal.psf.quality.report import QualityReport
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "METRICS",
-    "UNKNOWN",
-    "CostModel",
-    "Limits",
-    "MatrixMeasures",
-    "Metric",
-    "MetricSpec",
-    "Periodicity",
-    "PlaneMeasures",
-    "QualityReport",
-    "Reading",
-    "inspect",
-    "iter_inspect",
-    "periodicity",
-]
+from lfcal.face import lazy_face
+
+if TYPE_CHECKING:
+    from lfcal.psf.quality._face import *  # noqa: F403
+
+lazy_face(__name__)

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from lfcal.camera import Camera, Microscope
 from lfcal.psf.matrix import PSFMatrix
-from lfcal.psf.quality import sums
 from lfcal.psf.quality.expected import footprint_variance
 from lfcal.psf.quality.measure import PlaneMeasures
+from lfcal.psf.quality.sums import spread as spread_of
 
 __all__ = ["MatrixMeasures", "shadow_sizes"]
 
@@ -140,7 +140,7 @@ def _paraxial(plane: PlaneMeasures, camera: Camera, own: float, pixel_um: float)
     about = plane.about
     if about.expected is None or not isinstance(camera.optics, Microscope):
         return 1.0
-    shown = sums.spread(about.expected) - own
+    shown = spread_of(about.expected) - own
     shift = camera.image_shift_um(float(about.matrix.depths[about.z])) - camera.lattice.gap_um
     wanted = abs(shift) / camera.optics.working_f_number / pixel_um
     return wanted / math.sqrt(8 * shown) if shown > 0 else 1.0

@@ -12,7 +12,6 @@ from lfcal.progress import Clock, Work
 from lfcal.psf.aperture import Aperture
 from lfcal.psf.half_cell import copied_positions
 from lfcal.psf.matrix import PSFMatrix
-from lfcal.psf.quality import sums
 from lfcal.psf.quality.dark import DarkCorners, dark_corners
 from lfcal.psf.quality.field import Parts, split
 from lfcal.psf.quality.kernels import step_pass
@@ -20,6 +19,9 @@ from lfcal.psf.quality.pattern_table import PatternTable
 from lfcal.psf.quality.periodicity import Periodicity
 from lfcal.psf.quality.positions import Positions, measure_positions
 from lfcal.psf.quality.steps import odd_frames, seam_ratio
+from lfcal.psf.quality.sums import DOUBT, EdgeLight, edge_light
+from lfcal.psf.quality.sums import diameter as diameter_of
+from lfcal.psf.quality.sums import spread as spread_of
 from lfcal.threads import for_each_chunk
 
 __all__ = ["PASSES", "Continuity", "Faulty", "PlaneContext", "PlaneMeasures", "iter_measure"]
@@ -65,7 +67,7 @@ class PlaneContext:
         if self.expected is None or not self.expected.any():
             return 0.0
         corners = dark_corners(self.expected[None, None].astype(np.float32)).background
-        return sums.DOUBT * corners / float(self.expected.sum())
+        return DOUBT * corners / float(self.expected.sum())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -149,7 +151,7 @@ class PlaneMeasures:
     faulty: Faulty
     shares: NDArray[np.float64]
     shares_split: Parts
-    edges: sums.EdgeLight
+    edges: EdgeLight
     spread: float
     positions: Positions
     continuity: Continuity | None
@@ -232,7 +234,7 @@ def _unmeasured(
         faulty=faulty,
         shares=blank,
         shares_split=Parts(math.nan, (0.0, 0.0), (0.0, 0.0), blank, blank),
-        edges=sums.EdgeLight(),
+        edges=EdgeLight(),
         spread=math.nan,
         positions=Positions(),
         continuity=None,
@@ -312,9 +314,9 @@ def _with_light(plane: PlaneMeasures) -> PlaneMeasures:
     # of patterns with no light in sum nothing has a share
     shares = 100 * light / plane.energy if plane.energy > 0 else np.full(light.shape, np.nan)
     shown = _background_free(plane)
-    edges = sums.edge_light(shown, plane.dark.noise * math.sqrt(shares.size), plane.about.expected)
+    edges = edge_light(shown, plane.dark.noise * math.sqrt(shares.size), plane.about.expected)
     # a cut-off sum has lost its outer light, and its second moment with it
-    spread = sums.spread(shown) if edges.truncation < 2 else math.nan
+    spread = spread_of(shown) if edges.truncation < 2 else math.nan
     return replace(plane, shares=shares, shares_split=split(shares, plane.use), edges=edges, spread=spread)
 
 
@@ -324,7 +326,7 @@ def _background_free(plane: PlaneMeasures) -> NDArray[np.float64]:
 
 
 def _diameter(plane: PlaneMeasures) -> float:
-    return sums.diameter(_background_free(plane))
+    return diameter_of(_background_free(plane))
 
 
 def _continuity(plane: PlaneMeasures, steps: NDArray[np.float64]) -> Continuity | None:

@@ -6,6 +6,11 @@
 - ``two``: two H compared
 """
 
-from lfcal.psf.report.write import iter_report, redo_list, report, report_files
+from typing import TYPE_CHECKING
 
-__all__ = ["iter_report", "redo_list", "report", "report_files"]
+from lfcal.face import lazy_face
+
+if TYPE_CHECKING:
+    from lfcal.psf.report._face import *  # noqa: F403
+
+lazy_face(__name__)

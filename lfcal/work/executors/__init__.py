@@ -1,11 +1,10 @@
 """Who does the units of a run; found by a registry, others by the entry point ``lfcal.executors``."""
 
-from __future__ import annotations
+from typing import TYPE_CHECKING
 
-from lfcal.registry import Registry
-from lfcal.work.executors.base import ExecutorKind
+from lfcal.face import lazy_face
 
-__all__ = ["EXECUTORS"]
+if TYPE_CHECKING:
+    from lfcal.work.executors._face import *  # noqa: F403
 
-EXECUTORS: Registry[ExecutorKind] = Registry("executor", __name__, "EXECUTOR", "lfcal.executors")
-"""All executors by name."""
+lazy_face(__name__)

@@ -1,0 +1,29 @@
+"""The public names of `lfcal.accuracy`, loaded when the first of them is asked for."""
+
+from __future__ import annotations
+
+from lfcal.accuracy.base import Curve, Rung, marked
+from lfcal.accuracy.catalogue import PLACES
+from lfcal.accuracy.curve_file import read_curves, write_curves
+from lfcal.accuracy.drawing import draw_curves
+from lfcal.accuracy.measure import CurveProgress, iter_curve, iter_curves, measure_curve
+from lfcal.accuracy.place import Place, Step, Truth
+from lfcal.accuracy.subject import Subject
+
+__all__ = [
+    "PLACES",
+    "Curve",
+    "CurveProgress",
+    "Place",
+    "Rung",
+    "Step",
+    "Subject",
+    "Truth",
+    "draw_curves",
+    "iter_curve",
+    "iter_curves",
+    "marked",
+    "measure_curve",
+    "read_curves",
+    "write_curves",
+]

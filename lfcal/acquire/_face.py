@@ -1,0 +1,73 @@
+"""The public names of `lfcal.acquire`, loaded when the first of them is asked for."""
+
+from __future__ import annotations
+
+from lfcal.acquire.blocks import coarse_order, window_shape
+from lfcal.acquire.control import Control
+from lfcal.acquire.errors import AcquisitionStopped, SuspectFrame
+from lfcal.acquire.finish import iter_assemble_session, iter_finish
+from lfcal.acquire.forecast import SessionForecast, forecast
+from lfcal.acquire.frame_plan import FramePlan
+from lfcal.acquire.live_coverage import CoverageState, LiveCoverage
+from lfcal.acquire.live_quality import Alarm, LiveQuality, QualityState
+from lfcal.acquire.options import Options
+from lfcal.acquire.preview import LiveFrame, Preview
+from lfcal.acquire.recording.opening import open_session
+from lfcal.acquire.recording.records import Kind, Note, Suspicion
+from lfcal.acquire.recording.source import CheckFrame, RecordingSource, read_checks
+from lfcal.acquire.recording.verify import DamagedFrame, SessionReport, iter_verify, verify
+from lfcal.acquire.recording.whole_frames import TargetRecording
+from lfcal.acquire.redo import RedoList
+from lfcal.acquire.runner import Observer, Outcome
+from lfcal.acquire.schedule import Schedule, Step
+from lfcal.acquire.session import check_devices, iter_record, record
+from lfcal.acquire.session_file import SessionFile
+from lfcal.acquire.suspects import read_suspects
+from lfcal.acquire.suspending import Bound, Suspender
+from lfcal.devices.registry import open_rig
+
+__all__ = [
+    "AcquisitionStopped",
+    "Alarm",
+    "Bound",
+    "CheckFrame",
+    "Control",
+    "CoverageState",
+    "DamagedFrame",
+    "FramePlan",
+    "Kind",
+    "LiveCoverage",
+    "LiveFrame",
+    "LiveQuality",
+    "Note",
+    "Observer",
+    "Options",
+    "Outcome",
+    "Preview",
+    "QualityState",
+    "RecordingSource",
+    "RedoList",
+    "Schedule",
+    "SessionFile",
+    "SessionForecast",
+    "SessionReport",
+    "Step",
+    "SuspectFrame",
+    "Suspender",
+    "Suspicion",
+    "TargetRecording",
+    "check_devices",
+    "coarse_order",
+    "forecast",
+    "iter_assemble_session",
+    "iter_finish",
+    "iter_record",
+    "iter_verify",
+    "open_rig",
+    "open_session",
+    "read_checks",
+    "read_suspects",
+    "record",
+    "verify",
+    "window_shape",
+]

@@ -1,0 +1,55 @@
+"""The public names of `lfcal.camera`, loaded when the first of them is asked for."""
+
+from __future__ import annotations
+
+from lfcal.camera.derived import Derived, derived_of
+from lfcal.camera.description import Camera
+from lfcal.camera.distortion import BrownDistortion, LatticeDistortion
+from lfcal.camera.doubts import doubts
+from lfcal.camera.draft import Draft
+from lfcal.camera.forecast import Forecast
+from lfcal.camera.importers.camera_format import Imported, Wanted
+from lfcal.camera.importers.opening import CAMERA_FORMATS, import_camera
+from lfcal.camera.importers.raytrix_xml import read_raytrix_xml
+from lfcal.camera.lattice import LensletLattice, LensType
+from lfcal.camera.main_lens import MainLens, Microscope
+from lfcal.camera.marks import MARKS, Marks
+from lfcal.camera.plan import ScanPlan
+from lfcal.camera.presets import PRESETS, preset
+from lfcal.camera.quantities import QUANTITIES, Quantity, has_value, quantities_of, value_at
+from lfcal.camera.regions import RegionPlan
+from lfcal.camera.sensor import Sensor
+from lfcal.camera.stage import StageAxes
+
+__all__ = [
+    "CAMERA_FORMATS",
+    "MARKS",
+    "PRESETS",
+    "QUANTITIES",
+    "BrownDistortion",
+    "Camera",
+    "Derived",
+    "Draft",
+    "Forecast",
+    "Imported",
+    "LatticeDistortion",
+    "LensType",
+    "LensletLattice",
+    "MainLens",
+    "Marks",
+    "Microscope",
+    "Quantity",
+    "RegionPlan",
+    "ScanPlan",
+    "Sensor",
+    "StageAxes",
+    "Wanted",
+    "derived_of",
+    "doubts",
+    "has_value",
+    "import_camera",
+    "preset",
+    "quantities_of",
+    "read_raytrix_xml",
+    "value_at",
+]

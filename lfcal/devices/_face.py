@@ -1,0 +1,66 @@
+"""The public names of `lfcal.devices`, loaded when the first of them is asked for."""
+
+from __future__ import annotations
+
+from lfcal.devices.errors import (
+    CameraError,
+    DeviceError,
+    DeviceLost,
+    DeviceMissing,
+    FrameTimeout,
+    IncompleteFrame,
+    LimitError,
+    NotInPosition,
+    StageError,
+    StaleFrame,
+    WrongFrame,
+)
+from lfcal.devices.options import limits_option, number_option
+from lfcal.devices.protocols import (
+    CameraDevice,
+    Frame,
+    Light,
+    Limits,
+    Point,
+    Rig,
+    Roi,
+    Setting,
+    StageDevice,
+    SystemTime,
+    TimeSource,
+)
+from lfcal.devices.registry import Backend, Finding, find_backends, get_backend, open_rig
+from lfcal.devices.simulated.backend import simulated_rig
+
+__all__ = [
+    "Backend",
+    "CameraDevice",
+    "CameraError",
+    "DeviceError",
+    "DeviceLost",
+    "DeviceMissing",
+    "Finding",
+    "Frame",
+    "FrameTimeout",
+    "IncompleteFrame",
+    "Light",
+    "LimitError",
+    "Limits",
+    "NotInPosition",
+    "Point",
+    "Rig",
+    "Roi",
+    "Setting",
+    "StageDevice",
+    "StageError",
+    "StaleFrame",
+    "SystemTime",
+    "TimeSource",
+    "WrongFrame",
+    "find_backends",
+    "get_backend",
+    "limits_option",
+    "number_option",
+    "open_rig",
+    "simulated_rig",
+]

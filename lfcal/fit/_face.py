@@ -1,0 +1,30 @@
+"""The public names of `lfcal.fit`, loaded when the first of them is asked for."""
+
+from __future__ import annotations
+
+from lfcal.fit.convergence import FitProgress
+from lfcal.fit.fit import fit_camera, iter_fit_camera
+from lfcal.fit.holds import Check, check
+from lfcal.fit.locate import NewFrame
+from lfcal.fit.measured import Measured, measured_of
+from lfcal.fit.parameters import GROUPS, Group, Unknown
+from lfcal.fit.result import Fit, Outlier, Parameter
+from lfcal.fit.setup import Setup
+
+__all__ = [
+    "GROUPS",
+    "Check",
+    "Fit",
+    "FitProgress",
+    "Group",
+    "Measured",
+    "NewFrame",
+    "Outlier",
+    "Parameter",
+    "Setup",
+    "Unknown",
+    "check",
+    "fit_camera",
+    "iter_fit_camera",
+    "measured_of",
+]

@@ -1,0 +1,20 @@
+"""The public names of `lfcal.psf.aperture`, loaded when the first of them is asked for."""
+
+from __future__ import annotations
+
+from lfcal.psf.aperture.expected import expected_aperture, footprint_px
+from lfcal.psf.aperture.f_number import FNumber, working_f_number
+from lfcal.psf.aperture.fit import fit_aperture
+from lfcal.psf.aperture.iris import Iris, joint_iris
+from lfcal.psf.aperture.shape import Aperture
+
+__all__ = [
+    "Aperture",
+    "FNumber",
+    "Iris",
+    "expected_aperture",
+    "fit_aperture",
+    "footprint_px",
+    "joint_iris",
+    "working_f_number",
+]

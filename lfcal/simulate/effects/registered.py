@@ -1,0 +1,76 @@
+"""Every kind of effect, found by registry."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from dataclasses import is_dataclass
+
+from lfcal.camera import preset
+from lfcal.registry import Registry
+from lfcal.simulate.effects.base import ActsOn, Effect, EngineSeconds, Estimate
+from lfcal.simulate.effects.outlook import Outlook
+
+__all__ = ["CATALOGUE", "GROUP", "catalogue", "check_effect", "find_effects"]
+
+GROUP = "lfcal.effects"
+"""Entry point group of effects of other distributions."""
+
+
+def check_effect(kind: type[Effect]) -> None:
+    """Raise `TypeError`, or what its own code raises, unless ``kind`` can be listed, planned and kept in a file."""
+    if not (isinstance(kind, type) and issubclass(kind, Effect)):
+        raise TypeError("it is not a class derived from Effect")
+    if inspect.isabstract(kind):
+        raise TypeError(f"it lacks {', '.join(sorted(kind.__abstractmethods__))}")
+    # The fields are the magnitudes that provenance keeps; two equal effects must compare equal.
+    if not is_dataclass(kind) or not kind.__dataclass_params__.frozen:
+        raise TypeError("it is not a frozen dataclass")
+    if not isinstance(getattr(kind, "title", None), str) or not isinstance(getattr(kind, "acts_on", None), ActsOn):
+        raise TypeError("it does not say its title or what it acts on")
+    # Tried here, because one estimate that fails later would stop every plan, whether it wants the effect or not.
+    camera = preset("bench")
+    outlook = Outlook(camera, camera.depth_of(4.0), (61, 61), (33, 19))
+    found = kind().estimate(outlook)
+    if not isinstance(found, Estimate) or not math.isfinite(found.error):
+        raise TypeError("it has no estimate")
+    kind().seconds(outlook, EngineSeconds(1.0, 1.0, 1.0))
+
+
+def find_effects() -> Registry[type[Effect]]:
+    """Return every kind of effect by name, in the order of the light's way; those of other distributions included.
+
+    Examples
+    --------
+    >>> from lfcal.simulate.effects import find_effects
+    >>> kinds = find_effects()
+    >>> Coma = kinds.get("coma")
+    >>> print(Coma.title, Coma(waves=0.5), sep=": ")
+    coma: Coma(waves=0.5, angle_rad=0.0)
+    """
+    places = list(ActsOn)
+    return Registry(
+        "effect",
+        "lfcal.simulate.effects",
+        "EFFECTS",
+        GROUP,
+        order=lambda kind: (places.index(kind.acts_on), kind.rank, kind.name),
+        check=check_effect,
+    )
+
+
+CATALOGUE = find_effects()
+"""Every kind of effect."""
+
+
+def catalogue() -> tuple[Effect, ...]:
+    """Return one of every effect: known ones as the camera describes them, deviations at a typical size.
+
+    Examples
+    --------
+    >>> from lfcal.simulate.effects import catalogue
+    >>> effects = {effect.name: effect for effect in catalogue()}
+    >>> effects["lenslet_gap"], effects["read_noise"]  # a typical error; what the camera says
+    (LensletGap(error_um=5.0), ReadNoise(rms_e=None))
+    """
+    return tuple(kind() for kind in CATALOGUE)

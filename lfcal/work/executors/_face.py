@@ -1,0 +1,11 @@
+"""The public names of `lfcal.work.executors`, loaded when the first of them is asked for."""
+
+from __future__ import annotations
+
+from lfcal.registry import Registry
+from lfcal.work.executors.base import ExecutorKind
+
+__all__ = ["EXECUTORS"]
+
+EXECUTORS: Registry[ExecutorKind] = Registry("executor", "lfcal.work.executors", "EXECUTOR", "lfcal.executors")
+"""All executors by name."""
