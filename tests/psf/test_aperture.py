@@ -163,6 +163,36 @@ def test_something_dark_inside_is_an_obstruction():
     assert found.obstruction.share == pytest.approx(math.pi * (0.2 * truth.apothem_px) ** 2 / truth.area_px2, rel=0.3)
 
 
+@pytest.mark.parametrize(
+    ("blades", "curvature", "central", "noise"), [(9, 1.0, 0.35, 0.01), (6, 0.0, 0.35, 0.1), (8, 0.0, 0.7, 0.05)]
+)
+def test_an_annular_stop_is_named_with_its_size(blades, curvature, central, noise):
+    fault = Fault(central=central)
+    image, truth = depth_sum_of(151, blades, curvature, Disturbance(noise), np.random.default_rng(3), fault=fault)
+    found = fit_aperture(image)
+    assert found.confident and (found.kind, found.blades) == ("annular", truth.blades)
+    assert found.area_px2 == pytest.approx(truth.area_px2, rel=0.02)
+    dark = math.pi * (central * truth.apothem_px) ** 2
+    assert found.obstruction.share == pytest.approx(dark / truth.area_px2, rel=0.1)
+    percent = round(100 * math.sqrt(found.obstruction.share))
+    assert f"central obstruction of {percent} % of the diameter" in found.describe()
+
+
+def test_a_central_obstruction_is_named_where_the_shape_is_unclear():
+    image, _ = depth_sum_of(151, 9, 1.0, Disturbance(0.3), np.random.default_rng(3), fault=Fault(central=0.4))
+    found = fit_aperture(image)
+    assert found.refusal == "unclear" and math.isnan(found.confidence)
+    assert "unknown shape" in found.describe() and "central obstruction" in found.describe()
+
+
+def test_a_spot_in_focus_is_no_aperture_and_not_called_dim():
+    rows, columns = np.indices((17, 17)) - 8.0
+    image = np.exp(-((rows**2 + columns**2) / 2.3**2)) + np.random.default_rng(1).normal(0, 1e-3, rows.shape)
+    found = fit_aperture(image)
+    assert found.refusal == "in focus" and not found.confident and math.isnan(found.confidence)
+    assert "in focus" in found.describe()
+
+
 def test_an_iris_cut_off_by_the_cutout_is_refused():
     image, _ = synthetic(7, 0.0, 1, side=151)
     assert fit_aperture(image[:, 25:]).refusal == "cut off"
@@ -187,6 +217,7 @@ def test_an_outline_of_no_known_iris_is_refused():
     star = np.hypot(rows, columns) < 50 * (1 + 0.15 * np.cos(3 * angle) + 0.1 * np.cos(8 * angle))
     found = fit_aperture(ndimage.gaussian_filter(star.astype(float), 2))
     assert found.refusal == "irregular" and not found.confident and not found.kind
+    assert math.isnan(found.confidence)
     assert "blades" not in found.describe()
 
 

@@ -87,7 +87,7 @@ def _numbers(aperture: Aperture) -> dict[str, str]:
         "Curvature": f"{aperture.curvature:.2f}{error}" if told else UNKNOWN,
         "Edge blur": seen(f"{aperture.blur_px:.2f} px"),
         "Ellipticity": seen(f"{100 * aperture.ellipticity:.1f} %"),
-        "Confidence": f"{100 * aperture.confidence:.0f} %",
+        "Confidence": f"{100 * aperture.confidence:.0f} %" if aperture.confident else UNKNOWN,
     }
 
 

@@ -106,7 +106,7 @@ def measured_edge(image: Values, patch: LitPatch) -> Edge | None:
     """Return the edge of a patch; None where it has no lit level, or none in the image."""
     row, column, radius = patch.row, patch.column, patch.radius
     for _ in range(3):
-        shade, level, vignetting = shading(image, patch.background, row, column, radius)
+        shade, level, vignetting = shading(image, patch, row, column, radius)
         if not level > 0:
             return None
         flat = (image - patch.background) / shade

@@ -22,6 +22,9 @@ __all__ = ["fit_aperture", "plane_verdict"]
 SMALLEST = 9
 """Smallest cutout side that can show an aperture (pixels)."""
 
+LEAST_RADIUS = 3.0
+"""Radius below which a lit patch is the image of a point in focus: it has no outline to fit blades to (pixels)."""
+
 MOST_TOUCHING = 0.1
 """Share of the cutout's border that is lit beyond which no outline is tried."""
 
@@ -75,6 +78,8 @@ def plane_verdict(depth_sum: ArrayLike, *, footprint_px: float = 0.0) -> tuple[A
     patch = find_patch(image)
     if patch is None:
         return _none("too dim"), None
+    if patch.radius < LEAST_RADIUS:
+        return _circle(patch, "in focus"), None
     touching = _touching(patch)
     if touching > MOST_TOUCHING:
         return _circle(patch, "cut off"), None
@@ -84,9 +89,9 @@ def plane_verdict(depth_sum: ArrayLike, *, footprint_px: float = 0.0) -> tuple[A
     verdict = judged(edge, _snr(edge.level, patch.noise))
     answer = _aperture(verdict, patch)
     if touching:
-        return replace(answer, kind="", confident=False, refusal="cut off"), None
+        return answer.refused("cut off"), None
     if edge.radius < footprint_px:
-        return replace(answer, kind="", confident=False, refusal="lenslets"), None
+        return answer.refused("in focus"), None
     return answer, verdict
 
 
@@ -135,9 +140,9 @@ def _aperture(verdict: Verdict, patch: LitPatch) -> Aperture:
     kind, refusal = verdict.kind, verdict.refusal
     if edge.blur_px > WIDEST_BLUR * edge.radius:
         kind, refusal = "", "unclear"
-    blocked = None if refusal else edge.obstruction
-    if blocked is not None:
-        kind = "obstructed" if kind in ("round", "polygon", "rounded polygon") else kind
+    blocked = edge.obstruction if refusal in ("", "unclear") else None
+    if blocked is not None and kind in ("round", "polygon", "rounded polygon"):
+        kind = "annular" if blocked.is_central((edge.row, edge.column), edge.radius) else "obstructed"
     arcs = fit.arcs
     e = math.hypot(arcs.stretch, arcs.shear)
     fitted = math.pi * float(np.mean(arcs.radius(ANGLES) ** 2))
@@ -159,7 +164,7 @@ def _aperture(verdict: Verdict, patch: LitPatch) -> Aperture:
         ellipse_axis_rad=0.5 * math.atan2(-arcs.shear, -arcs.stretch),
         vignetting=edge.vignetting,
         snr=_snr(edge.level, patch.noise),
-        confidence=verdict.confidence,
+        confidence=math.nan if refusal else verdict.confidence,
         confident=not refusal,
         refusal=refusal,
         kind=kind,

@@ -14,7 +14,7 @@ from lfcal.psf.aperture.verdict import CERTAIN
 __all__ = ["Iris", "joint_iris"]
 
 USABLE = ("", "unclear")
-"""Refusals of planes whose evidence counts: a plane that is unclear alone may decide together with others."""
+"""Refusals of planes whose evidence counts: a plane that is unclear adds to what a clear one shows."""
 
 REGULAR = ("", "round", "polygon", "rounded polygon")
 
@@ -87,7 +87,8 @@ def joint_iris(apertures: Sequence[Aperture], inverted: Sequence[bool | None]) -
     """Return the iris that planes show together, or None where none shows any.
 
     One count, rotation and curvature for all planes: the chi-square of a count is the sum of those of the planes, plus
-    that of their curvatures and rotations about the weighted means. Planes with a faulty outline are left out.
+    that of their curvatures and rotations about the weighted means. Planes with a faulty outline are left out. Where no
+    plane shows a shape that is clear by itself, no iris is stated.
 
     Parameters
     ----------
@@ -111,7 +112,7 @@ def joint_iris(apertures: Sequence[Aperture], inverted: Sequence[bool | None]) -
         for a, turned in zip(apertures, inverted, strict=True)
         if a.counts and a.refusal in USABLE and a.kind in REGULAR
     ]
-    if not chosen:
+    if not any(a.confident for a, _ in chosen):
         return None
     found = sorted((_of_count(n, chosen) for n in {c.blades for a, _ in chosen for c in a.counts}), key=_left)
     best = found[0]

@@ -12,6 +12,12 @@ __all__ = ["LitPatch", "despike", "find_patch", "mad", "offsets", "shading"]
 
 Image = NDArray[np.float64]
 
+HOLE = 0.03
+"""Half width of the smallest hole that counts as one, over the radius."""
+
+FEWEST = 16
+"""Pixels that make a lit level."""
+
 
 @dataclass(frozen=True, slots=True)
 class LitPatch:
@@ -27,6 +33,8 @@ class LitPatch:
         Centroid and radius of the circle of the same area (pixels).
     mask
         Pixels above half the lit level, holes filled.
+    hole
+        Pixels of large holes that were filled, as an annular stop has one, with a margin for the blur.
     """
 
     background: float
@@ -36,6 +44,7 @@ class LitPatch:
     column: float
     radius: float
     mask: NDArray[np.bool_]
+    hole: NDArray[np.bool_]
 
 
 def offsets(shape: tuple[int, ...], row: float, column: float) -> tuple[Image, Image]:
@@ -109,22 +118,37 @@ def find_patch(image: Image) -> LitPatch | None:
     mask = ndimage.binary_fill_holes(labels == 1 + int(np.argmax(sizes)))
     row, column = ndimage.center_of_mass(mask)
     radius = math.sqrt(float(mask.sum()) / math.pi)
-    # below three pixels there is no outline to fit blades to
-    if radius < 3:
-        return None
-    return LitPatch(background, noise, level, float(row), float(column), radius, mask)
+    hole = _hole(mask & (labels != 1 + int(np.argmax(sizes))), radius)
+    return LitPatch(background, noise, level, float(row), float(column), radius, mask, hole)
 
 
-def shading(image: Image, background: float, row: float, column: float, radius: float) -> tuple[Image, float, float]:
+def _hole(dark: NDArray[np.bool_], radius: float) -> NDArray[np.bool_]:
+    """Return the large holes among the filled pixels of a patch, with a margin."""
+    from scipy import ndimage
+
+    # smaller ones are hot or dead pixels and gaps between lenslets' images
+    large = ndimage.binary_opening(dark, iterations=max(1, round(HOLE * radius)))
+    wide: NDArray[np.bool_] = ndimage.binary_dilation(large, iterations=max(2, round(2 * HOLE * radius)))
+    return wide
+
+
+def shading(image: Image, patch: LitPatch, row: float, column: float, radius: float) -> tuple[Image, float, float]:
     """Return the smooth lit level of an image, the one at the centre, and its fall to the radius (a share of that).
 
-    A plane plus a paraboloid is fitted robustly inside three quarters of ``radius`` and continued outwards.
+    A plane plus a paraboloid is fitted robustly inside three quarters of ``radius``, holes left out, and continued
+    outwards.
     """
     x, y = offsets(image.shape, row, column)
+    background = patch.background
     # normalised by the radius, so that the four terms are of one order
     x, y = x / radius, y / radius
     r2 = x * x + y * y
-    inside = r2 < 0.75**2
+    inside = (r2 < 0.75**2) & ~patch.hole
+    if 2 * inside.sum() < (r2 < 0.75**2).sum():
+        # the ring that a wide hole leaves: a paraboloid has no hold at its centre
+        inside, r2 = (r2 < 0.9**2) & ~patch.hole, np.zeros_like(r2)
+    if inside.sum() < FEWEST:
+        return np.ones_like(image), 0.0, 0.0
     terms = np.stack([np.ones(int(inside.sum())), x[inside], y[inside], r2[inside]], 1)
     values = image[inside] - background
     weight = np.ones(values.size)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,7 +28,7 @@ REFUSALS = {
     "too small": "the cutout has too few pixels to show an outline",
     "cut off": "the lit patch reaches the edge of the cutout",
     "irregular": "the outline fits no iris that is known here",
-    "lenslets": "the shadow is no larger than what the lenslets themselves show",
+    "in focus": "the plane is in focus: its outline is that of the lenslets' images, not that of the iris",
     "unclear": "two shapes or two blade counts fit about equally well",
 }
 """Why a fit is refused, and what that means."""
@@ -41,8 +41,12 @@ KINDS = {
     "stuck blade": "a blade out of place",
     "cat's eye": "cut by a second rim",
     "obstructed": "obstructed",
+    "annular": "annular",
 }
 """What an aperture may be, and how that is said."""
+
+CENTRAL = 0.1
+"""Distance of an obstruction from the centre, over the radius, within which the stop is annular."""
 
 
 def blade_radius(
@@ -141,6 +145,10 @@ class Obstruction:
     centre: tuple[float, float]
     share: float
 
+    def is_central(self, centre: tuple[float, float], radius_px: float) -> bool:
+        """Return whether it lies in the middle of an aperture, as that of a mirror lens does."""
+        return math.dist(self.centre, centre) < CENTRAL * radius_px
+
 
 @dataclass(frozen=True, slots=True)
 class CountFit:
@@ -195,7 +203,7 @@ class Aperture:
     snr
         Lit level over the noise of one pixel.
     confidence
-        From 0 to 1, how far the blade count stands out.
+        From 0 to 1, how far the shape stands out; NaN where it is not known.
     confident
         Whether kind, blade count and outline may be relied on.
     refusal
@@ -240,7 +248,7 @@ class Aperture:
     ellipse_axis_rad: float = 0.0
     vignetting: float = 0.0
     snr: float = 0.0
-    confidence: float = 0.0
+    confidence: float = math.nan
     confident: bool = False
     refusal: str = ""
     kind: str = ""
@@ -265,6 +273,10 @@ class Aperture:
             )
         if self.blades < 0 or self.blades in (1, 2):
             raise InputError.expected("blades", "0 (a circle) or 3 and more", self.blades, "correct it")
+
+    def refused(self, refusal: str) -> Aperture:
+        """Return the outline without its shape, which is not known for the reason ``refusal``."""
+        return replace(self, kind="", confident=False, confidence=math.nan, refusal=refusal)
 
     @property
     def seen(self) -> bool:
@@ -338,7 +350,7 @@ class Aperture:
         size = with_error(self.diameter_px, self.diameter_sigma_px, 1)
         where = f"centre ({self.centre[0]:.1f}, {self.centre[1]:.1f}) px, diameter {size} px"
         if self.refusal or not self.confident:
-            return f"unknown shape, {where}" + (f"; {self.reason}" if self.reason else "")
+            return "; ".join(filter(None, (f"unknown shape, {where}", self.reason, self.fault)))
         return ", ".join(filter(None, (self._what(), where, self._turn(), self.fault)))
 
     def _what(self) -> str:
@@ -346,6 +358,8 @@ class Aperture:
         base = f"{self.blades} blades" if self.blades else "round"
         if self.kind == "cat's eye":
             return f"cat's eye ({base}, {KINDS[self.kind]})"
+        if self.kind == "annular":
+            return f"annular ({base})"
         return base
 
     def _turn(self) -> str:
@@ -365,5 +379,7 @@ class Aperture:
             return f"blade {self.stuck.blade + 1} at {at:.0f}° stuck {size} too far {way}"
         if self.obstruction is not None:
             row, column = self.obstruction.centre
+            if self.obstruction.is_central(self.centre, self.apothem_px):
+                return f"central obstruction of {100 * math.sqrt(self.obstruction.share):.0f} % of the diameter"
             return f"{100 * self.obstruction.share:.1f} % obstructed about ({row:.1f}, {column:.1f}) px"
         return ""

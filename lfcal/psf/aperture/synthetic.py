@@ -71,12 +71,15 @@ class Fault:
         units of the apothem.
     obstructed
         Radius of a dark disc half way to the edge, of the apothem.
+    central
+        The same of a dark disc in the middle, as that of an annular stop.
     """
 
     stuck: int = -1
     out: float = 0.0
     rim: tuple[float, float, float] | None = None
     obstructed: float = 0.0
+    central: float = 0.0
 
 
 SOUND = Fault()
@@ -125,6 +128,7 @@ def depth_sum_of(
     lit = np.hypot(x, y) < np.interp(np.arctan2(y, x), RAYS, edge, period=2 * math.pi)
     if fault.obstructed:
         lit &= np.hypot(x - 0.5 * apothem, y) > fault.obstructed * apothem
+    lit &= np.hypot(x, y) >= fault.central * apothem
     image = lit.reshape(side, OVERSAMPLING, side, OVERSAMPLING).mean((1, 3))
     image = ndimage.gaussian_filter(image, disturbance.blur_px)
     rows, columns = (np.asarray(a, np.float64) for a in np.indices(image.shape))
@@ -201,6 +205,6 @@ def _kind(curvature: float, fault: Fault) -> str:
         return "cat's eye"
     if fault.stuck >= 0:
         return "stuck blade"
-    if fault.obstructed:
-        return "obstructed"
+    if fault.obstructed or fault.central:
+        return "obstructed" if fault.obstructed else "annular"
     return "round" if curvature == 1 else "polygon" if curvature == 0 else "rounded polygon"

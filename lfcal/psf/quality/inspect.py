@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -205,7 +205,7 @@ def _told(plane: PlaneMeasures, shadow_px: float) -> Aperture:
     known = plane.about.matrix.camera is not None and math.isfinite(plane.spread) and plane.lit
     if not known or math.isfinite(shadow_px) or aperture.refusal or edges.cut_off:
         return aperture
-    return replace(aperture, kind="", confident=False, refusal="lenslets")
+    return aperture.refused("in focus")
 
 
 def _iris(H: PSFMatrix, apertures: tuple[Aperture, ...]) -> Iris | None:

@@ -187,7 +187,7 @@ def _apertures(H: PSFMatrix, quality: QualityReport) -> str:
                 f"{math.degrees(a.rotation_rad):.1f}" if a.blades and a.confident else "—",
                 _curvature(a),
                 f"{100 * a.ellipticity:.1f}" if a.seen else "—",
-                f"{a.confidence:.2f}",
+                f"{a.confidence:.2f}" if a.confident else "—",
                 '<b class="advice good">certain</b>' + _fault(a) if a.confident else text(a.reason or "not certain"),
             ]
         )

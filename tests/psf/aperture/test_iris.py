@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,8 +18,6 @@ def plane(blades, curvature, seed, *, noise=0.3, turned=False, side=131):
 
 def upright(found, truth, turned):
     """Return what the fit said, as if the iris had its first vertex at 0.2 rad, or upside down."""
-    from dataclasses import replace
-
     shift = 0.2 + (math.pi if turned else 0.0) - truth.rotation_rad
     counts = tuple(replace(c, rotation_rad=(c.rotation_rad + shift) % (2 * math.pi / c.blades)) for c in found.counts)
     return replace(found, counts=counts)
@@ -33,15 +32,22 @@ def planes(blades, curvature, noise, sides, turns=None):
 
 
 @pytest.mark.long
-def test_planes_that_are_unclear_alone_decide_together():
+def test_planes_that_are_unclear_add_to_a_clear_one():
     sides = [False, True, False, True]
-    seen = planes(9, 0.6, 0.5, sides)
-    assert sum(a.confident for a in seen) < len(seen)
+    seen = [*planes(9, 0.6, 0.2, sides[:1]), *planes(9, 0.6, 0.5, sides)[1:]]
+    assert seen[0].confident and not all(a.confident for a in seen)
     iris = joint_iris(seen, sides)
     assert iris.confident and iris.blades == 9 and iris.planes == len(seen)
     assert abs(iris.curvature - 0.6) < 3 * iris.curvature_sigma
     assert iris.rotation_rad == pytest.approx(0.2, abs=0.03)
     assert iris.curvature_sigma < min(c.curvature_sigma for a in seen for c in a.counts if c.blades == 9)
+
+
+def test_planes_that_are_each_unclear_state_no_iris():
+    """A partly blocked iris made two unclear planes, whose joint count had a small error and was wrong."""
+    seen = [replace(a, kind="", confident=False, refusal="unclear") for a in planes(6, 0.0, 0.05, [False, True])]
+    assert joint_iris(seen, [False, True]) is None
+    assert joint_iris([*planes(6, 0.0, 0.05, [False]), seen[1]], [False, True]).blades == 6
 
 
 def test_a_side_taken_for_the_other_contradicts():

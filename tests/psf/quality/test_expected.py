@@ -99,7 +99,7 @@ def test_a_microscope_tells_its_f_number_and_no_blades() -> None:
     assert found.f_number.value == pytest.approx(20.0, rel=0.06)
     assert not any(a.confident for a in found.apertures)
     assert all("blades" not in a.describe() for a in found.apertures)
-    assert found.apertures[1].refusal == "lenslets"
+    assert found.apertures[1].refusal == "in focus"
 
 
 @pytest.mark.parametrize(("clear", "second"), [(1.0, 1 / 8), (2 / np.sqrt(3), 5 / 36)])
