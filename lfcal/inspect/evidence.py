@@ -14,6 +14,7 @@ from lfcal.fit.expected import Behind
 from lfcal.inspect.modelled import Starts, correlation, modelled, parts
 from lfcal.inspect.scatter import misfit, noise_of, start_of, variance_of
 from lfcal.psf import PSFMatrix
+from lfcal.psf.quality.pattern_table import NOISELESS
 
 __all__ = ["COLUMNS", "Evidence", "Unlike", "fitted"]
 
@@ -40,6 +41,9 @@ APART_ASKED = 0.05
 ASIDE_PX, SOME = 0.4, 0.25
 """Displacement of single cutouts (pixels) that makes their patterns unlike their places, and the share of all patterns
 below which they are single ones."""
+
+DIMMEST = 0.25
+"""Share of the samples, those of the least light, that tell how noisy patterns are."""
 
 ROUNDS = 3
 """Fits of each pattern: outliers are clipped, and the noise is told anew, after each."""
@@ -176,6 +180,20 @@ class Evidence:
         found: F4 = np.where(self.valid, 1.0 / self.variance, 0.0).astype(np.float32)
         found[self.unlike] = 0.0
         return found
+
+    @cached_property
+    def computed(self) -> bool:
+        """Whether patterns have so little noise that they were computed: what a model leaves of them is its own error.
+
+        Neither a sensor nor a codec has been at these.
+        """
+        peak = float(self.light.max())
+        inner = self.valid[:, :, 2:] & self.valid[:, :, 1:-1] & self.valid[:, :, :-2]
+        inner &= self.light[:, :, 1:-1] <= np.quantile(self.light, DIMMEST)
+        # second differences of neighbours: smooth light has next to none
+        bend = (self.data[:, :, 2:] - 2 * self.data[:, :, 1:-1] + self.data[:, :, :-2])[inner] / math.sqrt(6)
+        noise = 1.4826 * float(np.median(np.abs(bend))) if bend.size else 0.0
+        return max(noise, math.sqrt(self.rounding)) * NOISELESS < peak
 
     @cached_property
     def alike(self) -> F8:

@@ -16,7 +16,18 @@ from lfcal.fit.model import Fineness, PlaneModel
 from lfcal.fit.setup import Setup
 from lfcal.simulate.engines.base import EnergyError
 
-__all__ = ["REACH_PX", "Starts", "correlation", "cut", "depths_seen", "modelled", "parts", "plane_of", "windows_seen"]
+__all__ = [
+    "NEAR_ARRAY",
+    "REACH_PX",
+    "Starts",
+    "correlation",
+    "cut",
+    "depths_seen",
+    "modelled",
+    "parts",
+    "plane_of",
+    "windows_seen",
+]
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import ClassVar
+from collections.abc import Iterable, Mapping
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -30,6 +30,13 @@ SPIKE = 4.0
 
 STEPS = 1.1
 """Times by which neighbours across blocks differ more than those within."""
+
+OTHERS = (5, 6, 7, 9, 10, 11)
+"""Periods (pixels) that no compression has: structure of the lenslets repeats with any of them as well as with a
+block's."""
+
+CLEARLY = 2.0
+"""Times as much more that neighbours differ across blocks than at any of those other periods."""
 
 LIT = 0.02
 """Share of the brightest light that a block has to have for its finest structure to tell anything."""
@@ -72,7 +79,12 @@ class Compression(Fault):
     explains: ClassVar[tuple[str, ...]] = ("not_linear", "bad_pixels", "jitter", "flicker")
 
     def found(self, evidence: Evidence) -> Iterable[Finding]:
-        """Yield by how much neighbours across blocks differ more than those within."""
+        """Yield by how much neighbours across blocks differ more than those within.
+
+        Nothing where every frame was stored without loss, or was computed.
+        """
+        if evidence.computed or _lossless(evidence.matrix.provenance):
+            return
         left = evidence.left
         # where there is light, lost detail is larger than what blocks are made of
         dark = evidence.valid & (evidence.light < DARK * float(evidence.light.max()))
@@ -81,7 +93,14 @@ class Compression(Fault):
             found = [_borders(left, dark, corners[:, axis], axis, most_of) for axis in (0, 1)]
             ratios, sigmas = ([one[k] for one in found] for k in (0, 1))
             # lines with offsets of their own differ anywhere, and by chance where blocks may end
-            if min(ratios) > STEPS and min(sigmas) > SURE and min(one[2] for one in found) > STEPS:
+            if min(ratios) < STEPS or min(sigmas) < SURE or min(one[2] for one in found) < STEPS:
+                continue
+            # so does what the model leaves of small lenslets, with their own period
+            others = (
+                min(_borders(left, dark, corners[:, axis], axis, most_of, other)[0] for axis in (0, 1))
+                for other in OTHERS
+            )
+            if min(ratios) - 1 > CLEARLY * (max(others) - 1):
                 yield Finding(
                     self,
                     f"neighbours across blocks of {BLOCK} x {BLOCK} pixels of the {what} differ "
@@ -119,8 +138,16 @@ class Compression(Fault):
             return
 
 
+def _lossless(provenance: Mapping[str, Any]) -> bool:
+    """Return whether the provenance of H says that every frame was stored without loss."""
+    # from a file that anyone may have written
+    frames = provenance.get("frames")
+    codec = frames.get("codec") if isinstance(frames, Mapping) else None
+    return isinstance(codec, Mapping) and codec.get("lossless") is True
+
+
 def _borders(
-    left: F4, dark: NDArray[np.bool_], first: NDArray[np.intp], axis: int, most_of: float
+    left: F4, dark: NDArray[np.bool_], first: NDArray[np.intp], axis: int, most_of: float, block: int = BLOCK
 ) -> tuple[float, float, float]:
     """Return by how much neighbours differ more where blocks may end.
 
@@ -134,6 +161,8 @@ def _borders(
         0: from row to row, 1: from column to column.
     most_of
         Difference that counts at most.
+    block
+        Pixels along a block.
 
     Returns
     -------
@@ -148,8 +177,8 @@ def _borders(
     told = []
     for some in (steps, steps - shared):
         sums = np.where(both, np.abs(some), 0).sum(2 - axis)
-        many = np.bincount(lines.ravel() % BLOCK, both.sum(2 - axis).ravel(), BLOCK)
-        each = np.bincount(lines.ravel() % BLOCK, sums.ravel(), BLOCK) / np.maximum(many, 1)
+        many = np.bincount(lines.ravel() % block, both.sum(2 - axis).ravel(), block)
+        each = np.bincount(lines.ravel() % block, sums.ravel(), block) / np.maximum(many, 1)
         most = int(np.argmax(each))
         told.append(float(each[most] / max(float(np.delete(each, most).mean()), 1e-300)))
     # means of so many magnitudes scatter by 0.75 over the root of their number; lost detail by more

@@ -15,6 +15,7 @@ from lfcal.inspect.evidence import Evidence
 from lfcal.inspect.faults.places import share_of
 from lfcal.inspect.faults.series import SURE
 from lfcal.inspect.finding import Fault, Finding, Picture, PutIn, adding
+from lfcal.inspect.modelled import NEAR_ARRAY
 from lfcal.inspect.patch import Patch
 
 __all__ = ["FAULTS", "DepthLabel", "Ghost", "TypeLight"]
@@ -22,8 +23,8 @@ __all__ = ["FAULTS", "DepthLabel", "Ghost", "TypeLight"]
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 
-DEEP = 0.004
-"""Change of the virtual depth that is worth a word."""
+DEEP, DEEP_NEAR = 0.004, 0.03
+"""Change of the virtual depth that is worth a word, as a share of it, and near the array as it is."""
 
 GHOSTLY = 0.003
 """Share of the light that makes a ghost."""
@@ -51,7 +52,7 @@ class DepthLabel(Fault):
     title = "planes at other depths than stated"
     rank = 50
     advice = "Correct the depths of these planes, or the distance of the stage's zero; nothing need be recorded anew."
-    settles: ClassVar[tuple[str, ...]] = ("depth", "truncation")
+    settles: ClassVar[tuple[str, ...]] = ("depth",)
 
     def found(self, evidence: Evidence) -> Iterable[Finding]:
         """Yield the planes with the change of their virtual depths."""
@@ -66,10 +67,12 @@ class DepthLabel(Fault):
             mean = float(np.median(values[own]))
             error = max(1.4826 * float(np.median(np.abs(values[own] - mean))) / np.sqrt(own.sum()), 1e-4)
             across[plane] = 100 * mean
-            if abs(mean) > max(DEEP, SURE * error):
+            v = camera.virtual_depth(evidence.plan.depths_um[plane])
+            near = abs(v) <= NEAR_ARRAY
+            if abs(mean) > max(DEEP_NEAR if near else DEEP, SURE * error):
                 planes.append(plane)
-                v = camera.virtual_depth(evidence.plan.depths_um[plane])
-                words.append(f"plane {plane}: v = {v * (1 + mean):.3f} instead of {v:.3f}")
+                there = v + mean * (1.0 if near else v)
+                words.append(f"plane {plane}: v = {there:.3f} instead of {v:.3f}")
                 worst, told = max(worst, abs(mean)), max(told, abs(mean) / error)
         if planes:
             more = f" and {len(words) - 3} more" if len(words) > 3 else ""

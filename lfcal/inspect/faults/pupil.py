@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import replace
 from typing import ClassVar
@@ -38,6 +39,9 @@ UNEVEN = 0.03
 
 DARKEST = 0.02
 """Share of the light that a part has at least: none would be told no more of."""
+
+FOLLOWS = 6.0
+"""Times the share of the light that the camera is off by, that parts may scatter by: displacements make up for some."""
 
 EXPLAINS = 0.3
 """Share of what is left of patterns that it must explain."""
@@ -89,7 +93,8 @@ class Pupil(Fault):
                 here, now = nearer, _seen(nearer, lit)
         weight = np.stack([evidence.light[evidence.index[:, 0] == z].sum(0) for z in range(len(lit))]).clip(0)
         scatter = float(np.sqrt((weight * np.square(lit - 1)).sum() / max(float(weight.sum()), 1e-300)))
-        if scatter < UNEVEN or _excess(now) > (1 - EXPLAINS) * before:
+        # where so much light is missing, the camera is off by some of it
+        if scatter < UNEVEN or scatter > FOLLOWS * math.sqrt(before) or _excess(now) > (1 - EXPLAINS) * before:
             return
         z = int(np.argmax((weight * np.square(lit - 1)).sum((1, 2))))
         image = np.where(weight[z] > LIT * weight[z].max(), lit[z], 1.0)

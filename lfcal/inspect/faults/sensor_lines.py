@@ -31,6 +31,14 @@ NEAR = 9
 LITTLE = 0.002
 """Share of the light that lines must take away: at the patterns' edges the model itself is off by tens of percent."""
 
+SEEN = 0.3
+"""Share of the light of the lines about it that one must see to be called dead: between small lenslets, and at the
+edges of the scanned part, the model itself is off by more than the light there."""
+
+USUAL, PART = 0.03, 0.3
+"""Share of the light that a camera may be off by, and the part of what it is off by beyond that which lines must take
+away besides."""
+
 BRIGHT = 2e-4
 """Offset of a line over the brightest light, from which it is worth a word."""
 
@@ -122,13 +130,14 @@ class DeadLine(Fault):
         "jitter",
         "flicker",
         "snr",
-        "truncation",
         "misplaced",
         "hot_pixels",
     )
 
     def found(self, evidence: Evidence) -> Iterable[Finding]:
         """Yield what is found along rows and along columns."""
+        if evidence.computed:
+            return
         total = sensor_map(evidence)
         for axis in (0, 1):
             lines = total.lines(axis)
@@ -136,10 +145,12 @@ class DeadLine(Fault):
             bad = np.flatnonzero((told < -SURE) & (off < -DIM))
             each = total.pixels()
             bad = bad[_whole(axis, bad, -each.gain, each.gain_sigma, -off)]
+            light = np.sqrt(total.light).sum(1 - axis)
+            bad = bad[(light > SEEN * median_filter(light, size=NEAR, mode="nearest"))[bad]]
             if not bad.size or bad.size > 0.1 * told.size:
                 continue
             share = _share(total, axis, bad, np.abs(off[bad]))
-            if share < LITTLE:
+            if share < LITTLE + PART * max(0.0, evidence.misfit - USUAL):
                 continue
             worst = int(bad[np.argmin(off[bad])])
             lost = -float(off[worst])

@@ -52,10 +52,12 @@ class BadPixels(Fault):
     rank = 20
     title = "bad pixels of the sensor"
     advice = "Add them to the sensor's defect map, and assemble H again; nothing need be recorded anew."
-    settles: ClassVar[tuple[str, ...]] = ("hot_pixels", "truncation", "misplaced", "seam", "step", "leak")
+    settles: ClassVar[tuple[str, ...]] = ("hot_pixels", "misplaced", "seam", "step", "leak")
 
     def found(self, evidence: Evidence) -> Iterable[Finding]:
         """Yield the pixels that stand out of their neighbours and of their row and column."""
+        if evidence.computed:
+            return
         total = sensor_map(evidence)
         each = total.pixels()
         peak = float(evidence.light.max())

@@ -78,6 +78,8 @@ def measured_area(patch: LitPatch, edge: Edge, area: float) -> tuple[float, floa
         correction += gain * found
         # what is not corrected is an error, as far as it is no noise
         sigma2 += (gain * doubt) ** 2 + min(error2, found**2 + error2)
+    if area + correction <= 0:  # of a pattern that is cut off, what is dark may be brighter than what is lit
+        return area, math.nan
     return float(area + correction), math.sqrt(sigma2)
 
 

@@ -8,9 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["DarkCorners", "dark_corners"]
+__all__ = ["DarkCorners", "dark_corners", "darkness"]
 
 MOST_SAMPLES = 2_000_000
+
+DARKEST = (0.02, 0.1)
+"""Shares of a pattern's samples that are darkest: what lies between tells its noise."""
+
+LIT = 0.008
+"""Share of the peak by which corners that are lit exceed the darkest samples, beyond noise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +55,27 @@ def dark_corners(plane: NDArray[np.float32]) -> DarkCorners:
     noise = float(np.median([_spread(c) for c in corners]))
     chance = 1.25 * noise / math.sqrt(sum(c.size for c in corners))
     return DarkCorners(float(np.median(means)), noise, _cut_off(np.stack(blocks)) if noise > 0 else 0.0, chance)
+
+
+def darkness(plane: NDArray[np.float32]) -> DarkCorners:
+    """Return `dark_corners`, or what gaps within the patterns ``(ny, nx, nt, ns)`` say where these fill the corners.
+
+    Light in the corners would be taken from every pattern as its background, and dim ones would have none left.
+    """
+    corners = dark_corners(plane)
+    frames = plane.reshape(-1, plane.shape[2] * plane.shape[3])
+    frames = frames[:: max(1, frames.size // MOST_SAMPLES)]
+    frames = frames[np.isfinite(frames).all(1)].astype(np.float64)
+    if not len(frames):
+        return corners
+    lowest, low = np.median(np.quantile(frames, DARKEST, axis=1), axis=1)
+    # of Gaussian noise these quantiles lie 2.05 and 1.28 standard deviations below the mean
+    noise = float(low - lowest) / 0.772
+    background = float(lowest) + 2.054 * noise
+    peak = float(np.median(frames.max(1))) - background
+    if corners.background - background < LIT * peak + noise:
+        return corners
+    return DarkCorners(background, noise, 0.0, 1.25 * noise / math.sqrt(len(frames)))
 
 
 def _spread(values: NDArray[np.float64]) -> float:

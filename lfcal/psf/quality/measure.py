@@ -12,13 +12,13 @@ from lfcal.progress import Clock, Work
 from lfcal.psf.aperture import Aperture
 from lfcal.psf.half_cell import copied_positions
 from lfcal.psf.matrix import PSFMatrix
-from lfcal.psf.quality.dark import DarkCorners, dark_corners
+from lfcal.psf.quality.dark import DarkCorners, dark_corners, darkness
 from lfcal.psf.quality.field import Parts, split
 from lfcal.psf.quality.kernels import step_pass
 from lfcal.psf.quality.pattern_table import PatternTable
 from lfcal.psf.quality.periodicity import Periodicity
 from lfcal.psf.quality.positions import Positions, measure_positions
-from lfcal.psf.quality.steps import odd_frames, seam_ratio
+from lfcal.psf.quality.steps import odd_frames, seam_ratio, unlike_displaced
 from lfcal.psf.quality.sums import DOUBT, EdgeLight, edge_light
 from lfcal.psf.quality.sums import diameter as diameter_of
 from lfcal.psf.quality.sums import spread as spread_of
@@ -28,6 +28,9 @@ __all__ = ["PASSES", "Continuity", "Faulty", "PlaneContext", "PlaneMeasures", "i
 
 DARK_FRAME = 0.2
 """A pattern with less than this share of the median energy is missing."""
+
+SLIPPED = 32
+"""Patterns by which it is told what a displacement changes."""
 
 PASSES = 6
 """Progress records of a plane: one for each pass over its patterns or their table."""
@@ -159,7 +162,7 @@ class PlaneMeasures:
 
     @property
     def dark(self) -> DarkCorners:
-        """Noise and background from the dark corners of the cutouts."""
+        """Noise and background from the dark corners of the cutouts, or from gaps in patterns that fill these."""
         return self.table.dark
 
     @property
@@ -193,7 +196,7 @@ def iter_measure(
     patterns: NDArray[np.float32], context: PlaneContext, clock: Clock, done: int, workers: int | None = None
 ) -> Work[PlaneMeasures]:
     """Measure a plane's patterns ``(ny, nx, nt, ns)``; yields `PASSES` records from ``done`` on."""
-    dark = dark_corners(patterns)
+    dark = darkness(patterns)
     yield clock.at(done + 1)
     table = PatternTable.of(patterns, dark, workers)
     yield clock.at(done + 2)
@@ -207,7 +210,8 @@ def iter_measure(
     if steps is not None:
         plane = _with_light(plane)
         yield clock.at(done + 4)
-        found = measure_positions(patterns, table, plane.use, context.waves, _diameter(plane), workers)
+        shown, cut_off = _diameter(plane), plane.edges.cut_off
+        found = measure_positions(patterns, table, plane.use, context.waves, shown, workers, cut_off=cut_off)
         plane = replace(plane, positions=found)
         yield clock.at(done + 5)
         plane = replace(plane, continuity=_continuity(plane, steps), sample=_sample(patterns, table.floor))
@@ -335,7 +339,27 @@ def _continuity(plane: PlaneMeasures, steps: NDArray[np.float64]) -> Continuity 
     # misplaced frames are reported on their own; they would show as odd a second time
     wrong = plane.positions.misplaced
     use = plane.use if wrong is None else plane.use & ~wrong
-    return Continuity(seam_ratio(steps, use), odd_frames(steps, use))
+    slip = _slip(plane, use)
+    return Continuity(seam_ratio(steps, use, slip), odd_frames(steps, use))
+
+
+def _slip(plane: PlaneMeasures, use: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return what the rounding of the period to whole pixels changes across the wrap along y and x ``(2,)``.
+
+    As the root of 1 minus the correlation of patterns with the same, displaced by what the camera's lattice misses
+    the period by, and as a share of a step.
+    """
+    ny, nx = plane.patterns.shape[:2]
+    waves = plane.about.waves
+    found = np.zeros((2, 2))
+    places = np.argwhere(use)
+    some = places[np.linspace(0, len(places) - 1, min(SLIPPED, len(places))).astype(int)] if len(places) else places
+    frames = np.maximum(plane.patterns[tuple(some.T)] - np.float32(plane.table.floor), np.float32(0))
+    for axis, period in enumerate(((0.0, ny), (nx, 0.0))):  # as (x, y)
+        turn = waves @ np.array(period, np.float64)
+        missed = np.linalg.pinv(waves) @ (turn - 2 * math.pi * np.rint(turn / (2 * math.pi)))
+        found[axis] = unlike_displaced(frames, missed[::-1]), float(np.hypot(*missed))
+    return found
 
 
 def _sample(plane: NDArray[np.float32], floor: float) -> NDArray[np.float32]:

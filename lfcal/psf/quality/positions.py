@@ -111,6 +111,8 @@ def measure_positions(
     waves: NDArray[np.float64],
     diameter_px: float,
     workers: int | None = None,
+    *,
+    cut_off: bool = False,
 ) -> Positions:
     """Return the positions measured from a plane's patterns.
 
@@ -126,6 +128,8 @@ def measure_positions(
         Diameter of the depth-plane sum (pixels).
     workers
         Threads.
+    cut_off
+        Whether the cutouts hold a part of the patterns alone: the centroid of that is not the source's.
     """
     turned = turned_frames(table, use)
     if turned != AS_IS:
@@ -140,9 +144,9 @@ def measure_positions(
         shift = displacements(patterns, spots, table.floor, workers)
         if _wild(shift, spots, use) < WILD:
             phases = _phases(shift, use)
-    path = _path(table, use) if spots.steady else None
+    path = _path(table, use) if spots.steady and not cut_off else None
     misplaced = None
-    if spots.usable or spots.steady:
+    if phases is not None or path is not None or (spots.usable and not cut_off):
         wrong = [part.wrong for part in (phases, path) if part is not None]
         misplaced = use & np.logical_or.reduce([np.zeros_like(use), *wrong])
     return Positions(spots if spots.usable else None, not spots.steady, phases, path, misplaced)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["odd_frames", "seam_ratio"]
+__all__ = ["odd_frames", "seam_ratio", "unlike_displaced"]
 
 NEIGHBOURHOOD = 9
 
@@ -18,9 +18,30 @@ def _pairs(steps: NDArray[np.float64], use: NDArray[np.bool_]) -> NDArray[np.flo
     return np.where(both, steps, np.nan)
 
 
-def seam_ratio(steps: NDArray[np.float64], use: NDArray[np.bool_]) -> float:
-    """Return the change across the wrap over the median change inside the cell, the larger of y and x.
+def unlike_displaced(frames: NDArray[np.float32], by: NDArray[np.float64]) -> float:
+    """Return the root of 1 minus the correlation of patterns with the same displaced, their median.
 
+    Parameters
+    ----------
+    frames
+        Patterns ``(n, nt, ns)``.
+    by
+        Displacement as (rows, columns) (pixels).
+    """
+    from scipy.ndimage import fourier_shift
+
+    if not frames.any() or not np.any(np.abs(by) > 1e-6):
+        return 0.0
+    frames = np.where(np.isfinite(frames), frames, 0).astype(np.float64)
+    moved = np.fft.ifft2([fourier_shift(np.fft.fft2(one), by) for one in frames]).real
+    alike = (frames * moved).sum((1, 2)) / np.maximum(np.square(frames).sum((1, 2)), 1e-300)
+    return math.sqrt(max(0.0, 1 - float(np.median(alike[frames.any((1, 2))]))))
+
+
+def seam_ratio(steps: NDArray[np.float64], use: NDArray[np.bool_], slip: NDArray[np.float64] | None = None) -> float:
+    """Return the change across the wrap over what it should be, the larger of y and x.
+
+    That is the median change inside the cell, and what a known displacement adds to it.
     ``1 - correlation`` grows with the square of a change, so the root of the ratio is taken.
 
     Parameters
@@ -29,15 +50,20 @@ def seam_ratio(steps: NDArray[np.float64], use: NDArray[np.bool_]) -> float:
         Change to the next position along y and x, wrapping, ``(2, ny, nx)``.
     use
         Patterns to use ``(ny, nx)``.
+    slip
+        Of each axis, what the displacement changes (root of 1 minus the correlation), and how much of a step more
+        the source moves ``(2, 2)``; None: nothing.
     """
     pairs = _pairs(steps, use)
+    slip = np.zeros((2, 2)) if slip is None else slip
     ratios = []
     for axis in (0, 1):
         if pairs.shape[1 + axis] < 3:
             continue
         inside, wrap = np.split(np.moveaxis(pairs[axis], axis, 0), [-1])
         if np.isfinite(inside).any() and np.isfinite(wrap).any():
-            ratios.append(math.sqrt(float(np.nanmedian(wrap)) / max(float(np.nanmedian(inside)), 1e-12)))
+            step = math.sqrt(max(float(np.nanmedian(inside)), 1e-12))
+            ratios.append(math.sqrt(float(np.nanmedian(wrap))) / (step * (1 + slip[axis, 1]) + slip[axis, 0]))
     return max(ratios, default=math.nan)
 
 

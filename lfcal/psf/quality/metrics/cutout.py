@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from lfcal.psf.quality.measure import PlaneMeasures
-from lfcal.psf.quality.metric import CostModel, Limits, MetricSpec, Reading
+from lfcal.psf.quality.metric import UNKNOWN, CostModel, Limits, MetricSpec, Reading
 from lfcal.psf.quality.sums import off_centre
 
 __all__ = ["METRICS"]
@@ -14,6 +14,8 @@ def _truncation(plane: PlaneMeasures) -> Reading:
 
 
 def _centring(plane: PlaneMeasures) -> Reading:
+    if plane.edges.cut_off:  # the middle of what is left is not that of the aperture
+        return UNKNOWN
     shown = plane.about.depth_sum - plane.faulty.missing.size * plane.dark.background
     return Reading(off_centre(shown, plane.about.aperture))
 

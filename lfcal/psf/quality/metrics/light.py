@@ -34,13 +34,16 @@ def _leak(plane: PlaneMeasures) -> Reading:
 
 
 def _flicker(plane: PlaneMeasures) -> Reading:
-    if plane.positions.locked:  # the lattice alone makes the energy vary
+    # the lattice alone makes the energy vary, and so does what of a pattern falls into a cutout that is too small
+    if plane.positions.locked or plane.edges.cut_off:
         return UNKNOWN
     return Reading(plane.shares_split.rms, map=plane.shares_split.residual)
 
 
 def _lamp(plane: PlaneMeasures) -> Reading:
     parts = plane.shares_split
+    if plane.edges.cut_off:
+        return UNKNOWN
     return Reading(max(parts.sure_ramp(0), parts.sure_ramp(1)), map=plane.shares)
 
 

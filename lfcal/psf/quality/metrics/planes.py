@@ -40,7 +40,8 @@ def _copies(h: MatrixMeasures) -> tuple[Reading, ...]:
 def _energy(h: MatrixMeasures) -> tuple[Reading, ...]:
     """Return each plane's deviation from equal energy (per cent), or from 1/distance² where that fits better."""
     out = np.full(h.energy.size, math.nan)
-    lit = ~h.dark
+    # of patterns that are cut off a part of the light is not known
+    lit = ~h.dark & ~np.array([plane.edges.cut_off for plane in h.planes], bool)
     if lit.sum() < 2:
         return _readings(out)
     models = [np.ones(h.energy.size)]

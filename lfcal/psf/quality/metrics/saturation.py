@@ -40,7 +40,7 @@ def _suspected(plane: PlaneMeasures) -> Reading:
     Corrections, rescaling and averaging hide what the sensor clipped, so that none is never "no saturation".
     """
     table, use = plane.table, plane.use
-    if table.computed or not use.any():
+    if table.computed or plane.edges.cut_off or not use.any():  # or how much noise there is, is not known
         return UNKNOWN
     top = table.column("top")
     piled = np.where(top >= float(top[use].max()) - table.tolerance, table.column("clipped") - 1, 0.0)

@@ -13,7 +13,8 @@ __all__ = ["METRICS"]
 
 def _stuck(plane: PlaneMeasures) -> Reading:
     table = plane.table
-    if table.computed:  # a model's nulls are no dead pixels
+    # a model's nulls are no dead pixels, nor are those of a part of the patterns
+    if table.computed or plane.edges.cut_off:
         return UNKNOWN
     period, cutout = plane.faulty.missing.shape, table.lit.shape
     # fixed in the cutout, or fixed on the sensor and so walking through the cutouts
