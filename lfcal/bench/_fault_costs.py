@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.inspect.scenes import SceneTrial
+from lfcal.inspect.scenes import SceneTrial, beads, lines, scene
 
 __all__ = ["TrueCost"]
 
@@ -14,8 +16,8 @@ F4 = NDArray[np.float32]
 SIDE_PX = 96
 """Pixels along each axis of the images at least."""
 
-SEEDS = (5, 6, 7)
-"""Of the scenes: other points than an inspection's."""
+SCENES = (partial(scene, seed=5), partial(beads, seed=6), partial(lines, seed=7))
+"""Points and a smooth part, beads, and lines: others than an inspection's."""
 
 
 class TrueCost:
@@ -30,7 +32,7 @@ class TrueCost:
     """
 
     def __init__(self, light: F4, noisy: F4) -> None:
-        self._trial = SceneTrial(light, SIDE_PX, SEEDS, workers=1)
+        self._trial = SceneTrial(light, SIDE_PX, SCENES, workers=1)
         self.clean = self.error(noisy)
 
     def error(self, values: F4) -> float:
@@ -38,5 +40,5 @@ class TrueCost:
         return self._trial.error(values)
 
     def cost(self, values: F4) -> float:
-        """Return what an H adds to the error that noise makes."""
-        return self.error(values) - self.clean
+        """Return the error that an H makes beyond noise: both add in squares."""
+        return float(np.sqrt(max(0.0, self.error(values) ** 2 - self.clean**2)))

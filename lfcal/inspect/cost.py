@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -63,7 +64,7 @@ class Costs:
     as_it_is
         The same of H as it is.
     costs
-        By how much each finding adds to ``clean``; None: not measured.
+        Error that each finding makes beyond that; errors add in squares. None: not measured.
     whole
         Whether these are errors of all of H, and not of a part.
     """
@@ -75,7 +76,7 @@ class Costs:
 
 
 def iter_costs(evidence: Evidence, findings: Sequence[Finding], seconds: float | None) -> Work[Costs]:
-    """Measure what each finding adds to the error of a reconstruction.
+    """Measure the error of a reconstruction that each finding makes beyond the noise of H.
 
     A patch of neighbouring positions of up to three planes is computed as the camera should show it, as large as
     ``seconds`` allow; where that is less than all of H, the error is scaled to the strength that the fault has all
@@ -114,16 +115,21 @@ def iter_costs(evidence: Evidence, findings: Sequence[Finding], seconds: float |
                 factor = own.factor(findings[k])
             costs[k] = own.cost(findings[k], factor)
             if trial.sample is None:
-                costs[k] = _no_more(costs[k], findings[k], as_it_is - trial.clean)
+                costs[k] = _no_more(costs[k], findings[k], _beyond(as_it_is, trial.clean))
     except (InputError, EnergyError):  # a camera that is computed for the patterns but not for a patch
         return Costs(None, None, (None,) * len(findings))
     yield clock.at(len(findings) + 2)
     return Costs(trial.clean, as_it_is, tuple(costs), trial.sample is None)
 
 
+def _beyond(error: float, clean: float) -> float:
+    """Return what makes an error out of that of the noise alone: independent errors add in squares."""
+    return math.sqrt(max(0.0, error**2 - clean**2))
+
+
 def _no_more(cost: float | None, finding: Finding, all_of_it: float) -> float | None:
     """Return the cost of frames of which some were compared: no more than that of all of H, where all was looked at."""
-    return cost if cost is None or finding.extent is None else min(cost, max(0.0, all_of_it))
+    return cost if cost is None or finding.extent is None else min(cost, all_of_it)
 
 
 def _own_trial(evidence: Evidence, finding: Finding, many: int | None) -> _Trial:
@@ -197,8 +203,7 @@ class _Trial:
     def cost(self, finding: Finding, factor: float) -> float | None:
         if finding.put_in is None or not np.isfinite(factor):
             return None
-        beyond = max(0.0, self.error(finding.put_in(self.patch)) ** 2 - self.clean**2)
-        return float(np.sqrt(self.clean**2 + factor * beyond) - self.clean)
+        return math.sqrt(factor) * _beyond(self.error(finding.put_in(self.patch)), self.clean)
 
 
 def _power(patch: Patch, finding: Finding) -> float:

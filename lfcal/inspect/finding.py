@@ -105,7 +105,8 @@ class Finding:
     wider
         Times as large cutouts on which ``put_in`` shows what it costs.
     cost
-        What it adds to the error of a reconstruction with this H (NRMSE); None: not measured.
+        Error of a reconstruction with this H that it makes beyond noise (NRMSE); errors add in squares. None: not
+        measured.
 
     Examples
     --------

@@ -127,6 +127,5 @@ def _unnamed(costs: Costs, findings: Sequence[float | None]) -> float | None:
     """Return what H costs beyond its noise and the faults that have a name; None where that is not known."""
     if costs.clean is None or costs.as_it_is is None or not costs.whole or None in findings:
         return None
-    power = costs.clean**2
-    named = sum((costs.clean + cost) ** 2 - power for cost in findings if cost is not None)
-    return math.sqrt(power + max(0.0, costs.as_it_is**2 - power - named)) - costs.clean
+    named = sum(cost**2 for cost in findings if cost is not None)
+    return math.sqrt(max(0.0, costs.as_it_is**2 - costs.clean**2 - named))

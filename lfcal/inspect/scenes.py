@@ -1,8 +1,8 @@
-"""The fixed scene that costs are measured by: what a reconstruction makes of it with other patterns than the true."""
+"""The fixed scenes that costs are measured by: what reconstructions make of them with other patterns than the true."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,16 +13,25 @@ from lfcal.psf import PSFMatrix
 from lfcal.reconstruct import Projector, richardson_lucy
 from lfcal.reconstruct.phantoms import points
 
-__all__ = ["ITERATIONS", "SceneTrial", "difference", "scene"]
+__all__ = ["ITERATIONS", "SCENES", "SceneTrial", "beads", "difference", "lines", "scene", "sparse"]
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
+
+Scene = Callable[[tuple[int, int, int]], F8]
+"""Makes a scene ``(nz, Y, X)`` of a shape."""
 
 ITERATIONS = 25
 """Of Richardson-Lucy: past that, noise of H grows in the volume whatever else is wrong."""
 
 POINTS = 120
 """Voxels per point of the scene."""
+
+BEADS = 400
+"""Voxels per bead of the sparse scenes."""
+
+BEAD_PX, LINE_PX = 1.0, 0.8
+"""Standard deviations of beads and across lines (pixels)."""
 
 MARGIN = 0.125
 """Share of the cutouts that the volume goes beyond the image on each side: of voxels farther out the image sees tails
@@ -48,6 +57,44 @@ def scene(shape: tuple[int, int, int], seed: int = 0, density: float = 1 / POINT
     return sharp + smooth * float(np.linalg.norm(sharp) / np.linalg.norm(smooth))
 
 
+def beads(shape: tuple[int, int, int], seed: int = 0) -> F8:
+    """Return beads of unlike brightness on nothing ``(nz, Y, X)``, at places between the voxels."""
+    rng = np.random.default_rng(seed)
+    rows, columns = shape[1:]
+    y, x = np.arange(rows)[:, None], np.arange(columns)[:, None]
+    out = np.empty(shape)
+    for plane in out:
+        many = max(3, rows * columns // BEADS)
+        down, across = (
+            np.exp(-np.square(axis - rng.uniform(0, len(axis), many)) / (2 * BEAD_PX**2)) for axis in (y, x)
+        )
+        plane[:] = (down * rng.uniform(0.4, 1, many)) @ across.T
+    return out
+
+
+def lines(shape: tuple[int, int, int], seed: int = 0, many: int = 2) -> F8:
+    """Return ``many`` thin straight lines in each plane, on nothing ``(nz, Y, X)``."""
+    rng = np.random.default_rng(seed)
+    rows, columns = shape[1:]
+    y, x = np.mgrid[:rows, :columns]
+    out = np.zeros(shape)
+    for plane in out:
+        for angle in rng.uniform(0, np.pi, many).tolist():
+            top, left = rng.uniform(0.2, 0.8, 2) * (rows, columns)
+            away = np.cos(angle) * (y - top) + np.sin(angle) * (x - left)
+            plane += np.exp(-np.square(away) / (2 * LINE_PX**2))
+    return out
+
+
+def sparse(shape: tuple[int, int, int], seed: int = 0) -> F8:
+    """Return beads and a line in each plane ``(nz, Y, X)``: where a source lies counts more there than anywhere."""
+    return beads(shape, seed) + lines(shape, seed, 1)
+
+
+SCENES: tuple[Scene, ...] = (scene, sparse)
+"""What costs are measured by: even light shows shares that are wrong, and single points places that are."""
+
+
 def difference(volume: F8, reference: F8) -> float:
     """Return the norm of ``volume - reference`` over that of ``reference``; brightness as a whole counts nothing."""
     power = float((volume * volume).sum())
@@ -68,13 +115,13 @@ class SceneTrial:
         The true patterns ``(nz, ny, nx, nt, ns)``; positions repeat with their period ``(ny, nx)``.
     side
         Pixels of the images along each axis at least.
-    seeds
-        Of the scenes.
+    scenes
+        What makes each scene.
     workers
         Threads; None: as many as there are.
     """
 
-    def __init__(self, light: F4, side: int, seeds: Sequence[int] = (0,), workers: int | None = None) -> None:
+    def __init__(self, light: F4, side: int, scenes: Sequence[Scene] = SCENES, workers: int | None = None) -> None:
         nz, *period = light.shape[:3]
         sides = [-(-side // n) * n for n in period]
         margins = [round(MARGIN * m) for m in light.shape[3:]]
@@ -85,16 +132,19 @@ class SceneTrial:
         self._weights = np.zeros(self._shape, np.float32)
         self._weights[self._inside] = 1
         P = self._projector(light)
-        self._images = [P.forward(scene((nz, *self._shape), seed)) for seed in seeds]
-        self._background = BACKGROUND * float(np.mean([image[self._inside].mean() for image in self._images]))
+        self._images = [P.forward(make((nz, *self._shape))) for make in scenes]
+        self._background = [BACKGROUND * float(image[self._inside].mean()) for image in self._images]
         self._reference = self.volumes(light)
 
     def volumes(self, patterns: F4) -> F8:
         """Return what patterns ``(nz, ny, nx, nt, ns)`` make of the images, under these ``(scenes, nz, Y, X)``."""
-        P, b = self._projector(patterns), self._background
-        options: dict[str, Any] = {"weights": self._weights, "background": b}
-        found = [richardson_lucy(P, image + np.float32(b), ITERATIONS, **options).volume for image in self._images]
-        return np.stack([volume[(slice(None), *self._inside)] for volume in found]).astype(np.float64)
+        P = self._projector(patterns)
+        found = []
+        for image, b in zip(self._images, self._background, strict=True):
+            options: dict[str, Any] = {"weights": self._weights, "background": b}
+            volume = richardson_lucy(P, image + np.float32(b), ITERATIONS, **options).volume
+            found.append(volume[(slice(None), *self._inside)])
+        return np.stack(found).astype(np.float64)
 
     def error(self, patterns: F4) -> float:
         """Return the error of that beside what the true patterns give (NRMSE, root mean square over the scenes)."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -51,7 +52,7 @@ def cost_words(inspection: Inspection, finding: Finding) -> str:
     """Return what a fault makes of the error of a reconstruction: from that of the noise to that with the fault."""
     if finding.cost is None or inspection.clean is None:
         return "not measured"
-    return f"{inspection.clean:.3f} → {inspection.clean + finding.cost:.3f}"
+    return f"{inspection.clean:.3f} → {math.hypot(inspection.clean, finding.cost):.3f}"
 
 
 def scene_words(inspection: Inspection) -> str:

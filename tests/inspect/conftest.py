@@ -36,10 +36,9 @@ def all_patterns(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(scope="package", autouse=True)
 def _fewer_scenes(pytestconfig: pytest.Config) -> Iterator[None]:
-    """Let true costs be those of the first scene, and costs those in small images; as for users with --long."""
+    """Let costs be those in small images; as for users with --long."""
     with pytest.MonkeyPatch.context() as patch:
         if not pytestconfig.getoption("--long"):
-            patch.setattr(_fault_costs, "SEEDS", _fault_costs.SEEDS[:1])
             patch.setattr(_fault_costs, "SIDE_PX", cost.SIDE_PX)
             patch.setattr(cost, "LARGE_PX", cost.SIDE_PX)
         yield

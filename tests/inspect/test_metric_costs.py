@@ -55,9 +55,9 @@ def test_none_costs_more_than_what_h_costs_beside_its_named_faults(quality: Qual
     def cost(*named: float | None, whole: bool = True) -> Metric:
         return with_costs(bad, ("leak",), Costs(0.01, 0.2, (*named, None), whole), named)["leak"]
 
-    assert cost().cost == pytest.approx(0.19) and cost().measured
-    assert cost(0.15).cost == pytest.approx(np.sqrt(0.2**2 - 0.16**2 + 0.01**2) - 0.01)
-    assert cost(0.19).cost == pytest.approx(0, abs=1e-9) and cost(0.5).cost == pytest.approx(0, abs=1e-9)
+    assert cost().cost == pytest.approx(np.sqrt(0.2**2 - 0.01**2)) and cost().measured
+    assert cost(0.15).cost == pytest.approx(np.sqrt(0.2**2 - 0.01**2 - 0.15**2))
+    assert cost(0.2).cost == pytest.approx(0, abs=1e-9) and cost(0.5).cost == pytest.approx(0, abs=1e-9)
     for unknown in (cost(None), cost(whole=False)):
         assert unknown.cost == 0.3 and not unknown.measured
 

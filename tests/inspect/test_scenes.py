@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def test_the_scene_and_its_difference() -> None:
 
 @cache
 def trial(side: int, seed: int) -> SceneTrial:
-    return SceneTrial(light(), side, (seed,))
+    return SceneTrial(light(), side, (partial(scene, seed=seed),))
 
 
 @pytest.mark.long
@@ -54,6 +54,6 @@ def test_patterns_without_light_are_all_wrong() -> None:
 
 @pytest.mark.long
 def test_several_scenes_err_by_their_root_mean_square() -> None:
-    both = SceneTrial(light(), 40, (0, 1))
+    both = SceneTrial(light(), 40, tuple(partial(scene, seed=seed) for seed in (0, 1)))
     each = [trial(40, seed).error(clean()) for seed in (0, 1)]
     assert both.error(clean()) == pytest.approx(np.sqrt(np.mean(np.square(each))), rel=0.02)
