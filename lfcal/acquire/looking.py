@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +14,17 @@ from lfcal.acquire.motion import Mover, check_limits, limits_of
 from lfcal.acquire.options import Options
 from lfcal.acquire.spots import find_spot
 from lfcal.camera import ScanPlan
+from lfcal.devices.errors import LimitError
 from lfcal.devices.protocols import Point, Rig, Roi
+from lfcal.errors import InputError
 
 __all__ = ["Looker"]
 
 
 class Looker:
     """The stage and the camera of a rig, driven as a session drives them.
+
+    As a context manager it moves the stage back to where it was, unless a device failed or somebody stopped it.
 
     Parameters
     ----------
@@ -57,6 +61,18 @@ class Looker:
         self._mover = Mover(rig.stage, rig.time, motion, control)
         self._exposer = Exposer(rig, control, bracket, sensor.black_level, options.grab_timeout_s)
         self._exposer.read_region(roi or Roi(0, 0, *sensor.shape))
+
+    def __enter__(self) -> Self:
+        """Remember where the stage is."""
+        self._home = self._stage.position()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        """Move the stage back to where it was, after an answer or a refusal."""
+        if kind is None or issubclass(kind, InputError):
+            # a place at the very end of the travel may be out of reach for a stage that approaches from one side
+            with suppress(LimitError):
+                self._mover.go(self._home)
 
     @property
     def roi(self) -> Roi:

@@ -19,6 +19,7 @@ from lfcal.progress import Clock, Progress, Work, drain
 from lfcal.psf import PSFMatrix, open_psf
 from lfcal.psf.facts import Facts
 from lfcal.psf.store import PSFWriter
+from lfcal.simulate.accuracy.cost import learn
 from lfcal.simulate.accuracy.planner import FOR_EFFECTS, EffectSelection, plan_effects
 from lfcal.simulate.effects.base import Effect
 from lfcal.simulate.engines.base import Sampling
@@ -152,7 +153,7 @@ class PlaneTask:
 
     def compute(self, out: NDArray[np.float32], workers: int | None) -> Work[Computed]:
         """Compute the plane into ``out`` ``(ny, nx, nt, ns)``, zeroed."""
-        begun = time.perf_counter()
+        begun, cpu = time.perf_counter(), time.process_time()
         response = PlaneResponse(
             self.plan, self.z, self.effects, level=self.level, tolerance=self.tolerance, sampling=self.sampling
         )
@@ -160,7 +161,10 @@ class PlaneTask:
         yield from _plane(out, response, name, worker_count(workers))
         outlook, rays = outlook_of(self.plan, self.z), response.level == "geometric"
         lost = sum(e.estimate(outlook).error for e in self.effects if rays and e.needs_waves)
-        seconds = round(time.perf_counter() - begun, 3)
+        elapsed, count = time.perf_counter() - begun, worker_count(workers)
+        # of the process's time no more than its workers can have taken
+        learn(outlook, response.level, self.tolerance, response.runs, min(time.process_time() - cpu, count * elapsed))
+        seconds = round(elapsed, 3)
         record = {"engine": response.level, "sampling": response.sampling_used, "seconds": seconds}
         return Computed(response.reached + self.left_out + lost, record)
 

@@ -228,6 +228,20 @@ def test_exposures_reach_the_target_in_every_plane() -> None:
     assert all(0.55 * 4095 < peak < 0.85 * 4095 for peak in peaks)
 
 
+@pytest.mark.parametrize("measure", [iter_stage_fit, iter_optical_axis, iter_exposures])
+def test_a_measurement_returns_the_stage_to_where_it_was(measure) -> None:
+    rig = rig_for(PLAN)
+    start = PLAN.stage_um(np.array([0, 3, 2])) + (1.5, -2.5, 0.0)
+    rig.stage.move(tuple(start))
+    rig.time.sleep(1e4)
+    try:
+        drain(measure(rig, PLAN))
+    except InputError:
+        pass  # a plane that is too dark moved the stage as well
+    rig.time.sleep(1e4)
+    assert rig.stage.position() == pytest.approx(tuple(start), abs=0.2)
+
+
 def test_exposure_suggestions_are_honest() -> None:
     assert suggest_exposure(2000, 0.01, black_level=0, max_value=4000) == pytest.approx(0.014)
     assert suggest_exposure(4000, 0.01, black_level=0, max_value=4000) is None

@@ -14,8 +14,9 @@ from lfcal.camera import ScanPlan, StageAxes
 from lfcal.errors import LfcalError
 from lfcal.psf import PSFMatrix
 from lfcal.psf.cutout import Cutout
+from lfcal.units import format_length
 
-__all__ = ["LivePicture", "live_picture", "predicted_pattern", "stage_arrows"]
+__all__ = ["LivePicture", "expected_words", "live_picture", "plane_at", "predicted_pattern", "stage_arrows"]
 
 BINS = 256
 
@@ -123,17 +124,48 @@ def _with_cutout(
     return replace(made, window=window, point=point, seen=seen, predicted=predicted, correlation=correlation)
 
 
+def plane_at(plan: ScanPlan, depth_um: float) -> int | None:
+    """Return the plane within half a step of a depth (um), None where there is none.
+
+    Of a single plane the step is that of a virtual depth of one half.
+    """
+    depths = np.array(plan.depths_um)
+    z = int(np.argmin(np.abs(depths - depth_um)))
+    if depths.size > 1:
+        step = float(np.abs(np.delete(depths, z) - depths[z]).min())
+        return z if abs(depths[z] - depth_um) <= step / 2 else None
+    try:
+        own, there = (plan.camera.virtual_depth(float(d)) for d in (depths[z], depth_um))
+    except (LfcalError, ZeroDivisionError):
+        return None
+    return z if abs(own - there) <= 0.25 else None
+
+
+def expected_words(picture: LivePicture, plan: ScanPlan) -> str:
+    """Return how well a cutout agrees with what is expected, or why nothing is expected there."""
+    if not math.isnan(picture.correlation):
+        return f"correlation {picture.correlation:.2f}"
+    depth = float(plan.stage.to_object(np.array(picture.stage_um))[2])
+    if plane_at(plan, depth) is not None or not math.isfinite(depth):
+        return "correlation –"
+    z = int(np.argmin(np.abs(np.array(plan.depths_um) - depth)))
+    return f"nothing is expected at this depth: go to plane {z} at {format_length(plan.depths_um[z])}"
+
+
 _last: list[tuple[Any, NDArray[Any] | None]] = []
 
 
 def predicted_pattern(
     plan: ScanPlan, reference: PSFMatrix | None, stage_um: tuple[float, float, float], point: tuple[float, float]
 ) -> NDArray[Any] | None:
-    """Return what the cutout at ``point`` (row, column) should show, ``(nt, ns)``; None where nothing tells.
+    """Return what the cutout at ``point`` (row, column) should show, ``(nt, ns)``; None where it is not known.
 
-    The nearest position of ``reference`` if it belongs to the plan, else rays through the described camera.
+    The nearest position of ``reference`` if it belongs to the plan, else rays through the described camera. Between
+    the planes of the plan nothing is expected: the pattern of another depth would make a sound rig look faulty.
     """
     depth = float(plan.stage.to_object(np.array(stage_um))[2])
+    if plane_at(plan, depth) is None:
+        return None
     if reference is not None and reference.shape == plan.shape:
         z = int(np.argmin(np.abs(np.array(plan.depths_um) - depth)))
         steps = [round((p - a) * f) for p, a, f in zip(point, plan.anchor, plan.resample_factors, strict=True)]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -13,7 +12,7 @@ from gui.jobs import Jobs
 from gui.models.display import Display
 from gui.pages.acquire.device_panel import DevicePanel
 from gui.pages.acquire.fault_panel import FaultPanel
-from gui.pages.acquire.model_live import LivePicture
+from gui.pages.acquire.model_live import LivePicture, expected_words
 from gui.pages.acquire.model_stills import KINDS
 from gui.pages.acquire.stage_panel import StagePanel
 from gui.theme import current_theme
@@ -24,7 +23,7 @@ from gui.widgets.image_view import ImageView
 from gui.widgets.plots import LinePlot
 from gui.widgets.splitting import split
 from gui.widgets.words import ElidedLabel
-from lfcal.camera import Camera
+from lfcal.camera import ScanPlan
 
 __all__ = ["FINDINGS", "SetupPanel"]
 
@@ -244,8 +243,8 @@ class SetupPanel(QWidget):
         self.exposure.setValue(1e3 * seconds)
         self.exposure.blockSignals(False)
 
-    def show_live(self, picture: LivePicture, camera: Camera, note: str = "") -> None:
-        """Show a live frame; ``note`` is put beside the correlation."""
+    def show_live(self, picture: LivePicture, plan: ScanPlan, note: str = "") -> None:
+        """Show a live frame of a plan; ``note`` is put after the correlation."""
         self.stage.set_position(picture.stage_um)
         self._window = picture.window
         if picture.frame is None:
@@ -262,7 +261,7 @@ class SetupPanel(QWidget):
         self._counted = picture.saturated
         self._show_saturated()
         self.spot.setText(picture.spot)
-        self.view.set_lattice(camera if self.lattice.isChecked() else None)
+        self.view.set_lattice(plan.camera if self.lattice.isChecked() else None)
         if picture.window is not None and picture.point is not None and self.cutout.isChecked():
             row, column, nt, ns = picture.window
             self.view.set_cutout(row, column, (nt, ns), picture.point)
@@ -270,7 +269,7 @@ class SetupPanel(QWidget):
             self.view.clear_cutout()
         self.seen.set_image(picture.seen, name="seen")
         self.predicted.set_image(picture.predicted, name="predicted")
-        words = "correlation –" if math.isnan(picture.correlation) else f"correlation {picture.correlation:.2f}"
+        words = expected_words(picture, plan)
         self.correlation.setText(f"{words}; {note}" if note else words)
 
     def show_nothing(self) -> None:

@@ -222,7 +222,10 @@ class SetupTab(QObject):
     def _looked(self, picture: LivePicture) -> None:
         chosen = AcquireSettings.of(self.context.state)
         quick = chosen.backend == "sim" and dict(chosen.device_options).get("optics") == "pattern"
-        self.panel.show_live(picture, self.context.state.camera, QUICK if quick else "")
+        plan = self.context.state.plan
+        if plan is None:
+            return
+        self.panel.show_live(picture, plan, QUICK if quick else "")
         if picture.frame is not None:
             self.context.frame_seen.emit(picture.frame, picture.first)
         if self.panel.live.isChecked() and self.free:

@@ -50,7 +50,9 @@ def iter_exposures(
     options: Options | None = None,
     control: Control | None = None,
 ) -> Work[tuple[float, ...]]:
-    """Find an exposure for every plane at four positions of its cell; nothing is recorded.
+    """Find an exposure for every plane at four positions of its cell.
+
+    Nothing is recorded, and the stage returns to where it was.
 
     The brightest of the positions (corner, middle, and half-way along either side) peaks at ``target`` of the
     range above black.
@@ -78,28 +80,28 @@ def iter_exposures(
     places = np.array([[0, 0], [ny // 2, nx // 2], [0, nx // 2], [ny // 2, 0]])
     positions = np.column_stack([np.repeat(np.arange(nz), len(places)), np.tile(places, (nz, 1))])
     targets = plan.stage_um(positions)
-    looker = Looker(rig, plan, options, control, targets=targets, roi=schedule.roi)
     suggest = partial(
         suggest_exposure, black_level=plan.camera.sensor.black_level, max_value=rig.camera.max_value, target=target
     )
     clock = Clock("exposures", nz)
     found = []
-    for z in range(nz):
-        yield clock.at(z)
-        seconds = plan.exposures[z]
-        for x, y, depth in targets[z * len(places) : (z + 1) * len(places)].tolist():
-            looker.go((x, y, depth))
-            suggestion = _settle(looker, seconds, suggest, rig.camera.max_value, longest_s)
-            if suggestion is None:
-                raise InputError.expected(
-                    f"plane z={z} ({plan.depths_um[z]:g} µm)",
-                    "light within the camera's range",
-                    "too dark or too bright at every exposure",
-                    "change the lamp or the iris",
-                )
-            # the brightest place of a plane decides; the first only starts the search
-            seconds = min(seconds, suggestion) if (x, y, depth) != tuple(targets[z * len(places)]) else suggestion
-        found.append(seconds)
+    with Looker(rig, plan, options, control, targets=targets, roi=schedule.roi) as looker:
+        for z in range(nz):
+            yield clock.at(z)
+            seconds = plan.exposures[z]
+            for x, y, depth in targets[z * len(places) : (z + 1) * len(places)].tolist():
+                looker.go((x, y, depth))
+                suggestion = _settle(looker, seconds, suggest, rig.camera.max_value, longest_s)
+                if suggestion is None:
+                    raise InputError.expected(
+                        f"plane z={z} ({plan.depths_um[z]:g} µm)",
+                        "light within the camera's range",
+                        "too dark or too bright at every exposure",
+                        "change the lamp or the iris",
+                    )
+                # the brightest place of a plane decides; the first only starts the search
+                seconds = min(seconds, suggestion) if (x, y, depth) != tuple(targets[z * len(places)]) else suggestion
+            found.append(seconds)
     yield clock.at(nz)
     return tuple(found)
 

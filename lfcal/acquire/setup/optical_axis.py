@@ -107,7 +107,9 @@ def iter_optical_axis(
     options: Options | None = None,
     control: Control | None = None,
 ) -> Work[OpticalAxis]:
-    """Look at 45 places in each of ``planes`` (default: first and last) and find the axis; nothing is recorded.
+    """Look at 45 places in each of ``planes`` (default: first and last) and find the axis.
+
+    Nothing is recorded, and the stage returns to where it was.
 
     Raises
     ------
@@ -136,14 +138,14 @@ def iter_optical_axis(
         )
     objects = _places(plan, chosen)
     targets = plan.stage.to_stage(objects.reshape(-1, 3))
-    looker = Looker(rig, plan, options, control, targets=targets)
     exposures = plan.exposures
     clock = Clock("optical axis", len(targets))
     seen = []
-    for k, (x, y, depth) in enumerate(targets.tolist()):
-        yield clock.at(k)
-        looker.go((x, y, depth))
-        seen.append(looker.find_spot(exposures[chosen[k // objects.shape[1]]]))
+    with Looker(rig, plan, options, control, targets=targets) as looker:
+        for k, (x, y, depth) in enumerate(targets.tolist()):
+            yield clock.at(k)
+            looker.go((x, y, depth))
+            seen.append(looker.find_spot(exposures[chosen[k // objects.shape[1]]]))
     yield clock.at(len(targets))
     return find_optical_axis(objects[..., :2], np.array(seen).reshape(len(chosen), -1, 2))
 

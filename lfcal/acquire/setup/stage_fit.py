@@ -213,7 +213,7 @@ def iter_stage_fit(
     """Move to the corners and the middle of a square about the cell, and fit how the image moves.
 
     The square spans two periods or a tenth of the sensor, the larger of the two; over whole periods the
-    lenslets' pattern cancels. Nothing is recorded.
+    lenslets' pattern cancels. Nothing is recorded, and the stage returns to where it was.
 
     Examples
     --------
@@ -228,14 +228,14 @@ def iter_stage_fit(
     """
     options, control = options or Options(), control or Control()
     targets, _ = _targets(plan, z)
-    looker = Looker(rig, plan, options, control, targets=targets)
     clock = Clock("stage and image", len(targets))
     stage: list[tuple[float, float, float]] = []
     seen: list[tuple[float, float]] = []
-    for k, (x, y, depth) in enumerate(targets.tolist()):
-        yield clock.at(k)
-        stage.append(looker.go((x, y, depth)))
-        seen.append(looker.find_spot(plan.exposures[z]))
+    with Looker(rig, plan, options, control, targets=targets) as looker:
+        for k, (x, y, depth) in enumerate(targets.tolist()):
+            yield clock.at(k)
+            stage.append(looker.go((x, y, depth)))
+            seen.append(looker.find_spot(plan.exposures[z]))
     yield clock.at(len(targets))
     return fit_stage(plan, z, stage, seen)
 

@@ -1,4 +1,4 @@
-"""What a simulation costs, predicted from the description and one short timing of this machine.
+"""What a simulation costs, predicted from the description, short timings of this machine and earlier simulations.
 
 The constants were fitted to the engines of this package on a machine that does 2e10 complex multiply-adds per
 second and thread in a small product, and scale with that rate. They hold within a factor of about 2 for planes of
@@ -9,8 +9,8 @@ seconds, and are up to ten times too much for planes of tenths of a second, whos
 from __future__ import annotations
 
 import math
+import threading
 import time
-from functools import lru_cache
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from lfcal.simulate.effects.outlook import Outlook
 from lfcal.simulate.engines.base import Sampling
 from lfcal.threads import one_blas_thread
 
-__all__ = ["engine_seconds", "engine_times", "few_seconds", "machine_rate", "table_seconds"]
+__all__ = ["engine_seconds", "engine_times", "few_seconds", "learn", "machine_rate", "table_seconds"]
 
 FITTED_RATE = 2e10
 """Complex multiply-adds per second of the machine the constants come from."""
@@ -41,19 +41,83 @@ REFERENCE_OVER_WAVE, REFERENCE_OVER_GRID = 320.0, 65.0
 PER_SAMPLE, PER_TABLE_SAMPLE, GRID_SET_UP = 4.2e-10, 7e-7, 0.15
 
 
-@lru_cache(maxsize=1)
-def machine_rate() -> float:
-    """Return complex multiply-adds per second of one thread of this machine (measured once, 20 ms)."""
-    n = 96
+MOMENTS, APART_S = 12, 0.5
+"""Timings of the machine in a process, and seconds between two of them: a single moment may be a slow one."""
+
+TICKS = 20
+"""Ticks of the clock that a timing takes at least."""
+
+LEAST_RUN_S = 1.0
+"""CPU-seconds of a simulated plane, forecast or taken, from which the rate is corrected: tables rule shorter ones."""
+
+MOST_CORRECTED = 5.0
+"""Largest factor by which simulations correct the rate."""
+
+
+class _Rate:
+    """The speed of this machine, as far as this process knows it."""
+
+    def __init__(self) -> None:
+        self.lock = threading.Lock()
+        self.best, self.moments, self.last = 0.0, 0, -math.inf
+        self.slowness = 1.0
+
+    def measure(self) -> None:
+        """Time the machine for a moment, at the first calls and then at some distance; the best is kept."""
+        with self.lock:
+            if self.moments >= MOMENTS or (self.moments and time.monotonic() - self.last < APART_S):
+                return
+            for _ in range(1 if self.moments else 3):
+                self.best = max(self.best, _timed_rate())
+            self.moments, self.last = self.moments + 1, time.monotonic()
+
+    def learn(self, forecast_s: float, took_s: float) -> None:
+        """Correct the rate by half of what a simulated plane took more or less than forecast, on a log scale."""
+        if max(forecast_s, took_s) >= LEAST_RUN_S and min(forecast_s, took_s) > 0:
+            with self.lock:
+                found = self.slowness * math.sqrt(took_s / forecast_s)
+                self.slowness = min(max(found, 1 / MOST_CORRECTED), MOST_CORRECTED)
+
+
+_RATE = _Rate()
+
+
+def _timed_rate() -> float:
+    """Return complex multiply-adds per CPU-second of this thread: what other programs take is not counted."""
+    n, count = 96, 0
     a = np.ones((n, n), np.complex64)
-    best = math.inf
+    least = max(2e-3, TICKS * time.get_clock_info("thread_time").resolution)
     with one_blas_thread():
-        for _ in range(8):
-            start = time.perf_counter()
+        a @ a  # the first product fills caches
+        start = time.thread_time()
+        while (took := time.thread_time() - start) < least:
             a @ a
-            # The best of several: another program may have taken the processor in between.
-            best = min(best, time.perf_counter() - start)
-    return n**3 / best
+            count += 1
+    return n**3 * count / took
+
+
+def machine_rate() -> float:
+    """Return complex multiply-adds per CPU-second of one thread of this machine.
+
+    The best of several moments, corrected by the planes that this process has simulated.
+    """
+    _RATE.measure()
+    return _RATE.best / _RATE.slowness
+
+
+def learn(outlook: Outlook, level: str, tolerance: float, runs: int, took_s: float) -> None:
+    """Correct forecasts by a plane that was simulated at ``level`` in ``runs`` samples of the light.
+
+    Parameters
+    ----------
+    outlook, level, tolerance
+        As in `engine_seconds`.
+    runs
+        How often the engine ran.
+    took_s
+        CPU-seconds that it took.
+    """
+    _RATE.learn(runs * engine_seconds(outlook, "wave" if level == "grid" else level, tolerance), took_s)
 
 
 def _slower() -> float:

@@ -121,6 +121,23 @@ def test_the_prediction_is_the_nearest_position_of_the_reference(station: Statio
     np.testing.assert_array_equal(found, reference[1, 2, 3], err_msg="whole periods away it is the same")
 
 
+def test_nothing_is_expected_between_the_planes(station: Station) -> None:
+    """The pattern of the nearest plane, however far, made a healthy rig look broken: "correlation 0.09"."""
+    reference = PSFMatrix(np.ones(PLAN.shape, np.float32))
+    point = tuple(PLAN.image_px(np.array([1, 2, 3])))
+    x, y, depth = PLAN.stage_um(np.array([1, 2, 3]))
+    step = float(np.abs(np.diff(PLAN.depths_um)).min())
+    for off, expected in ((0.4, True), (-0.4, True), (40.0, False), (-40.0, False)):
+        there = (x, y, depth + off * step)
+        for known in (reference, None):
+            assert (model_live.predicted_pattern(PLAN, known, there, point) is not None) is expected
+    picture = model_live.LivePicture(None, np.zeros(1), np.zeros(0), "", "", 0, (x, y, depth + 40 * step))
+    words = model_live.expected_words(picture, PLAN)
+    assert words.startswith("nothing is expected at this depth: go to plane ")
+    single = replace(PLAN, depths_um=PLAN.depths_um[:1], exposure_s=0.01)
+    assert model_live.plane_at(single, single.depths_um[0]) == 0 and model_live.plane_at(single, 0.0) is None
+
+
 def test_cut_fills_with_zeros_beyond_the_frame() -> None:
     frame = np.arange(12).reshape(3, 4)
     padded = np.pad(frame, 5)
