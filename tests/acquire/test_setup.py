@@ -231,7 +231,7 @@ def test_exposures_reach_the_target_in_every_plane() -> None:
 @pytest.mark.parametrize("measure", [iter_stage_fit, iter_optical_axis, iter_exposures])
 def test_a_measurement_returns_the_stage_to_where_it_was(measure) -> None:
     rig = rig_for(PLAN)
-    start = PLAN.stage_um(np.array([0, 3, 2])) + (1.5, -2.5, 0.0)
+    start = np.add(PLAN.stage_um(np.array([0, 3, 2])), (1.5, -2.5, 0.0))
     rig.stage.move(tuple(start))
     rig.time.sleep(1e4)
     try:
