@@ -33,19 +33,25 @@ NAME = "session.json"
 
 @dataclass(frozen=True, slots=True)
 class Devices:
-    """The devices of a session, as they name themselves, and what the camera reads."""
+    """The devices of a session, as they name themselves, and what the camera reads.
+
+    ``optics`` says how frames of the simulator were computed: ``"pattern"``, or a level of `lfcal.simulate`. It is
+    empty for real frames, and for sessions of older versions.
+    """
 
     camera: str
     stage: str
     sensor_shape: tuple[int, int]
     bit_depth: int
     max_value: int
+    optics: str = ""
 
     @classmethod
     def of(cls, rig: Rig) -> Devices:
         """Return what the devices of ``rig`` say."""
         camera = rig.camera
-        return cls(camera.name, rig.stage.name, camera.sensor_shape, camera.bit_depth, camera.max_value)
+        optics = str(getattr(camera, "optics", ""))
+        return cls(camera.name, rig.stage.name, camera.sensor_shape, camera.bit_depth, camera.max_value, optics)
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +155,7 @@ class SessionFile:
             "identity": self.identity,
             "plan": self.plan.to_dict(),
             "options": self.options.to_dict(),
-            "devices": asdict(self.devices),
+            "devices": _noted(self.devices),
             "recordings": self.recordings,
             "redo": self.redo,
             "runs": [asdict(run) for run in self.runs],
@@ -185,6 +191,8 @@ class SessionFile:
         try:
             body["plan"] = ScanPlan.from_dict(body["plan"])
             body["options"] = Options.from_dict(body["options"])
+            if isinstance(body["devices"], Mapping):
+                body["devices"] = {"optics": "", **body["devices"]}
             if body["target"] is not None:
                 body["target"] = read_frame_plan(body["target"])
                 if body["target"].scan != body["plan"]:
@@ -213,7 +221,9 @@ class SessionFile:
                 name = names[0]
                 found = f"option {name}", getattr(self.options, name), getattr(options, name)
         if found is None:
-            found = _difference(json.loads(json.dumps(asdict(self.devices))), asdict(devices), "devices")
+            # an older version did not note the optics
+            now = devices if self.devices.optics else replace(devices, optics="")
+            found = _difference(asdict(self.devices), asdict(now), "devices")
         if found is not None:
             what, expected, got = found
             raise InputError.expected(
@@ -222,6 +232,12 @@ class SessionFile:
                 got,
                 "record with the same plan and devices, or start a new session folder",
             )
+
+
+def _noted(devices: Devices) -> dict[str, Any]:
+    """Return what ``session.json`` says of the devices: of real ones what older versions read, too."""
+    noted = asdict(devices)
+    return noted if devices.optics else {key: value for key, value in noted.items() if key != "optics"}
 
 
 def _runs(runs: Any, recordings: Any) -> Any:

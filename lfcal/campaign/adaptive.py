@@ -84,10 +84,10 @@ def iter_adaptive(
     >>> from pathlib import Path
     >>> from lfcal.camera import ScanPlan, preset
     >>> from lfcal.campaign import Adapted, AdaptiveStep, Goal, iter_adaptive
-    >>> from lfcal.devices import simulated_rig
-    >>> plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=21)
+    >>> from lfcal.devices import open_rig
+    >>> plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0])
     >>> steps: list[AdaptiveStep] = []  # how good H is after each round
-    >>> work = iter_adaptive(Path("new"), plan, simulated_rig(plan), Goal(error=0.01), seen=steps.append)
+    >>> work = iter_adaptive(Path("new"), plan, open_rig(plan, "sim"), Goal(error=0.01), seen=steps.append)
     >>> print(next(work).stage)
     what patterns tell
     >>> work.close()  # run to its end, it returns an Adapted
@@ -150,7 +150,9 @@ class _Campaign:
             return (yield from self._record(resume=True))
         # what takes time comes after what may be refused
         check_new(self._folder)
-        check_devices(self._plan, self._rig)
+        if check_devices(self._plan, self._rig).optics == "pattern":
+            got, remedy = "the simulator's quick pattern, which has no lenslets", "open it with its default optics"
+            raise InputError.expected("devices", "those of a camera that a fit explains", got, remedy)
         options = self._options or Options()
         if not options.plain:
             got, remedy = "several exposures that make one", "record without a bracket"

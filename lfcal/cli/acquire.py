@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import typer
 
-from lfcal.cli.acquire_outcome import list_suspects, show_outcome
+from lfcal.cli.acquire_outcome import list_suspects, show_outcome, simulated_optics, simulated_words
 from lfcal.cli.acquire_until import adapted_facts, parse_goal, show_adapted, tell_step
 from lfcal.cli.acquire_words import numbers, options_of, pairs, read_plan
 from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
@@ -164,6 +164,7 @@ def command(
     again, only = (None if path is None else RedoList.read(path) for path in (redo, positions))
     task = _Task(out, recorded, options, resume, again, only, goal, json)
     with open_rig(scan, backend, sim, stage=stage) as rig:
+        optics = simulated_optics(rig)
         # A light that can be switched needs nobody to cover the lens, whatever was asked for.
         if cover and rig.light is None:
             rig = replace(rig, light=_Cover())
@@ -173,7 +174,7 @@ def command(
         found, seen, ended_by = _run(task, rig, check_stage)
     adapted = None if isinstance(found, Outcome) else found
     outcome = found if isinstance(found, Outcome) else found.outcome
-    result: dict[str, Any] = {"session": out, "outcome": outcome, **seen}
+    result: dict[str, Any] = {"session": out, "outcome": outcome, **optics, **seen}
     if not isinstance(recorded, RegionPlan):
         result |= list_suspects(out, outcome)
     result["assumed"] = scan.camera.marks.paths("assumed")
@@ -399,7 +400,9 @@ def _show_forecast(task: _Task, rig: Rig, frame_rate: float | None) -> None:
         print_json(plain(found) | {"assumed": scan_of(task.plan).camera.marks.paths("assumed")})
         return
     unread = f" {WITHOUT_READOUT}" if found.readout_seconds is None else ""
+    optics = [["frames", simulated_words(optics)] for optics in simulated_optics(rig).values()]
     rows = [
+        *optics,
         ["positions", f"{found.positions}"],
         ["other frames (dark, reference, control)", f"{found.other_frames}"],
         ["time at least", format_seconds(found.seconds) + unread],

@@ -10,11 +10,27 @@ import typer
 if TYPE_CHECKING:
     from lfcal.acquire.redo import RedoList
     from lfcal.acquire.runner import Outcome
+    from lfcal.devices.protocols import Rig
 
-__all__ = ["finish", "list_suspects", "show_outcome"]
+__all__ = ["finish", "list_suspects", "show_outcome", "simulated_optics", "simulated_words"]
 
 SUSPECTS = "suspects.json"
 SHOWN = 10
+
+
+def simulated_optics(rig: Rig) -> dict[str, str]:
+    """Return how frames of the simulator are computed, as the session records it; nothing for real devices."""
+    from lfcal.acquire.session_file import Devices
+
+    optics = Devices.of(rig).optics
+    return {"optics": optics} if optics else {}
+
+
+def simulated_words(optics: str) -> str:
+    """Return in words what the frames of the simulator are."""
+    if optics == "pattern":
+        return "simulated, quick pattern without lenslets: for trials of a recording, not for a fit"
+    return f"simulated, the plan's camera (optics={optics})"
 
 
 def list_suspects(out: Path, outcome: Outcome) -> dict[str, Any]:
@@ -73,6 +89,8 @@ def show_outcome(result: dict[str, Any], outcome: Outcome, out: Path, json: bool
         time_taken = format_seconds(outcome.seconds)
         what = "frames" if "shown" in result else "positions"
         typer.echo(f"{out}: {outcome.how}, {outcome.acknowledged} of {outcome.total} {what} in {time_taken}")
+        if "optics" in result:
+            typer.echo(f"  frames: {simulated_words(result['optics'])}")
         if "shown" in result:
             show_coverage(result["shown"])
         if outcome.damaged:

@@ -112,7 +112,7 @@ def read_patterns(source: Path, how: Reading, *, quiet: bool) -> tuple[Measured,
     """Return the patterns to fit, and what is known of their source for the provenance of what is made of them."""
     from lfcal.cli.cameras import tell_assumed
     from lfcal.fit import measured_of
-    from lfcal.fit.measured import LEFT_OUT
+    from lfcal.fit.measured import LEFT_OUT, check_optics
 
     with ExitStack() as stack:
         if is_matrix(source):
@@ -124,6 +124,7 @@ def read_patterns(source: Path, how: Reading, *, quiet: bool) -> tuple[Measured,
         camera = how.camera or matrix.camera
         if camera is None:
             raise InputError.expected(str(source), "an H with its camera", "none", "name it with --camera")
+        check_optics(matrix)
         _check_noise(matrix, source, how)
         tell_assumed(matrix.camera if how.camera is None else None, source.name, quiet=quiet)
         if how.without:

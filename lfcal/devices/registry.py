@@ -168,6 +168,7 @@ def open_rig(
         mover = get_backend(stage)
         if stage == "sim":
             other.setdefault("time", "real")  # the camera's frames come in real time
+            other.setdefault("optics", "pattern")  # its own camera takes none: there is no light to compute
         if not mover.has_stage:
             raise InputError.expected("stage", "a backend with a stage", stage, "choose sim or micromanager")
         rig = _open(backend, plan, own)

@@ -15,8 +15,11 @@ from lfcal.errors import InputError
 from lfcal.fit.spread import kept_aside, spread_out
 from lfcal.psf import PSFMatrix
 from lfcal.psf.half_cell import copied_positions
+from lfcal.psf.provenance import optics_of
 
-__all__ = ["Measured", "measured_of"]
+__all__ = ["QUICK_PATTERN", "Measured", "check_optics", "measured_of", "of_quick_pattern"]
+
+QUICK_PATTERN = "recorded with the simulator's quick pattern, which has no lenslets"
 
 LEFT_OUT = 0.2
 """Share of the patterns that is kept aside for validation."""
@@ -181,7 +184,7 @@ def measured_of(
     Raises
     ------
     InputError
-        Where H has no camera, no noise, or too few patterns.
+        Where H has no camera, no noise, or too few patterns, or was recorded with the simulator's quick pattern.
 
     Examples
     --------
@@ -194,6 +197,7 @@ def measured_of(
     """
     if matrix.is_transposed:
         raise InputError.expected("patterns", "those of H", "those of HT", "give H")
+    check_optics(matrix)
     plan = _plan_of(matrix, camera)
     own = (matrix.recorded > 0) & ~copied_positions(matrix)
     chosen = np.argwhere(own) if positions is None else np.asarray(positions, np.intp).reshape(-1, 3)
@@ -208,6 +212,18 @@ def measured_of(
     valid = np.stack([matrix.valid(z, y, x)[rows, columns] for z, y, x in chosen.tolist()])
     aside = _aside(chosen, left_out, plan)
     return Measured(plan, chosen, patterns, _noise(matrix, chosen, noise), np.zeros((len(chosen), 2)), valid, aside)
+
+
+def of_quick_pattern(matrix: PSFMatrix) -> bool:
+    """Return whether H says that it was recorded with the simulator's quick pattern."""
+    return optics_of(matrix.provenance) == "pattern"
+
+
+def check_optics(matrix: PSFMatrix) -> None:
+    """Raise `InputError` where H was recorded with the simulator's quick pattern."""
+    if of_quick_pattern(matrix):
+        remedy = "record with the simulator's default optics, without --option optics=pattern"
+        raise InputError.expected("measured patterns", "those of a plenoptic camera", QUICK_PATTERN, remedy)
 
 
 def _aside(chosen: NDArray[np.intp], left_out: float | Sequence[Sequence[int]], plan: ScanPlan) -> NDArray[np.bool_]:

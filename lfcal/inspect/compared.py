@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from lfcal.checks import check_number
 from lfcal.errors import InputError
 from lfcal.fit.expected import Behind, behind, plan_of
+from lfcal.fit.measured import QUICK_PATTERN, of_quick_pattern
 from lfcal.fit.setup import Setup
 from lfcal.fit.spread import spread_out
 from lfcal.inspect.evidence import Evidence, Unlike, fitted
@@ -90,6 +91,8 @@ def iter_evidence(
     first = recorded[spread_out(recorded, FIRST, matrix.period)]
     if matrix.camera is None:
         return Unlike("H has no camera")
+    if of_quick_pattern(matrix):
+        return Unlike(QUICK_PATTERN)
     if matrix.pixel_scale != (1.0, 1.0):
         return Unlike("H is on resampled pixels; assemble it without resampling to compare it")
     took = time.perf_counter()

@@ -95,5 +95,10 @@ def iter_pick(source: FrameSource, plan: ScanPlan, positions: NDArray[np.intp]) 
         valid[place] = mask
     facts = Facts.of(shape, plan.cutout, recorded=recorded, noise=noise, saturated=saturated, valid=valid)
     return PSFMatrix(
-        PickedPlanes(plan.shape, patterns), depths=plan.depths_um, camera=plan.camera, anchor=plan.anchor, facts=facts
+        PickedPlanes(plan.shape, patterns),
+        depths=plan.depths_um,
+        camera=plan.camera,
+        anchor=plan.anchor,
+        facts=facts,
+        provenance={key: source.metadata[key] for key in ("optics",) if key in source.metadata},
     )

@@ -20,17 +20,24 @@ from lfcal.acquire.finish import iter_assemble_session
 from lfcal.acquire.recording.reader import RecordingFile
 from lfcal.acquire.recording.source import RecordingSource, read_checks
 from lfcal.acquire.redo import RedoList
+from lfcal.acquire.session_file import SessionFile
 from lfcal.acquire.suspects import read_suspects
 from lfcal.camera import ScanPlan, preset
+from lfcal.campaign import Goal, iter_adaptive
 from lfcal.cli import main
+from lfcal.devices.registry import open_rig
 from lfcal.devices.simulated.backend import simulated_rig
-from lfcal.errors import FileFormatError
+from lfcal.errors import FileFormatError, InputError
 from lfcal.frames import CorrectionRecipe, corrected_view, open_frames
+from lfcal.inspect import Unlike, iter_evidence
 from lfcal.progress import drain
 from lfcal.psf import AssemblySettings, PSFMatrix, inspect, open_psf
+from lfcal.simulate import simulate_psf
 from tests.acquire.rigs import assert_same_frames, frames_of, small_plan
 
 PLAN = small_plan((4, 5), 2)
+QUICK = ("--option", "optics=pattern")
+"""Any frames will do: the cutout of this plan is too small for its camera."""
 
 
 @pytest.fixture
@@ -73,7 +80,7 @@ def test_by_default_a_session_brings_its_darks_and_references_and_h_has_no_pedes
     tmp_path: Path, plan_file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out, matrix = tmp_path / "session", tmp_path / "H.h5"
-    assert run("acquire", plan_file, "--out", out, "--assemble", matrix, monkeypatch=monkeypatch) == 0
+    assert run("acquire", plan_file, "--out", out, "--assemble", matrix, *QUICK, monkeypatch=monkeypatch) == 0
     assert (out / "darks.h5").exists()
     assert len(read_checks(out)) == 2
     with open_psf(matrix) as psf, RecordingSource(out) as raw:
@@ -132,13 +139,75 @@ def test_the_lens_is_covered_by_hand_once_for_all_darks(
     assert "by the device: lens cover: nobody answered" in capsys.readouterr().err
 
 
-def test_optics_of_the_simulator_are_recorded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[4.0])
-    plan = replace(plan, period=(2, 3))
-    (tmp_path / "plan.json").write_text(plan.to_json())
+@pytest.fixture
+def bench_plan(tmp_path: Path) -> ScanPlan:
+    """Return the plan of six positions whose cutout holds the patterns of its camera; it is in ``bench.json``."""
+    plan = replace(ScanPlan.for_camera(preset("bench"), virtual_depths=[4.0]), period=(2, 3))
+    (tmp_path / "bench.json").write_text(plan.to_json())
+    return plan
+
+
+def test_optics_of_the_simulator_are_recorded(
+    tmp_path: Path, bench_plan: ScanPlan, monkeypatch: pytest.MonkeyPatch
+) -> None:
     arguments = ("--out", tmp_path / "s", "--option", "optics=geometric", "--no-check-stage")
-    assert run("acquire", tmp_path / "plan.json", *arguments, monkeypatch=monkeypatch) == 0
+    assert run("acquire", tmp_path / "bench.json", *arguments, monkeypatch=monkeypatch) == 0
     assert all(frame.max() > 500 for frame in frames_of(tmp_path / "s").values())
+    assert SessionFile.read(tmp_path / "s").devices.optics == "geometric"
+
+
+def test_by_default_the_simulator_records_the_camera_of_the_plan(
+    tmp_path: Path, bench_plan: ScanPlan, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The quick pattern was the default: H was a blob, of which ``fit`` said that the camera was described wrongly."""
+    out, matrix = tmp_path / "s", tmp_path / "H.h5"
+    arguments = ("acquire", tmp_path / "bench.json", "--out", out, "--assemble", matrix)
+    assert run(*arguments, monkeypatch=monkeypatch) == 0
+    assert "frames: simulated, the plan's camera (optics=auto)" in capsys.readouterr().out
+    assert SessionFile.read(out).devices.optics == "auto"
+    expected = simulate_psf(bench_plan.camera, bench_plan)
+    with open_psf(matrix) as recorded:
+        assert recorded.provenance["optics"] == "auto"
+        for at in np.ndindex(recorded.shape[:3]):
+            assert np.corrcoef(recorded[at].ravel(), expected[at].ravel())[0, 1] > 0.98
+
+
+def test_frames_of_the_quick_pattern_are_named_and_not_blamed_on_the_camera(
+    tmp_path: Path, bench_plan: ScanPlan, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, matrix = tmp_path / "s", tmp_path / "H.h5"
+    arguments = ("acquire", tmp_path / "bench.json", "--out", out, "--assemble", matrix, *QUICK)
+    assert run(*arguments, monkeypatch=monkeypatch) == 0
+    assert "quick pattern without lenslets" in capsys.readouterr().out
+    for source in (out, matrix):
+        assert run("fit", source, "-o", tmp_path / "fit", monkeypatch=monkeypatch) == 2
+        said = capsys.readouterr().err
+        assert "got recorded with the simulator's quick pattern, which has no lenslets" in said
+        assert "without --option optics=pattern" in said and "description" not in said
+    assert not (tmp_path / "fit").exists()
+    with open_psf(matrix) as recorded:
+        found = drain(iter_evidence(recorded))
+    assert isinstance(found, Unlike) and "quick pattern, which has no lenslets" in found.reason
+    rig = open_rig(bench_plan, "sim", {"optics": "pattern"})
+    with pytest.raises(InputError, match="quick pattern"):
+        drain(iter_adaptive(tmp_path / "until", bench_plan, rig, Goal(0.01)))
+    assert not (tmp_path / "until").exists()
+
+
+def test_a_session_is_resumed_with_the_optics_it_began_with(
+    tmp_path: Path, plan_file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    begin = ("acquire", plan_file, "--out", tmp_path / "s", "--darks", 0, "--no-check-stage")
+    faults = ("--option", "faults=times out@20*9")
+    assert run(*begin, *QUICK, *faults, monkeypatch=monkeypatch) == 2
+    capsys.readouterr()
+    assert run(*begin, "--resume", monkeypatch=monkeypatch) == 2
+    assert "devices.optics: expected pattern as recorded, got auto" in capsys.readouterr().err
+    path = tmp_path / "s" / "session.json"
+    noted = json.loads(path.read_text())
+    assert noted["devices"].pop("optics") == "pattern"
+    path.write_text(json.dumps(noted))  # as older versions wrote it
+    assert run(*begin, *QUICK, "--resume", monkeypatch=monkeypatch) == 0
 
 
 def test_dry_run_moves_and_writes_nothing(
@@ -164,8 +233,8 @@ def test_fault_resume_redo_and_coarse_order(
     tmp_path: Path, plan_file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out, calm = tmp_path / "session", tmp_path / "calm"
-    start = ("acquire", plan_file, "--out", out, "--no-pack")
-    alone = ("--darks", 0, "--reference-every", 0)
+    start = ("acquire", plan_file, "--out", out, "--no-pack", *QUICK)
+    alone = ("--darks", 0, "--reference-every", 0, *QUICK)
     faults = ("--option", "faults=times out@20*9")
     assert run(*start, *alone, "--order", "coarse", *faults, monkeypatch=monkeypatch) == 2
     assert "15 of 40 positions are safe" in capsys.readouterr().err

@@ -220,6 +220,8 @@ def test_resume_sees_a_lost_origin(tmp_path: Path) -> None:
 class Refocused:
     """Optics that somebody refocused: the image stands where it was, a third as wide."""
 
+    optics = PatternRenderer.optics
+
     def __init__(self, renderer: Renderer) -> None:
         self._renderer = renderer
 

@@ -201,10 +201,15 @@ def test_what_lies_in_the_model_is_not_reached() -> None:
     assert not _gained_nothing([step(0.1, 1e-2, 1e-4)])
 
 
+def ideal_rig(plan: ScanPlan) -> Rig:
+    """Return a rig with ideal optics: a fit refuses frames of the quick pattern."""
+    return open_rig(plan, "sim", {"optics": "auto"})
+
+
 def test_what_is_refused_before_anything_moves(tmp_path: Path) -> None:
     def refused(what: str, plan: ScanPlan, options: Options, **more: Any) -> None:
         with pytest.raises(InputError, match=what):
-            drain(iter_adaptive(tmp_path / "s", plan, rig_for(plan), GOAL, options, **more))
+            drain(iter_adaptive(tmp_path / "s", plan, ideal_rig(plan), GOAL, options, **more))
 
     refused("single ones, whose noise is known", PLAN, replace(OPTIONS, bracket=(1.0, 0.5)))
     assumed = replace(PLAN.camera, marks=PLAN.camera.marks.marked(["sensor.read_noise_e"], "assumed"))
@@ -237,7 +242,7 @@ def test_patterns_of_a_session_without_darks(tmp_path: Path, black: float) -> No
     """A level that the description states is subtracted; one that nobody states is part of the background."""
     only = [Position(0, y, x) for y in (0, 9) for x in (0, 9, 20)]
     camera = replace(PLAN.camera, sensor=replace(PLAN.camera.sensor, black_level=black))
-    record(tmp_path / "s", replace(PLAN, camera=camera), rig_for(PLAN), replace(OPTIONS, darks=0), only=only)
+    record(tmp_path / "s", replace(PLAN, camera=camera), ideal_rig(PLAN), replace(OPTIONS, darks=0), only=only)
     measured = drain(iter_session_patterns(tmp_path / "s"))
     assert len(measured) == 6 and (measured.noise[:, 0] > 0).all()
     assert measured.patterns.min() == pytest.approx(64.0 - black, abs=6.0)

@@ -23,7 +23,7 @@ from lfcal.devices.simulated.faults import Fault
 from lfcal.errors import InputError
 from lfcal.progress import Work
 
-__all__ = ["Look", "Station", "in_limits", "open_station", "read_target", "with_defaults"]
+__all__ = ["Look", "Station", "in_limits", "open_station", "read_target"]
 
 R = TypeVar("R")
 Choice = tuple[Mapping[str, str], str]
@@ -37,9 +37,6 @@ SEEN = ("camera", "period", "cutout", "depths_um", "anchor", "resample")
 
 MOVE_TIMEOUT_S = 60.0
 SETTLE_S = 0.1
-
-MANY = 1 << 23
-"""Pixels beyond which effects are left to those who ask for them: an R29's take minutes before the first frame."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -174,26 +171,12 @@ class Station:
         self._live, self._plan = None, None
 
 
-def with_defaults(backend: str, options: Mapping[str, str], pixels: int = 0) -> dict[str, str]:
-    """Return the options of a backend with those that the window takes where none is given.
-
-    The simulator shows a plenoptic image with what the camera needs to look like one; its own default is a quick
-    pattern, which knows no lenslets. Sensors of more than `MANY` ``pixels`` have ideal optics. Of a target that pattern
-    is at every hole: the light of all of them would take seconds a frame.
-    """
-    if backend != "sim" or "optics" in options or "target" in options:
-        return dict(options)
-    optics = {"optics": "auto"} if pixels > MANY else {"optics": "auto", "effects": "auto"}
-    return {**optics, **options}
-
-
 def open_station(plan: ScanPlan, backend: str, options: Mapping[str, str], stage: str = "") -> Station:
     """Open the devices of ``backend`` (and the stage of another one); raises what opening raises."""
     from lfcal.acquire.session import check_devices
     from lfcal.devices.registry import open_rig
 
-    given = with_defaults(backend, options, math.prod(plan.camera.sensor.shape))
-    rig = open_rig(plan, backend, given, stage=stage)
+    rig = open_rig(plan, backend, options, stage=stage)
     try:
         check_devices(plan, rig)
     except BaseException:

@@ -14,10 +14,11 @@ from gui.pages.acquire.measuring import SetupMeasuring
 from gui.pages.acquire.model import AcquireSettings
 from gui.pages.acquire.model_faults import fault_words
 from gui.pages.acquire.model_live import LivePicture, live_picture, stage_arrows
-from gui.pages.acquire.model_station import Station, open_station, with_defaults
+from gui.pages.acquire.model_station import Station, open_station
 from gui.pages.acquire.moves import StageMoves
 from gui.pages.acquire.setup_panel import SetupPanel
 from gui.workers import start_thread, wait_for
+from lfcal.acquire.session_file import Devices
 from lfcal.devices.simulated.faults import Fault
 from lfcal.errors import LfcalError
 from lfcal.psf import PSFMatrix
@@ -27,7 +28,7 @@ __all__ = ["SetupTab"]
 LIVE_MS = 30
 RELEASE_S = 5.0
 """How long closing the window waits for devices to be released (s)."""
-QUICK = "the simulator's quick pattern has no lenslets: set optics under Options"
+QUICK = "the simulator's quick pattern has no lenslets: set optics=auto under Options"
 
 
 class SetupTab(QObject):
@@ -220,11 +221,10 @@ class SetupTab(QObject):
         return self.context.matrix(state.reference) or self.context.matrix(state.psf)
 
     def _looked(self, picture: LivePicture) -> None:
-        chosen = AcquireSettings.of(self.context.state)
-        quick = chosen.backend == "sim" and dict(chosen.device_options).get("optics") == "pattern"
         plan = self.context.state.plan
         if plan is None:
             return
+        quick = self.station is not None and Devices.of(self.station.rig).optics == "pattern"
         self.panel.show_live(picture, plan, QUICK if quick else "")
         if picture.frame is not None:
             self.context.frame_seen.emit(picture.frame, picture.first)
@@ -261,7 +261,5 @@ def _backends() -> tuple[Any, dict[str, Any], dict[str, bool]]:
             backend = get_backend(finding.name)
         except LfcalError:
             continue
-        own = with_defaults(finding.name, {})
-        said = {key: f"empty: {own[key]}. {text}" if key in own else text for key, text in backend.options.items()}
-        options[finding.name], stages[finding.name] = said, backend.has_stage
+        options[finding.name], stages[finding.name] = backend.options, backend.has_stage
     return findings, options, stages

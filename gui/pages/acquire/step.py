@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 from gui.models.project import ProjectState
 from gui.models.step import PLAN_FILE, Step, needed_plan, options_of
 from gui.pages.acquire.model import AcquireSettings
-from gui.pages.acquire.model_station import with_defaults
 from lfcal.acquire import RedoList
 from lfcal.errors import InputError
 from lfcal.frames.corrections.recipe import CorrectionRecipe
@@ -24,7 +22,7 @@ def step(
     """Return how the session is recorded, gone on with, or of which positions once more."""
     plan, chosen = needed_plan(project), AcquireSettings.of(project)
     options, goal = chosen.options(), chosen.goal()
-    devices = with_defaults(chosen.backend, chosen.devices(), math.prod(plan.camera.sensor.shape))
+    devices = chosen.devices()
     folder, plan_file = out or project.recording or "session", chosen.target or PLAN_FILE
     single = not chosen.target
     pairs = (

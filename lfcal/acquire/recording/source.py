@@ -140,6 +140,7 @@ class RecordingSource(Frames):
             "noise": self._noise_of_means(),
             "suspect": [[*position, what.words] for position, what in self.suspects()],
             "kept_aside": self._kept_aside(),
+            "optics": devices.optics,
         }
         return known | {name: value for name, value in more.items() if value}
 

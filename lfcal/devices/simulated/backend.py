@@ -18,7 +18,7 @@ from lfcal.devices.simulated.stage import SimStage, StageModel, VirtualTime
 from lfcal.errors import InputError
 from lfcal.frames.source import FrameSource
 
-__all__ = ["SimBackend", "inject", "simulated_rig"]
+__all__ = ["SimBackend", "inject", "simulated_rig", "with_defaults"]
 
 OPTICS = ("pattern", "auto", "geometric", "wave", "grid", "microscope")
 CLOCKS = ("virtual", "real")
@@ -98,8 +98,10 @@ class SimBackend:
     title = "simulated camera and stage"
     has_stage = True
     options: Mapping[str, str] = {
-        "optics": "pattern (quick), or a level of the simulator: auto, geometric, wave, grid (for fits), microscope",
-        "effects": "JSON file of effects on the optics, as lfcal simulate --effects reads it, or auto; needs a level",
+        "optics": "auto (default), geometric, wave, grid (finest, for fits), microscope: the plan's camera as lfcal "
+        "simulate computes it; or pattern: a quick blur without lenslets, the default with a target",
+        "effects": "effects on the optics: auto (default without optics: what the camera needs), or a JSON file as "
+        "lfcal simulate --effects reads it; with optics alone they are ideal",
         "time": "virtual (waits pass at once) or real",
         "velocity": "speed of the stage (µm/s)",
         "backlash": "backlash of each axis (µm)",
@@ -118,9 +120,10 @@ class SimBackend:
 
     def open(self, plan: ScanPlan, options: Mapping[str, str]) -> Rig:
         """Return a simulated rig as ``options`` say."""
+        options = with_defaults(options)
         clock = options.get("time", "virtual")
         check_choice("option time", clock, CLOCKS)
-        level = options.get("optics", "pattern")
+        level = options["optics"]
         check_choice("option optics", level, OPTICS)
         return simulated_rig(
             plan,
@@ -131,6 +134,18 @@ class SimBackend:
             seed=int(number_option(options, "seed", 0, low=0)),
             time=SystemTime() if clock == "real" else VirtualTime(),
         )
+
+
+def with_defaults(options: Mapping[str, str]) -> dict[str, str]:
+    """Return the options of the simulator with its optics, where none are given.
+
+    The plan's camera is simulated with the effects that it needs: ideal optics focus a point into single pixels, which
+    no search for light distinguishes from hot pixels. A target has the quick pattern at every hole: to simulate all of
+    them takes seconds a frame.
+    """
+    if "optics" in options:
+        return dict(options)
+    return {"optics": "pattern", **options} if "target" in options else {"optics": "auto", "effects": "auto", **options}
 
 
 def _target(plan: ScanPlan, level: str, options: Mapping[str, str]) -> Renderer | None:

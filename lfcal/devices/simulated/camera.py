@@ -42,7 +42,10 @@ class Patch(NamedTuple):
 
 
 class Renderer(Protocol):
-    """What the optics make of a point source."""
+    """The light of a point source on the sensor.
+
+    Where it has an attribute ``optics``, a session records that text: ``"pattern"``, or a level of the simulator.
+    """
 
     def render(self, source_um: Point, exposure_s: float, roi: Roi) -> Patch:
         """Return the expected light of a source at (right, down, away) µm; it may reach beyond ``roi``."""
@@ -111,6 +114,11 @@ class SimCamera:
     def waits(self) -> bool:
         """Whether `grab` takes real time."""
         return not isinstance(self._time, VirtualTime)
+
+    @property
+    def optics(self) -> str:
+        """How its light is computed, which a session records; real cameras have no such attribute."""
+        return str(getattr(self._renderer, "optics", type(self._renderer).__name__))
 
     @property
     def sensor_shape(self) -> tuple[int, int]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lfcal.camera import ScanPlan
 from lfcal.devices.protocols import Point, Roi
 from lfcal.devices.simulated.camera import Patch, Renderer
-from lfcal.devices.simulated.optics import TOLERANCE, PatternRenderer, chosen_effects
+from lfcal.devices.simulated.optics import PatternRenderer, chosen_effects
 from lfcal.errors import InputError
 from lfcal.files import read_text
 from lfcal.plain import parse_json
@@ -19,6 +19,9 @@ from lfcal.targets import Target, TargetCamera, TargetPlan, uneven
 
 __all__ = ["SwitchedRenderer", "TargetPattern", "TargetRenderer", "simulated_target"]
 
+
+TOLERANCE = 0.05
+"""Relative L1 error of the optics of a hole: a frame has tens or hundreds of them."""
 
 SAME_PX = 0.01
 """How far a stage stands from where it was sent at most (pixels in the image)."""
@@ -36,6 +39,8 @@ class TargetPattern:
     brightness
         Light of each hole ``(n,)``, in the order of `Target.holes`.
     """
+
+    optics = PatternRenderer.optics
 
     def __init__(self, plan: ScanPlan, target: Target, brightness: NDArray[np.float64]) -> None:
         self._point = PatternRenderer(plan)
@@ -71,6 +76,11 @@ class TargetRenderer:
         # a live view, and repeated exposures, show one place again and again
         self._light = functools.lru_cache(maxsize=2)(frames.light_at)
 
+    @property
+    def optics(self) -> str:
+        """The level of the simulator."""
+        return self._frames.single.level
+
     def render(self, source_um: Point, exposure_s: float, roi: Roi) -> Patch:
         """Return the whole frame with the target's middle at ``source_um``, in the nearest plane; ``roi`` is ignored.
 
@@ -104,6 +114,11 @@ class SwitchedRenderer:
     def __init__(self, target: Renderer, plan: TargetPlan) -> None:
         self._target, self._plan = target, plan
         self._offsets = [plan.offsets_um(z) for z in range(len(plan.scan.depths_um))]
+
+    @property
+    def optics(self) -> str:
+        """Those of the target."""
+        return str(getattr(self._target, "optics", ""))
 
     def render(self, source_um: Point, exposure_s: float, roi: Roi) -> Patch:
         """Return the light of the frame whose offset the stage stands at; elsewhere that of the target alone."""
@@ -142,7 +157,7 @@ def simulated_target(
         return _switched(TargetPattern(plan, target, brightness), stated)
     planes = len(plan.depths_um)
     stands = TargetPlan(plan, target, ((),) * planes, 0.1, (0.0,) * planes, "geometric")
-    chosen = chosen_effects(plan, effects) if effects else ()
+    chosen = chosen_effects(plan, effects, TOLERANCE) if effects else ()
     frames = TargetCamera(stands, chosen, brightness=brightness, level=level, tolerance=TOLERANCE)
     return _switched(TargetRenderer(frames), stated)
 

@@ -7,17 +7,22 @@ from numpy.typing import NDArray
 
 from lfcal.axes import centre
 
-__all__ = ["place", "sum_of"]
+__all__ = ["joined", "place", "sum_of"]
 
 
-def sum_of(windows: list[tuple[int, int, NDArray[np.float32]]]) -> NDArray[np.float32]:
-    """Return the sum of windows at their places, on an image that holds them all."""
+def joined(windows: list[tuple[int, int, NDArray[np.float32]]]) -> tuple[int, int, NDArray[np.float32]]:
+    """Return the sum of windows at their places, on an image that holds them all, with its first row and column."""
     rows, columns = [row for row, _, _ in windows], [column for _, column, _ in windows]
     nt, ns = windows[0][2].shape
     out = np.zeros((max(rows) - min(rows) + nt, max(columns) - min(columns) + ns), np.float32)
     for row, column, values in windows:
         place(out, values, row - min(rows) + centre(nt), column - min(columns) + centre(ns))
-    return out
+    return min(rows) - centre(nt), min(columns) - centre(ns), out
+
+
+def sum_of(windows: list[tuple[int, int, NDArray[np.float32]]]) -> NDArray[np.float32]:
+    """Return the sum of windows at their places, on an image that holds them all."""
+    return joined(windows)[2]
 
 
 def place(out: NDArray[np.float32], values: NDArray[np.float32], row: int, column: int) -> None:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from lfcal.axes import centre
 from lfcal.camera import ScanPlan
 from lfcal.devices.protocols import Roi
 from lfcal.devices.simulated.optics import FramesRenderer
 from lfcal.simulate.sensor.camera_source import SimulatedCamera
+from lfcal.simulate.sensor.windows import place
 from tests.simulate.common import BASE, FAST, difference, small_plan
 
 
@@ -16,9 +18,10 @@ def renderer(plan: ScanPlan) -> FramesRenderer:
 
 
 def seen(made: FramesRenderer, source_um: tuple[float, float, float], exposure_s: float = 0.02) -> np.ndarray:
-    patch = made.render(source_um, exposure_s, Roi(0, 0, 1, 1))
-    assert (patch.row, patch.column) == (0, 0)
-    return np.asarray(patch.counts)
+    row, column, counts = made.render(source_um, exposure_s, Roi(0, 0, 1, 1))
+    frame = np.zeros(made._plan.camera.sensor.shape, np.float32)
+    place(frame, counts, row + centre(counts.shape[0]), column + centre(counts.shape[1]))
+    return frame
 
 
 def test_moving_the_source_away_changes_the_picture() -> None:
