@@ -15,8 +15,9 @@ from lfcal.acquire.recording.records import Note, Suspicion
 from lfcal.acquire.recording.source import RecordingSource
 from lfcal.acquire.schedule import Schedule
 from lfcal.acquire.session import record
-from lfcal.camera import ScanPlan
+from lfcal.camera import ScanPlan, preset
 from lfcal.devices.protocols import Rig, Roi
+from lfcal.devices.registry import open_rig
 from lfcal.devices.simulated.faults import Fault
 from lfcal.devices.simulated.optics import PatternRenderer
 from lfcal.devices.simulated.stage import StageModel
@@ -221,6 +222,46 @@ def test_a_frame_that_an_earlier_run_kept_is_known_after_a_resume(tmp_path: Path
     rig.camera.grab = from_before  # type: ignore[method-assign]
     with pytest.raises(AcquisitionStopped, match=r"got that of \(z, y, x\) = \(0, 0, 0\) again"):
         record(tmp_path, PLAN, rig, CAREFUL, resume=True)
+
+
+SIMULATED: dict[str, dict[str, Any]] = {
+    "r29": {"virtual_depths": (4.0,)},
+    "bench": {"virtual_depths": (2.0, 3.0, 4.0)},
+    "lfm_20x05": {"depths_um": (-40.0, 0.0, 40.0)},
+    "lfm_60x12": {"depths_um": (0.0, 4.0)},
+}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", SIMULATED)
+def test_whole_planes_of_every_preset_raise_no_alarm_with_the_default_optics(tmp_path: Path, name: str) -> None:
+    """The README's R29 ended with "the camera mixes its buffers": two frames had the same noise."""
+    plan = ScanPlan.for_camera(preset(name), **SIMULATED[name])
+    with open_rig(plan, "sim") as rig:
+        assert record(tmp_path, plan, rig, CAREFUL).how == "complete"
+    assert not suspects_of(tmp_path)
+
+
+@pytest.mark.long
+def test_no_plane_of_the_r29_raises_an_alarm_with_the_quick_pattern(tmp_path: Path) -> None:
+    """Two frames of these eight planes were called torn, with sampled rows of equal noise."""
+    plan = ScanPlan.for_camera(preset("r29"), virtual_depths=np.arange(2.0, 5.6, 0.5).tolist())
+    with open_rig(plan, "sim", {"optics": "pattern"}) as rig:
+        assert record(tmp_path, plan, rig, CAREFUL).how == "complete"
+    assert not suspects_of(tmp_path)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kind", FAULTS)
+def test_faults_that_last_are_named_with_the_default_optics(tmp_path: Path, kind: str) -> None:
+    plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[4.0])
+    with open_rig(plan, "sim", {"faults": Fault(kind, 200, 10**6).text()}) as rig:
+        assert record(tmp_path, plan, rig, replace(CAREFUL, on_suspect="flag")).how == "complete"
+    named = suspects_of(tmp_path)
+    if kind in CURED:
+        return
+    assert len(named) > plan.n_positions // 2
+    assert any(FAULTS[kind] in what for what in named.values())
 
 
 def test_sessions_of_before_have_no_policy_and_take_the_default() -> None:

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from lfcal.camera import Camera, StageAxes
@@ -30,7 +31,31 @@ CLAMPED = 0.1
 """What is left of the lamp's light, and of an exposure."""
 
 SPREAD = 64
-"""The noise field is this much larger than the region, to take a different part for every frame."""
+"""Rows and columns that the noise field has more than the region: every row of every frame has its own part."""
+
+
+class _Grain(NamedTuple):
+    """Where a frame takes its noise from the field: rows of it, and first columns, for each row of the frame."""
+
+    rows: NDArray[np.intp]
+    columns: NDArray[np.intp]
+
+    @classmethod
+    def two(cls, draw: int, rows: int) -> tuple[_Grain, _Grain]:
+        """Return the grains of read noise and of photon noise, which share no sample of the field.
+
+        Each row has its own part of the field. With one part for a whole frame, two frames in 4096 had equal noise,
+        which no real sensor has: their dark rows were equal, and the content guard took them for one buffer.
+        """
+        rng = np.random.default_rng(draw)
+        first = int(rng.integers(SPREAD))
+        other = (first + int(rng.integers(1, SPREAD))) % SPREAD
+        shifts, down = rng.integers(0, SPREAD, (2, rows)), np.arange(rows)
+        return cls(first + down, shifts[0]), cls(other + down, shifts[1])
+
+    def of(self, field: NDArray[Any], rows: slice, columns: slice) -> NDArray[Any]:
+        """Return a part of the frame, a new array, of the field's windows ``(rows, shifts, columns)``."""
+        return np.asarray(field[self.rows[rows], self.columns[rows], columns])
 
 
 class Patch(NamedTuple):
@@ -152,11 +177,11 @@ class SimCamera:
         # noise is drawn once for a region and shifted for each frame: drawing it anew takes longer than the exposure
         rng = np.random.default_rng((self._seed, actual.row, actual.column, actual.rows, actual.columns))
         shape = (actual.rows + SPREAD, actual.columns + SPREAD)
-        self._normal = rng.standard_normal(shape, np.float32)
-        dark = sensor.black_level + self._normal * np.float32(sensor.read_noise_e / sensor.electrons_per_count)
-        self._dark = np.clip(np.rint(dark), 0, sensor.max_value).astype(
-            np.uint8 if sensor.bit_depth <= 8 else np.uint16
-        )
+        normal = rng.standard_normal(shape, np.float32)
+        dark = sensor.black_level + normal * np.float32(sensor.read_noise_e / sensor.electrons_per_count)
+        dark = np.clip(np.rint(dark), 0, sensor.max_value).astype(np.uint8 if sensor.bit_depth <= 8 else np.uint16)
+        # windows as wide as a frame, at every shift: views, which take no memory
+        self._normal, self._dark = (sliding_window_view(field, actual.columns, 1) for field in (normal, dark))
         return Setting(roi, actual)
 
     def grab(self, timeout_s: float) -> Frame:
@@ -209,7 +234,7 @@ class SimCamera:
             half = len(data) // 2
             data = np.concatenate((data[:half], before[half:]))
         if "blank" in struck:
-            data = self._dark[: data.shape[0], : data.shape[1]].copy()
+            data = self._dark[: data.shape[0], 0].copy()
         if "region slips" in struck:
             data = np.roll(data, SLIP_PX, axis=1)
         if "dark level" in struck:
@@ -231,9 +256,8 @@ class SimCamera:
             self._light.on,
         )
         draw = zlib.crc32(key, self._seed)
-        top, left = draw % SPREAD, (draw >> 8) % SPREAD
-        rows, columns = self._roi.shape
-        frame: NDArray[Any] = self._dark[top : top + rows, left : left + columns].copy()
+        grains = _Grain.two(draw, self._roi.rows)
+        frame = grains[0].of(self._dark, slice(None), slice(None))
         if self._light.on:
             # plain numbers: arrays of three cost more than the sums
             offset = [p - o for p, o in zip(place, self._origin, strict=True)]
@@ -241,10 +265,10 @@ class SimCamera:
             patch = self._renderer.render((source[0], source[1], source[2]), self._exposure, self._roi)
             if dimmed:
                 patch = patch._replace(counts=patch.counts * np.float32(DIMMED))
-            self._add(frame, patch, (top, left))
+            self._add(frame, patch, grains)
         return frame
 
-    def _add(self, frame: NDArray[Any], patch: Patch, draw: tuple[int, int]) -> None:
+    def _add(self, frame: NDArray[Any], patch: Patch, grains: tuple[_Grain, _Grain]) -> None:
         """Enter what the sensor shows of the light of ``patch`` into ``frame``, in place."""
         row, column = patch.row - self._roi.row, patch.column - self._roi.column
         top, left = max(row, 0), max(column, 0)
@@ -253,11 +277,8 @@ class SimCamera:
         if bottom <= top or right <= left:
             return
         light = patch.counts[top - row : bottom - row, left - column : right - column]
-        # one set of random numbers for the read noise and the photon noise alike: shifted, both repeat with the place
-        across = draw[1], draw[0] if draw[0] != draw[1] else (draw[0] + SPREAD // 2) % SPREAD
-        dark, normal = (
-            self._normal[at[0] + top : at[0] + bottom, at[1] + left : at[1] + right] for at in (draw, across)
-        )
+        # one set of random numbers for the read noise and the photon noise alike: both repeat with the place
+        dark, normal = (grain.of(self._normal, slice(top, bottom), slice(left, right)) for grain in grains)
         sensor = self._sensor
         gain = np.float32(1 / sensor.electrons_per_count)
         # rounded once, as a converter does: twice would lose light of less than half a count
