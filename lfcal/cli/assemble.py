@@ -13,7 +13,7 @@ import typer
 
 from lfcal.cli.channels import Part, open_colour, parts_of
 from lfcal.cli.completing import complete_orientation
-from lfcal.cli.listed import ColumnsOption, report_notes, tell_size
+from lfcal.cli.listed import ColumnsOption, OriginOption, parse_origin, report_notes, tell_size
 from lfcal.cli.options import (
     CompressionOption,
     ExecutorOption,
@@ -99,6 +99,7 @@ def command(
         help="What makes the frames upright: as-is, rot90, rot180, rot270 (anticlockwise), mirror-x (left to right), "
         "mirror-y, transpose, anti-transpose; auto: find it; check: as-is, but stop where it is certainly wrong.",
     ),
+    origin: OriginOption = "",
     cutout: str = typer.Option("", "--cutout", help="Odd number of pixels, ROWS,COLUMNS, or 'auto' by energy."),
     lost: float = typer.Option(0.005, "--lost", help="With --cutout auto: largest share of energy left outside."),
     interpolation: str = typer.Option("", "--interpolation", help="nearest, linear, cubic or fourier."),
@@ -141,10 +142,12 @@ def command(
     from lfcal.cli.target_frames import refuse_options, wanted_target
     from lfcal.frames import CorrectionRecipe
     from lfcal.frames.aligned import chosen_shift
+    from lfcal.frames.part import smaller
     from lfcal.psf.assemble_plan import AssemblySettings
 
     check_choice(orientation)
-    words = ScanFrames(frames, plan, manifest, pattern, order, columns, first, skip_damaged, orientation)
+    place = parse_origin(origin)
+    words = ScanFrames(frames, plan, manifest, pattern, order, columns, first, skip_damaged, orientation, place)
     # A manifest's frames lie beside it.
     read = (frames, words.beside, plan, manifest, dark, white, fill)
     if channel != "each":
@@ -178,6 +181,7 @@ def command(
             "--manifest": manifest is not None,
             "--channel": channel == "each",
             "--fill": fill is not None,
+            "--origin": place is not None,
             "--executor": bool(executor or scheduler or resume),
             "--store-tolerance": store_tolerance is not None,
         }
@@ -197,6 +201,7 @@ def command(
                 "--channel": channel,
                 "--half-cell": half_cell,
                 "--fill": fill,
+                "--origin": origin,
                 "--pattern": pattern,
                 "--order": order,
                 "--manifest": manifest,
@@ -215,7 +220,9 @@ def command(
         source, scan = open_colour(words.open, channel)
         stack.enter_context(source)
         tell_assumed(scan.camera, "plan", quiet=json)
-        if "plan" not in source.metadata:  # a session knows which part of the sensor it recorded
+        # a session knows which part of the sensor it recorded; of other frames the place has to be stated
+        placed = "plan" in source.metadata or place is not None or smaller(source.shape, scan.camera)
+        if not placed:
             tell_size(source.shape, scan.camera, folder=str(frames), channel=channel)
         report_notes(source.metadata.get("notes", ()))
         bits, note = chosen_shift(shift, source)

@@ -13,7 +13,7 @@ from lfcal.cli.console import report
 if TYPE_CHECKING:
     from lfcal.camera import Camera, ScanPlan, StageAxes
 
-__all__ = ["ColumnsOption", "plan_from_list", "report_notes", "tell_size"]
+__all__ = ["ColumnsOption", "OriginOption", "parse_origin", "plan_from_list", "report_notes", "tell_size"]
 
 ColumnsOption: TypeAlias = Annotated[
     str,
@@ -28,8 +28,33 @@ def report_notes(notes: Iterable[str]) -> None:
         report(f"note: {note}")
 
 
+OriginOption: TypeAlias = Annotated[
+    str,
+    typer.Option(
+        "--origin",
+        metavar="ROW,COLUMN",
+        help="Sensor row and column of the first pixel, of frames that are a part of it.",
+    ),
+]
+"""Where on the sensor frames lie that are a camera's region of interest."""
+
+
+def parse_origin(text: str) -> tuple[int, int] | None:
+    """Return row and column of ``"120,64"``; None for empty."""
+    from lfcal.errors import InputError
+
+    if not text:
+        return None
+    fields = text.split(",")
+    if len(fields) != 2 or not all(field.strip().isascii() and field.strip().isdigit() for field in fields):
+        raise InputError.expected("--origin", "ROW,COLUMN", repr(text), "give two whole numbers, e.g. 120,64")
+    return int(fields[0]), int(fields[1])
+
+
 def tell_size(shape: tuple[int, int], camera: Camera, *, folder: str = "the frames", channel: str = "") -> None:
     """Warn where frames are no whole pictures of the camera's sensor, upright, turned or one colour of a mosaic."""
+    from lfcal.frames.part import binned
+
     sizes = {shape, shape[::-1]}
     if channel:
         sizes |= {(-(-rows // 2), -(-columns // 2)) for rows, columns in sizes}
@@ -37,7 +62,7 @@ def tell_size(shape: tuple[int, int], camera: Camera, *, folder: str = "the fram
         return
     (rows, columns), (tall, wide) = shape, camera.sensor.shape
     what = f"{folder}: frames of {rows} x {columns} px, the camera's sensor has {tall} x {wide}"
-    times = next((n for n in range(2, 9) if any(_binned(camera.sensor.shape, n, one) for one in sizes)), 0)
+    times = next((n for one in sizes if (n := binned(camera.sensor.shape, one))), 0)
     if times:
         sensor = f"{tall // times}x{wide // times},{camera.sensor.pixel_um * times:g}"
         report(
@@ -47,14 +72,9 @@ def tell_size(shape: tuple[int, int], camera: Camera, *, folder: str = "the fram
         )
         return
     report(
-        f"warning: {what}, from whose middle micro-images are counted; state its size with lfcal camera import CAMERA "
-        "--frame FRAME"
+        f"warning: {what}, from whose middle micro-images are counted; if they are a part of it say which with "
+        "--origin ROW,COLUMN, else state its size with lfcal camera import CAMERA --frame FRAME"
     )
-
-
-def _binned(sensor: tuple[int, int], times: int, shape: tuple[int, int]) -> bool:
-    """Return whether frames of ``shape`` are those of the sensor, ``times`` pixels joined along each side."""
-    return all(side // times <= length <= -(-side // times) for side, length in zip(sensor, shape, strict=True))
 
 
 def plan_from_list(
@@ -65,13 +85,21 @@ def plan_from_list(
     columns: str,
     orientation: str,
     stage: StageAxes | None,
+    origin: tuple[int, int] | None = None,
     **settings: Any,
 ) -> ScanPlan:
-    """Return the plan of the scan that a list was written of; frames that are found show where the light goes."""
+    """Return the plan of the scan that a list was written of; frames that are found show where the light goes.
+
+    Raises
+    ------
+    InputError
+        If the frames are a part of the camera's sensor and ``origin`` does not say which.
+    """
     from lfcal.errors import StorageError
     from lfcal.frames import named_orientation
     from lfcal.frames.lists.derived import plan_of_list
     from lfcal.frames.lists.entries import located
+    from lfcal.frames.lists.motion import Part
     from lfcal.frames.lists.open_table import any_listing, reader, sample_of
 
     turn = named_orientation(orientation)
@@ -79,7 +107,7 @@ def plan_from_list(
     root = folder or listed.parent
     try:
         listing = located(listing, root)
-        shape, colour = sample_of(listing, root)
+        shape, colour, roi = sample_of(listing, root)
         read = reader(listing, root, colour, turn)
     except StorageError as error:
         if folder is not None:
@@ -87,9 +115,29 @@ def plan_from_list(
         report(f"note: the frames are not there to be looked at ({error}); --frames names their folder")
         read = None
     else:
-        tell_size(shape, camera, folder=str(root))
+        _check_size(turn.shape(shape), camera, roi, origin, str(root))
         if colour is not None:
             report(f"note: light: of the {colour} of colour pictures; lfcal assemble takes one with --channel")
-    plan, notes = plan_of_list(listing, camera, read=read, stage=stage, **settings)
+    part = None if origin is None else Part(origin, turn.name)
+    plan, notes = plan_of_list(listing, camera, read=read, stage=stage, part=part, **settings)
     report_notes(notes)
     return plan
+
+
+def _check_size(
+    shape: tuple[int, int],
+    camera: Camera,
+    roi: tuple[int, int, int, int] | None,
+    origin: tuple[int, int] | None,
+    folder: str,
+) -> None:
+    """Raise where frames of ``shape`` are smaller than a sensor of known size: their place on it is not known."""
+    from lfcal.frames.part import check_inside, part_refusal, smaller, stated_origin
+
+    if origin is not None:
+        check_inside(origin, shape, camera.sensor.shape)
+    elif smaller(shape, camera):
+        stated = stated_origin(roi, shape)
+        raise part_refusal(shape, camera.sensor.shape, stated, "as their metadata say")
+    else:
+        tell_size(shape, camera, folder=folder)

@@ -15,7 +15,7 @@ from lfcal.camera import Forecast, ScanPlan, StageAxes
 from lfcal.camera.derived import DEPTH, STEP, WHOLE_FRAMES, assumed_of
 from lfcal.cli.cameras import load_camera
 from lfcal.cli.console import print_json, print_table
-from lfcal.cli.listed import ColumnsOption, plan_from_list
+from lfcal.cli.listed import ColumnsOption, OriginOption, parse_origin, plan_from_list
 from lfcal.cli.options import (
     CameraArgument,
     CutoutOption,
@@ -230,6 +230,7 @@ def command(
     ),
     frames: Path | None = typer.Option(None, "--frames", help="With --positions: the folder of the frames listed."),
     columns: ColumnsOption = "",
+    origin: OriginOption = "",
     orientation: str = typer.Option(
         "as-is", "--orientation", help="With --positions: what makes the frames upright, as of lfcal assemble."
     ),
@@ -306,8 +307,9 @@ def command(
         "resample": resample,
     }
     axes = _stage_axes(stage)
-    if positions is None and (frames is not None or columns or orientation != "as-is"):
-        raise InputError("--frames, --columns and --orientation: are of a scan's list; name it with --positions LIST")
+    if positions is None and (frames is not None or columns or orientation != "as-is" or origin):
+        names = "--frames, --columns, --orientation and --origin"
+        raise InputError(f"{names}: are of a scan's list; name it with --positions LIST")
     if positions is not None:
         if average != 1:
             raise InputError("--average: a list itself says how often positions were recorded; leave it out")
@@ -320,6 +322,7 @@ def command(
             folder=frames,
             columns=columns,
             orientation=orientation,
+            origin=parse_origin(origin),
             stage=axes,
             depths_um=planes,
             **settings,

@@ -30,6 +30,7 @@ class ScanFrames:
     first: int | None = None
     skip_damaged: bool = False
     orientation: str = "as is"
+    origin: tuple[int, int] | None = None
 
     @property
     def beside(self) -> Path | None:
@@ -61,6 +62,7 @@ class ScanFrames:
             first=self.first,
             skip_damaged=self.skip_damaged,
             orientation=self.orientation,
+            origin=self.origin,
         )
         own: ScanPlan | None = source.metadata.get("plan")
         if own is None and found is None:
@@ -95,7 +97,8 @@ class ScanFrames:
         """Return what `plain` gave."""
         found = cls(**{**values, "frames": Path(values["frames"])})
         plan, manifest = (None if values[key] is None else Path(values[key]) for key in ("plan", "manifest"))
-        return replace(found, plan=plan, manifest=manifest)
+        origin = None if found.origin is None else (found.origin[0], found.origin[1])
+        return replace(found, plan=plan, manifest=manifest, origin=origin)
 
 
 def find_plan(frames: Path, plan: Path | None) -> ScanPlan | None:

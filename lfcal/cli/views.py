@@ -13,6 +13,7 @@ from lfcal.camera import Camera
 from lfcal.checks import check_choice, check_number
 from lfcal.cli.colour_planes import CHANNELS, Reading, read_planes
 from lfcal.cli.console import print_json, print_table
+from lfcal.cli.listed import OriginOption, parse_origin
 from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
 from lfcal.cli.outputs import check_outputs
 from lfcal.cli.plan import load_camera, parse_depths
@@ -59,7 +60,7 @@ def command(
     lattice: Path | None = typer.Option(None, help="lattice.json of `lfcal white`: measured once, not again."),
     camera: str = typer.Option("", help="Camera (preset, JSON, Raytrix XML): lattice without --white; depths; types."),
     dark: Path | None = typer.Option(None, help="Dark frame, subtracted from both."),
-    origin: str = typer.Option("", help="ROW,COLUMN on the sensor of the frame's first pixel, where it is a part."),
+    origin: OriginOption = "",
     kind: str = typer.Option("", help="square or hexagonal lattice of --white; by default detected, or the camera's."),
     pitch: float = typer.Option(0.0, help="Nominal pitch (px) of --white, right within 10 %; by default detected."),
     axes: str = typer.Option("frame", help="Rows run along the frame's or the lattice's."),
@@ -97,7 +98,7 @@ def command(
         check_slopes(wish.slopes)
     if out is not None:
         check_outputs([out / name for name in _names(wish)], frame, white, lattice, dark, camera, force=force)
-    reading = Reading(channel, cfa, dark, _origin(origin))
+    reading = Reading(channel, cfa, dark, parse_origin(origin))
     planes = read_planes(frame, reading)
     scene = Scene(planes, cutting_of(planes, Given(white, lattice, kind, pitch), described, reading), described)
     views = {label: _views(scene, part, wish) for label, part in _lattices(scene, wish).items()}
@@ -118,15 +119,6 @@ def _slopes(text: str, depths: str, camera: Camera | None) -> tuple[float, ...]:
     if depths and camera is not None:
         return tuple(sensor_slope(camera, z) for z in parse_depths(depths, lengths=True))
     return parse_depths(text, lengths=False)
-
-
-def _origin(text: str) -> tuple[int, int] | None:
-    parts = text.split(",")
-    if not text:
-        return None
-    if len(parts) != 2 or not all(part.strip().isascii() and part.strip().isdigit() for part in parts):
-        raise InputError.expected("origin", "ROW,COLUMN", repr(text), "give two whole numbers, e.g. 120,64")
-    return int(parts[0]), int(parts[1])
 
 
 def _labels(wish: _Wish) -> list[str]:

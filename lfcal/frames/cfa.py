@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from lfcal.errors import FileFormatError, InputError
 
 __all__ = [
+    "cfa_from",
     "channel_names",
     "channel_phase",
     "check_cfa",
@@ -38,6 +39,14 @@ def check_cfa(cfa: str) -> str:
 def pattern_side(cfa: str) -> int:
     """Return the period of the pattern in pixels: 1 for monochrome, 2 for Bayer."""
     return _SIDES[len(check_cfa(cfa))]
+
+
+def cfa_from(cfa: str, origin: tuple[int, int]) -> str:
+    """Return the pattern as frames have it whose first pixel is the pixel ``origin`` (row, column) of the sensor."""
+    side = pattern_side(cfa)
+    return "".join(
+        cfa[(r + origin[0]) % side * side + (c + origin[1]) % side] for r in range(side) for c in range(side)
+    )
 
 
 def phases(cfa: str) -> list[tuple[slice, slice]]:

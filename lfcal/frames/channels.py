@@ -48,23 +48,27 @@ class ChannelSource(SourceView):
             # one value per place of the pattern: the channel's own is taken
             if isinstance(known.get(key), tuple):
                 known[key] = known[key][self._position]
+        if "origin" in known:
+            known["origin"] = tuple(n // self._step for n in known["origin"])
         return known | {"channel": self.channel, "channel_phase": self._origin, "pixel_step": self._step}
 
     def info(self, index: int) -> FrameInfo:
         """Return what is known of frame ``index``; its drift is in pixels of the channel."""
         info = self.source.info(index)
-        if info.origin != (0, 0):
+        place = self.source.metadata.get("origin", (0, 0))
+        if info.origin != place or any(n % self._step for n in place):
             # rows and columns of a channel would differ in number from cutout to cutout
             raise InputError.expected(
                 f"channel {self.channel} of {info.label}",
-                "whole sensor frames",
-                "cutouts",
+                "whole sensor frames, or a part from the first pixel of a colour pattern",
+                f"first pixel {info.origin}",
                 "record whole frames for it",
             )
         drift = None if info.drift is None else (info.drift[0] / self._step, info.drift[1] / self._step)
         (r0, c0), step = self._origin, self._step
         mask = None if info.mask is None else info.mask[r0::step, c0::step]
-        return replace(info, drift=drift, label=f"{info.label} {self.channel}", mask=mask)
+        place = (place[0] // self._step, place[1] // self._step)
+        return replace(info, origin=place, drift=drift, label=f"{info.label} {self.channel}", mask=mask)
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
         """Return the channel of frame ``index``, or a part of it."""
@@ -116,7 +120,9 @@ class BalancedSource(SourceView):
         """Return frame ``index``, or a part of it, with its colours balanced."""
         rows, columns = check_region(region or whole(self.shape), self.shape)
         part = self.source.read(index, (rows, columns)).astype(np.float32)
-        top, left = (a.start + b for a, b in zip((rows, columns), self.source.info(index).origin, strict=True))
+        # a part of the sensor has its pattern from its own first pixel, cutouts have that of the sensor
+        place = (0, 0) if "origin" in self.source.metadata else self.source.info(index).origin
+        top, left = (a.start + b for a, b in zip((rows, columns), place, strict=True))
         for k, gain in enumerate(self.gains):
             r0, c0 = divmod(k, self._side)
             part[(r0 - top) % self._side :: self._side, (c0 - left) % self._side :: self._side] *= np.float32(gain)

@@ -10,6 +10,7 @@ import numpy as np
 
 from lfcal.camera import Camera, ScanPlan, Sensor
 from lfcal.errors import InputError
+from lfcal.frames.cfa import cfa_from
 from lfcal.frames.regions import Region
 from lfcal.frames.source import FrameInfo, Frames, FrameSource, Noise, Samples
 from lfcal.frames.view import SourceView
@@ -55,8 +56,12 @@ class DescribedSource(SourceView):
             facts |= {"bit_depth": sensor.bit_depth, "saturation": sensor.saturated_from}
         if sensor.black_level > 0:  # 0 is the default of a description, so it states nothing
             facts.setdefault("black_level", sensor.black_level)
-        if sensor.cfa and self.source.shape == sensor.shape and not facts.get("cfa") and "channel" not in facts:
-            facts["cfa"] = sensor.cfa
+        place = facts.get("origin")
+        if sensor.cfa and not facts.get("cfa") and "channel" not in facts:
+            if place is not None:
+                facts["cfa"] = cfa_from(sensor.cfa, place)
+            elif self.source.shape == sensor.shape:
+                facts["cfa"] = sensor.cfa
         if noise is not None:
             facts.setdefault("noise", noise)
         return unsaid

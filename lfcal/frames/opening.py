@@ -10,6 +10,7 @@ from lfcal.camera import ScanPlan
 from lfcal.errors import StorageError
 from lfcal.frames.manifest import Manifest
 from lfcal.frames.orientation import AS_IS
+from lfcal.frames.part import check_origin
 from lfcal.frames.positions import NamePattern, check_plan_shape
 from lfcal.frames.source import Frames
 from lfcal.frames.sources.base import FrameOptions, SourceKind
@@ -39,6 +40,7 @@ def open_frames(
     first: int | None = None,
     plan: ScanPlan | None = None,
     orientation: str = AS_IS,
+    origin: tuple[int, int] | None = None,
 ) -> Frames:
     """Open frames together with what is known of each.
 
@@ -77,6 +79,9 @@ def open_frames(
         What makes the frames upright (`lfcal.frames.orientation.ORIENTATIONS`), where the light in them shows which
         axis of a list's stage coordinates is which; ``"check"`` or ``"auto"``: it is not known, see
         `lfcal.frames.lists.lie`. Nothing is turned here: `lfcal.frames.oriented` does.
+    origin
+        Row and column, on the sensor as it is delivered, of the first pixel of frames that are a part of it (a camera's
+        region of interest); dark and white frames are of the same part, or of the whole sensor.
 
     What was guessed is in the metadata as ``notes``, a line each.
 
@@ -98,7 +103,23 @@ def open_frames(
     shape = None if plan_shape is None else check_plan_shape(plan_shape)
     if shape is None and plan is not None:
         shape = plan.shape[:3]
+    place = None if origin is None else check_origin(origin)
     options = FrameOptions(
-        manifest, pattern, order, shape, colour, dataset, nan, blank, skip_damaged, columns, first, plan, orientation
+        *(
+            manifest,
+            pattern,
+            order,
+            shape,
+            colour,
+            dataset,
+            nan,
+            blank,
+            skip_damaged,
+            columns,
+            first,
+            plan,
+            orientation,
+        ),
+        origin=place,
     )
     return next(kind for kind in SOURCES if kind.recognises(path)).open(path, options)

@@ -11,6 +11,7 @@ from typing import Any
 from lfcal.camera import ScanPlan
 from lfcal.checks import check_number
 from lfcal.errors import InputError
+from lfcal.frames.part import check_stated
 from lfcal.frames.source import FrameSource
 from lfcal.progress import Work, drain
 from lfcal.psf.assemble import iter_assemble
@@ -161,6 +162,7 @@ def iter_assemble_plan(
 
 def find_plan_cutout(source: FrameSource, plan: ScanPlan, settings: AssemblySettings) -> Cutout:
     """Return the cutout that ``settings`` ask for; raises `InputError` where a pedestal would stay in H, or lack."""
+    check_stated(source, plan.camera)
     outside = "zero" if settings.pad else "error"
     cutout = Cutout.for_plan(plan, interpolation=settings.interpolation, outside=outside)
     if settings.cutout is not None:

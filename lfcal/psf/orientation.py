@@ -68,7 +68,8 @@ class FoundOrientation:
     residual_px
         What the path leaves under the best orientation (pixels); NaN where it cannot be told.
     offset_px
-        How far the upright pattern lies from where the plan puts it, (rows, columns) in pixels.
+        How far the upright pattern lies from where the plan puts it, (rows, columns) in pixels. Where the orientation
+        cannot be told, but frames that are upright fit best, that of these; else NaN.
     frames
         Frames in which the pattern was found.
     reason
@@ -154,7 +155,9 @@ def orientation_of_path(
     if len(alike) > 1:
         name, reason = _by_place(alike, fits, slack, frame, plan.camera.sensor.shape)
     if not name:
-        return FoundOrientation(frames=len(path.indices), margin=fits[order[1]].misfit / best.misfit, reason=reason)
+        place = best.offset_px if order[0] == AS_IS else (math.nan, math.nan)
+        margin = fits[order[1]].misfit / best.misfit
+        return FoundOrientation(frames=len(path.indices), margin=margin, offset_px=place, reason=reason)
     rivals = [fits[other].misfit for other in order if other not in alike]
     cause, reason = _cause(name, path, expected, fits[name], frame, plan.camera.sensor.shape, slack)
     return FoundOrientation(

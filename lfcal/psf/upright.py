@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
 from lfcal.frames.orientation import AS_IS, AUTO, CHECK, ORIENTATIONS, Orientation, named_orientation
+from lfcal.frames.part import check_stated, part_refusal, smaller
 from lfcal.frames.source import FrameSource
 from lfcal.progress import Work
 from lfcal.psf.orientation import FoundOrientation, iter_find_orientation
 
-__all__ = ["AUTO", "CHECK", "check_found", "iter_upright"]
+__all__ = ["AUTO", "CHECK", "check_found", "check_place", "iter_upright"]
 
 
 def iter_upright(view: FrameSource, plan: ScanPlan, choice: str = CHECK) -> Work[tuple[Orientation, dict[str, Any]]]:
@@ -30,20 +32,66 @@ def iter_upright(view: FrameSource, plan: ScanPlan, choice: str = CHECK) -> Work
     Raises
     ------
     InputError
+        If the frames are a part of the sensor and it is not known which (their metadata or the light say so).
         With ``"check"``, if the frames certainly do not lie as the plan says; with ``"auto"``, if it cannot be told
         how they lie, or the scan and not the frames is turned.
     """
+    check_stated(view, plan.camera)
     if choice not in (CHECK, AUTO):
         turn = named_orientation(choice)
         record: dict[str, Any] = {"applied": turn.name, "found": None}
+        check_place(None, view, plan, turn)
     else:
         found = yield from iter_find_orientation(view, plan)
+        check_place(found, view, plan)
         check_found(found, choice)
         turn = ORIENTATIONS[found.name or AS_IS]
         record = {"applied": turn.name, "found": found.name or None, "cause": found.cause, "margin": found.margin}
         if not found.name or found.cause == "either":
             record["note"] = found.words
     return turn, {"orientation": record}
+
+
+def check_place(
+    found: FoundOrientation | None, view: FrameSource, plan: ScanPlan, turn: Orientation = ORIENTATIONS[AS_IS]
+) -> None:
+    """Raise `InputError` where frames are smaller than the sensor, and another part of it than was stated, or none was.
+
+    Parameters
+    ----------
+    found
+        How the path of the light lies; None: it was not looked for.
+    view
+        The frames, as delivered.
+    plan
+        Where the image should be, on the whole sensor.
+    turn
+        What makes the frames upright, where it was not looked for.
+    """
+    sensor, facts = plan.camera.sensor.shape, view.metadata
+    # channels have pixels of another size; a session, and who gives cutouts, knows their places
+    if "plan" in facts or "pixel_step" in facts:
+        return
+    seen = found is not None and found.name in ("", AS_IS) and math.isfinite(found.offset_px[0])
+    if "origin" not in facts:
+        if smaller(turn.shape(view.shape), plan.camera) and all(
+            view.info(k).origin == (0, 0) for k in range(len(view))
+        ):
+            place = [-n for n in found.offset_px] if seen and found is not None else None
+            raise part_refusal(view.shape, sensor, place, "as the place of the light says (to a few pixels)")
+        return
+    if found is None or found.name != AS_IS:
+        return
+    slack = max(2.0, 0.1 * max(plan.cutout), 2 * found.residual_px)
+    if math.hypot(*found.offset_px) > slack:
+        first = facts["origin"]
+        row, column = (round(a - b) for a, b in zip(first, found.offset_px, strict=True))
+        raise InputError.expected(
+            "origin of the frames (row, column)",
+            f"about {row},{column}, as the place of the light says",
+            f"{first[0]},{first[1]}",
+            "correct it (row first), or the plan's anchor",
+        )
 
 
 def check_found(found: FoundOrientation, choice: str) -> None:

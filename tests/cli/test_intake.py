@@ -223,20 +223,30 @@ def test_colour_pictures_tell_where_the_light_is(lfcal: Callable[..., Run], fold
     assert done.code == 0, done.err
 
 
-def test_frames_of_another_size_than_the_sensor_are_told(
+def test_frames_of_a_part_of_the_sensor_need_their_origin(
     lfcal: Callable[..., Run], folder: Path, tmp_path: Path
 ) -> None:
     frames, plan = tmp_path / "cut", tmp_path / "plan.json"
     frames.mkdir()
     for path in (folder / "tiffs").iterdir():
-        tifffile.imwrite(frames / path.name, tifffile.imread(path)[:-2, :-4])
-    done = lfcal(*of_positions(folder, folder / "stage.csv", frames), "-o", plan)
-    assert done.code == 0 and "the camera's sensor has" in done.err and "--frame FRAME" in done.err
+        tifffile.imwrite(frames / path.name, tifffile.imread(path)[5:-2, 6:])
+    words = of_positions(folder, folder / "stage.csv", frames)
+    done = lfcal(*words, "-o", plan)
+    assert done.code == 2 and not plan.exists()
+    assert "whole sensor, 40 x 48 px, got 33 x 42 px" in done.err and "--origin ROW,COLUMN" in done.err
+    done = lfcal(*words, "--origin", "5,9", "-o", plan)
+    assert done.code == 2 and "a place on the sensor of 40 x 48 px, got 5,9 for frames of 33 x 42 px" in done.err
+    assert lfcal(*words, "--origin", "five", "-o", plan).code == 2
+    done = lfcal(*words, "--origin", "5,6", "-o", plan)
+    assert done.code == 0 and "anchor: row 18, column 21" in done.err, done.err
     listed = ("--manifest", folder / "stage.csv", "--columns", "file=Bild", "--plan", plan, "--black-level", "100")
     done = lfcal("assemble", frames, *listed, "-o", tmp_path / "a.h5")
-    assert done.code == 0 and "the camera's sensor has" in done.err
-    done = lfcal("assemble", folder / "tiffs", *listed, "-o", tmp_path / "b.h5")
-    assert done.code == 0 and "the camera's sensor has" not in done.err
+    assert done.code == 2 and "first pixel is row 5, column 6" in done.err and "--origin 5,6" in done.err
+    done = lfcal("assemble", frames, *listed, "-o", tmp_path / "a.h5", "--origin", "5,6")
+    assert done.code == 0, done.err
+    assert lfcal("assemble", folder / "tiffs", *listed, "-o", tmp_path / "b.h5").code == 0
+    with open_psf(tmp_path / "a.h5") as part, open_psf(tmp_path / "b.h5") as whole:
+        np.testing.assert_array_equal(part[0], whole[0])
 
 
 def test_options_of_a_list_need_one(lfcal: Callable[..., Run], folder: Path) -> None:

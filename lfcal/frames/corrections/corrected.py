@@ -30,6 +30,11 @@ class CorrectedSource(SourceView):
         self.chain = chain
         # first and last frame stand for all: a session records either cutouts or whole frames
         cut = any(source.info(k).origin != (0, 0) for k in {0, len(source) - 1} if k >= 0 and len(source))
+        # a fixed part of the sensor, whose calibration frames are of the same part
+        part = source.metadata.get("origin")
+        self._first = (0, 0)
+        if part is not None and chain.shape in (None, source.shape):
+            cut, self._first = False, part
         if cut and chain.measures_frames:
             raise InputError.expected(
                 "background", "a constant for frames that are cutouts", "one measured on whole frames", "use a constant"
@@ -99,14 +104,14 @@ class CorrectedSource(SourceView):
             plane = self.chain.measure(lambda region: part[region], self.shape, exposure_s=info.exposure_s)
         values = self.chain.apply_region(
             part,
-            moved(grown, info.origin),
-            inside=moved(inside, info.origin),
+            self._placed(grown, info),
+            inside=self._placed(inside, info),
             exposure_s=info.exposure_s,
             background=plane,
         )
         if plane is None:
             plane = self.chain.measure(lambda _: part, self.shape, exposure_s=info.exposure_s)
-        middle = tuple((side.start + side.stop - 1) / 2 for side in moved(inside, info.origin))
+        middle = tuple((side.start + side.stop - 1) / 2 for side in self._placed(inside, info))
         return values, self.chain.level(plane, info.exposure_s, (middle[0], middle[1]))
 
     def _usable(
@@ -117,7 +122,7 @@ class CorrectedSource(SourceView):
             return None, raw.saturated
         valid = np.array(raw.valid)
         # a repaired pixel holds its neighbours' mean, so its own raw value no longer counts
-        repaired = self.chain.repaired(moved(grown, info.origin))
+        repaired = self.chain.repaired(self._placed(grown, info))
         valid[repaired[:, 0], repaired[:, 1]] = True
         bad = ~valid[part_of(inside, grown)]
         # what the mask excludes is not valid either, but says nothing of saturation
@@ -129,7 +134,11 @@ class CorrectedSource(SourceView):
         """Return the variance of corrected samples; ``level`` is the background that was taken off."""
         if noise is None:
             return None
-        return corrected_noise(noise, self.chain, moved(inside, info.origin), info.exposure_s, level)
+        return corrected_noise(noise, self.chain, self._placed(inside, info), info.exposure_s, level)
+
+    def _placed(self, region: Region, info: FrameInfo) -> Region:
+        """Return a region of a frame in the pixels of the calibration frames."""
+        return moved(region, (info.origin[0] - self._first[0], info.origin[1] - self._first[1]))
 
 
 def corrected(source: FrameSource, chain: CorrectionChain) -> CorrectedSource:

@@ -232,7 +232,7 @@ def build_chain(source: FrameSource, recipe: CorrectionRecipe) -> CorrectionChai
         from lfcal.frames.corrections.defect_search import find_defects
 
         # the search compares one place of the sensor over all frames; cutouts lie at different places
-        if any(source.info(k).origin != (0, 0) for k in range(len(source))):
+        if len({source.info(k).origin for k in range(len(source))}) > 1:
             raise InputError.expected(
                 "search for defect pixels", "whole sensor frames", "cutouts", "record whole frames for it"
             )

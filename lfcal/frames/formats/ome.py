@@ -9,6 +9,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from lfcal.frames.part import parse_roi
+
 __all__ = ["ome_facts"]
 
 LENGTHS = {"µm": 1.0, "μm": 1.0, "um": 1.0, "mm": 1e3, "nm": 1e-3, "m": 1e6, "cm": 1e4, "reference frame": 1.0}
@@ -45,7 +47,7 @@ def ome_facts(text: str, pages: int, *, name: str = "", samples: int = 1) -> dic
         ``stage_um`` ``(n, 3)`` as (x, y, z), NaN where an axis is not stated, and ``stage_pages``, the n pages (file,
         page) they belong to; ``stage_exposure_s`` ``(n,)``; ``exposure_s`` ``(pages,)`` in the order of the file;
         ``page_order``, the pages in the order of the planes, slowest axis first; ``scan_axes``, names and lengths of
-        these axes; ``order_notes``; ``pixel_um``.
+        these axes; ``order_notes``; ``pixel_um``; ``roi``, the region of the camera (column, row, width, height).
     """
     # entities are how a small XML becomes a large one; OME needs none
     if len(text) > MAX_CHARACTERS or re.search(r"<!(DOCTYPE|ENTITY)", text, re.IGNORECASE):
@@ -58,6 +60,8 @@ def ome_facts(text: str, pages: int, *, name: str = "", samples: int = 1) -> dic
     facts: dict[str, Any] = {}
     if images and (size := _value(images[0], "PhysicalSizeX", LENGTHS, "µm")) is not None and size > 0:
         facts["pixel_um"] = size
+    if (roi := _roi(root)) is not None:
+        facts["roi"] = roi
     try:
         planes = [_planes(pixels, samples) for pixels in images]
         _place(planes, images, _Files(root, images, name, pages))
@@ -182,6 +186,34 @@ def _of_pages(planes: list[_Planes], pages: int) -> dict[str, Any]:
     if timed and order == [("", k) for k in range(pages)]:
         facts["exposure_s"] = np.array(exposures, float)
     return facts
+
+
+def _roi(root: ElementTree.Element) -> tuple[int, int, int, int] | None:
+    """Return the region of the camera's sensor that the frames show, where a program kept it.
+
+    OME has no element for it: it is in annotations (``ROI``, as Micro-Manager calls it), or a rectangle as large as the
+    frames that does not begin at their first pixel, so that it cannot lie in them.
+    """
+    for entry in root.iter():
+        name = entry.tag.rpartition("}")[2]
+        if name == "OriginalMetadata":
+            key, value = (entry.findtext(f"{{*}}{part}", "") for part in ("Key", "Value"))
+        elif name == "M":
+            key, value = entry.get("K", ""), entry.text or ""
+        else:
+            continue
+        if key.strip().upper() == "ROI" and (roi := parse_roi(value)) is not None:
+            return roi
+    pixels = root.find("{*}Image/{*}Pixels")
+    for box in root.findall("{*}ROI/{*}Union/{*}Rectangle") if pixels is not None else ():
+        try:
+            x, y, width, height = (float(box.get(key, "")) for key in ("X", "Y", "Width", "Height"))
+            size = (int(pixels.get("SizeX", "0")), int(pixels.get("SizeY", "0")))  # type: ignore[union-attr]
+        except ValueError:
+            continue
+        if (width, height) == size and min(x, y) >= 0 and max(x, y) > 0 and x.is_integer() and y.is_integer():
+            return int(x), int(y), *size
+    return None
 
 
 def _modulo(root: ElementTree.Element) -> dict[str, tuple[str, int]]:

@@ -17,6 +17,7 @@ from lfcal.frames.formats.image_file import Format, ImageFile, check_declared, c
 from lfcal.frames.formats.ome import ome_facts
 from lfcal.frames.formats.raw import RawImage
 from lfcal.frames.formats.sensor_tags import CFA, LINEAR, needs_raw_reader, sensor_facts
+from lfcal.frames.part import parse_roi
 from lfcal.frames.regions import check_region
 
 __all__ = ["TiffImage", "count_pages"]
@@ -149,6 +150,10 @@ class TiffImage(ImageFile):
             known |= ome_facts(text, self.pages, name=self.path.name, samples=self._samples)
         elif axes := self._scan_axes():
             known["scan_axes"] = axes
+        # Micro-Manager keeps its own metadata with every page
+        own = page.tags.get(51123)
+        if own is not None and isinstance(own.value, dict) and (roi := parse_roi(own.value.get("ROI"))):
+            known["roi"] = roi
         self.metadata = known
 
     def _codec(self, page: Any) -> str:

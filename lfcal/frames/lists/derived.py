@@ -15,7 +15,7 @@ from lfcal.frames.lists.columns import LENGTHS
 from lfcal.frames.lists.depths import Planes, find_depths, with_depths
 from lfcal.frames.lists.grid import PlaneGrid, ScanGrid
 from lfcal.frames.lists.listing import Listing
-from lfcal.frames.lists.motion import Motion
+from lfcal.frames.lists.motion import Motion, Part
 from lfcal.frames.lists.placing import AXES, READ, anchor_of, grid_of, light_of, place
 from lfcal.frames.lists.step_error import step_error, step_size
 from lfcal.frames.orientation import ORIENTATIONS
@@ -30,6 +30,7 @@ def plan_of_list(
     read: READ | None = None,
     stage: StageAxes | None = None,
     depths_um: tuple[float, ...] | None = None,
+    part: Part | None = None,
     **settings: Any,
 ) -> tuple[ScanPlan, tuple[str, ...]]:
     """Return the plan whose positions are the places of a list, and what was found for it, a line each.
@@ -51,6 +52,8 @@ def plan_of_list(
         Axes as they are known; only their senses where the light tells the rest.
     depths_um
         Planes from the nearest to the farthest, where they are known better.
+    part
+        Where frames that are a part of the sensor lie on it; None: they are whole.
     settings
         What else `ScanPlan.for_camera` takes: cutout, anchor, order …
 
@@ -69,6 +72,8 @@ def plan_of_list(
     said = stage or StageAxes()
     grid, lateral = grid_of(listing, said)
     light = None if read is None else light_of(grid, read)
+    if light is not None and part is not None:
+        light = light.on_sensor(part, camera.sensor.shape)
     _check_lie(light, camera)
     unit, unit_notes = _unit_of(listing, grid, camera)
     factor = LENGTHS[unit]

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from lfcal.camera import ScanPlan
 from lfcal.errors import FileFormatError, InputError
 from lfcal.frames.lists.listing import Listing
+from lfcal.frames.lists.motion import Part
 from lfcal.frames.lists.names import find_files
 from lfcal.frames.lists.placing import READ, place
 from lfcal.frames.manifest import FrameEntry, Manifest
@@ -61,6 +62,7 @@ def manifest_of(
     first: int | None = None,
     read: READ | None = None,
     lie: str = "",
+    part: Part | None = None,
 ) -> tuple[Manifest, tuple[str, ...]]:
     """Return the manifest of a list whose files are found, and notes on what was found.
 
@@ -76,7 +78,7 @@ def manifest_of(
         Number of the first position where the list counts them; None: found.
     read
         Returns the frame of a row, for `lfcal.frames.lists.placing.place`.
-    lie
+    lie, part
         As there.
 
     Raises
@@ -95,7 +97,7 @@ def manifest_of(
             "none",
             "name it with --plan, or make it with lfcal plan CAMERA --positions LIST",
         )
-    found = place(listing, plan, read, lie)
+    found = place(listing, plan, read, lie, part)
     drift = found.drift if listing.drift is None else found.drift + listing.drift
     return _manifest(listing, found.positions, drift, plan), (*listing.notes, *found.notes)
 

@@ -43,6 +43,8 @@ class Listing:
         What was guessed, a line each.
     counted
         Whether z are numbers of planes while x and y are stage coordinates.
+    roi
+        Region of the camera's sensor that the frames show (column, row, width, height), where the list says so.
     """
 
     name: str
@@ -54,6 +56,7 @@ class Listing:
     drift: NDArray[np.float64] | None = None
     notes: tuple[str, ...] = ()
     counted: bool = False
+    roi: tuple[int, int, int, int] | None = None
 
     def __len__(self) -> int:
         """Return the number of frames."""

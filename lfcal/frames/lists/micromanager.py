@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 from lfcal.errors import FileFormatError
 from lfcal.files import read_text
 from lfcal.frames.lists.listing import Listing
+from lfcal.frames.part import parse_roi
 from lfcal.plain import parse_json
 
 __all__ = ["micromanager_list", "read_micromanager"]
@@ -30,7 +32,7 @@ def read_micromanager(path: Path) -> tuple[Listing, dict[str, Any]]:
 
     Versions 1.4 (``FrameKey-…``) and 2.0 (``Metadata-…``): ``XPositionUm``, ``YPositionUm``, ``ZPositionUm``,
     ``Exposure-ms``, ``FileName``. Facts: ``pixel_um`` (``PixelSizeUm``, in object space), ``bit_depth`` and
-    ``saturation``.
+    ``saturation``, and ``roi`` (``ROI``, the region of the camera as column, row, width and height).
 
     Raises
     ------
@@ -57,7 +59,9 @@ def read_micromanager(path: Path) -> tuple[Listing, dict[str, Any]]:
         facts["pixel_um"] = size
     if bits and 1 <= bits <= 16:
         facts |= {"bit_depth": int(bits), "saturation": float((1 << int(bits)) - 1)}
-    return listing, facts
+    if (roi := parse_roi(entries[0].get("ROI"))) is not None:
+        facts["roi"] = roi
+    return replace(listing, roi=roi), facts
 
 
 _PLACES = ("XPositionUm", "YPositionUm", "ZPositionUm")

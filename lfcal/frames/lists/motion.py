@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.errors import FileFormatError, StorageError
+from lfcal.frames.orientation import AS_IS, named_orientation
 
-__all__ = ["Motion", "image_motion", "spread_out"]
+__all__ = ["Motion", "Part", "image_motion", "spread_out"]
 
 SAMPLED = 16
 """Frames that are read."""
@@ -52,6 +53,22 @@ class Motion:
             return None
         sense = [int(np.sign(self.matrix[row, axis])) for row, axis in enumerate(order)]
         return (order[0], sense[0]), (order[1], sense[1])
+
+    def on_sensor(self, part: Part, sensor: tuple[int, int]) -> Motion:
+        """Return the motion on a ``sensor`` of which the frames, as they were made upright, are a part."""
+        turn = named_orientation(part.turn)
+        first = np.array(part.origin)
+        last = first + turn.inverse.shape(self.shape) - 1
+        by = turn.places([first, last], turn.inverse.shape(sensor)).min(axis=0)
+        start, middle = (float(self.start[0] + by[0]), float(self.start[1] + by[1])), self.middle + by
+        return replace(self, start=start, middle=(float(middle[0]), float(middle[1])), shape=sensor)
+
+
+class Part(NamedTuple):
+    """Row and column on the sensor, as delivered, of the first pixel of frames; and what makes these upright."""
+
+    origin: tuple[int, int]
+    turn: str = AS_IS
 
 
 def spread_out(index: NDArray[np.intp], count: int = SAMPLED) -> NDArray[np.intp]:

@@ -16,10 +16,11 @@ from lfcal.frames.lists.entries import located, manifest_of
 from lfcal.frames.lists.lie import AUTO, CHECK
 from lfcal.frames.lists.listing import LONGEST_S, Listing, read_listing
 from lfcal.frames.lists.micromanager import read_micromanager
+from lfcal.frames.lists.motion import Part
 from lfcal.frames.lists.table import TABLE_SUFFIXES
 from lfcal.frames.manifest import COLUMNS, Manifest
 from lfcal.frames.manifest_file import read_manifest
-from lfcal.frames.orientation import Orientation, named_orientation
+from lfcal.frames.orientation import AS_IS, Orientation, named_orientation
 from lfcal.frames.sources.base import FrameOptions
 
 __all__ = ["any_listing", "from_micromanager", "from_stage", "is_plain", "manifest_from", "reader", "sample_of"]
@@ -115,11 +116,12 @@ def _placed(listing: Listing, root: Path, options: FrameOptions) -> tuple[Manife
         first=options.first,
         read=reader(listing, root, options.colour, turn),
         lie=lie,
+        part=None if options.origin is None else Part(options.origin, AS_IS if turn is None else turn.name),
     )
 
 
-def sample_of(listing: Listing, root: Path) -> tuple[tuple[int, int], str | None]:
-    """Return the shape of the first frame of a list, and the component that is looked at of colour pictures."""
+def sample_of(listing: Listing, root: Path) -> tuple[tuple[int, int], str | None, Any]:
+    """Return the shape of a list's first frame, the component looked at of colour pictures, and the camera's region."""
     path = root / listing.files[0]
     colour = None
     try:
@@ -129,7 +131,7 @@ def sample_of(listing: Listing, root: Path) -> tuple[tuple[int, int], str | None
         # grey frames that are damaged fail again, with the same words
         image = open_image(path, colour=colour)
     image.close()
-    return image.shape, colour
+    return image.shape, colour, image.metadata.get("roi") or listing.roi
 
 
 def reader(listing: Listing, root: Path, colour: str | None = None, turn: Orientation | None = None) -> Any:

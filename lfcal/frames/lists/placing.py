@@ -17,7 +17,7 @@ from lfcal.frames.lists.depths import LEAST, MOST, with_depths
 from lfcal.frames.lists.grid import ScanGrid, find_grid
 from lfcal.frames.lists.lie import Lie, stage_and_lie
 from lfcal.frames.lists.listing import Listing
-from lfcal.frames.lists.motion import Motion, image_motion, spread_out
+from lfcal.frames.lists.motion import Motion, Part, image_motion, spread_out
 from lfcal.frames.orientation import AS_IS
 
 __all__ = ["Placing", "anchor_of", "grid_of", "light_of", "place"]
@@ -63,7 +63,9 @@ class Placing:
     scales: tuple[str, ...] = ()
 
 
-def place(listing: Listing, plan: ScanPlan, read: READ | None = None, lie: str = "") -> Placing:
+def place(
+    listing: Listing, plan: ScanPlan, read: READ | None = None, lie: str = "", part: Part | None = None
+) -> Placing:
     """Return position and drift of each frame by its stage coordinates.
 
     Unit, offset, scale and small rotations of the coordinates are found, and which axis is which and its sense: from
@@ -82,6 +84,8 @@ def place(listing: Listing, plan: ScanPlan, read: READ | None = None, lie: str =
     lie
         ``"check"`` or ``"auto"``: frames may be flipped or turned, and axes that only such frames have are not taken
         for the stage's (`lfcal.frames.lists.lie`); else they are upright as ``read`` returns them.
+    part
+        Where frames that are a part of the sensor lie on it; None: they are whole.
 
     Raises
     ------
@@ -93,6 +97,8 @@ def place(listing: Listing, plan: ScanPlan, read: READ | None = None, lie: str =
         listing = with_depths(listing, plan.depths_um, plan.stage)
     grid, lateral = grid_of(listing, plan.stage, planes=plan.shape[0])
     light = None if read is None else light_of(grid, read)
+    if light is not None and part is not None:
+        light = light.on_sensor(part, plan.camera.sensor.shape)
     seen = None if light is None or light.axes() is None else light
     turns = [s for s in _turns(grid, plan, lateral) if not numbered or s.away == plan.stage.away]
     reading = None if seen is None else stage_and_lie(turns, seen, plan, lateral, lie)

@@ -34,6 +34,7 @@ class FrameOptions:
     first: int | None = None
     plan: ScanPlan | None = None
     orientation: str = AS_IS
+    origin: tuple[int, int] | None = None
 
     def refuse(self, what: str, *accepted: str) -> None:
         """Raise `InputError` for the first option that is set and that source ``what`` has no use for."""

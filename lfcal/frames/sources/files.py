@@ -48,6 +48,7 @@ def open_files(path: Path, options: FrameOptions) -> FolderSource:
         skip_damaged=options.skip_damaged,
         notes=(*notes, *_pixel_notes(options, facts)),
         facts=facts,
+        origin=options.origin,
     )
 
 

@@ -20,6 +20,7 @@ from lfcal.frames.damage import named
 from lfcal.frames.formats.image_file import ImageFile
 from lfcal.frames.formats.opening import open_image
 from lfcal.frames.manifest import FrameEntry, Manifest, resolve_inside
+from lfcal.frames.part import stated_origin
 from lfcal.frames.regions import Region, check_region
 from lfcal.frames.source import FrameInfo, Frames, check_index, check_mask
 
@@ -107,6 +108,8 @@ class FolderSource(Frames):
         Take shape and dtype from the first frame that can be read.
     notes, facts
         What was guessed of the frames, and what is known of all of them from beside them; in the metadata.
+    origin
+        As in `lfcal.frames.open_frames`; in the metadata too.
 
     Raises
     ------
@@ -133,6 +136,7 @@ class FolderSource(Frames):
         skip_damaged: bool = False,
         notes: tuple[str, ...] = (),
         facts: Mapping[str, Any] | None = None,
+        origin: tuple[int, int] | None = None,
     ) -> None:
         check_choice("NaN in frames", nan, ("reject", "mask"))
         check_choice("blank frames", blank, ("reject", "accept"))
@@ -150,6 +154,15 @@ class FolderSource(Frames):
         self._finalizer = weakref.finalize(self, _close_all, self._open)
         self._shape, self._dtype, self._metadata = self._first_look() if skip_damaged else self._look()
         self._metadata |= facts or {}
+        self._origin = origin or (0, 0)
+        stated = stated_origin(self._metadata.pop("roi", None), self._shape)
+        if origin is not None:
+            self._metadata["origin"] = origin
+            if stated not in (None, origin):
+                words = f"the frames' metadata say {stated[0]},{stated[1]}; {origin[0]},{origin[1]} is taken as stated"
+                notes = (*notes, f"first pixel on the sensor: {words}")
+        elif stated is not None:
+            self._metadata["stated_origin"] = stated
         if notes:
             self._metadata["notes"] = notes
         mask = self._metadata.pop("mask", None)
@@ -241,7 +254,7 @@ class FolderSource(Frames):
         entry = self.manifest.entries[check_index(index, len(self))]
         label = f"{entry.file} page {entry.page}" if entry.file in self._many else entry.file
         return FrameInfo(
-            (entry.position,), (0, 0), entry.exposure_s, (entry.dy, entry.dx), label=label, mask=self._mask
+            (entry.position,), self._origin, entry.exposure_s, (entry.dy, entry.dx), label=label, mask=self._mask
         )
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:

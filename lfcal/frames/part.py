@@ -1,0 +1,117 @@
+"""Frames that are a part of the sensor: where they lie on it, as their metadata or the light in them say."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
+
+from lfcal.checks import check_tuple
+from lfcal.errors import InputError
+
+if TYPE_CHECKING:
+    from lfcal.camera import Camera
+    from lfcal.frames.source import FrameSource
+
+__all__ = [
+    "binned",
+    "check_inside",
+    "check_origin",
+    "check_stated",
+    "parse_roi",
+    "part_refusal",
+    "smaller",
+    "stated_origin",
+]
+
+Place = tuple[int, int]
+
+
+def check_origin(origin: Sequence[int]) -> Place:
+    """Return row and column of a first pixel on the sensor, checked.
+
+    Raises
+    ------
+    InputError
+        Unless it is two whole numbers that are not negative.
+    """
+    row, column = check_tuple("origin of the frames (row, column)", origin, 2, at_least=0, integer=True)
+    return int(row), int(column)
+
+
+def parse_roi(value: Any) -> tuple[int, int, int, int] | None:
+    """Return column, row, width and height of a camera's region as programs write it, ``"8-5-80-78"`` or four numbers.
+
+    None where it is of another form.
+    """
+    parts: Iterable[Any] = value if isinstance(value, list | tuple) else re.split(r"[-,; ]+", str(value).strip(" []()"))
+    try:
+        numbers = [int(part) for part in parts]
+    except (TypeError, ValueError):
+        return None
+    if len(numbers) != 4 or min(numbers) < 0:
+        return None
+    column, row, width, height = numbers
+    return column, row, width, height
+
+
+def stated_origin(roi: tuple[int, int, int, int] | None, shape: Place) -> Place | None:
+    """Return row and column of a region of a camera that has the ``shape`` of the frames; None where it has another."""
+    if roi is None or (roi[3], roi[2]) != shape:
+        return None
+    return roi[1], roi[0]
+
+
+def binned(sensor: Place, shape: Place) -> int:
+    """Return how many pixels of the sensor are joined along each side in frames of ``shape``; 0 where none are."""
+    for times in range(2, 9):
+        if all(side // times <= length <= -(-side // times) for side, length in zip(sensor, shape, strict=True)):
+            return times
+    return 0
+
+
+def smaller(shape: Place, camera: Camera) -> bool:
+    """Return whether frames of ``shape`` are a part of the camera's sensor, whose size is stated."""
+    sensor = camera.sensor.shape
+    if shape == sensor or binned(sensor, shape) or camera.marks["sensor.shape"] == "assumed":
+        return False
+    return all(n <= m for n, m in zip(shape, sensor, strict=True))
+
+
+def check_inside(origin: Place, shape: Place, sensor: Place) -> None:
+    """Raise `InputError` unless frames of ``shape`` lie within the sensor, upright or on its side."""
+    if any(all(o + n <= size for o, n, size in zip(origin, shape, one, strict=True)) for one in (sensor, sensor[::-1])):
+        return
+    raise InputError.expected(
+        "origin of the frames (row, column)",
+        f"a place on the sensor of {sensor[0]} x {sensor[1]} px",
+        f"{origin[0]},{origin[1]} for frames of {shape[0]} x {shape[1]} px",
+        "correct it, or the camera's sensor",
+    )
+
+
+def check_stated(source: FrameSource, camera: Camera) -> None:
+    """Raise `InputError` where frames lie beyond the sensor, or their metadata say that they are a part of it."""
+    facts = source.metadata
+    if "pixel_step" in facts:  # one colour of a mosaic has fewer pixels than the sensor
+        return
+    if "origin" in facts:
+        check_inside(facts["origin"], source.shape, camera.sensor.shape)
+    elif (stated := facts.get("stated_origin")) is not None and smaller(source.shape, camera):
+        raise part_refusal(source.shape, camera.sensor.shape, stated, "as their metadata say")
+
+
+def part_refusal(shape: Place, sensor: Place, origin: Sequence[float] | None, why: str) -> InputError:
+    """Return the error for frames that are a part of the sensor without a stated place; ``origin`` as far as known."""
+    got, words = f"{shape[0]} x {shape[1]} px", "ROW,COLUMN"
+    if origin is not None:
+        row, column = (max(0, math.floor(n + 0.5)) for n in origin)
+        got, words = f"{got} whose first pixel is row {row}, column {column} of it, {why}", f"{row},{column}"
+    return InputError.expected(
+        "frames",
+        f"the camera's whole sensor, {sensor[0]} x {sensor[1]} px",
+        got,
+        f"state the sensor row and column of their first pixel with --origin {words}; if the sensor is as small, "
+        "correct its size with lfcal camera import CAMERA --frame FRAME",
+    )

@@ -1,0 +1,222 @@
+"""Frames that are a part of the sensor: their place by metadata, by the light, as stated, and in all views."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+
+from lfcal.camera import ScanPlan
+from lfcal.errors import InputError
+from lfcal.frames import (
+    ArraySource,
+    CorrectionRecipe,
+    balanced_source,
+    channel_source,
+    corrected_view,
+    open_frames,
+    open_image,
+)
+from lfcal.frames.described import DescribedSource
+from lfcal.frames.part import binned, parse_roi, smaller, stated_origin
+from lfcal.progress import drain
+from lfcal.psf import assemble_plan
+from lfcal.psf.orientation import FoundOrientation
+from lfcal.psf.upright import check_place, iter_upright
+from tests.frames.lists.scans import COLUMNS, ROWS, START, frame, small_camera
+from tests.frames.lists.test_ome_order import header
+from tests.frames.scenes import session
+
+PLAN = ScanPlan(small_camera(), (ROWS, COLUMNS), (9, 11), (-40e3, 10e3), START)
+ORIGIN = (5, 6)
+
+
+@pytest.mark.parametrize(
+    ("value", "wanted"),
+    [
+        ("8-5-80-78", (8, 5, 80, 78)),
+        ("[8, 5, 80, 78]", (8, 5, 80, 78)),
+        ([8, 5, 80, 78], (8, 5, 80, 78)),
+        ("0-0-512", None),
+        ("a-b-c-d", None),
+        (None, None),
+        (17, None),
+        ([8, 5, 80, -78], None),
+    ],
+)
+def test_regions_as_programs_write_them(value: Any, wanted: Any) -> None:
+    assert parse_roi(value) == wanted
+
+
+def test_a_region_of_another_size_is_not_that_of_the_frames() -> None:
+    assert stated_origin((8, 5, 78, 80), (80, 78)) == (5, 8)
+    assert stated_origin((8, 5, 80, 78), (80, 78)) is None and stated_origin(None, (80, 78)) is None
+
+
+def test_binned_frames_and_assumed_sensors_are_no_part() -> None:
+    camera = small_camera()
+    assert binned((40, 48), (20, 24)) == 2 and binned((40, 48), (38, 44)) == 0
+    assert smaller((38, 44), camera) and not smaller((40, 48), camera) and not smaller((20, 24), camera)
+    assert not smaller((41, 44), camera)
+    assumed = replace(camera, marks=camera.marks.marked(["sensor.shape"], "assumed"))
+    assert not smaller((38, 44), assumed)
+
+
+def write_part(folder: Path, origin: tuple[int, int] = ORIGIN, shape: tuple[int, int] = (33, 42), **how: Any) -> None:
+    """Write the part of each frame of a scan that begins at ``origin``."""
+    folder.mkdir(exist_ok=True)
+    part = tuple(slice(o, o + n) for o, n in zip(origin, shape, strict=True))
+    for z, y, x in np.ndindex(2, ROWS, COLUMNS):
+        image = frame((y, x), seed=int(100 * z + 10 * y + x))[part]
+        tifffile.imwrite(folder / f"z{z}_y{y}_x{x}.tif", image, photometric="minisblack", metadata=None, **how)
+
+
+def opened(folder: Path, **how: Any) -> Any:
+    return open_frames(folder, pattern="z{z}_y{y}_x{x}.tif", plan=PLAN, **how)
+
+
+def annotated(inner: str) -> str:
+    return header("XYCZT", (1, 1, 1), "", shape=(33, 42)).replace("</OME>", f"{inner}</OME>")
+
+
+MAP = (
+    '<StructuredAnnotations><MapAnnotation><Value><M K="ROI">6-5-42-33</M></Value></MapAnnotation>'
+    "</StructuredAnnotations>"
+)
+ORIGINAL = (
+    "<StructuredAnnotations><XMLAnnotation><Value><OriginalMetadata><Key>ROI</Key><Value>6-5-42-33</Value>"
+    "</OriginalMetadata></Value></XMLAnnotation></StructuredAnnotations>"
+)
+BOX = '<ROI ID="ROI:0"><Union><Rectangle ID="Shape:0" X="{}" Y="{}" Width="{}" Height="{}"/></Union></ROI>'
+WITHIN = BOX.format(6, 5, 20, 20) + BOX.format(0, 0, 42, 33)
+
+
+@pytest.mark.parametrize(
+    ("inner", "wanted"),
+    [(MAP, (6, 5, 42, 33)), (ORIGINAL, (6, 5, 42, 33)), (BOX.format(6, 5, 42, 33), (6, 5, 42, 33)), (WITHIN, None)],
+)
+def test_the_region_that_ome_metadata_keep(tmp_path: Path, inner: str, wanted: Any) -> None:
+    image = frame((0, 0))[5:38, 6:48]
+    about = annotated(inner).encode()
+    tifffile.imwrite(tmp_path / "a.ome.tif", image, photometric="minisblack", metadata=None, description=about)
+    found = open_image(tmp_path / "a.ome.tif")
+    assert found.metadata.get("roi") == wanted
+    found.close()
+
+
+def test_metadata_that_state_the_part_refuse_a_plan_of_the_whole(tmp_path: Path) -> None:
+    """Micro-Manager keeps the region with every page; Python's way is held to it, too."""
+    tag = (51123, "s", 0, json.dumps({"ROI": "6-5-42-33", "BitDepth": 12}), True)
+    write_part(tmp_path / "f", extratags=[tag])
+    with opened(tmp_path / "f") as source:
+        assert source.metadata["stated_origin"] == ORIGIN
+        with pytest.raises(InputError, match=r"first pixel is row 5, column 6 of it, as their metadata say; state"):
+            assemble_plan(source, PLAN)
+    with opened(tmp_path / "f", origin=(5, 7)) as source:
+        assert "the frames' metadata say 5,6; 5,7 is taken as stated" in source.metadata["notes"][-1]
+
+
+def test_a_folder_of_micro_manager_states_the_part(tmp_path: Path) -> None:
+    body = {}
+    for k, (y, x) in enumerate(np.ndindex(ROWS, COLUMNS)):
+        tifffile.imwrite(tmp_path / f"img{k}.tif", frame((y, x), seed=k)[5:38, 6:48])
+        step = small_camera().step_um(-40e3)
+        body[f"FrameKey-{k}-0-0"] = {
+            **{"FileName": f"img{k}.tif", "ROI": "6-5-42-33"},
+            **{"XPositionUm": step * x, "YPositionUm": step * y, "ZPositionUm": 0},
+        }
+    (tmp_path / "metadata.txt").write_text(json.dumps(body))
+    with open_frames(tmp_path, plan=replace(PLAN, depths_um=(-40e3,), exposure_s=0.02)) as source:
+        assert source.metadata["stated_origin"] == ORIGIN
+
+
+def test_the_light_tells_the_part_and_what_was_stated_wrongly(tmp_path: Path) -> None:
+    write_part(tmp_path / "f")
+    with opened(tmp_path / "f") as source:
+        with pytest.raises(InputError, match=r"row 5, column 6 of it, as the place of the light says .* --origin 5,6"):
+            drain(iter_upright(source, PLAN))
+        # an orientation that is stated is not looked for in the light, and the place is missing all the same
+        with pytest.raises(InputError, match=r"got 33 x 42 px; state .* --origin ROW,COLUMN"):
+            drain(iter_upright(source, PLAN, "as-is"))
+    with opened(tmp_path / "f", origin=(1, 6)) as source:
+        found = FoundOrientation("as is", residual_px=0.1, offset_px=(-4.2, 0.1))
+        with pytest.raises(InputError, match="expected about 5,6, as the place of the light says, got 1,6; correct it"):
+            check_place(found, source, PLAN)
+        check_place(replace(found, offset_px=(1.0, 0.5)), source, PLAN)
+    with opened(tmp_path / "f", origin=(8, 8)) as source:
+        with pytest.raises(InputError, match="a place on the sensor of 40 x 48 px, got 8,8 for frames of 33 x 42 px"):
+            assemble_plan(source, PLAN)
+
+
+def test_h_of_a_part_is_that_of_the_whole_frames(tmp_path: Path) -> None:
+    """Dark and background of the part, or a dark frame of the whole sensor."""
+    write_part(tmp_path / "part")
+    write_part(tmp_path / "whole", (0, 0), (40, 48))
+    dark = np.random.default_rng(4).integers(80, 120, (40, 48)).astype(np.uint16)
+    tifffile.imwrite(tmp_path / "dark.tif", dark)
+    tifffile.imwrite(tmp_path / "dark_part.tif", dark[5:38, 6:48])
+    with opened(tmp_path / "whole") as source:
+        wanted = assemble_plan(corrected_view(source, CorrectionRecipe(dark=str(tmp_path / "dark.tif")), PLAN), PLAN)
+    for name in ("dark.tif", "dark_part.tif"):
+        with opened(tmp_path / "part", origin=ORIGIN) as source:
+            view = corrected_view(source, CorrectionRecipe(dark=str(tmp_path / name)), PLAN)
+            assert view.info(0).origin == ORIGIN
+            turn, _ = drain(iter_upright(view, PLAN))
+            assert turn.name == "as is"
+            report = assemble_plan(view, PLAN)
+        np.testing.assert_array_equal(report.matrix[:], wanted.matrix[:])
+    with opened(tmp_path / "part", origin=ORIGIN) as source:
+        recipe = CorrectionRecipe(dark=str(tmp_path / "dark_part.tif"), background="border", defects=True)
+        assemble_plan(corrected_view(source, recipe, PLAN), PLAN)
+    with opened(tmp_path / "part", origin=ORIGIN) as source:
+        recipe = CorrectionRecipe(dark=str(tmp_path / "dark.tif"), background="border")
+        with pytest.raises(InputError, match="a constant for frames that are cutouts"):
+            corrected_view(source, recipe, PLAN)
+
+
+def test_a_mirrored_part_lies_where_its_mirror_image_does(tmp_path: Path) -> None:
+    write_part(tmp_path / "f", (5, 0), (33, 42))
+    for path in (tmp_path / "f").iterdir():
+        tifffile.imwrite(path, tifffile.imread(path)[:, ::-1].copy())
+    from lfcal.frames import named_orientation, oriented
+
+    with opened(tmp_path / "f", origin=(5, 6)) as source:
+        upright = oriented(source, named_orientation("mirror-x"), PLAN.camera.sensor.shape)
+        assert upright.info(0).origin == (5, 0)
+        np.testing.assert_array_equal(upright.read(0), frame((0, 0), seed=0)[5:38, :42])
+
+
+def test_colours_of_a_part_begin_with_its_first_pixel(tmp_path: Path) -> None:
+    camera = replace(PLAN.camera, sensor=replace(PLAN.camera.sensor, cfa="RGGB"))
+    plan = replace(PLAN, camera=camera)
+    write_part(tmp_path / "f", (5, 6))
+    with opened(tmp_path / "f", origin=(5, 6)) as source:
+        described = DescribedSource(source, plan)
+        assert described.metadata["cfa"] == "GBRG"
+        with pytest.raises(InputError, match="a part from the first pixel of a colour pattern"):
+            channel_source(described, "R").info(0)
+    mosaic = session((1, 6, 8))
+    gains = (1.0, 2.0, 3.0, 4.0)
+    facts = {"cfa": "GBRG", "origin": (5, 6)}
+    part = ArraySource(mosaic, [(0, 0, 0)], origins=[(5, 6)], metadata=facts)
+    plain = ArraySource(mosaic, [(0, 0, 0)], metadata={"cfa": "GBRG"})
+    np.testing.assert_array_equal(balanced_source(part, gains).read(0), balanced_source(plain, gains).read(0))
+    even = ArraySource(mosaic, [(0, 0, 0)], origins=[(4, 6)], metadata={"cfa": "RGGB", "origin": (4, 6)})
+    red = channel_source(even, "R")
+    assert red.info(0).origin == (2, 3) and red.metadata["origin"] == (2, 3)
+    np.testing.assert_array_equal(red.read(0), mosaic[0, ::2, ::2])
+
+
+def test_origins_that_are_none(tmp_path: Path) -> None:
+    write_part(tmp_path / "f")
+    for wrong in ((-1, 0), (1.5, 0), (1,)):
+        with pytest.raises(InputError, match="origin of the frames"):
+            opened(tmp_path / "f", origin=wrong)
+    (tmp_path / "plan.json").write_text(PLAN.to_json())
+    with pytest.raises(InputError, match="no option 'origin'"):
+        open_frames(tmp_path / "plan.json", origin=(1, 2))
