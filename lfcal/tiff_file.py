@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import io
 import os
-from typing import Any
-
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Any
 
 from lfcal.files import replace_whole
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 __all__ = ["write_tiff"]
 
