@@ -13,7 +13,7 @@ import typer
 
 from lfcal.cli.channels import Part, open_colour, parts_of
 from lfcal.cli.completing import complete_orientation
-from lfcal.cli.listed import ColumnsOption, OriginOption, parse_origin, report_notes, tell_size
+from lfcal.cli.listed import ColumnsOption, OriginOption, report_notes, tell_size
 from lfcal.cli.options import (
     CompressionOption,
     ExecutorOption,
@@ -142,7 +142,7 @@ def command(
     from lfcal.cli.target_frames import refuse_options, wanted_target
     from lfcal.frames import CorrectionRecipe
     from lfcal.frames.aligned import chosen_shift
-    from lfcal.frames.part import smaller
+    from lfcal.frames.part import parse_origin, smaller
     from lfcal.psf.assemble_plan import AssemblySettings
 
     check_choice(orientation)

@@ -10,12 +10,14 @@ import typer
 from lfcal.cli.cameras import load_camera
 from lfcal.cli.colour_planes import read_white
 from lfcal.cli.console import print_json, print_table, report
+from lfcal.cli.listed import OriginOption
 from lfcal.cli.options import CameraArgument, ForceOption, JsonOption, WorkersOption
 from lfcal.cli.outputs import check_output
 from lfcal.errors import InputError
 from lfcal.files import replace_whole
 
 if TYPE_CHECKING:
+    from lfcal.frames.white_orientation import TurnedWhite
     from lfcal.lattice.camera_check import CameraCheck
 
 __all__ = ["register"]
@@ -28,12 +30,18 @@ def register(app: typer.Typer) -> None:
 
 def command(
     camera: CameraArgument,
-    white: Path = typer.Argument(..., help="White image: TIFF, PNG, NPY or camera RAW."),
+    white: Path = typer.Argument(
+        ..., help="White image: TIFF, PNG, NPY or camera RAW; or a folder of them to average."
+    ),
     *,
-    dark: Path | None = typer.Option(None, help="Dark frame, subtracted."),
+    dark: Path | None = typer.Option(None, help="Dark frame, or a folder of them to average; subtracted."),
     channel: str = typer.Option(
         "", help="Of a colour image: R, G or B; of a mosaic the mean of its colours by default."
     ),
+    orientation: str = typer.Option(
+        "as-is", "--orientation", help="What makes the white image upright, as of lfcal assemble."
+    ),
+    origin: OriginOption = "",
     out: Path | None = typer.Option(None, "-o", "--out", help="Write the camera with the measured lattice as JSON."),
     anyway: bool = typer.Option(False, "--anyway", help="With -o: write also where camera and white image do not fit."),
     workers: WorkersOption = None,
@@ -42,22 +50,32 @@ def command(
 ) -> None:
     """Hold a camera against a white image: what it says, what is measured, and whether the two fit.
 
-    Where they differ -o writes the camera as measured; where they do not fit at all, another camera or another unit
-    is likely, and it is written with --anyway alone. Ends with exit code 1 where they part and nothing is written.
+    Where they differ -o writes the camera as measured; where they do not fit at all, another camera, another unit or
+    mirrored frames are likely, and it is written with --anyway alone. Ends with exit code 1 where they part and nothing
+    is written.
 
     Example: `lfcal camera check camera.json white.tif --dark dark.tif -o measured.json`
     """
+    from lfcal.frames.cfa import cfa_from
+    from lfcal.frames.orientation import AS_IS, named_orientation
+    from lfcal.frames.part import parse_origin
+    from lfcal.frames.white_orientation import compared_orientations
     from lfcal.lattice.camera_check import FITS, WRONG, check_camera
 
     if out is not None:
         check_output(out, camera, white, dark, force=force)
     described = load_camera(camera)
-    frame = read_white(white, dark, channel, described.sensor.cfa)
-    found = check_camera(described, frame, workers=workers)
+    place, turn, cfa = parse_origin(origin), named_orientation(orientation), described.sensor.cfa
+    if turn.name != AS_IS and (cfa or place is not None):
+        # both are of the sensor as it is delivered, and the camera is described upright
+        what = "a colour filter" if cfa else "--origin"
+        raise InputError.expected("--orientation", f"as-is with {what}", orientation, "turn the white image itself")
+    frame = turn.apply(read_white(white, dark, channel, cfa if place is None else cfa_from(cfa, place)))
+    found, turned = compared_orientations(check_camera(described, frame, origin=place, workers=workers), described)
     # a camera whose kind or sensor is another one has no measured lattice to write, which is refused
     doubted = found.verdict == WRONG and found.camera is not None and not anyway
     written = None if doubted else _write(found, out)
-    _show(found, written, json)
+    _show(found, turned, written, json)
     if found.verdict != FITS and written is None:
         raise typer.Exit(1)
 
@@ -68,7 +86,12 @@ def _write(found: CameraCheck, out: Path | None) -> Path | None:
     if found.camera is None:
         line = found.lines[-1]
         raise InputError.expected(
-            f"{line.label} of the white image", line.expected, line.measured, "correct the camera"
+            f"{line.label} of the white image",
+            line.expected,
+            line.measured,
+            "correct the camera; where the white image is a part of the sensor state its place with --origin ROW,COLUMN"
+            if line.label == "sensor"
+            else "correct the camera",
         )
     text = found.camera.to_json()
     with replace_whole(out) as part:
@@ -76,22 +99,29 @@ def _write(found: CameraCheck, out: Path | None) -> Path | None:
     return out
 
 
-def _show(found: CameraCheck, written: Path | None, json: bool) -> None:
+def _show(found: CameraCheck, turned: TurnedWhite | None, written: Path | None, json: bool) -> None:
     if json:
         camera = None if found.camera is None else found.camera.to_dict()
-        print_json({"verdict": found.verdict, "lines": found.lines, "camera": camera, "written": written})
+        turns = None if turned is None else [turn.option for turn in turned.turns]
+        facts = {"verdict": found.verdict, "lines": found.lines, "turned": turns}
+        print_json(facts | {"camera": camera, "written": written})
         return
     rows = [
         [line.label, line.expected, line.measured, "" if line.edge_px is None else f"{line.edge_px:.2f}", line.verdict]
         for line in found.lines
     ]
     print_table(["", "camera", "white image", "off by (px)", ""], rows)
+    if turned is not None:
+        report(
+            f"note: the frames are {turned.words}, against the camera; if the camera is described as it is, turn white "
+            f"image and frames: {turned.options} here, of lfcal plan and of lfcal assemble"
+        )
     if found.verdict != "fits" and found.camera is not None and written is None:
         report(
             "note: the camera and the white image part; -o camera.json writes the camera as measured"
             if found.verdict == "differs"
-            else "note: nothing written: camera and white image do not fit, as with another camera or unit; correct "
-            "it, or have the camera as measured written with -o camera.json --anyway"
+            else "note: nothing written: camera and white image do not fit, as with another camera, unit or "
+            "orientation; correct it, or have the camera as measured written with -o camera.json --anyway"
         )
     if written is not None:
         typer.echo(f"written: {written}")

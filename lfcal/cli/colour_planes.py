@@ -34,12 +34,16 @@ class Reading:
 
 
 def read_planes(path: Path, reading: Reading) -> Planes:
-    """Return the colours of a frame less its dark frame, ``(rows, columns)`` each; "" is the plane of a grey frame."""
+    """Return the colours of a frame less its dark frame, ``(rows, columns)`` each; "" is the plane of a grey frame.
+
+    Frame and dark frame are files, or folders whose frames are averaged.
+    """
     from lfcal.frames import open_image
+    from lfcal.frames.corrections.recipe import first_image
 
     wanted = COLOURS if reading.channel == "each" else (reading.channel,) if reading.channel else ()
     try:
-        image = open_image(path)
+        image = open_image(first_image(path))
     except FileFormatError as error:
         if 'colour="G"' not in str(error):
             raise
@@ -63,18 +67,16 @@ def read_planes(path: Path, reading: Reading) -> Planes:
 
 
 def _plane(path: Path, dark: Path | None, colour: str | None) -> NDArray[np.float32]:
-    import numpy as np
+    from lfcal.frames.corrections.recipe import read_average
 
-    from lfcal.frames import read_image
-
-    image = read_image(path, colour=colour).astype(np.float32)
+    image = read_average(path, colour=colour)
     return image if dark is None else image - _level(dark, image.shape, colour)
 
 
 def _level(dark: Path, shape: tuple[int, ...], colour: str | None) -> NDArray[Any]:
-    from lfcal.frames import read_image
+    from lfcal.frames.corrections.recipe import read_average
 
-    level = read_image(dark, colour=colour)
+    level = read_average(dark, colour=colour)
     if level.shape != shape:
         raise InputError.expected(str(dark), f"{shape} px", f"{level.shape} px", "use one sensor setting")
     return level
@@ -83,11 +85,11 @@ def _level(dark: Path, shape: tuple[int, ...], colour: str | None) -> NDArray[An
 def _mosaic(path: Path, cfa: str, black: Any, dark: Path | None, names: tuple[str, ...]) -> Planes:
     import numpy as np
 
-    from lfcal.frames import read_image
+    from lfcal.frames.corrections.recipe import read_average
     from lfcal.multiplex import cfa as modulator_of
     from lfcal.multiplex import demultiplex, without_black_level
 
-    frame = read_image(path)
+    frame = read_average(path)
     light = (
         without_black_level(frame, black)
         if dark is None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
@@ -11,9 +11,12 @@ import typer
 from lfcal.cli.console import report
 
 if TYPE_CHECKING:
-    from lfcal.camera import Camera, ScanPlan, StageAxes
+    from numpy.typing import NDArray
 
-__all__ = ["ColumnsOption", "OriginOption", "parse_origin", "plan_from_list", "report_notes", "tell_size"]
+    from lfcal.camera import Camera, ScanPlan, StageAxes
+    from lfcal.frames.lists.listing import Listing
+
+__all__ = ["ColumnsOption", "OriginOption", "plan_from_list", "report_notes", "tell_size"]
 
 ColumnsOption: TypeAlias = Annotated[
     str,
@@ -37,18 +40,6 @@ OriginOption: TypeAlias = Annotated[
     ),
 ]
 """Where on the sensor frames lie that are a camera's region of interest."""
-
-
-def parse_origin(text: str) -> tuple[int, int] | None:
-    """Return row and column of ``"120,64"``; None for empty."""
-    from lfcal.errors import InputError
-
-    if not text:
-        return None
-    fields = text.split(",")
-    if len(fields) != 2 or not all(field.strip().isascii() and field.strip().isdigit() for field in fields):
-        raise InputError.expected("--origin", "ROW,COLUMN", repr(text), "give two whole numbers, e.g. 120,64")
-    return int(fields[0]), int(fields[1])
 
 
 def tell_size(shape: tuple[int, int], camera: Camera, *, folder: str = "the frames", channel: str = "") -> None:
@@ -85,7 +76,7 @@ def plan_from_list(
     columns: str,
     orientation: str,
     stage: StageAxes | None,
-    origin: tuple[int, int] | None = None,
+    origin: str = "",
     **settings: Any,
 ) -> ScanPlan:
     """Return the plan of the scan that a list was written of; frames that are found show where the light goes.
@@ -101,8 +92,9 @@ def plan_from_list(
     from lfcal.frames.lists.entries import located
     from lfcal.frames.lists.motion import Part
     from lfcal.frames.lists.open_table import any_listing, reader, sample_of
+    from lfcal.frames.part import parse_origin
 
-    turn = named_orientation(orientation)
+    place, turn = parse_origin(origin), named_orientation(orientation)
     listing = any_listing(listed, columns)
     root = folder or listed.parent
     try:
@@ -115,13 +107,30 @@ def plan_from_list(
         report(f"note: the frames are not there to be looked at ({error}); --frames names their folder")
         read = None
     else:
-        _check_size(turn.shape(shape), camera, roi, origin, str(root))
+        _check_size(turn.shape(shape), camera, roi, place, str(root))
         if colour is not None:
             report(f"note: light: of the {colour} of colour pictures; lfcal assemble takes one with --channel")
-    part = None if origin is None else Part(origin, turn.name)
+    part = None if place is None else Part(place, turn.name)
     plan, notes = plan_of_list(listing, camera, read=read, stage=stage, part=part, **settings)
     report_notes(notes)
+    if read is not None and part is None:
+        _tell_turned(listing, plan, read)
     return plan
+
+
+def _tell_turned(listing: Listing, plan: ScanPlan, read: Callable[[int], NDArray[Any]]) -> None:
+    """Say where frames are flipped or turned against the camera: the path of their light alone does not tell it."""
+    from lfcal.campaign.turned_frames import find_turned_frames, seen_patterns
+    from lfcal.errors import FileFormatError, StorageError
+    from lfcal.frames.lists.placing import place
+
+    try:
+        seen = seen_patterns(read, place(listing, plan).positions, plan)
+    except (FileFormatError, StorageError):
+        return  # damaged frames are refused, or left out, where all frames are read
+    found = find_turned_frames(seen, plan)
+    if found is not None:
+        report(f"warning: the frames are {found.words}; make the plan again with {found.options}, and assemble with it")
 
 
 def _check_size(

@@ -15,7 +15,7 @@ from lfcal.camera import Forecast, ScanPlan, StageAxes
 from lfcal.camera.derived import DEPTH, STEP, WHOLE_FRAMES, assumed_of
 from lfcal.cli.cameras import load_camera
 from lfcal.cli.console import print_json, print_table
-from lfcal.cli.listed import ColumnsOption, OriginOption, parse_origin, plan_from_list
+from lfcal.cli.listed import ColumnsOption, OriginOption, plan_from_list
 from lfcal.cli.options import (
     CameraArgument,
     CutoutOption,
@@ -322,7 +322,7 @@ def command(
             folder=frames,
             columns=columns,
             orientation=orientation,
-            origin=parse_origin(origin),
+            origin=origin,
             stage=axes,
             depths_um=planes,
             **settings,

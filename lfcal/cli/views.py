@@ -13,7 +13,7 @@ from lfcal.camera import Camera
 from lfcal.checks import check_choice, check_number
 from lfcal.cli.colour_planes import CHANNELS, Reading, read_planes
 from lfcal.cli.console import print_json, print_table
-from lfcal.cli.listed import OriginOption, parse_origin
+from lfcal.cli.listed import OriginOption
 from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
 from lfcal.cli.outputs import check_outputs
 from lfcal.cli.plan import load_camera, parse_depths
@@ -59,7 +59,7 @@ def command(
     white: Path | None = typer.Option(None, help="White image of the same camera: lattice and weights."),
     lattice: Path | None = typer.Option(None, help="lattice.json of `lfcal white`: measured once, not again."),
     camera: str = typer.Option("", help="Camera (preset, JSON, Raytrix XML): lattice without --white; depths; types."),
-    dark: Path | None = typer.Option(None, help="Dark frame, subtracted from both."),
+    dark: Path | None = typer.Option(None, help="Dark frame, or a folder of them to average; subtracted from both."),
     origin: OriginOption = "",
     kind: str = typer.Option("", help="square or hexagonal lattice of --white; by default detected, or the camera's."),
     pitch: float = typer.Option(0.0, help="Nominal pitch (px) of --white, right within 10 %; by default detected."),
@@ -85,6 +85,8 @@ def command(
     for what, value, choices in (("axes", axes, ("frame", "lattice")), ("types", types, TYPES)):
         check_choice(what, value, choices)
     check_choice("channel", channel, CHANNELS)
+    from lfcal.frames.part import parse_origin
+
     described = load_camera(camera) if camera else None
     if types != "none" and lattice is not None and white is None:
         raise InputError("--types: needs --white beside --lattice; or give the camera.json that lfcal white wrote")

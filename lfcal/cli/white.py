@@ -139,7 +139,7 @@ def register(app: typer.Typer) -> None:
 def command(
     image: Path = typer.Argument(..., help="White image: TIFF, PNG, NPY or camera RAW."),
     *,
-    dark: Path | None = typer.Option(None, help="Dark frame, subtracted."),
+    dark: Path | None = typer.Option(None, help="Dark frame, or a folder of them to average; subtracted."),
     camera: str = typer.Option("", help="Camera (preset, JSON, Raytrix XML) whose lattice is measured."),
     kind: str = typer.Option("", help="square or hexagonal; by default detected, or the camera's."),
     pitch: float = typer.Option(0.0, help="Nominal pitch (px), right within 10 %; by default detected."),

@@ -44,9 +44,8 @@ def pattern_side(cfa: str) -> int:
 def cfa_from(cfa: str, origin: tuple[int, int]) -> str:
     """Return the pattern as frames have it whose first pixel is the pixel ``origin`` (row, column) of the sensor."""
     side = pattern_side(cfa)
-    return "".join(
-        cfa[(r + origin[0]) % side * side + (c + origin[1]) % side] for r in range(side) for c in range(side)
-    )
+    places = [((r + origin[0]) % side, (c + origin[1]) % side) for r in range(side) for c in range(side)]
+    return "".join(cfa[r * side + c] for r, c in places) if cfa else ""
 
 
 def phases(cfa: str) -> list[tuple[slice, slice]]:

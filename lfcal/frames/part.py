@@ -19,6 +19,7 @@ __all__ = [
     "check_inside",
     "check_origin",
     "check_stated",
+    "parse_origin",
     "parse_roi",
     "part_refusal",
     "smaller",
@@ -26,6 +27,17 @@ __all__ = [
 ]
 
 Place = tuple[int, int]
+
+
+def parse_origin(text: str) -> Place | None:
+    """Return row and column of ``"120,64"``; None for empty. Raises `InputError` for anything else."""
+    if not text.strip():
+        return None
+    fields = [field.strip() for field in text.split(",")]
+    if len(fields) != 2 or not all(field.isascii() and field.isdigit() for field in fields):
+        remedy = "give two whole numbers, e.g. 120,64"
+        raise InputError.expected("origin of the frames", "ROW,COLUMN", repr(text), remedy)
+    return int(fields[0]), int(fields[1])
 
 
 def check_origin(origin: Sequence[int]) -> Place:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.camera import Camera
+from lfcal.camera import Camera, LensletLattice
 from lfcal.errors import InputError
 from lfcal.lattice.fit import LatticeFit, fit_lattice
 from lfcal.lattice.lens_types import LensTypes, classify_lens_types, expected_blur
@@ -48,11 +48,12 @@ class CheckLine:
 
 @dataclass(frozen=True, slots=True)
 class CameraCheck:
-    """The comparison, its fit, and the camera with what was measured (None where kind or shape are others)."""
+    """The comparison, its fit and lens types, and the camera as measured (None where kind or shape are others)."""
 
     lines: tuple[CheckLine, ...]
     fit: LatticeFit | None
     camera: Camera | None
+    types: LensTypes | None = None
 
     @property
     def verdict(self) -> str:
@@ -62,7 +63,12 @@ class CameraCheck:
 
 
 def check_camera(
-    camera: Camera, white: ArrayLike, *, dark: ArrayLike | float = 0.0, workers: int | None = None
+    camera: Camera,
+    white: ArrayLike,
+    *,
+    dark: ArrayLike | float = 0.0,
+    origin: tuple[int, int] | None = None,
+    workers: int | None = None,
 ) -> CameraCheck:
     """Hold ``camera`` against a white image.
 
@@ -74,6 +80,9 @@ def check_camera(
         The description.
     white, dark
         White frame ``(rows, columns)`` and dark frame or level.
+    origin
+        Row and column on the sensor of the first pixel of frames that are a part of it; None: they are whole. Places in
+        the comparison are then those of the part.
     workers
         Threads; None takes every processor.
 
@@ -83,6 +92,13 @@ def check_camera(
         If the frame is no white image.
     """
     frame = np.asarray(white)
+    if origin is not None and frame.ndim == 2:
+        part, by_um = _part(camera, frame.shape, origin)
+        found = check_camera(part, frame, dark=dark, workers=workers)
+        if found.camera is None:
+            return found
+        whole = replace(found.camera, sensor=camera.sensor, lattice=_shifted(found.camera.lattice, by_um))
+        return replace(found, camera=whole)
     lines = [_shape(camera, frame.shape)]
     if lines[0].verdict == WRONG:
         return CameraCheck(tuple(lines), None, None)
@@ -98,7 +114,35 @@ def check_camera(
     if len(camera.lattice.types) == 3:
         lines.append(_type_order(camera, fit, types))
     lines += [*_distortion(camera, fit), _residual(fit)]
-    return CameraCheck(tuple(lines), fit, _measured(camera, fit, types))
+    return CameraCheck(tuple(lines), fit, _measured(camera, fit, types), types)
+
+
+def _part(camera: Camera, shape: tuple[int, ...], origin: tuple[int, int]) -> tuple[Camera, tuple[float, float]]:
+    """Return the camera of a part of the sensor, and where its centre lies from that of the sensor (x, y; um)."""
+    sensor, lattice = camera.sensor, camera.lattice
+    if any(o < 0 or o + n > size for o, n, size in zip(origin, shape, sensor.shape, strict=True)):
+        raise InputError.expected(
+            "origin of the white image (row, column)",
+            f"a place on the sensor of {sensor.shape[0]} x {sensor.shape[1]} px",
+            f"{origin[0]},{origin[1]} for {shape[0]} x {shape[1]} px",
+            "correct it, or the camera's sensor",
+        )
+    x, y = camera.sensor_um([o + (n - 1) / 2 for o, n in zip(origin, shape, strict=True)]).tolist()
+    # the lenslet of type 0 that the part's own description starts from is one within it
+    near = np.rint(lattice.lenslet_at((x, y))).astype(int)
+    around = near + np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)])
+    zero = around[lattice.type_of(around[:, 0], around[:, 1]) == 0]
+    first = zero[np.square((zero - near) @ lattice.basis_um()).sum(1).argmin()]
+    offset = first @ lattice.basis_um() + np.array(lattice.offset_um)
+    own = _shifted(replace(lattice, offset_um=(float(offset[0]), float(offset[1]))), (-x, -y))
+    return replace(camera, sensor=replace(sensor, shape=(int(shape[0]), int(shape[1]))), lattice=own), (x, y)
+
+
+def _shifted(lattice: LensletLattice, by_um: tuple[float, float]) -> LensletLattice:
+    """Return the lattice as it is seen from a centre that lies by ``-by_um`` (x, y) away."""
+    x, y = (a + b for a, b in zip(lattice.offset_um, by_um, strict=True))
+    bent = lattice.distortion
+    return replace(lattice, offset_um=(x, y), distortion=None if bent is None else bent.scaled(1.0, by_um))
 
 
 def _judged(camera: Camera, path: str, edge_px: float, limit: float) -> str:

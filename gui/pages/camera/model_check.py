@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from gui.pages.camera.model_lattice_map import DISTORTION, RESIDUALS, LatticeMap, distortion_map, residual_map
 from lfcal.camera import Camera
 from lfcal.frames import read_image
+from lfcal.frames.corrections.recipe import read_average
+from lfcal.frames.white_orientation import compared_orientations
 from lfcal.lattice.camera_check import CameraCheck, check_camera
 from lfcal.progress import Clock, Work
 
@@ -60,9 +62,9 @@ def iter_check(camera: Camera, white: Path, dark: Path | None) -> Work[Checked]:
     clock = Clock("fitting the lattice of the white image", 2)
     yield clock.at(0)
     frame = read_image(white)
-    level = read_image(dark) if dark is not None else 0.0
+    level = read_average(dark) if dark is not None else 0.0
     yield clock.at(1)
-    check = check_camera(camera, frame, dark=level)
+    check, _ = compared_orientations(check_camera(camera, frame, dark=level), camera)
     yield clock.at(2)
     step = max(1, -(-max(frame.shape) // MOST_PIXELS))
     picture = frame[::step, ::step]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import QSignalBlocker, Signal
+from PySide6.QtCore import QRegularExpression, QSignalBlocker, Signal
+from PySide6.QtGui import QRegularExpressionValidator
 from PySide6.QtWidgets import QCheckBox, QComboBox, QFormLayout, QHBoxLayout, QLineEdit, QVBoxLayout, QWidget
 
 from gui.pages.frames.model import CORRECTIONS, WAYS, FrameSettings
@@ -61,6 +62,13 @@ class FrameChoices(QWidget):
         for key, edit in (("pattern", self.pattern), ("manifest", self.manifest)):
             edit.setAccessibleName({"pattern": "file names"}.get(key, key))
             edit.editingFinished.connect(lambda key=key, edit=edit: self.setting_chosen.emit(key, edit.text().strip()))
+        self.origin = QLineEdit()
+        self.origin.setPlaceholderText("whole sensor, or row,column")
+        # what is no place is not taken: the edit does not finish
+        self.origin.setValidator(QRegularExpressionValidator(QRegularExpression(r"(\s*\d{1,6}\s*,\s*\d{1,6}\s*)?")))
+        self.origin.setToolTip("Of frames that are a part of the sensor: sensor row and column of their first pixel")
+        self.origin.setAccessibleName("first pixel")
+        self.origin.editingFinished.connect(lambda: self.setting_chosen.emit("origin", self.origin.text().strip()))
         self.interpolation = choice_box(WAYS, "How a cutout that lies between pixels is taken")
         self.interpolation.setAccessibleName("interpolation")
         self.interpolation.currentIndexChanged.connect(
@@ -86,6 +94,7 @@ class FrameChoices(QWidget):
         form.addRow("Manifest", self.manifest)
         form.addRow("Interpolation", self.interpolation)
         form.addRow("Orientation", self.orientation)
+        form.addRow("First pixel", self.origin)
         form.addRow("Damaged", self.skip_damaged)
         return form
 
@@ -97,10 +106,12 @@ class FrameChoices(QWidget):
             blocker.unblock()
         self.boxes["use_white"].setEnabled(bool(settings.white))
         self.boxes["use_white"].setToolTip(WHITE_TIP if settings.white else f"{WHITE_TIP}; no folder of them was found")
-        blockers = [QSignalBlocker(w) for w in (self.pattern, self.manifest, self.interpolation, self.orientation)]
+        edits = (self.pattern, self.manifest, self.interpolation, self.orientation, self.origin)
+        blockers = [QSignalBlocker(w) for w in edits]
         self.pattern.setText(settings.pattern)
         self.manifest.setText(settings.manifest)
         self.interpolation.setCurrentIndex(self.interpolation.findData(settings.interpolation))
+        self.origin.setText(settings.origin)
         self.orientation.setCurrentIndex(self.orientation.findData(settings.orientation))
         for one in blockers:
             one.unblock()

@@ -15,6 +15,7 @@ from gui.pages.frames.orientation import turned
 from lfcal.camera import ScanPlan
 from lfcal.files import read_text
 from lfcal.frames.orientation import named_orientation
+from lfcal.frames.part import parse_origin
 from lfcal.frames.source import FrameSource, Position
 from lfcal.progress import drain
 from lfcal.psf.cutout import INTERPOLATIONS
@@ -71,6 +72,8 @@ class FrameSettings(PageSettings):
     orientation
         What makes the frames upright, one of `lfcal.frames.ORIENTATIONS`, which is not questioned; ``"check"``: they
         are as they come, if that is not certainly wrong.
+    origin
+        Row and column on the sensor of the frames' first pixel, ``"120,64"``; empty: they are whole.
     """
 
     page: ClassVar[str] = "frames"
@@ -91,9 +94,11 @@ class FrameSettings(PageSettings):
     skip_damaged: bool = False
     interpolation: str = ""
     orientation: str = CHECK
+    origin: str = ""
 
     def usable(self) -> None:
-        """Raise `InputError` where the orientation has no name."""
+        """Raise `InputError` where the orientation has no name, or the origin is no place."""
+        parse_origin(self.origin)
         if self.orientation != CHECK:
             named_orientation(self.orientation)
 
@@ -194,6 +199,7 @@ def open_source(folder: str, settings: FrameSettings, plan: ScanPlan | None) -> 
         first=int(settings.first) if settings.first else None,
         plan=plan,
         orientation=settings.orientation,
+        origin=parse_origin(settings.origin),
         skip_damaged=settings.skip_damaged,
     )
     return open_component(opening, settings.channel)
@@ -293,7 +299,7 @@ def import_folder(path: str, settings: FrameSettings, plan: ScanPlan | None, *, 
     chosen = replace(settings, dark="", white="")
     if not keep:
         chosen = replace(chosen, manifest="", pattern="", order="", columns="", first="", shift=0, channel="")
-        chosen = replace(chosen, orientation=CHECK)
+        chosen = replace(chosen, orientation=CHECK, origin="")
     if (folder / "session.json").is_file():
         plan, frames = SessionFile.read(folder).plan, folder
         # a recording has darks of its own; those of the whole sensor are there for the white image

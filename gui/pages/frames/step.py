@@ -5,6 +5,7 @@ from __future__ import annotations
 from gui.models.project import ProjectState
 from gui.models.step import PLAN_FILE, Step, needed_file, needed_plan, options_of
 from gui.pages.frames.model import FrameSettings
+from lfcal.frames.part import parse_origin
 
 __all__ = ["step"]
 
@@ -31,6 +32,7 @@ def step(project: ProjectState, out: str = "") -> Step:
         ("--channel", chosen.channel),
         ("--interpolation", chosen.interpolation),
         ("--orientation", chosen.orientation),
+        ("--origin", chosen.origin),
         ("--skip-damaged", chosen.skip_damaged),
         ("--out", out),
     )
@@ -41,6 +43,7 @@ def step(project: ProjectState, out: str = "") -> Step:
 def _script(frames: str, chosen: FrameSettings, dark: str, white: str, background: str, out: str) -> str:
     first = int(chosen.first) if chosen.first else None
     skip = without = ""
+    place = f", origin={parse_origin(chosen.origin)!r}" if chosen.origin else ""
     if chosen.skip_damaged:
         skip, without = ", skip_damaged=True", "    frames = drain(iter_undamaged(frames))\n"
     return f"""
@@ -58,7 +61,7 @@ recipe = CorrectionRecipe(
 )
 with open_frames(
     {frames!r}, manifest={chosen.manifest or None!r}, pattern={chosen.pattern or None!r},
-    columns={chosen.columns!r}, first={first!r}, plan=plan{skip},
+    columns={chosen.columns!r}, first={first!r}, plan=plan{skip}{place},
 ) as frames:
 {without}    view = corrected_view(frames, recipe, plan)
     turn, lie = drain(iter_upright(view, plan, {chosen.orientation!r}))

@@ -26,7 +26,7 @@ from lfcal.frames.formats.opening import image_suffixes, open_image
 from lfcal.frames.orientation import AS_IS
 from lfcal.frames.source import FrameSource
 
-__all__ = ["CorrectionRecipe", "build_chain", "check_turned_colours", "corrected_view", "read_average"]
+__all__ = ["CorrectionRecipe", "build_chain", "check_turned_colours", "corrected_view", "first_image", "read_average"]
 
 
 @dataclass(frozen=True)
@@ -171,18 +171,28 @@ def read_average(path: str | os.PathLike[str], *, colour: str | None = None, shi
     return _read_mean(path, colour, shift)[0]
 
 
-def _read_mean(path: str | os.PathLike[str], colour: str | None, shift: int) -> tuple[NDArray[np.float32], int]:
-    """Return the mean of frames and how many there are, 0 where they may be means themselves."""
-    place = Path(path)
+def first_image(path: str | os.PathLike[str]) -> Path:
+    """Return a file, or the first image of a folder."""
+    return _images(Path(path))[0]
+
+
+def _images(place: Path) -> list[Path]:
+    """Return the images of a folder, sorted, or the one file that ``place`` is."""
     if place.is_dir():
         # sorted, so that the float sums and with them the checksums do not depend on the folder's order
         files = sorted(p for p in place.iterdir() if p.suffix.lower() in image_suffixes())
         if not files:
             raise InputError.expected(f"calibration frames in {place}", "at least one image", "none", "check it")
-    elif place.exists():
-        files = [place]
-    else:
+        return files
+    if not place.exists():
         raise StorageError(f"{place}: no such file or folder; check the path")
+    return [place]
+
+
+def _read_mean(path: str | os.PathLike[str], colour: str | None, shift: int) -> tuple[NDArray[np.float32], int]:
+    """Return the mean of frames and how many there are, 0 where they may be means themselves."""
+    place = Path(path)
+    files = _images(place)
     counts: list[int] = []
 
     def pages() -> Iterator[NDArray[Any]]:

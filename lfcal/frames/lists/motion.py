@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from lfcal.errors import FileFormatError, StorageError
 from lfcal.frames.orientation import AS_IS, named_orientation
 
-__all__ = ["Motion", "Part", "image_motion", "spread_out"]
+__all__ = ["Motion", "Part", "centre_of_light", "image_motion", "spread_out"]
 
 SAMPLED = 16
 """Frames that are read."""
@@ -111,7 +111,7 @@ def image_motion(read: Callable[[int], NDArray[Any]], index: NDArray[np.intp]) -
     if floor is None:
         return None
     # read again rather than kept: sixteen frames of a large sensor are gigabytes
-    centres = np.array([_centre(read(k).astype(np.float32) - floor) for k in good]).reshape(-1, 2)
+    centres = np.array([centre_of_light(read(k).astype(np.float32) - floor) for k in good]).reshape(-1, 2)
     seen = np.isfinite(centres).all(axis=1)
     places = index[good][seen]
     if len(places) < 6 or np.ptp(places, axis=0).min() < 2:
@@ -125,7 +125,7 @@ def image_motion(read: Callable[[int], NDArray[Any]], index: NDArray[np.intp]) -
     return Motion(fitted[1:].T, start, rms, halfway, (rows, columns))
 
 
-def _centre(light: NDArray[np.float32]) -> tuple[float, float]:
+def centre_of_light(light: NDArray[np.float32]) -> tuple[float, float]:
     """Return row and column of the centre of what stands out of the noise; NaN where nothing does."""
     level = float(np.median(light))
     noise = 1.4826 * float(np.median(np.abs(light - level)))

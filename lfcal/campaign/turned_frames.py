@@ -1,0 +1,150 @@
+"""Whether frames of a scan are those of their camera flipped or turned: a few patterns in all eight orientations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import ScanPlan
+from lfcal.errors import InputError
+from lfcal.fit.model import Fineness, predict
+from lfcal.fit.setup import Setup
+from lfcal.frames.lists.motion import centre_of_light
+from lfcal.frames.orientation import AS_IS, ORIENTATIONS, Orientation
+from lfcal.simulate.engines.base import EnergyError
+
+__all__ = ["SeenPattern", "TurnedFrames", "find_turned_frames", "seen_patterns"]
+
+REACH = 2
+"""Distance from the centre of light within which the image's place is looked for (pixels)."""
+
+EXPLAINED = 0.2
+"""Share of the light that may be unexplained where an orientation is named."""
+
+BETTER = 0.5
+"""Share of what is unexplained as the frames lie that may be left in an orientation that is named."""
+
+AS_WELL = 1.25
+"""Times as much as the best that orientations leave which explain patterns as well."""
+
+
+@dataclass(frozen=True, eq=False)
+class SeenPattern:
+    """A frame less its level, its plane, and the centre of its light (row, column)."""
+
+    frame: NDArray[np.float32]
+    z: int
+    place: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class TurnedFrames:
+    """Orientations in which patterns are far more like those of their camera than as they lie.
+
+    Attributes
+    ----------
+    turns
+        What makes the frames upright; several where they explain the patterns equally well.
+    left, as_is
+        Shares of the light (squared) that the camera leaves unexplained so, and as the frames lie.
+    """
+
+    turns: tuple[Orientation, ...]
+    left: float
+    as_is: float
+
+    @property
+    def words(self) -> str:
+        """How the frames lie, with the evidence."""
+        ways = " or ".join(turn.words for turn in self.turns)
+        left = f"{100 * self.left:.0f} % of the light unexplained so, {100 * self.as_is:.0f} % as they lie"
+        return f"{ways} against the camera ({left})"
+
+    @property
+    def options(self) -> str:
+        """The options of the command line that make them upright."""
+        return " or ".join(f"--orientation {turn.option}" for turn in self.turns)
+
+
+def seen_patterns(
+    read: Callable[[int], NDArray[Any]], positions: NDArray[np.intp], plan: ScanPlan
+) -> list[SeenPattern]:
+    """Return the patterns of four frames: two of the first and two of the last plane, apart in the period.
+
+    Parameters
+    ----------
+    read
+        Returns frame k of the list.
+    positions
+        Position ``(n, 3)`` as (z, y, x) of each of its frames.
+    plan
+        The scan's.
+    """
+    ny, nx = plan.period
+    found = []
+    for z in sorted({0, plan.shape[0] - 1}):
+        own = np.flatnonzero(positions[:, 0] == z)
+        for y, x in ((ny // 4, nx // 4), (3 * ny // 4, 3 * nx // 4)):
+            if not len(own):
+                continue
+            k = own[np.abs(positions[own, 1:] - (y, x)).sum(axis=1).argmin()]
+            frame = np.asarray(read(int(k)), np.float32)
+            frame = frame - np.float32(np.median(frame))
+            place = centre_of_light(frame)
+            if np.isfinite(place).all():
+                found.append(SeenPattern(frame, z, place))
+    return found
+
+
+def find_turned_frames(seen: Sequence[SeenPattern], plan: ScanPlan) -> TurnedFrames | None:
+    """Return the orientations in which patterns are their camera's; None where they are so as they lie, or in none.
+
+    Parameters
+    ----------
+    seen
+        From `seen_patterns`.
+    plan
+        The scan's, as the frames lie.
+    """
+    sensor, marks = plan.camera.sensor.shape, plan.camera.marks
+    # an array whose place nobody stated cannot be mirrored
+    if not seen or marks["lattice.offset_um"] == "assumed" or any(one.frame.shape != sensor for one in seen):
+        return None
+    setup = Setup(plan.camera, (), (0.0,) * plan.shape[0])
+    left = {}
+    for turn in ORIENTATIONS.values():
+        if turn.shape(sensor) == sensor:
+            try:
+                alike = float(np.median([_alike(one, turn, plan, setup) for one in seen]))
+            except (InputError, EnergyError):  # a camera that no engine computes tells nothing
+                return None
+            left[turn.name] = 1 - alike**2
+    best = min(left.values())
+    if best > EXPLAINED or best > BETTER * left[AS_IS]:
+        return None
+    turns = sorted((name for name in left if left[name] <= AS_WELL * best), key=lambda name: left[name])
+    return TurnedFrames(tuple(ORIENTATIONS[name] for name in turns), best, left[AS_IS])
+
+
+def _alike(one: SeenPattern, turn: Orientation, plan: ScanPlan, setup: Setup) -> float:
+    """Return the largest correlation of a pattern with the camera's whose image is about where its light is."""
+    frame = turn.apply(one.frame)
+    corner = np.rint(turn.places(one.place, one.frame.shape)).astype(int) - REACH
+    own = replace(plan, anchor=(float(corner[0]), float(corner[1])))
+    index = np.array([(one.z, y, x) for y, x in np.ndindex(2 * REACH + 1, 2 * REACH + 1)])
+    index = index[(index[:, 1:] < np.array(plan.period)).all(axis=1)]
+    best = 0.0
+    model = predict(setup, own, index, np.zeros((len(index), 2)), Fineness.coarse)
+    for (_, y, x), pattern in zip(index, model, strict=True):
+        top, left = (int(c + k - n // 2) for c, k, n in zip(corner, (y, x), plan.cutout, strict=True))
+        if min(top, left) < 0:
+            continue
+        part = frame[top : top + plan.cutout[0], left : left + plan.cutout[1]]
+        size = float(np.linalg.norm(part)) * float(np.linalg.norm(pattern))
+        if part.shape == pattern.shape and size > 0:
+            best = max(best, float((part * pattern).sum(dtype=np.float64)) / size)
+    return best

@@ -1,0 +1,162 @@
+"""Which way a white image lies: its lattice and lens types against the camera, in all eight orientations."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import Camera
+from lfcal.frames.orientation import AS_IS, ORIENTATIONS, Orientation
+from lfcal.lattice.camera_check import WRONG, CameraCheck, CheckLine
+from lfcal.lattice.fit import LatticeFit
+from lfcal.lattice.lens_types import LensTypes
+
+__all__ = ["TurnedWhite", "compared_orientations", "find_turned_white"]
+
+SAMPLED = 500
+"""Lenslets that are compared."""
+
+CERTAIN_SIGMAS = 5.0
+"""Standard errors from which on the order of the lens types is certain."""
+
+ORDERED = 0.8
+"""Share of the lenslets whose type must follow one order."""
+
+NEAR_PX, FAR_PX = 0.3, 1.0
+"""A lattice nearer than the first explains micro-images, one farther than the second does not (pixels rms)."""
+
+TIMES = 4.0
+"""How many times nearer another orientation must be."""
+
+AS_GOOD_PX = 0.3
+"""Orientations whose distances differ by less are equally good (pixels rms)."""
+
+
+@dataclass(frozen=True, slots=True)
+class TurnedWhite:
+    """Orientations in which a white image is what its camera says, where it is not as it lies.
+
+    Attributes
+    ----------
+    turns
+        What makes it upright, the best first; several where they are equally good.
+    away_px, as_is_px
+        Distance of its micro-images from those of the camera so, and as it lies (pixels rms).
+    sigmas
+        How certain it is that the lens types follow each other in the reverse order; None: they tell nothing.
+    """
+
+    turns: tuple[Orientation, ...]
+    away_px: float
+    as_is_px: float
+    sigmas: float | None
+
+    @property
+    def words(self) -> str:
+        """How it lies, with the evidence."""
+        ways = " or ".join(turn.words for turn in self.turns)
+        places = f"{self.away_px:.2f} px from the camera's lattice so, {self.as_is_px:.2f} px as it lies"
+        return f"{ways} ({f'{self.sigmas:.0f} σ; ' if self.sigmas is not None else ''}{places})"
+
+    @property
+    def options(self) -> str:
+        """The options of the command line that make it upright."""
+        return " or ".join(f"--orientation {turn.option}" for turn in self.turns)
+
+
+@dataclass(frozen=True, slots=True)
+class _Compared:
+    turn: Orientation
+    away_px: float
+    ordered: bool
+
+
+def find_turned_white(camera: Camera, fit: LatticeFit, types: LensTypes | None) -> TurnedWhite | None:
+    """Return in which orientations a white image is what ``camera`` says; None where it is so as it lies, or in none.
+
+    Compared are the order of the lens types, and the places of the micro-images: rotation, and offset where it is not
+    assumed.
+
+    Parameters
+    ----------
+    camera
+        The description.
+    fit
+        Lattice of the white image.
+    types
+        Its lens types, where there are three.
+    """
+    told = types is not None and types.sigmas >= CERTAIN_SIGMAS and camera.marks["lattice.type_step"] != "assumed"
+    index = fit.index[:: max(1, len(fit.index) // SAMPLED)]
+    seen = fit.centres_px(index[:, 0], index[:, 1])
+    kinds = types.type_of(index[:, 0], index[:, 1]) if told and types is not None else None
+    tried = [
+        _compare(camera, turn, turn.places(seen, fit.shape), kinds)
+        for turn in ORIENTATIONS.values()
+        if turn.shape(fit.shape) == fit.shape
+    ]
+    own = next(one for one in tried if one.turn.name == AS_IS)
+    others = sorted((one for one in tried if one.ordered and one is not own), key=lambda one: one.away_px)
+    if not others:
+        return None
+    best = others[0].away_px
+    nearer = best <= NEAR_PX and own.away_px > max(FAR_PX, TIMES * best)
+    if own.ordered and not nearer:
+        return None
+    turns = tuple(one.turn for one in others if one.away_px <= best + AS_GOOD_PX)
+    sigmas = types.sigmas if types is not None and not own.ordered else None
+    return TurnedWhite(turns, best, own.away_px, sigmas)
+
+
+def compared_orientations(check: CameraCheck, camera: Camera) -> tuple[CameraCheck, TurnedWhite | None]:
+    """Return a check with a line on how the white image lies, where it is flipped or turned against the camera."""
+    found = None if check.fit is None or check.camera is None else find_turned_white(camera, check.fit, check.types)
+    if found is None:
+        return check, None
+    line = CheckLine("orientation", "upright", found.words, None, WRONG)
+    return replace(check, lines=(*check.lines, line)), found
+
+
+def _compare(
+    camera: Camera, turn: Orientation, places: NDArray[np.float64], kinds: NDArray[np.intp] | None
+) -> _Compared:
+    """Return how far places ``(n, 2)`` (row, column), made upright, lie from the camera's lenslets of their type."""
+    lattice = camera.lattice
+    at = lattice.lenslet_at(camera.sensor_um(places))
+    if camera.marks["lattice.offset_um"] == "assumed":
+        # where a lattice lies that nobody measured says nothing: the best place is taken
+        at = at - np.angle(np.exp(2j * np.pi * at).mean(axis=0)) / (2 * np.pi)
+    near = np.rint(at).astype(np.intp)
+    basis = lattice.basis_um() / camera.sensor.pixel_um
+    if kinds is None:
+        return _Compared(turn, _rms((at - near) @ basis), True)
+    apart = np.mod(kinds - lattice.type_of(near[:, 0], near[:, 1]), 3)
+    counts = np.bincount(apart, minlength=3)
+    ordered = bool(counts.max() >= ORDERED * len(apart))
+    if not ordered or camera.marks["lattice.offset_um"] == "assumed":
+        return _Compared(turn, _rms((at - near) @ basis), ordered)
+    return _Compared(turn, _rms(_to_own_type(at, near, kinds, camera, basis)), True)
+
+
+def _to_own_type(
+    at: NDArray[np.float64],
+    near: NDArray[np.intp],
+    kinds: NDArray[np.intp],
+    camera: Camera,
+    basis: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the way ``(n, 2)`` from the nearest lenslet of the same type (pixels)."""
+    steps = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)])
+    around = near[:, None] + steps
+    ways = (at[:, None] - around) @ basis
+    length = np.square(ways).sum(axis=-1)
+    length[camera.lattice.type_of(around[..., 0], around[..., 1]) != kinds[:, None]] = np.inf
+    return np.take_along_axis(ways, length.argmin(axis=1)[:, None, None], axis=1)[:, 0]
+
+
+def _rms(ways: NDArray[np.float64] | Sequence[float]) -> float:
+    return math.sqrt(float(np.square(ways).sum(axis=-1).mean()))

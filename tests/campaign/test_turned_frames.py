@@ -1,0 +1,85 @@
+"""Frames that are mirrored while a stage axis is reversed: patterns tell, the path of the light does not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from lfcal.camera import Camera, ScanPlan, preset
+from lfcal.campaign.turned_frames import SeenPattern, find_turned_frames, seen_patterns
+from lfcal.cli.listed import _tell_turned
+from lfcal.frames import ORIENTATIONS
+from lfcal.frames.lists.listing import Listing
+from lfcal.simulate import SimulatedCamera
+
+Scan = tuple[ScanPlan, NDArray[np.uint16], NDArray[np.intp]]
+
+
+def camera(offset: tuple[float, float] = (20.0, 22.0)) -> Camera:
+    """Return a camera whose array is not symmetric about the middle of the sensor."""
+    known = preset("bench")
+    lattice = replace(known.lattice, offset_um=offset)
+    return replace(known, lattice=lattice, sensor=replace(known.sensor, shape=(160, 180)))
+
+
+@pytest.fixture(scope="module")
+def scan() -> Scan:
+    """Return a plan, upright frames of some of its positions, and these."""
+    plan = ScanPlan.for_camera(camera(), virtual_depths=(2.5, 4.0), cutout=(49, 49))
+    source = SimulatedCamera(plan)
+    index = {tuple(source.position(k)): k for k in range(len(source))}
+    ny, nx = plan.period
+    wanted = [(z, y, x) for z in range(2) for y, x in ((ny // 4, nx // 4), (3 * ny // 4, 3 * nx // 4))]
+    return plan, np.stack([source.read(index[one]) for one in wanted]), np.array(wanted)
+
+
+def seen(plan: ScanPlan, frames: NDArray[np.uint16], places: NDArray[np.intp], name: str) -> list[SeenPattern]:
+    turn = ORIENTATIONS[name].inverse
+    return seen_patterns(lambda k: turn.apply(frames[k]), places, plan)
+
+
+@pytest.mark.parametrize("name", ["as is", "mirror x", "mirror y", "rot180"])
+def test_patterns_tell_the_orientation(scan: Scan, name: str) -> None:
+    found = find_turned_frames(seen(*scan, name), scan[0])
+    if name == "as is":
+        assert found is None
+        return
+    assert found is not None and found.turns[0].name == name
+    assert found.left < 0.2 and found.as_is > 2 * found.left
+    assert ORIENTATIONS[name].words in found.words and ORIENTATIONS[name].option in found.options
+
+
+def test_arrays_of_an_assumed_place_and_other_cameras_tell_nothing(
+    scan: Scan,
+) -> None:
+    plan, frames, places = scan
+    patterns = seen(plan, frames, places, "mirror x")
+    known = plan.camera
+    assumed = replace(known, marks=known.marks.marked(["lattice.offset_um"], "assumed"))
+    assert find_turned_frames(patterns, replace(plan, camera=assumed)) is None
+    other = replace(known, lattice=replace(known.lattice, pitch_um=known.lattice.pitch_um * 1.3))
+    assert find_turned_frames(patterns, replace(plan, camera=other)) is None
+    assert find_turned_frames([], plan) is None
+
+
+def test_plan_calls_mirrored_frames_mirrored(scan: Scan, capsys: pytest.CaptureFixture[str]) -> None:
+    """What `lfcal plan --positions` says of its list: a warning with the option that turns them."""
+    plan, frames, places = scan
+    positions = np.array(list(np.ndindex(plan.shape[:3])))
+    near = {tuple(place): k for k, place in enumerate(places.tolist())}
+    names = tuple(f"{k}.tif" for k in range(len(positions)))
+    listing = Listing("list", names, (0,) * len(names), plan.stage_um(positions), "um")
+
+    def read(k: int) -> NDArray[np.uint16]:
+        z, y, x = positions[k].tolist()
+        return frames[near[z, y, x]][:, ::-1]
+
+    _tell_turned(listing, plan, read)
+    said = capsys.readouterr().err
+    assert "warning: the frames are mirrored left to right against the camera" in said
+    assert "make the plan again with --orientation mirror-x, and assemble with it" in said
+    _tell_turned(listing, plan, lambda k: read(k)[:, ::-1])
+    assert capsys.readouterr().err == ""
