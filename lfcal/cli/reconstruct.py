@@ -91,9 +91,11 @@ def command(
     resample: bool = typer.Option(
         False,
         "--resample",
-        help="Resample to H's period by --lattice, else the lattice in --white, else the one H's camera states.",
+        help="Resample frames to H's period by --lattice, else the lattice in --white, else the one H's camera states; "
+        "by default where the lattice drifts by more than 0.5 px over the frame.",
     ),
-    lattice: Path | None = typer.Option(None, "--lattice", help="With --resample: lattice.json of `lfcal white`."),
+    as_is: bool = typer.Option(False, "--as-is", help="Do not resample frames, however far the lattice drifts."),
+    lattice: Path | None = typer.Option(None, "--lattice", help="Resample by this lattice.json of `lfcal white`."),
     anchor: str = typer.Option("", "--anchor", help="Pixel ROW,COLUMN of H's position (0, 0); H's own by default."),
     background: float = typer.Option(0.0, "--background", help="Counts of a pixel without any source."),
     read_noise: float = typer.Option(0.0, "--read-noise", help="Rms read noise (counts)."),
@@ -150,7 +152,7 @@ def command(
     from lfcal.cli.matrices import check_mat_files, report_missing
     from lfcal.cli.outputs import check_outputs
     from lfcal.cli.reconstruct_forecast import show_forecast, total_seconds
-    from lfcal.cli.reconstruct_grid import anchor_of, check_grid, check_lattice, grid_of, view_of, wide
+    from lfcal.cli.reconstruct_grid import anchor_of, check_as_is, grid_of, view_for, wide
     from lfcal.cli.reconstruct_numbers import iterations_of, margin_of, noise_of
     from lfcal.cli.reconstruct_regions import files_of_regions, open_regions, projector_of
     from lfcal.cli.reconstruct_saving import saving, targets_of
@@ -163,7 +165,7 @@ def command(
     if solver == "list":
         _list_solvers()
         return
-    check_lattice(lattice, resample=resample)
+    wanted = check_as_is(lattice, resample=resample, as_is=as_is)
     if memory is not None:
         check_number("--memory (GB)", memory, above=0, at_most=MOST_MEMORY)
     count, auto, stop = iterations_of(iterations)
@@ -175,8 +177,10 @@ def command(
     targets = {} if forecast or out is None else targets_of(task.frames, out, suffix if batch else None)
     again = force if out is None else may_replace(out, resume=resume, force=force)
     regions = tuple(region or ())
-    if regions and resample:
-        raise InputError.expected("--resample", "H of one region", "--region", "leave one of them out")
+    if regions and (resample or lattice):
+        raise InputError.expected(
+            "--resample" if resample else "--lattice", "H of one region", "--region", "leave one of them out"
+        )
     others = files_of_regions(psf, regions)
     check_mat_files(mat_order, psf, *others)
     read = (psf, *others, source, dark, white, lattice)
@@ -186,9 +190,9 @@ def command(
         H = matrices[0]
         for one in matrices:
             report_missing(one)
-        anchor = anchor or placed_anchor(source, H, resample=resample)
-        view = view_of(H, white, lattice) if resample else None
-        check_grid(H, task.shape, resample=resample)
+        anchor = anchor or placed_anchor(source, H, resample=resample or lattice is not None)
+        placed = bool(anchor or regions)
+        view = view_for(H, task.shape, white, lattice, resample=wanted, placed=placed)
         at = anchor_of(anchor, view, H)
         shape = task.shape if view is None else view.shape
         usual = margin if margin != "auto" or "weights" in choice.solver.honours else "0"
@@ -213,7 +217,7 @@ def command(
             show_forecast(P, choice, len(task.frames), warm=warm, json=json)
             return
         shared = Settings(
-            psf, dark, white, lattice, resample, anchor, method, double, threshold, within, regions, mat_order
+            psf, dark, white, lattice, view is not None, anchor, method, double, threshold, within, regions, mat_order
         )
         seconds = total_seconds(P, choice, len(task.frames))
         run = run_choice(

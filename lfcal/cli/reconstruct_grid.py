@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from lfcal.reconstruct.metric import MetricGrid
     from lfcal.reconstruct.resample import Resampling
 
-__all__ = ["anchor_of", "check_grid", "check_lattice", "grid_of", "view_of", "wide"]
+__all__ = ["anchor_of", "check_as_is", "grid_of", "known_view", "view_for", "view_of", "wide"]
 
 
 def grid_of(text: str, H: PSFMatrix, shape: tuple[int, int], anchor: tuple[float, float] | None) -> MetricGrid | None:
@@ -46,14 +46,56 @@ def wide(
     return (shape[0] + 2 * margin, shape[1] + 2 * margin), (row + margin, column + margin)
 
 
-def check_grid(H: PSFMatrix, shape: tuple[int, int], *, resample: bool) -> None:
-    """Tell where H is of scaled frames and these, of ``shape``, are as the sensor gives them."""
-    from lfcal.cli.console import report
+def view_for(
+    H: PSFMatrix,
+    shape: tuple[int, int],
+    white: Path | None,
+    lattice: Path | None,
+    *,
+    resample: bool | None,
+    placed: bool,
+) -> Resampling | None:
+    """Return the map of frames of ``shape`` onto H's period, None: they are used as they are.
 
-    if resample or H.pixel_scale == (1.0, 1.0) or H.camera is None or shape != H.camera.sensor.shape:
-        return
-    rows, columns = H.pixel_scale
-    report(f"note: H is of frames resampled × {columns:.6f}, {rows:.6f}; --resample does the same to these")
+    ``resample`` None: where the lattice drifts by more than `MOST_DRIFT` over the frame, as far as lfcal knows it.
+    ``placed``: the frames' place against H is given otherwise, so that they cannot be moved.
+    """
+    from lfcal.cli.console import report
+    from lfcal.reconstruct.resample import MOST_DRIFT, drift_words
+
+    if resample or lattice is not None:
+        return view_of(H, white, lattice)
+    view = known_view(H, shape, white)
+    if view is None or view.drift(shape) <= MOST_DRIFT:
+        return None
+    words = drift_words(view, shape)
+    if resample is None and not placed:
+        report(f"note: {words}; frames are resampled to it (--as-is uses them as they are)")
+        return view
+    remedy = "frames that are placed by --anchor, --region or a session are not resampled" if placed else ""
+    report(f"warning: {words}, and volumes show ghosts; {remedy or 'leave --as-is out to resample frames'}")
+    return None
+
+
+def known_view(
+    H: PSFMatrix, shape: tuple[int, int], white: Path | None, lattice: Path | None = None, *, quiet: bool = False
+) -> Resampling | None:
+    """Return the map by a measured lattice, that of the white frame, or else that of H's camera; None: unknown."""
+    from lfcal.cli.console import report
+    from lfcal.errors import InputError
+    from lfcal.reconstruct.resample import Resampling, lattice_anchor_of
+
+    if lattice is not None:
+        return view_of(H, white, lattice)
+    if white is not None:
+        try:
+            return view_of(H, white)
+        except InputError as error:
+            if not quiet:
+                report(f"note: no lattice is measured in the white image; {error}")
+    if H.camera is None or shape != H.camera.sensor.shape:
+        return None
+    return Resampling.of_camera(H.camera, H.period, lattice_anchor_of(H))
 
 
 def anchor_of(text: str, view: Resampling | None, H: Any) -> tuple[float, float] | None:
@@ -70,12 +112,14 @@ def anchor_of(text: str, view: Resampling | None, H: Any) -> tuple[float, float]
     return row, column
 
 
-def check_lattice(lattice: Path | None, *, resample: bool) -> None:
-    """Refuse a lattice that would be read for nothing."""
+def check_as_is(lattice: Path | None, *, resample: bool, as_is: bool) -> bool | None:
+    """Return whether frames are to be resampled; None: where they need it. Refuse what excludes each other."""
     from lfcal.errors import InputError
 
-    if lattice is not None and not resample:
-        raise InputError("--lattice: is what frames are resampled by; add --resample, or leave it out")
+    if as_is and (resample or lattice is not None):
+        other = "--resample" if resample else "--lattice"
+        raise InputError.expected("--as-is", f"no {other}, which resamples frames", other, "leave one of them out")
+    return False if as_is else resample or None
 
 
 def view_of(H: Any, white: Path | None, lattice: Path | None = None) -> Resampling:

@@ -224,14 +224,15 @@ def _tool_for(settings: Settings, shape: tuple[int, ...], how: How) -> _Tool:
 
 def _made(settings: Settings, shape: tuple[int, ...], how: How) -> _Tool:
     from lfcal.cli.reconstruct_frames import cleaner
-    from lfcal.cli.reconstruct_grid import anchor_of, view_of, wide
+    from lfcal.cli.reconstruct_grid import anchor_of, known_view, wide
     from lfcal.cli.reconstruct_regions import open_regions, projector_of
 
     with ExitStack() as stack:
         matrices = open_regions(settings.psf, settings.regions, stack, mat_order=settings.mat_order, quiet=True)
         first = matrices[0]
-        view = view_of(first, settings.white, settings.lattice) if settings.resample else None
-        frame = (shape[0], shape[1]) if view is None else view.shape
+        frame = shape[0], shape[1]
+        view = known_view(first, frame, settings.white, settings.lattice, quiet=True) if settings.resample else None
+        frame = frame if view is None else view.shape
         wider, anchor = wide(frame, anchor_of(settings.anchor, view, first), first, how[3])
         projector = projector_of(
             matrices,

@@ -11,9 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.errors import InputError
 from lfcal.threads import for_each_chunk
 
-__all__ = ["Resampling", "lattice_anchor_of"]
+__all__ = ["MOST_DRIFT", "Resampling", "drift_note", "drift_words", "lattice_anchor_of", "resampling_for"]
 
 Pair = tuple[float, float]
+
+MOST_DRIFT = 0.5
+"""Drift of a frame's lattice against H's period (px) up to which frames are used as they are."""
 
 
 @dataclass(frozen=True)
@@ -188,6 +191,16 @@ class Resampling:
         seen = self.distortion.apply(np.stack([place[1], place[0]], axis=-1))
         return seen[..., 1], seen[..., 0]
 
+    def drift(self, shape: tuple[int, int]) -> float:
+        """Return how far the lattice drifts over a frame of ``shape`` against the period of the result (px).
+
+        The larger of rows and columns: the range of how far pixels of the result lie from where the frame has them.
+        """
+        # corners and edges bound an affine map; a bent lattice may drift most anywhere
+        rows, columns = np.meshgrid(*(np.linspace(0, n - 1, 9) for n in shape), indexing="ij")
+        row, column = self.places(rows, columns)
+        return float(max(np.ptp(row - rows), np.ptp(column - columns)))
+
     def apply(self, frame: ArrayLike, *, order: int = 3, workers: int | None = None) -> NDArray[np.float32]:
         """Return ``frame`` resampled by splines of ``order`` (0 to 5); light is conserved, outside is 0.
 
@@ -239,6 +252,52 @@ def _invertible(down: Pair, across: Pair, period: tuple[int, int]) -> NDArray[np
     if not abs(float(np.linalg.det(matrix))) > 1e-6:
         raise InputError.expected("lattice periods", "two directions", (down, across), "fit the lattice again")
     return matrix
+
+
+def resampling_for(H: Any, shape: tuple[int, int]) -> Resampling | None:
+    """Return the map that whole frames of ``shape`` need to keep step with the period of ``H``, a `PSFMatrix`.
+
+    None where they are used as they are: the lattice that H's camera states drifts by at most `MOST_DRIFT` over the
+    frame, H has no camera, or the frames are not those of the whole sensor. The projector is that of the map's
+    ``shape`` and ``anchor(lattice_anchor_of(H))``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.camera import preset
+    >>> from lfcal.psf import PSFMatrix
+    >>> from lfcal.reconstruct.resample import resampling_for
+    >>> camera = preset("lfm_60x12")  # lenslets of 15.385 pixels
+    >>> H = PSFMatrix(np.ones((1, 15, 15, 3, 3)), depths=[0.0], camera=camera, anchor=(1000, 1000))
+    >>> view = resampling_for(H, camera.sensor.shape)
+    >>> print(f"{view.drift(camera.sensor.shape):.1f} px of drift over {camera.sensor.shape[0]} rows")
+    52.5 px of drift over 2048 rows
+    """
+    if _is_whole(H.camera, shape):
+        view = Resampling.of_camera(H.camera, H.period, lattice_anchor_of(H))
+        return view if view.drift(shape) > MOST_DRIFT else None
+    return None
+
+
+def drift_note(camera: Any, period: tuple[int, int], shape: tuple[int, int]) -> str:
+    """Return that frames of ``shape`` need to be resampled to ``period``; empty where they do not."""
+    if not _is_whole(camera, shape):
+        return ""
+    view = Resampling.of_camera(camera, period)
+    if view.drift(shape) <= MOST_DRIFT:
+        return ""
+    return f"{drift_words(view, shape)}: resample it (lfcal.reconstruct.resample.resampling_for)"
+
+
+def _is_whole(camera: Any, shape: tuple[int, int]) -> bool:
+    """Return whether ``shape`` is that of the sensor of ``camera`` (None: unknown)."""
+    return camera is not None and tuple(shape) == tuple(camera.sensor.shape)
+
+
+def drift_words(view: Resampling, shape: tuple[int, int]) -> str:
+    """Return how far the lattice of frames of ``shape`` drifts against the period of ``view``."""
+    ny, nx = view.period
+    return f"the lattice drifts by {view.drift(shape):.3g} px over the frame against H's period of {ny} x {nx} px"
 
 
 def lattice_anchor_of(H: Any) -> Pair:

@@ -100,7 +100,7 @@ def test_points_between_the_voxels_are_found_where_they_are(lfcal: Lfcal, tmp_pa
     light = noise.poisson(4e5 * light_of(plan, points)) + 100 + noise.normal(0, 1.5, plan.camera.sensor.shape)
     tifffile.imwrite(tmp_path / "frame.tif", light.clip(0, 65535).round().astype(np.uint16))
     frame = tmp_path / "frame.tif"
-    run = lfcal("reconstruct", tmp_path / "H.h5", frame, "--resample", "--background", 100, "-n", 10, "-o", volume)
+    run = lfcal("reconstruct", tmp_path / "H.h5", frame, "--background", 100, "-n", 10, "-o", volume)
     succeeded(run)
     found = np.load(volume)
     # position (0, 0) of H is where the frame's chief ray goes: a whole pixel of the result (see `Resampling`)
@@ -154,10 +154,10 @@ def test_a_three_type_array_of_broken_period_from_the_plan_to_the_volume(lfcal: 
         assert np.abs(np.array([top, left]) + at - near).max() <= 2.0
 
 
-def test_a_frame_of_another_grid_is_told(lfcal: Lfcal, tmp_path: Path) -> None:
+def test_a_frame_of_another_grid_is_resampled(lfcal: Lfcal, tmp_path: Path) -> None:
     camera, plan = described("lfm_60x12", 90, tmp_path), tmp_path / "plan.json"
     succeeded(lfcal("plan", camera, "--depths", "1", "--cutout", "41", "--resample", "-o", plan))
     succeeded(lfcal("simulate", plan, "-o", tmp_path / "H.h5"))
     tifffile.imwrite(tmp_path / "frame.tif", np.ones((90, 90), np.uint16))
     run = lfcal("reconstruct", tmp_path / "H.h5", tmp_path / "frame.tif", "-n", "1", "-o", tmp_path / "v.npy")
-    assert run.code == 0 and "--resample" in run.err
+    assert run.code == 0 and "px over the frame against H's period" in run.err and "are resampled" in run.err

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import tifffile
+from numpy.typing import NDArray
 
-from lfcal.camera import Camera, LensletLattice, LensType, MainLens, Sensor
+from lfcal.camera import Camera, LensletLattice, LensType, MainLens, Sensor, preset
 from lfcal.cli.reconstruct_grid import view_of
 from lfcal.cli.white_files import save_lattice
 from lfcal.errors import InputError
 from lfcal.lattice import fit_lattice
-from lfcal.psf import PSFMatrix
+from lfcal.psf import PSFMatrix, save
+from lfcal.reconstruct import Projector, SolverChoice, reconstruct
+from lfcal.reconstruct.resample import resampling_for
+from tests.cli.conftest import Run
 from tests.lattice.white_frames import WhiteFrame, draw_white
 
 PITCH = 16.0
@@ -50,3 +57,79 @@ def test_a_white_frame_of_another_sensor_is_refused(tmp_path: Path) -> None:
     tifffile.imwrite(tmp_path / "white.tif", truth.frame[:-20])
     with pytest.raises(InputError, match="white image"):
         view_of(H, tmp_path / "white.tif")
+
+
+# -- what is resampled where nothing is asked for ------------------------------------------------------------
+SHAPE = (130, 136)
+
+
+@pytest.fixture
+def drifting(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> PSFMatrix:
+    """Write H of lenslets of 15.385 px, its period 15, and a frame of the whole sensor: 3.46 px of drift."""
+    monkeypatch.chdir(tmp_path)
+    camera = preset("lfm_60x12")
+    camera = replace(camera, sensor=replace(camera.sensor, shape=SHAPE))
+    rng = np.random.default_rng(0)
+    H = PSFMatrix(rng.random((1, 15, 15, 5, 5)).astype(np.float32), depths=[1.0], camera=camera, anchor=(60.0, 63.0))
+    save(H, "H.h5")
+    for name, shape in (("frame.tif", SHAPE), ("part.tif", (100, 90))):
+        tifffile.imwrite(name, rng.poisson(80, shape).astype(np.uint16))
+    tifffile.imwrite("flat.tif", np.full(SHAPE, 1000, np.uint16))
+    return H
+
+
+def solved(lfcal: Callable[..., Run], *words: object) -> tuple[NDArray[Any], str]:
+    """Return the volume that the command writes, and what it reports."""
+    done = lfcal("reconstruct", "H.h5", *words, "--solver", "rl", "-n", 2, "--margin", 0, "--force", "-o", "v.npy")
+    assert done.code == 0, done.err
+    return np.load("v.npy"), done.err
+
+
+@pytest.mark.parametrize("run", [(), ("--executor", "threads")])
+def test_frames_are_resampled_where_the_lattice_drifts(
+    lfcal: Callable[..., Run], drifting: PSFMatrix, run: tuple[str, ...]
+) -> None:
+    """They were reconstructed as they are, without a word; a white image without lenslets changes nothing."""
+    asked, _ = solved(lfcal, "frame.tif", "--resample", *run)
+    usual, said = solved(lfcal, "frame.tif", *run)
+    np.testing.assert_array_equal(usual, asked)
+    view = resampling_for(drifting, SHAPE)
+    assert view is not None and usual.shape == (1, *view.shape) != (1, *SHAPE)
+    drift = 135 * (15.384615 / 15 - 1)
+    assert f"drifts by {drift:.3g} px over the frame against H's period of 15 x 15 px; frames are resampled" in said
+    flat, said = solved(lfcal, "frame.tif", "--white", "flat.tif", *run)
+    assert flat.shape == usual.shape and "no lattice is measured in the white image" in said and "resampled" in said
+
+
+def test_frames_are_used_as_they_are_where_that_is_asked_for(lfcal: Callable[..., Run], drifting: PSFMatrix) -> None:
+    found, said = solved(lfcal, "frame.tif", "--as-is")
+    image = tifffile.imread("frame.tif").astype(np.float32)
+    P = Projector(drifting, SHAPE)
+    result = reconstruct(P, image, SolverChoice("rl", 2))
+    np.testing.assert_allclose(found, result.volume, rtol=1e-5)
+    assert "warning: the lattice drifts by 3.46 px over the frame" in said and "leave --as-is out" in said
+    assert any("drifts by 3.46 px" in note and "resampling_for" in note for note in result.notes)
+    # a frame whose place is given, or of another size, is not moved
+    placed, said = solved(lfcal, "frame.tif", "--anchor", "60,63")
+    np.testing.assert_array_equal(placed, found)
+    assert "warning: the lattice drifts by 3.46 px" in said and "--anchor" in said
+    part, said = solved(lfcal, "part.tif")
+    assert part.shape == (1, 100, 90) and "drift" not in said
+    done = lfcal("reconstruct", "H.h5", "frame.tif", "--as-is", "--resample", "-o", "w.npy")
+    assert done.code == 2 and "--as-is: expected no --resample" in done.err
+
+
+def test_frames_that_keep_step_are_used_as_they_are(lfcal: Callable[..., Run], drifting: PSFMatrix) -> None:
+    """Up to half a pixel of drift; a white image that shows more decides against the camera."""
+    camera = drifting.camera
+    assert camera is not None
+    pitch = 15.02 * camera.sensor.pixel_um
+    fitting = replace(camera, lattice=replace(camera.lattice, pitch_um=pitch))
+    Path("H.h5").unlink()
+    save(PSFMatrix(drifting[:], depths=[1.0], camera=fitting, anchor=drifting.anchor), "H.h5")
+    found, said = solved(lfcal, "frame.tif")
+    assert found.shape == (1, *SHAPE) and "drift" not in said
+    white = draw_white(SHAPE, 15.4, kind="square", rotation=0.0).frame
+    tifffile.imwrite("white.tif", white)
+    found, said = solved(lfcal, "frame.tif", "--white", "white.tif")
+    assert found.shape != (1, *SHAPE) and "frames are resampled" in said

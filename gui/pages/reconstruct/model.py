@@ -14,6 +14,7 @@ from lfcal.errors import InputError
 from lfcal.psf import PSFMatrix
 from lfcal.reconstruct.margin import usual_margin
 from lfcal.reconstruct.projectors.forecast import METHODS
+from lfcal.reconstruct.resample import Resampling, lattice_anchor_of, resampling_for
 from lfcal.reconstruct.solvers.choice import SOLVERS, SolverChoice
 from lfcal.reconstruct.solvers.solver import OPTIONS
 from lfcal.reconstruct.solvers.stopping import MOST_ITERATIONS, STOPS
@@ -117,6 +118,13 @@ FIELDS = (
     ),
     Field("double", "Double precision", kind="bool", tip="float64 instead of float32: twice the memory"),
     Field(
+        "as_is",
+        "As is",
+        kind="bool",
+        tip="Use the light field as it is. By default it is resampled to H's period where the camera's lattice drifts "
+        "by more than 0.5 px over the frame",
+    ),
+    Field(
         "region",
         "Region",
         "px",
@@ -161,6 +169,8 @@ class ReconstructSettings(PageSettings):
         First row and column, rows and columns of the light field; empty: all.
     anchor
         Pixel (row, column) of the whole light field at which H's position (0, 0) is imaged; empty: that of H.
+    as_is
+        Whether the light field is not resampled, however far the lattice drifts against H's period.
     """
 
     page: ClassVar[str] = "reconstruct"
@@ -183,6 +193,7 @@ class ReconstructSettings(PageSettings):
     double: bool = False
     region: tuple[float, ...] = ()
     anchor: tuple[float, ...] = ()
+    as_is: bool = False
 
     def __post_init__(self) -> None:
         """Check what no library call would find before the work begins."""
@@ -249,7 +260,8 @@ class ReconstructSettings(PageSettings):
         choice = self.choice()
         if self.margin is not None or not used_by(self.solver, "margin"):
             return choice
-        rows, columns = self.window(shape)
+        view = self.view(H, shape)
+        rows, columns = self.window(shape if view is None else view.shape)
         used = rows.stop - rows.start, columns.stop - columns.start
         return replace(choice, margin=usual_margin(H.period, (H.shape[3], H.shape[4]), used))
 
@@ -265,13 +277,20 @@ class ReconstructSettings(PageSettings):
 
         if not self.voxel:
             return None
+        side = None if self.voxel == "auto" else _side(self.voxel)
+        if (view := self.view(H, shape)) is not None:
+            return MetricGrid.for_matrix(H, view.shape, view.anchor(lattice_anchor_of(H)), side)
         rows, columns = self.window(shape)
         anchor = None
         if self.anchor or self.region:
             row, column = self.anchor or H.anchor
             anchor = row - rows.start, column - columns.start
         used = rows.stop - rows.start, columns.stop - columns.start
-        return MetricGrid.for_matrix(H, used, anchor, None if self.voxel == "auto" else _side(self.voxel))
+        return MetricGrid.for_matrix(H, used, anchor, side)
+
+    def view(self, H: PSFMatrix, shape: tuple[int, int]) -> Resampling | None:
+        """Return how a light field of ``shape`` is resampled to H's period; None: it is used as it is."""
+        return None if self.as_is or self.anchor or self.region else resampling_for(H, shape)
 
     def window(self, shape: tuple[int, int]) -> tuple[slice, slice]:
         """Return rows and columns of a light field of ``shape`` to be used; raises `InputError` if outside."""
@@ -309,9 +328,9 @@ def projector_for(H: PSFMatrix, shape: tuple[int, int], settings: ReconstructSet
     from lfcal.reconstruct.memory import room_for_projections
     from lfcal.reconstruct.projectors.projector import Projector
 
-    rows, columns = settings.window(shape)
-    row, column = settings.anchor or H.anchor
-    choice = settings.choice_for(H, shape)
+    choice, view = settings.choice_for(H, shape), settings.view(H, shape)
+    rows, columns = settings.window(shape if view is None else view.shape)
+    row, column = settings.anchor or (H.anchor if view is None else view.anchor(lattice_anchor_of(H)))
     wide = tuple(one.stop - one.start + 2 * choice.margin for one in (rows, columns))
     size = 8 if settings.double else 4
     return Projector(

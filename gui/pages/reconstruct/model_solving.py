@@ -15,6 +15,7 @@ from lfcal.progress import Work
 from lfcal.psf import PSFMatrix
 from lfcal.reconstruct.margin import cropped
 from lfcal.reconstruct.metrics import nrmse
+from lfcal.reconstruct.resample import Resampling, drift_note, drift_words
 from lfcal.reconstruct.solvers.choice import iter_reconstruct
 from lfcal.reconstruct.solvers.records import SolverProgress, SolverState
 from lfcal.units import format_seconds
@@ -59,18 +60,27 @@ class Solving:
         self.voxel_um: tuple[float, float] | None = None
         self._projector: Any = None
         self._margin = 0
+        self._view: Resampling | None = None
+        self._said: tuple[str, ...] = ()
         self._matrix: PSFMatrix | None = None
         self._stop = threading.Event()
 
     @property
     def window(self) -> tuple[slice, slice]:
-        """Rows and columns of the light field that are used."""
-        return self.settings.window((self.image.shape[0], self.image.shape[1]))
+        """Rows and columns of the light field, resampled where that is needed, that are used."""
+        seen = self.image if self._view is None else self._view
+        return self.settings.window((seen.shape[0], seen.shape[1]))
+
+    @property
+    def _shape(self) -> tuple[int, int]:
+        """Rows and columns of the light field as it is."""
+        return self.image.shape[0], self.image.shape[1]
 
     @property
     def pixels(self) -> int:
         """Number of pixels used."""
-        return int(self.image[self.window].size)
+        rows, columns = self.window
+        return (rows.stop - rows.start) * (columns.stop - columns.start)
 
     @property
     def truth(self) -> NDArray[np.float32] | None:
@@ -127,7 +137,10 @@ class Solving:
         settings = self.settings if iterations is None else self.settings.changed("iterations", iterations)
         choice = replace(settings.choice(), margin=self._margin)
         self.stopped, self.chi2 = "", float("nan")
-        running = iter_reconstruct(self._projector, self.image[self.window], choice, resume=self.state)
+        image, weights = self.image, None
+        if self._view is not None:
+            image, weights = self._view.apply(self.image), self._view.inside(self._shape)
+        running = iter_reconstruct(self._projector, image[self.window], choice, weights=weights, resume=self.state)
         try:
             while True:
                 record = next(running)
@@ -139,7 +152,11 @@ class Solving:
                     break
         except StopIteration as end:
             # of a run that stops by itself the best estimate is an earlier one
-            self.notes, self.stopped, self.state = end.value.notes, end.value.stopped, end.value.state
+            self.notes, self.stopped, self.state = (
+                (*self._said, *end.value.notes),
+                end.value.stopped,
+                end.value.state,
+            )
             self.chi2 = end.value.chi2
         finally:
             running.close()
@@ -153,7 +170,12 @@ class Solving:
 
         if self._matrix is None:
             self._matrix = open_psf(self.psf)
-        shape = self.image.shape[0], self.image.shape[1]
+        shape = self._shape
+        self._view, self._said = self.settings.view(self._matrix, shape), ()
+        if self._view is not None:
+            self._said = (f"{drift_words(self._view, shape)}: the light field is resampled to it",)
+        elif note := drift_note(self._matrix.camera, self._matrix.period, shape):
+            self._said = (f"warning: {note.partition(':')[0]}, and the volume shows ghosts",)
         self._margin = self.settings.choice_for(self._matrix, shape).margin
         projector = projector_for(self._matrix, shape, self.settings)
         if not self.settings.choice().solver.in_parts:
@@ -176,7 +198,7 @@ class Solving:
         """
         assert self._matrix is not None
         asked = replace(self.settings, voxel=settings.voxel)
-        grid = asked.grid(self._matrix, (self.image.shape[0], self.image.shape[1]))
+        grid = asked.grid(self._matrix, self._shape)
         if grid is None:
             return Placed(self.volume, self.voxel_um, self.details())
         details = {**self.details(), "voxel_um": grid.voxel_um, "origin_um": grid.origin_um}

@@ -38,6 +38,7 @@ def step(project: ProjectState, out: str = "") -> Step:
         ("--subsets", choice.subsets),
         ("--voxel", chosen.voxel),
         ("--double", chosen.double),
+        ("--as-is", chosen.as_is),
         ("--out", out),
     )
     return Step(("reconstruct", psf, frame, *options_of(pairs)), _python(psf, frame, chosen, out))
@@ -59,6 +60,15 @@ def _python(psf: str, frame: str, chosen: ReconstructSettings, out: str) -> str:
         grid = f"\n    grid = MetricGrid.for_matrix(H, (rows, columns), {anchor}, {side})"
         placed = "grid.apply(volume)"
     usual = "usual_margin(H.period, H.shape[3:], image.shape)"
+    row_column, resampled, weights = "H.anchor" if not chosen.anchor else repr(tuple(chosen.anchor)), "", ""
+    if not (chosen.as_is or chosen.anchor):
+        row_column, weights = "anchor", ", weights=weights"
+        resampled = """
+    anchor, weights = H.anchor, None
+    if (view := resampling_for(H, image.shape)) is not None:
+        anchor, weights, image = view.anchor(lattice_anchor_of(H)), view.inside(image.shape), view.apply(image)"""
+        if grid:
+            grid = grid.replace("None", "anchor", 1)
     return f"""
 import numpy as np
 import tifffile
@@ -66,18 +76,19 @@ from lfcal.psf import open_psf
 from lfcal.reconstruct import Projector, SolverChoice, reconstruct
 from lfcal.reconstruct.margin import usual_margin
 from lfcal.reconstruct.metric import MetricGrid
+from lfcal.reconstruct.resample import lattice_anchor_of, resampling_for
 
 image = tifffile.imread({frame!r}).astype(np.float32)
-with open_psf({psf!r}) as H:
+with open_psf({psf!r}) as H:{resampled}
     margin = {usual if chosen.margin is None else choice.margin}
     choice = SolverChoice(**{settings!r}, margin=margin)
-    row, column = {"H.anchor" if not chosen.anchor else repr(tuple(chosen.anchor))}
+    row, column = {row_column}
     rows, columns = image.shape
     projector = Projector(
         H, (rows + 2 * margin, columns + 2 * margin), (row + margin, column + margin), {chosen.method!r},
         dtype={"float64" if chosen.double else "float32"!r}, threshold={chosen.threshold!r},
         tolerance={chosen.within!r}, device={chosen.device!r},
     )
-    volume = reconstruct(projector, image, choice).volume{grid}
+    volume = reconstruct(projector, image, choice{weights}).volume{grid}
     tifffile.imwrite({out!r}, np.asarray({placed}, np.float32))
 """

@@ -15,6 +15,7 @@ from lfcal.errors import InputError
 from lfcal.progress import drain
 from lfcal.reconstruct.margin import cropped, widened, widened_start
 from lfcal.reconstruct.projectors.projector import Projector
+from lfcal.reconstruct.resample import drift_note
 from lfcal.reconstruct.solvers.measurement import check_counts, foretold
 from lfcal.reconstruct.solvers.records import Reconstruction, SolverProgress, SolverState, SolverWork
 from lfcal.reconstruct.solvers.solver import Solver, SolverRun
@@ -317,4 +318,7 @@ def reconstruct(
     >>> print(f"{len(result.history)} iterations, brightest voxel in plane {plane} at {row}, {column}")
     8 iterations, brightest voxel in plane 1 at 20, 25
     """
-    return drain(iter_reconstruct(P, image, choice, weights=weights, initial=initial, resume=resume))
+    result = drain(iter_reconstruct(P, image, choice, weights=weights, initial=initial, resume=resume))
+    rows, columns = np.shape(image)
+    note = drift_note(P.camera, P.period, (rows, columns))
+    return replace(result, notes=(*result.notes, note)) if note else result

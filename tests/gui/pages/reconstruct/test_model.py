@@ -5,6 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tifffile
+from typer.testing import CliRunner
 
 from gui.models.project import ProjectState
 from gui.pages.reconstruct.model import (
@@ -17,7 +19,9 @@ from gui.pages.reconstruct.model import (
 from gui.pages.reconstruct.model_light_field import light_field, make_light_field, synthetic_shape
 from gui.pages.reconstruct.model_solving import Solving
 from gui.pages.reconstruct.model_volume import VolumeIntent, resolve
+from gui.pages.reconstruct.step import step
 from lfcal.camera import preset
+from lfcal.cli.app import build_app
 from lfcal.errors import InputError
 from lfcal.progress import drain
 from lfcal.psf import PSFMatrix
@@ -27,6 +31,7 @@ from lfcal.reconstruct import Projector
 from lfcal.reconstruct.margin import usual_margin
 from lfcal.reconstruct.memory import run_memory
 from lfcal.reconstruct.metric import MetricGrid
+from lfcal.reconstruct.resample import resampling_for
 from lfcal.reconstruct.solvers.choice import SolverChoice, reconstruct
 from lfcal.reconstruct.solvers.stopping import MOST_ITERATIONS
 from lfcal.units import format_bytes
@@ -302,3 +307,33 @@ def test_a_volume_is_saved_with_voxels_of_one_size(tmp_path: Path) -> None:
 def test_voxels_of_one_size_need_a_camera(psf: str) -> None:
     with opened(psf) as H, pytest.raises(InputError, match="an H with its camera"):
         ReconstructSettings(voxel="auto").grid(H, (24, 25))
+
+
+@pytest.mark.parametrize("as_is", [False, True])
+def test_a_light_field_is_resampled_where_the_lattice_drifts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, as_is: bool
+) -> None:
+    """As the command does it; the window used every light field as it is, without a word."""
+    monkeypatch.chdir(tmp_path)
+    camera = preset("lfm_60x12")
+    camera = replace(camera, sensor=replace(camera.sensor, shape=(130, 136)))
+    rng = np.random.default_rng(0)
+    H = PSFMatrix(rng.random((1, 15, 15, 5, 5)).astype(np.float32), depths=[1.0], camera=camera, anchor=(60.0, 63.0))
+    save(H, "H.h5")
+    image = rng.poisson(80, camera.sensor.shape).astype(np.uint16)
+    tifffile.imwrite("frame.tif", image)
+    settings = ReconstructSettings("rl", iterations=2, as_is=as_is, voxel="2.5")
+    solving = Solving("H.h5", image, settings)
+    drain(solving.work())
+    assert solving.volume.shape == ((1, 130, 136) if as_is else (1, *resampling_for(H, (130, 136)).shape))
+    assert ("warning: " if as_is else "") + "the lattice drifts by 3.46 px over the frame" in solving.words()
+    project = ProjectState(psf="H.h5", light_field="frame.tif")
+    done = step(replace(project, settings=settings.into(project)), "v.tif")
+    assert ("--as-is" in done.arguments) == as_is
+    assert CliRunner().invoke(build_app(), list(done.arguments)).exit_code == 0
+    exec(compile(done.script().replace("v.tif", "w.tif"), "script", "exec"), {})
+    expected = solving.placed(settings).volume
+    for out in ("v.tif", "w.tif"):
+        found = tifffile.imread(out)
+        np.testing.assert_allclose(found.reshape(expected.shape), expected, rtol=1e-4, atol=1e-4 * expected.max())
+    solving.close()
