@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.errors import InputError
-from lfcal.lattice.model import neighbour_median
+from lfcal.lattice.model import class_light, neighbour_median
 from lfcal.lattice.smooth_field import fit_field
 
 __all__ = ["Evenness", "check_white", "evenness"]
@@ -58,6 +58,8 @@ class Evenness:
 def evenness(index: NDArray[np.intp], light: Array, alive: NDArray[np.bool_], places: Array) -> Evenness:
     """Return how even the ``light`` ``(n,)`` of lenslets is.
 
+    What lenslets share does not count differences between their classes (`class_light`): alternate rows may be dimmer.
+
     Parameters
     ----------
     index
@@ -70,17 +72,30 @@ def evenness(index: NDArray[np.intp], light: Array, alive: NDArray[np.bool_], pl
         ``(n, 2)``: centres (row, column) (pixels).
     """
     even = np.where(alive, light / _smooth(light, alive, places), np.nan)
-    around = neighbour_median(index, even, REACH)
-    lit = alive & (light > LIT * np.percentile(light[alive], 90)) & (around > 0)
-    # a speck of dirt or one bright bead is no uneven field: it counts once, not by its brightness
-    away = np.where(lit, np.clip(even / np.where(lit, around, 1) - 1, -1, 1), np.nan)
+    bright = alive & (light > LIT * np.percentile(light[alive], 90))
+    own, away = (_away(index, values, bright) for values in (even / class_light(index, even), even))
+    shared = min(_shared(index, own), _shared(index, away))
+    away = away[np.isfinite(away)]
+    return Evenness(shared, math.sqrt(float(np.mean(away**2))) if away.size else 0.0)
+
+
+def _shared(index: NDArray[np.intp], away: Array) -> float:
+    """Return the root of the mean product of departures ``(n,)`` of neighbours."""
     place = index - index.min(0)
     grid = np.full(place.max(0) + 1, np.nan)
     grid[place[:, 0], place[:, 1]] = away
     products = np.concatenate([(grid[1:] * grid[:-1]).ravel(), (grid[:, 1:] * grid[:, :-1]).ravel()])
     products = products[np.isfinite(products)]
-    shared = math.sqrt(max(float(products.mean()), 0.0)) if products.size else 0.0
-    return Evenness(shared, math.sqrt(float(np.mean(away[lit] ** 2))) if lit.any() else 0.0)
+    return math.sqrt(max(float(products.mean()), 0.0)) if products.size else 0.0
+
+
+def _away(index: NDArray[np.intp], even: Array, bright: NDArray[np.bool_]) -> Array:
+    """Return the relative departure ``(n,)`` of ``bright`` lenslets from those around them; NaN for others."""
+    around = neighbour_median(index, even, REACH)
+    lit = bright & (around > 0)
+    # a speck of dirt or one bright bead is no uneven field: it counts once, not by its brightness
+    result: Array = np.where(lit, np.clip(even / np.where(lit, around, 1) - 1, -1, 1), np.nan)
+    return result
 
 
 def _smooth(light: Array, alive: NDArray[np.bool_], places: Array) -> Array:

@@ -10,9 +10,18 @@ from numpy.typing import NDArray
 
 from lfcal.camera import LatticeDistortion
 
-__all__ = ["LatticeModel", "neighbour_median"]
+__all__ = ["LatticeModel", "class_light", "class_median", "neighbour_median"]
 
 Array = NDArray[np.float64]
+
+DIM_CLASS = 0.75
+"""Light of a class of lenslets, over that of the brightest, below which lenslets are compared with their own class."""
+
+MOST_LIGHT = 3.0
+"""Light of a lenslet, over that around it, up to which it counts in the mean of its class."""
+
+CLASS_REACH = 2
+"""Lenslets to each side whose mean light that of a class is relative to."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -112,13 +121,35 @@ class LatticeModel:
         return inside
 
 
+def class_light(index: NDArray[np.intp], light: Array) -> Array:
+    """Return the usual ``light`` ``(n,)`` of the class of each lenslet; NaN in ``light`` is left out.
+
+    Coatings and polarisers make alternate rows, columns or diagonals dimmer, and focal lengths one of three types.
+    ``light`` is relative to the surroundings. Classes are those of the whole array, so an edge of light makes none.
+    """
+    usual = np.ones(len(light))
+    for classes in (2 * (index[:, 0] % 2) + index[:, 1] % 2, (index[:, 0] - index[:, 1]) % 3):
+        for one in np.unique(classes):
+            mine = classes == one
+            known = (light / usual)[mine & np.isfinite(light)]
+            # a median would follow one half of a class that an object makes unequal, a plain mean one bright speck
+            middle = float(np.clip(known, 0, MOST_LIGHT).mean()) if known.size else 1.0
+            usual[mine] *= middle if middle > 0 else 1.0
+    return usual
+
+
+def class_median(index: NDArray[np.intp], values: Array) -> Array:
+    """Return for each lenslet the median of ``values`` around it, as it would be were all of its own class."""
+    near = np.nanmean(_neighbours(index, values, CLASS_REACH), axis=-1)
+    usual = class_light(index, np.where(near > 0, values / np.where(near > 0, near, 1), np.nan))
+    if usual.min() > DIM_CLASS * usual.max():
+        return neighbour_median(index, values)
+    return neighbour_median(index, values / usual) * usual
+
+
 def neighbour_median(index: NDArray[np.intp], values: Array, reach: int = 2) -> Array:
     """Return for each lenslet the median of ``values`` over the lenslets up to ``reach`` indices away."""
-    place = index - index.min(0) + reach
-    grid = np.full(place.max(0) + reach + 1, np.nan)
-    grid[place[:, 0], place[:, 1]] = values
-    steps = range(-reach, reach + 1)
-    around = np.stack([grid[place[:, 0] + i, place[:, 1] + j] for i in steps for j in steps], axis=-1)
+    around = _neighbours(index, values, reach)
     around[~np.isfinite(around)] = np.nan
     # sorted, NaN comes last: much faster than numpy's nanmedian
     around.sort(axis=-1)
@@ -126,3 +157,12 @@ def neighbour_median(index: NDArray[np.intp], values: Array, reach: int = 2) -> 
     middle = [np.take_along_axis(around, k[:, None], -1)[:, 0] for k in (np.maximum(count - 1, 0) // 2, count // 2)]
     result: Array = np.where(count > 0, (middle[0] + middle[1]) / 2, 0.0)
     return result
+
+
+def _neighbours(index: NDArray[np.intp], values: Array, reach: int) -> Array:
+    """Return ``values`` of the lenslets up to ``reach`` indices from each one ``(n, (2 reach + 1)²)``; NaN: none."""
+    place = index - index.min(0) + reach
+    grid = np.full(place.max(0) + reach + 1, np.nan)
+    grid[place[:, 0], place[:, 1]] = values
+    steps = range(-reach, reach + 1)
+    return np.stack([grid[place[:, 0] + i, place[:, 1] + j] for i in steps for j in steps], axis=-1)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.checks import as_sensor_frame
 from lfcal.errors import InputError
 from lfcal.lattice.micro_image import light_of, mean_micro_image, place_lenslets
-from lfcal.lattice.model import LatticeModel, neighbour_median
+from lfcal.lattice.model import LatticeModel, class_median
 from lfcal.lattice.mosaic import levelled
 from lfcal.lattice.smooth_field import fit_field
 from lfcal.lattice.spectrum import MIN_LENSLETS, MIN_PITCH
@@ -153,7 +153,7 @@ def centred(image: NDArray[np.float32], model: LatticeModel, workers: int | None
         index = _lenslets_of(image, model, reach)
         light = mean_light(image, model, index, workers)
         # dead lenslets would blur the mean towards a flat patch
-        scales = np.where(_dim(light, neighbour_median(index, light)), 0, light)
+        scales = np.where(_dim(light, class_median(index, light)), 0, light)
         micro = mean_micro_image(image, model.places(index), scales, radius + 1.5, workers)
         shift = micro.off_centre(radius)
         model = model.moved(np.clip(shift, -model.pitch / 4, model.pitch / 4))
@@ -180,7 +180,7 @@ def evened(image: NDArray[np.float32], model: LatticeModel, workers: int | None)
     """Divide by the smooth fall of light: within a micro-image it would draw the places to the brighter side."""
     index = _lenslets_of(image, model)
     light = mean_light(image, model, index, workers)
-    alive = ~_dim(light, neighbour_median(index, light))
+    alive = ~_dim(light, class_median(index, light))
     points = model.places(index)[alive][:, ::-1]
     # a quartic through few lenslets would follow each of them
     degree = 4 if alive.sum() > 150 else 1
@@ -197,7 +197,7 @@ def place_all(
     radius = PLACING_RADIUS * model.pitch
     index = _lenslets_of(image, model, reach)
     light = mean_light(image, model, index, workers)
-    around = neighbour_median(index, light)
+    around = class_median(index, light)
     dead = _dim(light, around)
     centres = model.places(index)
     micro = mean_micro_image(image, centres, np.where(dead, 0, light), radius + 1.5, workers).symmetric()
@@ -206,7 +206,7 @@ def place_all(
     dead |= ~np.isfinite(placed.gains) | (distance > MAX_SHIFT * model.pitch)
     # dirt may leave light but no contrast
     gains = np.where(np.isfinite(placed.gains), placed.gains, 0.0)
-    dead |= _dim(gains, neighbour_median(index, gains))
+    dead |= _dim(gains, class_median(index, gains))
     explained = float(np.median(placed.explained[~dead])) if not dead.all() else 0.0
     # in the dark beyond the lit field there is noise, and places in it
     dead |= placed.explained < MIN_SHARE_EXPLAINED * explained

@@ -41,6 +41,22 @@ HEXAGONAL_ORDERS = (((1, 0), (0, 1), (-1, -1)), ((1, -1), (1, 2), (-2, -1)), ((2
 SQUARE_ORDERS = (((1, 0), (0, 1)), ((1, 1), (1, -1)), ((2, 0), (0, 2)))
 """The lowest orders of a cell in sets that turns by 120 or 90 degrees take into one another, but for opposite ones."""
 
+FINER = {
+    "hexagonal": ((3, np.array([[2.0, -1.0], [1.0, 1.0]]) / 3), (4, np.eye(2) / 2)),
+    "square": ((2, np.array([[1.0, -1.0], [1.0, 1.0]]) / 2), (4, np.eye(2) / 2)),
+}
+"""Lattices of the same kind that contain a lattice: how many times its places, and the vectors in units of its basis.
+
+An array of unequal lenslets repeats over a coarser lattice: three types over √3 pitches, a checkered brightness over
+√2, one lenslet of four over 2."""
+
+CELL_SIDE = 9
+"""Samples along each side of a mean cell."""
+
+ALIKE = 0.7
+"""Correlation with each other of the mean cells about all places of a lattice. Measured: lenslets of brightness 0.3 to
+1 at least 0.99; where some of the places are gaps, below 0.4."""
+
 SYMMETRY_PITCHES = 8.0
 """How far from the middle the mean cell is taken."""
 
@@ -74,8 +90,9 @@ def guess_lattice(image: NDArray[np.float32], kind: str | None, pitch_px: float 
     """Return the lattice of the micro-images of a white image, without any lens types.
 
     Pairs of spectral peaks of equal length at 60 or 90 degrees propose lattices. The finest that explains the
-    peaks is taken, or the one √3 finer: three lens types add the peaks of a lattice √3 coarser than that of the
-    lenslets. Which of the two it is shows in the image: a lattice too fine puts centres into gaps.
+    peaks is taken, or one that contains it (`FINER`): lenslets of several types, or of unequal brightness, add the
+    peaks of a lattice coarser than their own. Which of the two it is shows in the image: a lattice too fine puts
+    centres into gaps. A stated pitch decides between lattices of different pitch.
 
     Raises
     ------
@@ -90,14 +107,12 @@ def guess_lattice(image: NDArray[np.float32], kind: str | None, pitch_px: float 
         found = "no regular pattern" if len(frequencies) < 2 else "peaks that form none"
         wanted = f"a {kind} lattice of micro-images" if kind else "a square or hexagonal lattice of micro-images"
         raise InputError.expected("white image", wanted, found, "take an evenly lit, sharp image of the lenslets")
-    name, basis = _explaining(candidates, frequencies, amplitudes)
-    rough, share = _judge(flat, name, basis, _most_symmetric(flat, name, basis))
-    if name == "hexagonal":
-        # the lenslets' lattice within that of one type: (2, -1)/3 and (1, 1)/3 of its vectors
-        finer = upright(np.array([[2.0, -1.0], [1.0, 1.0]]) @ basis / 3, name)
-        other, bright = _judge(flat, name, finer, _most_symmetric(flat, name, basis, types=3))
-        if bright >= MIN_BRIGHT and other.contrast > 0:
-            rough, share = other, bright
+    rough, share = _finest(flat, *_explaining(candidates, frequencies, amplitudes))
+    if pitch_px is not None and not _near(rough.basis, pitch_px):
+        stated = [(name, basis) for name, basis in _contained(candidates) if _near(basis, pitch_px)]
+        if stated:
+            name, basis = _explaining(stated, frequencies, amplitudes)
+            rough, share = _judge(flat, name, basis, _most_symmetric(flat, name, basis))
     if share < MIN_BRIGHT or rough.contrast <= 0:
         got = f"{100 * share:.0f} % of the places"
         raise InputError.expected(
@@ -106,12 +121,73 @@ def guess_lattice(image: NDArray[np.float32], kind: str | None, pitch_px: float 
             got,
             "take an evenly lit image of the lenslets",
         )
-    if pitch_px is not None and abs(np.linalg.norm(rough.basis[0]) / pitch_px - 1) > NOMINAL_TOLERANCE:
+    if pitch_px is not None and not _near(rough.basis, pitch_px):
         got = f"{np.linalg.norm(rough.basis[0]):.2f} px"
         raise InputError.expected(
             "white image", f"a pitch within 10 % of {pitch_px:g} px", got, "correct the nominal pitch or leave it out"
         )
     return RoughLattice(rough.kind, rough.basis, rough.centre + origin, rough.contrast)
+
+
+def _near(basis: Array, pitch_px: float) -> bool:
+    return bool(abs(np.linalg.norm(basis[0]) / pitch_px - 1) <= NOMINAL_TOLERANCE)
+
+
+def _contained(candidates: list[tuple[str, Array]]) -> list[tuple[str, Array]]:
+    """Return the candidates, and the finer lattices that contain each of them."""
+    return [
+        *candidates,
+        *((name, upright(step @ basis, name)) for name, basis in candidates for _, step in FINER[name]),
+    ]
+
+
+def _finest(flat: NDArray[np.float32], name: str, basis: Array) -> tuple[RoughLattice, float]:
+    """Return the finest lattice that contains that of ``basis`` and has a micro-image at every place, as `_judge`."""
+    found = _judge(flat, name, basis, _most_symmetric(flat, name, basis))
+    for order, step in FINER[name]:
+        finer = upright(step @ basis, name)
+        if np.linalg.norm(finer[0]) < MIN_PITCH:
+            continue
+        if order == 3:
+            centre = _most_symmetric(flat, name, basis, types=3)
+            gains, alike = _cells(flat, basis, finer, centre)
+            # types differ in focus, so their cells need not be alike; but a gap holds nothing
+            filled = (np.abs(gains) > SURE * np.abs(alike)).all()
+            other, share = _judge(flat, name, finer, centre)
+        else:
+            gains, alike = _cells(flat, basis, finer, _most_symmetric(flat, name, finer))
+            filled = (gains > SURE).all() and (alike > ALIKE).all()
+            other, share = _finest(flat, name, finer) if filled else found
+        finest = np.linalg.norm(other.basis[0]) < np.linalg.norm(found[0].basis[0])
+        if filled and finest and share >= MIN_BRIGHT and other.contrast > 0:
+            found = other, share
+    return found
+
+
+def _cells(flat: NDArray[np.float32], basis: Array, finer: Array, centre: Array) -> tuple[Array, Array]:
+    """Compare the mean cells about the places of a finer lattice within one cell of the lattice of ``basis``.
+
+    Cells near the middle are averaged, as in `_most_symmetric`. Returns the gain of each mean cell against the one of
+    most contrast, and its correlation with it; both 1 for that one.
+    """
+    from scipy.ndimage import map_coordinates
+
+    steps = np.stack(np.meshgrid(np.arange(4), np.arange(4)), -1).reshape(-1, 2) @ finer @ np.linalg.inv(basis)
+    inside = np.unique(np.round(np.mod(steps + 1e-6, 1), 4), axis=0) @ basis
+    side = (np.arange(CELL_SIDE) - (CELL_SIDE - 1) / 2) / CELL_SIDE
+    window = np.stack(np.meshgrid(side, side), -1).reshape(-1, 2) @ finer
+    window = window[np.hypot(*window.T) < 0.5 * np.linalg.norm(finer[0])]
+    reach = np.arange(-SYMMETRY_PITCHES, SYMMETRY_PITCHES + 1)
+    cells = np.stack(np.meshgrid(reach, reach), -1).reshape(-1, 2) @ basis + centre
+    cells = cells[((cells >= 0) & (cells < np.array(flat.shape[::-1]))).all(1)]
+    points = inside[:, None, None] + window[:, None] + cells
+    values = map_coordinates(flat, points[..., ::-1].reshape(-1, 2).T, order=1, mode="nearest")
+    means: Array = values.reshape(points.shape[:3]).mean(-1, dtype=np.float64)
+    means -= means.mean(1, keepdims=True)
+    size = np.maximum(np.linalg.norm(means, axis=1), 1e-12)
+    best = int(np.argmax(size))
+    product = means @ means[best]
+    return product / size[best] ** 2, product / (size * size[best])
 
 
 def _explaining(candidates: list[tuple[str, Array]], frequencies: Array, amplitudes: Array) -> tuple[str, Array]:
@@ -310,7 +386,8 @@ def _most_symmetric(flat: NDArray[np.float32], kind: str, basis: Array, types: i
         alike += mean.real**2 if types == 1 else abs(mean) ** 2
         bright += len(orders) * mean.real
     if kind == "square":
-        alike[bright <= 0] = 0
+        between = np.roll(bright.reshape(n, n), (n // 2, n // 2), (0, 1)).ravel()
+        alike[(bright <= 0) | (bright < between)] = 0
     result: Array = middle + shifts[int(np.argmax(alike))] @ basis
     return result
 

@@ -5,6 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from lfcal.errors import InputError
+from lfcal.lattice.fit import fit_lattice
 from lfcal.lattice.spectrum import blurred, guess_lattice, upright
 from tests.lattice.white_frames import draw_pupils, draw_white
 
@@ -69,3 +71,76 @@ def test_of_the_two_places_of_a_square_cell_that_are_alike_the_bright_one_is_tak
         truth = draw_white(kind="square", pitch=15.0, offset=offset)
         rough = guess_lattice(truth.frame.astype(np.float32), "square", None)
         assert truth.distance_to_lattice((rough.centre[1], rough.centre[0])) < 1.5
+
+
+UNEQUAL = {
+    "checkered": lambda q, r: (q + r) % 2 == 0,
+    "alternate rows": lambda q, r: r % 2 == 0,
+    "alternate columns": lambda q, r: q % 2 == 0,
+    "all but one of four": lambda q, r: (q % 2 == 1) | (r % 2 == 1),
+    "one of four": lambda q, r: (q % 2 == 0) & (r % 2 == 0),
+    "one type of three": lambda q, r: (q - r) % 3 == 0,
+    "two types of three": lambda q, r: (q - r) % 3 != 0,
+}
+"""Lenslets of full brightness; the others are dimmer."""
+
+
+@pytest.mark.few(2)
+@pytest.mark.parametrize("dim", [0.3, 0.5, 0.6, 0.7, 0.85])
+@pytest.mark.parametrize("kind", ["square", "hexagonal"])
+@pytest.mark.parametrize("bright", UNEQUAL)
+def test_lenslets_of_unequal_brightness_are_all_found(bright: str, kind: str, dim: float) -> None:
+    """Coatings, polarisers and types repeat over a coarser lattice, whose peaks are as strong as the array's own."""
+    if kind == "square" and "three" in bright:
+        pytest.skip("three types are of hexagonal arrays")
+    truth = draw_white(
+        (300, 340),
+        pitch=16.4,
+        kind=kind,
+        rotation=0.01,
+        fill=0.85,
+        dead=0.0,
+        dark=0.0,
+        share=lambda q, r: np.where(UNEQUAL[bright](q, r), 1.0, dim),
+    )
+    fit = fit_lattice(truth.frame)
+    assert fit.kind == kind and fit.pitch_px == pytest.approx(16.4, abs=0.02)
+    assert np.hypot(*truth.errors(fit.centres_px(*fit.index.T)).T).max() < 0.15
+    assert fit.dead.mean() < 0.01, "a dim class is not dead"
+    assert len(fit.index) > 0.75 * 300 * 340 / (truth.pitch * truth.row_pitch), "none is left out"
+
+
+def test_a_mosaic_of_four_polarisers_is_found() -> None:
+    share = np.array([[1.0, 0.85], [0.7, 0.55]])
+    truth = draw_white(
+        (300, 340), pitch=16.4, kind="square", fill=0.85, dead=0.0, dark=0.0, share=lambda q, r: share[q % 2, r % 2]
+    )
+    fit = fit_lattice(truth.frame)
+    assert fit.pitch_px == pytest.approx(16.4, abs=0.02) and not fit.dead.any()
+
+
+@pytest.mark.parametrize("kind", ["square", "hexagonal"])
+@pytest.mark.parametrize("fill", [0.15, 0.3, 0.6, 0.95])
+def test_gaps_are_no_lenslets(kind: str, fill: float) -> None:
+    """A stopped-down main lens leaves small spots: the places of a finer lattice between them are dark."""
+    truth = draw_white((300, 340), pitch=24.8, kind=kind, rotation=0.009, fill=fill, dead=0.0, dark=0.0)
+    fit = fit_lattice(truth.frame)
+    assert fit.kind == kind and fit.pitch_px == pytest.approx(24.8, abs=0.02)
+
+
+def test_a_stated_pitch_decides_between_lattices_that_contain_each_other() -> None:
+    """Of a nearly dark half of the lenslets the image alone cannot tell."""
+    truth = draw_white(
+        (300, 340),
+        pitch=16.4,
+        kind="square",
+        fill=0.85,
+        dead=0.0,
+        dark=0.0,
+        share=lambda q, r: np.where((q + r) % 2 == 0, 1.0, 0.12),
+    )
+    frame = truth.frame.astype(np.float32)
+    assert np.linalg.norm(guess_lattice(frame, None, 16.4).basis[0]) == pytest.approx(16.4, abs=0.1)
+    assert np.linalg.norm(guess_lattice(frame, None, 16.4 * math.sqrt(2)).basis[0]) == pytest.approx(23.19, abs=0.1)
+    with pytest.raises(InputError, match=r"a pitch within 10 % of 19 px"):
+        guess_lattice(frame, None, 19.0)

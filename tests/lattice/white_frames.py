@@ -98,13 +98,15 @@ def draw_white(
     scatter: float = 0.0,
     light: Callable[[Array, Array], Array] | None = None,
     full: float = math.inf,
+    share: Callable[[NDArray[np.intp], NDArray[np.intp]], Array] | None = None,
 ) -> WhiteFrame:
     """Draw discs of diameter ``fill`` pitches with soft edges of ``edges`` pixels, by type.
 
     ``offset`` is that of a lenslet from the frame's centre (row, column); with three edges its type is
     ``step * (q - r - phase) mod 3``. ``snr`` is the level over the noise. ``bend`` displaces the centres, ``scatter``
     is that of the lenslets' brightness (rms), ``light`` multiplies the frame by a function of x and y from -1 to 1,
-    and ``full`` is the level at which the sensor saturates, in units of ``level``.
+    ``full`` is the level at which the sensor saturates, in units of ``level``, and ``share`` gives the brightness of
+    lenslets (q, r).
     """
     rng = np.random.default_rng(seed)
     hexagonal = kind == "hexagonal"
@@ -122,6 +124,8 @@ def draw_white(
     if scatter:
         lit *= np.maximum(rng.normal(1, scatter, lit.shape), 0)
     low = base.min() - 3
+    if share is not None:
+        lit *= share(*(np.indices(lit.shape) + low))
     image = np.zeros(shape)
     for i in (-1, 0, 1, 2):
         for j in (-1, 0, 1, 2):
