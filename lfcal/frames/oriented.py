@@ -48,6 +48,8 @@ class OrientedSource(SourceView):
     def metadata(self) -> Mapping[str, Any]:
         """The source's metadata; what belongs to single delivered pixels is left out."""
         known = {k: v for k, v in self.source.metadata.items() if k not in ("cfa", "channel_phase", "darks")}
+        if "origin" in known and len(self.source):
+            known["origin"] = self.info(0).origin
         return known | {"orientation": {"applied": self.turn.name}}
 
     def info(self, index: int) -> FrameInfo:

@@ -28,7 +28,7 @@ from lfcal.threads import worker_count
 
 __all__ = ["AssembledPlane", "Assembly", "AssemblyProgress"]
 
-FRAME_FACTS = ("codec",)
+FRAME_FACTS = ("codec", "origin")
 """Metadata of a frame source that H keeps with the number of frames."""
 
 

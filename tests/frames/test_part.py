@@ -19,8 +19,10 @@ from lfcal.frames import (
     balanced_source,
     channel_source,
     corrected_view,
+    named_orientation,
     open_frames,
     open_image,
+    oriented,
 )
 from lfcal.frames.described import DescribedSource
 from lfcal.frames.part import binned, parse_roi, smaller, stated_origin
@@ -169,6 +171,7 @@ def test_h_of_a_part_is_that_of_the_whole_frames(tmp_path: Path) -> None:
             turn, _ = drain(iter_upright(view, PLAN))
             assert turn.name == "as is"
             report = assemble_plan(view, PLAN)
+        assert tuple(report.matrix.provenance["frames"]["origin"]) == ORIGIN
         np.testing.assert_array_equal(report.matrix[:], wanted.matrix[:])
     with opened(tmp_path / "part", origin=ORIGIN) as source:
         recipe = CorrectionRecipe(dark=str(tmp_path / "dark_part.tif"), background="border", defects=True)
@@ -183,12 +186,23 @@ def test_a_mirrored_part_lies_where_its_mirror_image_does(tmp_path: Path) -> Non
     write_part(tmp_path / "f", (5, 0), (33, 42))
     for path in (tmp_path / "f").iterdir():
         tifffile.imwrite(path, tifffile.imread(path)[:, ::-1].copy())
-    from lfcal.frames import named_orientation, oriented
-
     with opened(tmp_path / "f", origin=(5, 6)) as source:
         upright = oriented(source, named_orientation("mirror-x"), PLAN.camera.sensor.shape)
-        assert upright.info(0).origin == (5, 0)
+        assert upright.info(0).origin == upright.metadata["origin"] == (5, 0)
         np.testing.assert_array_equal(upright.read(0), frame((0, 0), seed=0)[5:38, :42])
+
+
+def test_a_part_that_is_delivered_on_its_side(tmp_path: Path) -> None:
+    """Its origin is of the sensor as delivered, 48 x 40 px: it would not fit upright."""
+    write_part(tmp_path / "f", (12, 3), (20, 40))
+    for path in (tmp_path / "f").iterdir():
+        tifffile.imwrite(path, tifffile.imread(path).T.copy())
+    with opened(tmp_path / "f", origin=(3, 12)) as source:
+        upright = oriented(source, named_orientation("transpose"), PLAN.camera.sensor.shape)
+        assert upright.metadata["origin"] == (12, 3)
+        assemble_plan(upright, PLAN)
+        turn, _ = drain(iter_upright(source, PLAN, "transpose"))
+        assert turn.name == "transpose"
 
 
 def test_colours_of_a_part_begin_with_its_first_pixel(tmp_path: Path) -> None:
