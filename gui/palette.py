@@ -34,13 +34,13 @@ class Entry:
         return all(word in self.name.lower() for word in typed.lower().split())
 
 
-def doable(bar: QMenuBar, page: QWidget) -> list[Entry]:
-    """Return the buttons of ``page`` and the actions of the menus that can be pressed now."""
+def doable(bar: QMenuBar, page: QWidget, title: str) -> list[Entry]:
+    """Return the buttons of ``page``, which is called ``title``, and the actions of the menus that can be used now."""
     # what was listed may be gone when it is chosen: a job's row, a file of the menu
     entries = [
-        Entry(button.text(), "", button.click, partial(_pressable, button, page))
+        Entry(f"{title}: {name}", "", button.click, partial(_pressable, button, page))
         for button in page.findChildren(QPushButton)
-        if button.text() and _pressable(button, page)
+        if _pressable(button, page) and (name := _name_of(button))
     ]
     for menu in (action.menu() for action in bar.actions()):
         for action in [] if menu is None else menu.actions():
@@ -49,6 +49,12 @@ def doable(bar: QMenuBar, page: QWidget) -> list[Entry]:
                 name = f"{menu.title()}: {action.text()}".replace("&", "")
                 entries.append(Entry(name, shortcut, action.trigger, partial(_triggerable, action)))
     return entries
+
+
+def _name_of(button: QPushButton) -> str:
+    """Return what a button does: its text, or, where that is no word, its accessible name or tooltip."""
+    names = (button.text().replace("&", ""), button.accessibleName(), button.toolTip())
+    return next((name for name in names if any(letter.isalpha() for letter in name)), "")
 
 
 def _pressable(button: QPushButton, page: QWidget) -> bool:

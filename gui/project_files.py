@@ -70,10 +70,13 @@ class ProjectFiles(QObject):
         A line for the log.
     saved()
         The project has no unsaved changes any more.
+    begun()
+        An empty project was begun.
     """
 
     message = Signal(str)
     saved = Signal()
+    begun = Signal()
 
     def __init__(self, project: Project, jobs: Jobs, folder: Path, window: QWidget) -> None:
         super().__init__(window)
@@ -96,6 +99,7 @@ class ProjectFiles(QObject):
         """Begin anew, after asking about unsaved work."""
         if self.may_leave():
             self._start(ProjectState(), None, None)
+            self.begun.emit()
 
     def open(self, path: Path | None = None) -> None:
         """Open a project file, after asking about unsaved work; asks for its name where none is given."""

@@ -102,6 +102,7 @@ class MainWindow(QMainWindow):
         self.context.attention.connect(self._set_attention)
         self.files.message.connect(self.log)
         self.files.saved.connect(self._refresh)
+        self.files.begun.connect(lambda: self.go("camera"))
         self.jobs.changed.connect(self._job_changed)
         self.jobs.trouble.connect(self.log)
 
@@ -299,7 +300,8 @@ class MainWindow(QMainWindow):
 
     def show_palette(self) -> None:
         """Offer everything that can be done here by its name."""
-        Palette(self, doable(self.menuBar(), self.stack.currentWidget())).open()
+        title = self.specs[self.rail.currentRow()].title if self.rail.currentRow() >= 0 else "Welcome"
+        Palette(self, doable(self.menuBar(), self.stack.currentWidget(), title)).open()
 
     def dragEnterEvent(self, event: QDragEnterEvent) -> None:
         """Accept files."""

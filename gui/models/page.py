@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 from gui.models.project import ProjectState
+from gui.models.stamp import Stamp, stamp_of
 from lfcal.registry import Registry
 
 __all__ = [
@@ -20,9 +21,11 @@ __all__ = [
     "available_pages",
     "dot",
     "file_state",
+    "found_state",
     "nothing",
     "page_registry",
     "page_states",
+    "with_found",
 ]
 
 ICON_SIDE = 22
@@ -159,6 +162,28 @@ def page_states(
     found = {spec.key: spec.state(project) for spec in pages}
     found |= dict.fromkeys(found.keys() & set(attention), PageState.ATTENTION)
     return found | dict.fromkeys(found.keys() & set(running), PageState.RUNNING)
+
+
+FOUND = "found"
+"""Key among a project's settings under which pages keep how good they found H: of which file, and the answer."""
+
+
+def with_found(project: ProjectState, page: str, stamp: Stamp, good: bool) -> dict[str, Any]:
+    """Return the settings of a project with what ``page`` found of the H of ``stamp``."""
+    before = project.settings.get(FOUND)
+    kept = before if isinstance(before, Mapping) else {}
+    return {**project.settings, FOUND: {**kept, page: [*stamp[1:], good]}}
+
+
+def found_state(project: ProjectState, page: str) -> PageState:
+    """Return the state of a page that judges H: what it found, as long as the file is the same."""
+    stamp, kept = stamp_of(project.psf), project.settings.get(FOUND)
+    if stamp is None:
+        return PageState.NOTHING
+    entry = kept.get(page) if isinstance(kept, Mapping) else None
+    if not isinstance(entry, Sequence) or list(entry[:2]) != list(stamp[1:]):
+        return PageState.READY
+    return PageState.DONE if entry[2:] and entry[2] is True else PageState.ATTENTION
 
 
 def file_state(path: str, *, ready: bool) -> PageState:

@@ -198,6 +198,12 @@ class Project:
             self._past.pop()
         self._set(new)
 
+    def note(self, **changes: Any) -> None:
+        """Change the state without a step of undo: what a job found is nothing that the user did."""
+        new = replace(self._state, **changes)
+        if new != self._state and not self._refused(new):
+            self._set(new)
+
     def before(self, label: str) -> ProjectState:
         """Return what undo would lead back to after `merge` with this label."""
         return self._past[-1][1] if self._merges(label) else self._state

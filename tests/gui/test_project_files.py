@@ -472,3 +472,10 @@ def test_what_never_ends_does_not_keep_the_window_open(
     assert not window.close()
     qtbot.waitUntil(lambda: not window.isVisible(), timeout=GUARD_MS)
     assert waits == [0.0]
+
+
+def test_a_new_project_begins_with_its_camera(window: MainWindow) -> None:
+    """It stayed on the page in view, which was empty then."""
+    window.go("quality")
+    window.files.new()
+    assert window.specs[window.rail.currentRow()].key == "camera"

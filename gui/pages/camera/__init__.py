@@ -11,8 +11,9 @@ __all__ = ["PAGE"]
 
 
 def state(project: ProjectState) -> PageState:
-    """Return that there is always a camera."""
-    return PageState.DONE
+    """Return whether a camera was chosen: a new project begins with a preset."""
+    untouched = project.plan is None and not project.psf and project.camera == ProjectState().camera
+    return PageState.READY if untouched else PageState.DONE
 
 
 def icon(sketch: Sketch) -> None:

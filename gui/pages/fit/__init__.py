@@ -10,16 +10,15 @@
 
 from __future__ import annotations
 
-from gui.models.page import PageSpec, PageState, Sketch, file_state, nothing
+from gui.models.page import PageSpec, PageState, Sketch, found_state, nothing
 from gui.models.project import ProjectState
 
 __all__ = ["PAGE"]
 
 
 def state(project: ProjectState) -> PageState:
-    """Return whether there is an H to fit; what was found is not kept."""
-    there = file_state(project.psf, ready=False) is PageState.DONE
-    return PageState.READY if there else PageState.NOTHING
+    """Return whether there is an H to fit, or whether its fit explained it."""
+    return found_state(project, "fit")
 
 
 def icon(sketch: Sketch) -> None:

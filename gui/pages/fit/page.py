@@ -12,7 +12,7 @@ from gui.base_page import BasePage
 from gui.context import Context
 from gui.jobs import WAITS, Job, JobState
 from gui.models.fitted import FittedCamera
-from gui.models.page import PageSpec
+from gui.models.page import PageSpec, with_found
 from gui.models.project import ProjectState
 from gui.pages.fit.model import FitSettings, Stamp, offer_of, stamp_of
 from gui.pages.fit.model_run import Found, Kept, Place, asked_of, iter_fit, iter_taken
@@ -257,7 +257,10 @@ class Page(BasePage):
             self.found, self._rounds = kept.found, kept
             self.results.close()
             self.context.set_fitted(FittedCamera(kept.found.question.stamp, kept.found.fit.ideal_places))
-            self.context.attention.emit("fit", not kept.found.fit.complete)
+            complete = kept.found.fit.complete
+            self.context.attention.emit("fit", not complete)
+            stamp = kept.found.question.stamp
+            self.context.project.note(settings=with_found(self.context.state, "fit", stamp, complete))
             self.context.message.emit(f"{kept.found.question.name}: {kept.found.fit.verdict}")
         elif self.found is None:
             self._said = (job.error or "Stopped.", bool(job.error))

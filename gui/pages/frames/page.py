@@ -364,3 +364,4 @@ class Page(BasePage):
             self.context.message.emit(f"{Path(path).name}: {note}")
         self.context.attention.emit("frames", bool(report.missing or report.saturated))
         self.context.project.update("assembly", psf=path)
+        self.context.go.emit("psf", None)

@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QFileDialog
 from gui.base_page import BasePage
 from gui.context import Context
 from gui.jobs import WAITS, Job, JobState
-from gui.models.page import PageSpec
+from gui.models.page import PageSpec, with_found
 from gui.models.project import ProjectState
 from gui.models.stamp import Stamp, stamp_of
 from gui.pages.quality.comparing import Comparing
@@ -240,6 +240,8 @@ class Page(BasePage):
             return
         self.show_body()
         self.context.attention.emit("quality", found.bad)
+        settings = with_found(self.context.state, "quality", asked.stamp, not found.bad)
+        self.context.project.note(settings=settings)
         self.showing.start(found)
         words = self._summary(found, asked)
         self.panel.inspect.show_all(found.verdict, found.merit, words, fault_rows(found), metric_rows(found))

@@ -2,14 +2,25 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from gui.models.page import PAGES, PageSpec, PageState, available_pages, file_state, page_registry, page_states
+from gui.models.page import (
+    PAGES,
+    PageSpec,
+    PageState,
+    available_pages,
+    file_state,
+    page_registry,
+    page_states,
+    with_found,
+)
 from gui.models.project import ProjectState
+from gui.models.stamp import stamp_of
 from gui.pages.plan.model import default_plan
 from lfcal.camera import preset
 
@@ -84,7 +95,7 @@ def test_states_follow_from_the_project(tmp_path: Path) -> None:
     states = page_states(ProjectState())
     assert set(states) == set(OWN)
     assert states == {
-        "camera": PageState.DONE,
+        "camera": PageState.READY,  # the preset that a project begins with was not chosen
         "plan": PageState.READY,
         "acquire": PageState.NOTHING,
         "frames": PageState.READY,
@@ -99,7 +110,7 @@ def test_states_follow_from_the_project(tmp_path: Path) -> None:
     plan = default_plan(preset("bench"))
     full = ProjectState(plan=plan, psf=str(file), frames=str(tmp_path), reference="R.h5", redo=((0, 0, 0),))
     states = page_states(full, running={"simulate"}, attention={"frames", "not installed"})
-    assert states["plan"] is states["psf"] is PageState.DONE
+    assert states["camera"] is states["plan"] is states["psf"] is PageState.DONE
     assert states["quality"] is states["fit"] is states["reconstruct"] is states["accuracy"] is PageState.READY
     assert states["simulate"] is PageState.RUNNING
     assert states["frames"] is PageState.ATTENTION
@@ -124,3 +135,21 @@ def test_states_of_files(tmp_path: Path) -> None:
     assert file_state("", ready=False) is PageState.NOTHING
     assert file_state(str(tmp_path), ready=False) is PageState.DONE
     assert file_state(str(tmp_path / "gone"), ready=True) is PageState.ATTENTION
+
+
+def test_a_verdict_is_kept_as_long_as_the_file_is_the_same(tmp_path: Path) -> None:
+    """The rail said "ready" of an H that was judged."""
+    file = tmp_path / "H.h5"
+    file.write_text("H")
+    project = ProjectState(psf=str(file))
+    stamp = stamp_of(str(file))
+    assert stamp is not None
+    for page, good, expected in (("quality", True, PageState.DONE), ("fit", False, PageState.ATTENTION)):
+        project = replace(project, settings=with_found(project, page, stamp, good))
+        assert page_states(project)[page] is expected
+    again = ProjectState.from_json(project.to_json())
+    assert page_states(again)["quality"] is PageState.DONE and page_states(again)["fit"] is PageState.ATTENTION
+    file.write_text("another H")
+    assert page_states(again)["quality"] is page_states(again)["fit"] is PageState.READY
+    for damaged in (None, [], {"quality": 3}, {"quality": []}):
+        assert page_states(replace(project, settings={"found": damaged}))["quality"] is PageState.READY
