@@ -30,7 +30,10 @@ from lfcal.simulate.specimen import Specimen, cone_radius_um
 TOUCHING = 1.001
 """Clear diameter over the cell's width up to which a lenslet is a disc: 1e-4 of its light lies outside."""
 
-__all__ = ["Defects", "ImageMap", "Iris", "Scene", "Wavefront", "seidel"]
+LAWS = (-0.5, 1.5)
+"""Least and largest lens law: 0 is the sine condition, 1 the tangent law."""
+
+__all__ = ["LAWS", "Defects", "ImageMap", "Iris", "Scene", "Wavefront", "seidel"]
 
 Defects = tuple[tuple[int, int, float], ...]
 """Lenslets that pass less light: row and column of the lattice, and the share of light that passes."""
@@ -70,6 +73,9 @@ class Scene:
         Whether the fringes of the iris and the lenslets' diffraction are computed.
     exact_defocus
         The main lens's defocus as a(1 - cos theta) instead of a theta^2 / 2.
+    lens_law
+        q of u/(2 Nw) = sin theta / (1 - q sin² theta)^1/2, the height u in the pupil of the ray at theta: 0 is the sine
+        condition, 1 the tangent law. It needs exact angles; light is even over the pupil's area.
     exact_rays
         Rays between lenslet and sensor by tan theta instead of sin theta. The wave level follows them ray by ray,
         away from the native plane; with `exact_defocus`, chief rays are straight again: the two belong together. A
@@ -138,6 +144,7 @@ class Scene:
     accept: tuple[float, float, float] = (0.0, 0.0, 0.0)
     colour_rate: float = 0.0
     dispersion_um2: float = 0.0
+    lens_law: float = 0.0
 
     def __post_init__(self) -> None:
         """Check every value."""
@@ -148,6 +155,7 @@ class Scene:
         check_number("working f-number", self.f_number, at_least=0.5, remedy="a cone in air is f/0.5 or slower")
         check_number("light-sensitive share of a pixel's side", self.pixel_fill, above=0, at_most=1)
         check_number("depth (µm)", self.z_um)
+        check_number("lens law (0 sine, 1 tangent)", self.lens_law, at_least=LAWS[0], at_most=LAWS[1])
         check_choice("lenslet aperture", self.aperture, ("circle", "cell"))
         for name in ("cutout", "period"):
             object.__setattr__(self, name, tuple(int(n) for n in getattr(self, name)))
@@ -233,6 +241,11 @@ class Scene:
     def round_lenslets(self) -> bool:
         """Whether a lenslet's aperture is a disc: one that does not reach beyond its cell."""
         return not self.gapless and self.lattice.clear_diameter_um <= TOUCHING * self.lattice.cell_um[0]
+
+    @property
+    def rim_f_number(self) -> float:
+        """f-number 1/(2 sin theta) of the ray at the pupil's rim: Nw by the sine condition."""
+        return math.sqrt(self.f_number**2 + self.lens_law / 4)
 
     @property
     def fresnel_number(self) -> float:

@@ -138,14 +138,23 @@ def chord(alpha, beta, left, right):
     return (c1 - c0 + 1j * (s1 - s0)) / root * np.exp(-1j * alpha * shift**2)
 
 
-def main_field(scene, x, y, fine):
-    """Return the pupil's integral at (x, y) from the chief ray, ``(len(y), len(x))``; unit energy in all."""
+def main_field(scene, x, y, fine, waves=None):
+    """Return the pupil's integral at (x, y) from the chief ray, ``(len(y), len(x))``; unit energy in all.
+
+    With an aberration ``waves(u, v)`` the pupil's rows are sums over Gauss-Legendre nodes, too.
+    """
     inverse = (1 / scene.image_um if scene.image_um else math.inf) + 1 / scene.pupil_um
     bend = math.pi / (4 * scene.f_number**2 * scene.wavelength_um) / inverse
     rate = -math.pi / (scene.f_number * scene.wavelength_um)
     steepest = abs(rate) * max(np.abs(x).max(), np.abs(y).max()) + 3 * abs(bend)
     v, w, left, right = polygon_rows(pupil_corners(scene.iris), lambda span: fine.count(steepest * span / (2 * np.pi)))
-    along = chord(bend, rate * x[None, :], left[:, None], right[:, None])
+    if waves is None:
+        along = chord(bend, rate * x[None, :], left[:, None], right[:, None])
+    else:
+        count = fine.count(steepest * float((right - left).max()) / (2 * np.pi))
+        u, wu = legendre(count, left[:, None], right[:, None])
+        passed = wu * np.exp(1j * (bend * u**2 + 2 * np.pi * waves(u, v[:, None])))
+        along = np.einsum("ru,rux->rx", passed, np.exp(1j * rate * u[..., None] * x))
     down = np.exp(1j * (bend * v**2 + rate * np.outer(y, v))) * w
     return down @ along / (2 * scene.wavelength_um * scene.f_number * math.sqrt(math.pi))
 
@@ -174,8 +183,11 @@ def aperture_nodes(scene, fine, farthest_um):
     return y, wy, x, wx
 
 
-def brute_force(scene, source_yx, pixel_yx, fine=None):
-    """Return the cutout ``scene.cutout`` about a pixel of a source whose chief ray is at ``source_yx`` (µm)."""
+def brute_force(scene, source_yx, pixel_yx, fine=None, pupil_waves=None):
+    """Return the cutout ``scene.cutout`` about a pixel of a source whose chief ray is at ``source_yx`` (µm).
+
+    ``pupil_waves(u, v)`` is the main lens's aberration at a point of the pupil, u along x, in its radii.
+    """
     fine = fine or Fineness()
     lam, gap, px = scene.wavelength_um, scene.lattice.gap_um, scene.pixel_um
     middle = np.array([pixel_yx[1], pixel_yx[0]]) * px
@@ -192,7 +204,7 @@ def brute_force(scene, source_yx, pixel_yx, fine=None):
     centres, kinds = lenslets(scene.lattice, about, fine.reach_um)
     fields = np.empty((*x.shape, len(centres)), complex)
     for k, (c, kind) in enumerate(zip(centres, kinds, strict=True)):
-        values = main_field(scene, *(place + span * chebyshev for place in c - about), fine)
+        values = main_field(scene, *(place + span * chebyshev for place in c - about), fine, pupil_waves)
         on_rows = np.einsum("rkn,rn->rk", along_rows, to_rows @ values)
         to_pupil, to_pixel = (np.square(c[0] - o[0] + x) + np.square(c[1] - o[1] + y)[:, None] for o in (0 * c, middle))
         bend = (np.square(x) + np.square(y)[:, None]) / scene.lattice.types[kind].focal_length_um

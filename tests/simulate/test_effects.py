@@ -27,6 +27,7 @@ from lfcal.simulate.effects import (
     FiniteSource,
     IrisDiffraction,
     IrisShape,
+    LensLaw,
     LensletDiffraction,
     LensletGap,
     LensTypeDefocus,
@@ -60,6 +61,7 @@ EVERYWHERE: list[Effect] = [
     IrisShape(),
     Telecentricity(),
     ExactAngles(),
+    LensLaw(),
     Spherical(0.25),
     Coma(0.25, 0.7),
     LensletGap(5.0),
@@ -81,6 +83,7 @@ SOMEWHERE: list[tuple[float, Effect]] = [
     (4.0, FiniteSource(50.0)),
     (-3.0, FiniteSource(80.0)),
     (0.5, LensTypeDefocus()),
+    (0.5, LensLaw()),
     (0.5, LensletDiffraction()),
     (0.5, Telecentricity()),
     (0.5, Spherical(0.25)),
@@ -300,7 +303,7 @@ def test_the_catalogue_lacks_no_effect_and_follows_the_light() -> None:
     """An effect that its module forgets to name would never be planned."""
     own = {k.name for k in all_below(Effect) if k.__module__.startswith("lfcal.") and not inspect.isabstract(k)}
     names = CATALOGUE.names()
-    assert set(names) == own and len(own) == 45
+    assert set(names) == own and len(own) == 46
     way = ["lens_types", "iris_shape", "coma", "pixel_fill", "finite_source", "crosstalk", "stage_error", "cos4"]
     assert [names.index(n) for n in way] == sorted(names.index(n) for n in way)
     sensor = "stray_light colour_filter fixed_pattern dark_current shot_noise saturation read_noise quantisation"

@@ -31,6 +31,7 @@ from lfcal.simulate.effects.optics import (
     ExactAngles,
     IrisDiffraction,
     IrisShape,
+    LensLaw,
     LensletDiffraction,
     LensTypeDefocus,
 )
@@ -79,6 +80,7 @@ __all__ = [
     "IndexMismatch",
     "IrisDiffraction",
     "IrisShape",
+    "LensLaw",
     "LensTypeDefocus",
     "LensletDiffraction",
     "LensletDispersion",

@@ -42,6 +42,12 @@ __all__ = [
 MOST_SAMPLES = 8192
 """Largest side of a table: 0.5 GB in single precision, 2.5 GB while it is made."""
 
+STEEPEST = 0.5
+"""Square of the sine up to which a lens law changes the amplitude: that of f/0.7."""
+
+EDGE_PARTS = 4
+"""Parts in which an edge of the iris is drawn where a lens law bends it: by 0.1 % of its radius at f/5."""
+
 PART = 1_000_000
 """Samples of a table that are worked on at a time where that takes many arrays beside it."""
 
@@ -102,9 +108,32 @@ def wavefront_waves(scene: Scene, ux: NDArray[np.float64], uy: NDArray[np.float6
     rho2 = ux * ux + uy * uy
     total = np.zeros(np.broadcast_shapes(ux.shape, uy.shape))
     if scene.exact_defocus:
-        sine2 = np.minimum(rho2 / (2 * scene.f_number) ** 2, 1.0)
+        sine2 = np.minimum(rho2 / (2 * scene.rim_f_number) ** 2, 1.0)
         total += scene.reduced_image_um / scene.wavelength_um * sine2**2 / (2 * (1 + np.sqrt(1 - sine2)) ** 2)
     return total + zernike_wavefront(scene.wavefront, ux, uy) if scene.wavefront else total
+
+
+def pupil_amplitude(scene: Scene, rho2: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the amplitude, 1 in mean square over the unit disc, where sines are rho times the rim's; ``rho2`` is rho².
+
+    By the lens law of `Scene` an area of the evenly lit pupil is (1 - q sin² theta)^-2 times that of its sines.
+    """
+    q, rim2 = scene.lens_law, 1 / (2 * scene.rim_f_number) ** 2
+    # far outside of the pupil there may be no such ray
+    found: NDArray[np.float64] = math.sqrt(1 - q * rim2) / (1 - q * np.minimum(rim2 * rho2, STEEPEST))
+    return found
+
+
+def _by_sine(scene: Scene, outline: Points) -> Points:
+    """Return the outline of the pupil by the sines of its rays, 1 at the rim; edges that bend are drawn in parts."""
+    if scene.lens_law == 0:
+        return outline
+    if not scene.iris.circular:
+        parts = np.arange(EDGE_PARTS)[:, None, None] / EDGE_PARTS
+        outline = np.swapaxes((1 - parts) * outline + parts * np.roll(outline, -1, 0), 0, 1).reshape(-1, 2)
+    square = scene.lens_law / (2 * scene.f_number) ** 2
+    found: Points = outline * np.sqrt((1 + square) / (1 + square * np.square(outline).sum(1, keepdims=True)))
+    return found
 
 
 def field_table(scene: Scene, dx: float, half: float, mode: str | None = None) -> FieldTable:
@@ -131,7 +160,7 @@ def _made(scene: Scene, dx: float, half: float, mode: str) -> tuple[Complex, boo
     """Return the values of a table, or (True) their discrete Fourier transform: what comes first."""
     if mode[0] == "D":
         return _debye(scene, dx, half, mode), False
-    outline = iris_outline(scene.iris)
+    outline = _by_sine(scene, iris_outline(scene.iris))
     if mode == "U" and not scene.main_diffraction:
         raise InputError.expected(
             "main-iris diffraction",
@@ -168,7 +197,7 @@ def _centre(spectrum: Complex) -> None:
 def _envelope(scene: Scene, dx: float, half: float, outline: Points) -> tuple[Complex, bool]:
     """E-mode: the shadow's analytic spectrum and a chirp."""
     a, lam = scene.reduced_image_um, scene.wavelength_um
-    to_shadow = a / (2 * scene.f_number)
+    to_shadow = a / (2 * scene.rim_f_number)
     level = 1 / (math.sqrt(math.pi) * abs(to_shadow))  # unit energy through an iris of area pi in pupil units
     fringe = math.sqrt(lam * abs(a))
     shadow = outline * to_shadow
@@ -236,16 +265,18 @@ def _aberrate(pupil: Complex, scene: Scene, u: NDArray[np.float64]) -> None:
 
 
 def _turns(scene: Scene, ux: NDArray[np.float64], uy: NDArray[np.float64]) -> Complex:
-    """Return what the aberration multiplies the pupil by on the grid uy x ux."""
+    """Return what the aberration, and the lens law at exact angles, multiply the pupil by on the grid uy x ux."""
     waves = wavefront_waves(scene, ux[None, :], uy[:, None])
     assert waves is not None
     found: Complex = np.exp(2j * np.pi * waves)
+    if scene.lens_law:
+        found *= pupil_amplitude(scene, ux[None, :] ** 2 + uy[:, None] ** 2)
     return found
 
 
 def _near_field(scene: Scene, dx: float, half: float, outline: Points) -> tuple[Complex, bool]:
     """U-mode: the in-focus field, known in closed form, tapered far out, goes to the pupil and is defocused there."""
-    a, lam, fc = scene.reduced_image_um, scene.wavelength_um, 1 / (2 * scene.wavelength_um * scene.f_number)
+    a, lam, fc = scene.reduced_image_um, scene.wavelength_um, 1 / (2 * scene.wavelength_um * scene.rim_f_number)
     if dx > 0.98 / (2 * fc * float(np.abs(outline).max())):
         raise InputError.expected(
             "samples near the native plane",
@@ -255,7 +286,7 @@ def _near_field(scene: Scene, dx: float, half: float, outline: Points) -> tuple[
         )
     if scene.iris.circular and all(m == 0 for _, m, _ in scene.wavefront):
         return _round_near_field(scene, dx, half), False
-    blur = abs(a) / (2 * scene.f_number)
+    blur = abs(a) / (2 * scene.rim_f_number)
     valid = half + blur + 4 * math.sqrt(lam * abs(a))
     n = _side(2 * valid / 0.75, dx)  # the outer quarter belongs to the taper
     x = (np.arange(n, dtype=np.float64) - n // 2) * dx
@@ -275,7 +306,7 @@ def _near_field(scene: Scene, dx: float, half: float, outline: Points) -> tuple[
 
 def _round_near_field(scene: Scene, dx: float, half: float) -> Complex:
     """U-mode of a round pupil: its radial integral, exact at any distance."""
-    lam, nw = scene.wavelength_um, scene.f_number
+    lam, nw = scene.wavelength_um, scene.rim_f_number
     u = -2 * math.pi * scene.reduced_image_um / (4 * nw**2 * lam)
 
     def waves(rho: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -288,7 +319,12 @@ def _round_near_field(scene: Scene, dx: float, half: float) -> Complex:
     steep = sum(2 * math.pi * abs(w) * n * n for n, _, w in scene.wavefront)
     nodes = int((abs(u) / 2 + float(v[-1]) + steep) / 2) + 40
     level = math.sqrt(math.pi) / (2 * lam * nw)
-    return _turned(parity_spline(level * focus_integral(u, v, waves, nodes), step), dx, half)
+
+    def amplitude(rho: NDArray[np.float64]) -> NDArray[np.float64]:
+        return pupil_amplitude(scene, rho * rho)
+
+    field = focus_integral(u, v, waves, nodes, amplitude if scene.lens_law else None)
+    return _turned(parity_spline(level * field, step), dx, half)
 
 
 def _debye(scene: Scene, dx: float, half: float, mode: str) -> Complex:

@@ -49,6 +49,7 @@ def focus_integral(
     v: ArrayLike,
     waves: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None,
     nodes: int | None = None,
+    amplitude: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None,
 ) -> NDArray[np.complex128]:
     """Return the field near focus, 2 integral_0^1 J0(v rho) exp(-i u rho^2/2 + 2 pi i W(rho)) rho d rho.
 
@@ -62,12 +63,18 @@ def focus_integral(
         Axial and lateral optical coordinates, 2 pi a / (4 Nw^2 lambda) and pi r / (lambda Nw).
     waves
         Aberration W(rho) in waves, or None.
+    nodes
+        Nodes of the integral; None takes those of the phase without an aberration.
+    amplitude
+        Amplitude over the pupil A(rho), a factor of the integrand; None is 1.
     """
     at = np.asarray(v, np.float64)
     t, w = gauss_legendre(nodes or int((abs(u) / 2 + float(at.max(initial=0.0))) / 2) + SPARE_NODES, 0.0, 1.0)
     phase = -0.5 * u * t
     if waves is not None:
         phase = phase + 2 * np.pi * waves(np.sqrt(t))
+    if amplitude is not None:
+        w = w * amplitude(np.sqrt(t))
     return hankel_sum(at, np.sqrt(t), w * np.exp(1j * phase))
 
 
