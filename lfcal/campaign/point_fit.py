@@ -33,7 +33,7 @@ __all__ = ["MOST", "fit_points", "iter_fit_points"]
 MOST = 72
 """Points that are fitted: eight of each of nine parts of the field; what is left of the error is the computation's."""
 
-OTHERS = ("region_places", "region_depths", "stage_scale", "source")
+OTHERS = ("region_places", "region_depths", "stage_scale", "stage_zero", "source")
 """Groups of scans: a target's points have one lattice and one plane, each its own displacement, sources are holes."""
 
 OWN = ("pitch", "plane_tilt")

@@ -46,7 +46,7 @@ def iter_called_for(finished: Finished) -> Work[bool]:
     shared = columns.shared.copy()
     shared[own] = found.shared[own]
     selection = Selection(problem, point, Columns(shared, columns.own))
-    gain, enough = gain_of(selection, groups, HOLE)
+    gain, enough = gain_of(selection, groups, (HOLE,))
     beyond = max(0.0, selection.left(groups) - selection.samples)
     return gain > max(enough, CALLED_FOR * beyond)
 

@@ -165,6 +165,10 @@ class Group(ABC):
     """Whether it is tried only where others have been found: each pattern takes many runs of the engine."""
     held: bool = False
     """Whether ``unknowns="auto"`` never adds it, but says what of the others it would make less sure."""
+    assumed: bool = False
+    """Whether a held group always counts in the standard deviations of the others, however little it changes them."""
+    along: tuple[str, ...] = ()
+    """Groups that ``unknowns="auto"`` also tries together with it: alone, none of them may help."""
     core: bool = False
     """Whether ``unknowns="auto"`` starts with it; others are added where they lower the error of left-out patterns."""
     needs: str = "a camera that has them"

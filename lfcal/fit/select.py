@@ -8,13 +8,22 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.errors import InputError
 from lfcal.fit.normal import Columns, Normal
+from lfcal.fit.parameters import GROUPS
 from lfcal.fit.problem import Point, Problem
-from lfcal.fit.solver import shared_of, solve, with_prior
+from lfcal.fit.solver import shared_of, solve, stepped, with_prior
+from lfcal.simulate.engines.base import EnergyError
 
 __all__ = ["Selection", "choose", "gain_of", "prune"]
 
 F8 = NDArray[np.float64]
+
+LINEAR = 0.5
+"""Largest distance of an unknown from its start, in scales, over which derivatives predict what leaving it costs."""
+
+STEPS = 6
+"""Steps by which the others take the place of a group that is left."""
 
 
 class Selection:
@@ -46,11 +55,18 @@ class Selection:
         return (4.0 + 4.0 * math.sqrt(q)) * max(1.0, left / self.samples)
 
 
-def gain_of(selection: Selection, chosen: Sequence[str], name: str) -> tuple[float, float]:
-    """Return by how much group ``name`` beside ``chosen`` lowers the sum of left-out squares, and what is enough."""
-    others = [one for one in chosen if one != name]
-    without, with_it = selection.left(others), selection.left([*others, name])
-    return without - with_it, selection.threshold([name], with_it)
+def gain_of(selection: Selection, chosen: Sequence[str], added: Sequence[str]) -> tuple[float, float]:
+    """Return by how much groups ``added`` to ``chosen`` lower the sum of left-out squares, and what is enough."""
+    others = [one for one in chosen if one not in added]
+    without, with_it = selection.left(others), selection.left([*others, *added])
+    return without - with_it, selection.threshold(added, with_it)
+
+
+def _trials(left: Sequence[str]) -> list[tuple[str, ...]]:
+    """Return what of the groups ``left`` is tried next: each alone, and each with those that go along with it."""
+    alone = [(name,) for name in left]
+    along = [(name, *(other for other in GROUPS.get(name).along if other in left)) for name in left]
+    return alone + [together for together in along if len(together) > 1]
 
 
 def choose(
@@ -70,12 +86,12 @@ def choose(
     selection = Selection(problem, point, columns)
     found, left = list(chosen), [name for name in candidates if name not in chosen]
     while left:
-        gains = {name: gain_of(selection, found, name) for name in left}
-        best = max(left, key=lambda name: gains[name][0] / gains[name][1])
+        gains = {added: gain_of(selection, found, added) for added in _trials(left)}
+        best = max(gains, key=lambda added: gains[added][0] / gains[added][1])
         if gains[best][0] <= max(gains[best][1], least * selection.left(found)):
             break
-        found.append(best)
-        left.remove(best)
+        found.extend(best)
+        left = [name for name in left if name not in best]
     return tuple(found)
 
 
@@ -83,15 +99,48 @@ def prune(
     problem: Problem, point: Point, columns: Columns, chosen: Sequence[str], core: Sequence[str]
 ) -> tuple[str, ...]:
     """Return ``chosen`` without the groups that do not help beside the others; those of ``core`` stay."""
-    found = list(chosen)
-    while more := [name for name in found if name not in core]:
+    found, kept = list(chosen), set(core)
+    while more := [name for name in found if name not in kept]:
         # what a group gains about its own start: its unknowns go back to it
         costs = {name: _cost_of_leaving(problem, point, columns, found, name) for name in more}
         worst = min(more, key=lambda name: costs[name][0] / costs[name][1])
         if costs[worst][0] > costs[worst][1]:
             break
-        found.remove(worst)
+        if _far(problem, point, worst) and _helps(problem, point, columns, found, worst):
+            kept.add(worst)
+        else:
+            found.remove(worst)
     return tuple(found)
+
+
+def _far(problem: Problem, point: Point, name: str) -> bool:
+    """Return whether a group's unknowns are farther from their start than derivatives hold."""
+    return bool(np.abs(point.u[problem.vector.of_groups([name])]).max(initial=0.0) > LINEAR)
+
+
+def _helps(problem: Problem, point: Point, columns: Columns, chosen: Sequence[str], name: str) -> bool:
+    """Return whether left-out squares grow where a group's unknowns are back at their start and the others follow.
+
+    With computed patterns: derivatives at the best point do not distinguish the distance of the source from gap, focal
+    lengths and iris, which over several steps differ by 1 % of the light.
+    """
+    others = [one for one in chosen if one != name]
+    which = problem.vector.of_groups(others)
+    selection = Selection(problem, point, columns)
+    now = selection.left(chosen)
+    u = point.u.copy()
+    u[problem.vector.of_groups([name])] = 0.0
+    try:
+        trial = problem.point(u, point.local, point.sampling, lamps=point.levels.lamps)
+    except (InputError, EnergyError):
+        return True
+    damping = 1e-3
+    for _ in range(STEPS):
+        trial, damping, gained = stepped(problem, trial, columns, which.tolist(), damping)
+        if gained <= 0:
+            break
+    left = Selection(problem, trial, columns).left(others)
+    return left - now > selection.threshold([name], now)
 
 
 def _cost_of_leaving(

@@ -163,9 +163,10 @@ def stand_ins(
 
     ``data`` ``(k, k)`` and ``slope`` ``(k,)`` are matrix and gradient of the data and priors in scales, ``u`` where the
     unknowns are. ``limits`` are how many times wider something found would be, for what is held to be named, and to
-    count in its standard deviation.
+    count in its standard deviation; what is `assumed` always counts.
     """
     named, counted = limits
+    assumed = {group.name for group in GROUPS if group.assumed}
     inner = data[np.ix_(which, which)]
     size = np.sqrt(np.maximum(np.diag(inner), 1e-300))
     spread = np.linalg.pinv(inner / np.outer(size, size), rcond=1e-13, hermitian=True) / np.outer(size, size)
@@ -179,7 +180,7 @@ def stand_ins(
         if left <= 1e-9 * data[k, k]:
             left = 1e-9 * float(data[k, k])
         wider = np.sqrt(1.0 + np.square(moves / sigmas) / left)
-        if wider.max() > counted and left > VAGUE**-2:
+        if (wider.max() > counted or unknowns[k].group in assumed) and left > VAGUE**-2:
             told.append(k)
         order = [int(j) for j in np.argsort(-wider) if wider[j] > named][:NAMED]
         if not order:

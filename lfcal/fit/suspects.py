@@ -28,7 +28,7 @@ APART = {
 }
 """Unknowns of the array's own group, which change for reasons of their own."""
 
-OF_THE_SCAN = ("depths", "stage_scale")
+OF_THE_SCAN = ("depths", "stage_scale", "stage_zero")
 """Groups of unknowns that say nothing of one frame which others do not say."""
 
 SHOWS = 4.0

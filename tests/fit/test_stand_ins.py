@@ -57,15 +57,27 @@ def test_what_is_held_is_part_of_the_standard_deviation() -> None:
     assert len(told(same).words) == 1 and not told(same).spread.any()
 
 
-def test_the_defocus_of_an_objective_is_looked_at_but_never_added() -> None:
-    """Added it would take the place of the distance; held it says how far that is to be believed."""
+def test_what_is_held_is_looked_at_but_never_added() -> None:
+    """Defocus would take the place of the distance, the lens law that of the iris: held they count in the sigmas."""
     _, tried = groups_of("auto")
-    assert "defocus" in tried and set(tried) - set(addable(tried)) == {"defocus"}
-    names = [one.name for one in vector_of(small_plan(15), ("defocus", "distance")).unknowns]
-    plan = ScanPlan.for_camera(small_camera("lfm_20x05"), depths_um=(5.0, 12.0), cutout=15)
-    assert names == ["distance_um"]
-    (own, _) = vector_of(plan, ("defocus", "distance")).unknowns
-    assert own.name == "zernike_2_0" and own.sigma == 0.25 and not own.gauge
+    held = {"defocus", "lens_law"}
+    assert held < set(tried) and set(tried) - set(addable(tried)) == held
+    microscope = ScanPlan.for_camera(small_camera("lfm_20x05"), depths_um=(5.0, 12.0), cutout=15)
+    (lens, law, _), (objective, _) = (
+        vector_of(plan, ("defocus", "lens_law", "distance")).unknowns for plan in (small_plan(15), microscope)
+    )
+    for own in (lens, objective):
+        assert own.name == "zernike_2_0" and own.sigma == 0.25 and not own.gauge
+    assert law.name == "lens_law" and law.start == 0 and law.sigma == 0.5
+
+
+def test_an_assumed_lens_law_counts_however_little_it_changes() -> None:
+    """Of two unknowns that resemble each other a little, the held one counts in the other's sigma only if assumed."""
+    alike = np.array([[100.0, 10.0], [10.0, 5.0]])
+    for name, counts in (("lens_law", True), ("pitch", False)):
+        unknowns = [Unknown("f_number", "iris", "", 4.0, 0.1), Unknown(name, name, "", 0.0, 0.5)]
+        shown = stand_ins(unknowns, np.array([0]), np.array([1]), alike, np.zeros(2), np.zeros(2))
+        assert bool(shown.spread.any()) is counts and not shown.words
 
 
 def test_derivatives_of_a_round_keep_those_by_all_else() -> None:

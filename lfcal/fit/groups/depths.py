@@ -12,7 +12,7 @@ from lfcal.simulate.effects import DepthError
 
 __all__ = ["CommonDepth", "PlaneDepths"]
 
-HELD = "the wavefront's defocus is held at 0"
+HELD = "defocus of the wavefront is included in the distance of the planes"
 WORKING_SHARE = 0.005
 """How well a working distance is known beforehand."""
 

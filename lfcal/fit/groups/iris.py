@@ -10,9 +10,13 @@ from typing import Any
 from lfcal.camera import Camera, MainLens, Microscope
 from lfcal.fit.parameters import Frame, Group, Unknown
 from lfcal.fit.setup import Setup
-from lfcal.simulate.effects import MechanicalVignetting
+from lfcal.simulate.effects import ExactAngles, LensLaw, MechanicalVignetting
+from lfcal.simulate.scene import LAWS
 
-__all__ = ["Aperture", "BladeCurvature", "SecondStop"]
+__all__ = ["Aperture", "BladeCurvature", "Law", "SecondStop"]
+
+LAW = 0.5
+"""How well the lens law is known beforehand: the tangent law is two standard deviations from the sine condition."""
 
 
 def _optics(setup: Setup, **values: Any) -> Setup:
@@ -20,6 +24,16 @@ def _optics(setup: Setup, **values: Any) -> Setup:
         return replace(camera, optics=replace(camera.optics, **values))
 
     return setup.edited(changed)
+
+
+def _law_held(setup: Setup) -> str:
+    """Return by which law the f-number is the size of the iris, for people."""
+    if setup.effect(ExactAngles) is None:
+        return ""
+    own = setup.effect(LensLaw)
+    law = 0.0 if own is None else own.tangent
+    words = {0.0: "the main lens obeys the sine condition", 1.0: "the main lens obeys the tangent law"}
+    return words.get(law, f"the lens law is held at {law:g}")
 
 
 class Aperture(Group):
@@ -38,7 +52,7 @@ class Aperture(Group):
             na, most = optics.numerical_aperture, 0.999 * optics.medium_index
             return (Unknown("numerical_aperture", self.name, "", na, 0.02 * na, None, 0.3 * na, min(most, 2 * na)),)
         n = optics.f_number
-        size = Unknown("f_number", self.name, "", n, 0.025 * n, None, 0.4 * n, 2.5 * n)
+        size = Unknown("f_number", self.name, "", n, 0.025 * n, None, 0.4 * n, 2.5 * n, gauge=_law_held(setup))
         if optics.blades == 0 or optics.blade_curvature == 1:
             return (size,)
         # beyond half the angle between blades the iris is one that was described already
@@ -75,6 +89,32 @@ class BladeCurvature(Group):
         return _optics(setup, blade_curvature=values["iris_curvature"])
 
 
+class Law(Group):
+    """Whether the main lens obeys the sine condition, which no scan distinguishes from another size of the iris."""
+
+    name = "lens_law"
+    title = "lens law of the main lens: sine condition or tangent law"
+    rank = 36
+    held = True
+    assumed = True
+    needs = "a main lens and the effect exact_angles"
+
+    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+        """Return the law, 0 by the sine condition and 1 by the tangent."""
+        del frame
+        if not isinstance(setup.camera.optics, MainLens) or setup.effect(ExactAngles) is None:
+            return ()
+        own = setup.effect(LensLaw)
+        return (Unknown("lens_law", self.name, "", 0.0 if own is None else own.tangent, LAW, LAW, *LAWS),)
+
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+        """Return the setup with this law; by the sine condition there is no effect."""
+        del frame
+        if values["lens_law"] == 0:
+            return replace(setup, effects=tuple(one for one in setup.effects if not isinstance(one, LensLaw)))
+        return setup.with_effect(LensLaw(values["lens_law"]))
+
+
 class SecondStop(Group):
     """The rim that cuts the pupil seen from off axis, where the setup has one."""
 
@@ -102,4 +142,4 @@ class SecondStop(Group):
         return setup.with_effect(MechanicalVignetting(values["rim_distance_um"], values["rim_radius"]))
 
 
-GROUPS = (Aperture(), BladeCurvature(), SecondStop())
+GROUPS = (Aperture(), BladeCurvature(), Law(), SecondStop())

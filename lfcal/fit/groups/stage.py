@@ -1,4 +1,4 @@
-"""The stage: the length of its steps; offsets of single positions belong to the patterns, not to the camera."""
+"""The stage: its zero and the length of its steps; offsets of single positions belong to the patterns."""
 
 from __future__ import annotations
 
@@ -8,7 +8,35 @@ from dataclasses import replace
 from lfcal.fit.parameters import Frame, Group, Unknown
 from lfcal.fit.setup import Setup
 
-__all__ = ["StageScale"]
+__all__ = ["StageScale", "StageZero"]
+
+BESIDE_PX = 2.0
+"""How well the zero of a stage is known beforehand (pixels)."""
+
+
+class StageZero(Group):
+    """Common lateral displacement of all sources.
+
+    Tilt of the main lens's wavefront does exactly the same, for example that in Seidel coma, W131 rho^3 cos(theta).
+    """
+
+    name = "stage_zero"
+    title = "lateral displacement of all sources"
+    rank = 38
+
+    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+        """Return the displacement on the sensor."""
+        del frame
+        held = "tilt of the wavefront is included in the displacement of all sources"
+        return tuple(
+            Unknown(f"zero_{axis}_px", self.name, "px", start, 0.1, BESIDE_PX, -20.0, 20.0, gauge=held)
+            for axis, start in zip("yx", setup.aside_px, strict=True)
+        )
+
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+        """Return the setup with the sources there."""
+        del frame
+        return replace(setup, aside_px=(values["zero_y_px"], values["zero_x_px"]))
 
 
 class StageScale(Group):
@@ -28,4 +56,4 @@ class StageScale(Group):
         return replace(setup, stage_scale=values["stage_scale"])
 
 
-GROUPS = StageScale()
+GROUPS = (StageScale(), StageZero())

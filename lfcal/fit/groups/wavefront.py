@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from lfcal.camera import MainLens, Microscope
+from lfcal.camera import MainLens
 from lfcal.fit.parameters import Frame, Group, Unknown
 from lfcal.fit.setup import Setup
 from lfcal.simulate.effects import Zernike
@@ -14,7 +14,7 @@ __all__ = ["Terms"]
 
 HELD = "piston, tilt and defocus are held at 0"
 DEFOCUS = 0.25
-"""Defocus of an objective (waves at the pupil's rim) that is usual, as a standard deviation."""
+"""Usual defocus of a main lens or objective (waves at the pupil's rim), as a standard deviation."""
 
 
 def _name(n: int, m: int) -> str:
@@ -65,27 +65,32 @@ class Terms(Group):
         return tuple((n, m) for n, m in self.terms if lens or m == 0)
 
 
-class Defocus(Terms):
-    """Defocus of an objective's wavefront, in the square of the pupil's radius.
+class ThirdOrder(Terms):
+    """Third-order terms; Seidel forms also have defocus and tilt, which displace all sources."""
 
-    Of a wide pupil it is not what a displacement of the planes does, which goes with the cosine of the angle: where the
-    objective has it, distance, depth in a specimen and spherical aberration take its place in the fit.
+    along = ("distance", "stage_zero")
+
+
+class Defocus(Terms):
+    """Defocus of the wavefront, in the square of the pupil's radius.
+
+    Defocus of a main lens does what the distance of all planes does, and is included in that. Of an objective's wide
+    pupil it is not what a displacement of the planes does, which goes with the cosine of the angle: where the objective
+    has it, distance, depth in a specimen and spherical aberration take its place in the fit.
     """
 
-    needs = "a microscope"
     held = True
 
     def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
-        """Return the coefficient; an objective's defocus is known to a quarter of a wave beforehand."""
+        """Return the coefficient, which is known to a quarter of a wave beforehand."""
         return tuple(replace(one, sigma=DEFOCUS, gauge="") for one in super().unknowns(setup, frame))
-
-    def _terms_of(self, setup: Setup) -> tuple[tuple[int, int], ...]:
-        return self.terms if isinstance(setup.camera.optics, Microscope) else ()
 
 
 GROUPS = (
-    Defocus("defocus", "defocus of the objective's wavefront", 51, ((2, 0),)),
-    Terms("wavefront", "astigmatism, coma and spherical aberration", 50, ((2, 2), (2, -2), (3, 1), (3, -1), (4, 0))),
+    Defocus("defocus", "defocus of the main lens's or objective's wavefront", 51, ((2, 0),)),
+    ThirdOrder(
+        "wavefront", "astigmatism, coma and spherical aberration", 50, ((2, 2), (2, -2), (3, 1), (3, -1), (4, 0))
+    ),
     Terms("trefoil", "trefoil", 52, ((3, 3), (3, -3))),
     Terms(
         "higher_wavefront",

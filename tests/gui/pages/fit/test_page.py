@@ -379,7 +379,7 @@ def test_groups_that_the_camera_lacks_are_grey_with_their_reason(page: Page, qtb
     grey = {name for name, item in rows.items() if not item.flags() & Qt.ItemFlag.ItemIsEnabled}
     # an H is of one region of the field
     over_the_field = {"field_curvature", "field_wavefront", "plane_tilt", "region_depths", "region_places"}
-    assert grey == {"cats_eye", "defocus", "depths", "hole", "specimen", *over_the_field}
+    assert grey == {"cats_eye", "depths", "hole", "specimen", *over_the_field}
     assert "several regions of the field" in rows["field_wavefront"].toolTip()
     assert rows["depths"].text() == "depth of each plane\nneeds two planes or more"
     assert rows["depths"].toolTip().endswith("needs two planes or more")
