@@ -303,7 +303,7 @@ class SceneEffect(Effect):
     >>> from lfcal.simulate.effects import SceneEffect, catalogue
     >>> scene_effects = [effect for effect in catalogue() if isinstance(effect, SceneEffect)]
     >>> print(*(effect.name for effect in scene_effects if effect.needs_waves))  # rays do not show these
-    lenslet_diffraction lenslet_spherical vectorial spherical coma zernike field_aberrations
+    lenslet_diffraction lenslet_spherical lens_law vectorial spherical coma zernike field_aberrations
     """
 
     __slots__ = ()
