@@ -91,7 +91,7 @@ def iter_evidence(
     first = recorded[spread_out(recorded, FIRST, matrix.period)]
     if matrix.camera is None:
         return Unlike("H has no camera")
-    if of_quick_pattern(matrix):
+    if of_quick_pattern(matrix.provenance):
         return Unlike(QUICK_PATTERN)
     if matrix.pixel_scale != (1.0, 1.0):
         return Unlike("H is on resampled pixels; assemble it without resampling to compare it")
