@@ -56,12 +56,13 @@ class ChannelSource(SourceView):
         """Return what is known of frame ``index``; its drift is in pixels of the channel."""
         info = self.source.info(index)
         place = self.source.metadata.get("origin", (0, 0))
-        if info.origin != place or any(n % self._step for n in place):
+        whole = info.origin == place
+        if not whole or any(n % self._step for n in place):
             # rows and columns of a channel would differ in number from cutout to cutout
             raise InputError.expected(
                 f"channel {self.channel} of {info.label}",
-                "whole sensor frames, or a part from the first pixel of a colour pattern",
-                f"first pixel {info.origin}",
+                "a part from the first pixel of a colour pattern" if whole else "whole sensor frames",
+                f"one from {place}" if whole else "cutouts",
                 "record whole frames for it",
             )
         drift = None if info.drift is None else (info.drift[0] / self._step, info.drift[1] / self._step)

@@ -242,7 +242,8 @@ def build_chain(source: FrameSource, recipe: CorrectionRecipe) -> CorrectionChai
         from lfcal.frames.corrections.defect_search import find_defects
 
         # the search compares one place of the sensor over all frames; cutouts lie at different places
-        if len({source.info(k).origin for k in range(len(source))}) > 1:
+        part = source.metadata.get("origin", (0, 0))
+        if any(source.info(k).origin != part for k in range(len(source))):
             raise InputError.expected(
                 "search for defect pixels", "whole sensor frames", "cutouts", "record whole frames for it"
             )
