@@ -50,7 +50,7 @@ class Rung:
     Examples
     --------
     >>> from lfcal.accuracy import Rung
-    >>> rung = Rung("16-bit integers", {"dtype": "uint16"}, error=0.001, cost=4e6, unit="bytes")
+    >>> rung = Rung("rounded to 16 bits", {"dtype": "rounded"}, error=0.001, cost=4e6, unit="bytes")
     >>> print(f"{rung.label}: {rung.error:.1%} off in {rung.cost / 1e6:g} MB")
     16-bit integers: 0.1% off in 4 MB
     """

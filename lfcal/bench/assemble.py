@@ -112,7 +112,7 @@ def _assemble(folder: Path, rows: int, columns: int, cutout: int) -> float:
         chain = CorrectionChain((Dark(np.load(folder / "dark.npy")),))
         out = folder / "H.h5"
         report = assemble(
-            corrected(source, chain), (1, rows, columns), Cutout((cutout, cutout), anchor), out, dtype="uint16"
+            corrected(source, chain), (1, rows, columns), Cutout((cutout, cutout), anchor), out, dtype="rounded"
         )
         report.matrix.close()
     return time.perf_counter() - start

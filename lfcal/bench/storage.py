@@ -79,7 +79,7 @@ def command(
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Store simulated planes as float32, as uint16, and within tolerances: bytes, seconds, and true errors.
+    """Store simulated planes as float32, rounded, and within tolerances: bytes, seconds, and true errors.
 
     Every plane is simulated with the cutout that it needs, and stored with that of the largest, as in an H file.
 
@@ -149,7 +149,7 @@ def _measured(
     image = _Image(plane, workers)
     kinds: list[tuple[str, float, dict[str, Any]]] = [
         ("float32", 0.0, {"dtype": "float32"}),
-        ("uint16, a scale for the plane", 0.0, {"dtype": "uint16"}),
+        ("rounded for the plane", 0.0, {"dtype": "rounded"}),
         *((f"within {100 * share:g} %", share, {"store_tolerance": share}) for share in shares),
     ]
     with _scratch(folder) as place:
@@ -276,8 +276,8 @@ def _draw(path: Path, rows: Sequence[Stored], shape: tuple[int, ...], what: str)
                 x = [value(row) for row in within]
                 panel.plot(x, [100 * row.bound for row in within], "o-", color=colour, label=f"v = {depth:g}, bound")
                 panel.plot(x, [100 * row.error for row in within], "o:", color=colour, label="image of random light")
-                plane = next(row for row in rows if row.depth == depth and row.name.startswith("uint16"))
-                panel.plot(value(plane), 100 * plane.worst, "s", color=colour, label="uint16, worst pattern")
+                plane = next(row for row in rows if row.depth == depth and row.name.startswith("rounded"))
+                panel.plot(value(plane), 100 * plane.worst, "s", color=colour, label="rounded, worst pattern")
                 exact = next(row for row in rows if row.depth == depth and row.name == "float32")
                 panel.axvline(value(exact), color=colour, alpha=0.4, label="float32, exact")
             panel.set_yscale("log")

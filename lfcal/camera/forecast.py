@@ -43,8 +43,8 @@ class Forecast:
         Time in hours spent reading frames out; None where the camera's rate is not known, and nothing is counted.
     frame_bytes, cutout_bytes
         All frames as the camera gives them, and only their cutouts as uint16.
-    h_float32_bytes, h_uint16_bytes
-        H uncompressed in either type. HT has the same size and is stored only when exported.
+    h_float32_bytes, h_rounded_bytes
+        H uncompressed, and at most as an H file that is rounded to 16 bits. HT is stored only when exported.
     assembly_bytes
         Peak memory of assembly: two float32 planes.
 
@@ -53,8 +53,8 @@ class Forecast:
     >>> from lfcal.camera import Forecast, ScanPlan, preset
     >>> plan = ScanPlan.for_camera(preset("r29"), virtual_depths=[2, 3, 5], cutout=301, exposure_s=0.1, settle_s=0.2)
     >>> cost = Forecast.of(plan)
-    >>> print(cost.positions, f"positions: {cost.hours:.2f} h, H of {cost.h_uint16_bytes / 1e9:.2f} GB as uint16")
-    15675 positions: 1.41 h, H of 2.84 GB as uint16
+    >>> print(cost.positions, f"positions: {cost.hours:.2f} h, H of at most {cost.h_rounded_bytes / 1e9:.2f} GB")
+    15675 positions: 1.41 h, H of at most 3.73 GB
     """
 
     positions: int
@@ -66,7 +66,7 @@ class Forecast:
     frame_bytes: int
     cutout_bytes: int
     h_float32_bytes: int
-    h_uint16_bytes: int
+    h_rounded_bytes: int
     assembly_bytes: int
 
     @property
@@ -117,7 +117,7 @@ class Forecast:
             frame_bytes=frames * pixels * (1 if plan.camera.sensor.bit_depth <= 8 else 2),
             cutout_bytes=2 * len(order) * nt * ns,
             h_float32_bytes=4 * entries,
-            h_uint16_bytes=2 * entries,
+            h_rounded_bytes=21 * entries // 8,
             assembly_bytes=2 * per_plane * nt * ns * 4,
         )
 

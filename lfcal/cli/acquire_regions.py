@@ -82,7 +82,7 @@ def finish_regions(out: Path, assemble: Path | None, pack: bool, quiet: bool) ->
         with parts_beside(assemble, read_regions(out).names) as parts:
             for name, folder in region_sessions(out):
                 run_work(iter_assemble_session(folder, parts[name], settings=settings), quiet=quiet).matrix.close()
-            save_parts(parts, assemble, dtype="uint16")
+            save_parts(parts, assemble, dtype="rounded")
         with open_psf(assemble) as matrix:
             result |= {"H": assemble, "shape": matrix.shape}
     if pack:

@@ -117,7 +117,7 @@ def command(
     keep_pedestal: bool = typer.Option(
         False, "--keep-pedestal", help="Accept frames whose black level nothing subtracts."
     ),
-    dtype: str = typer.Option("uint16", "--dtype", help="Stored type: uint16 with a scale per plane, or float32."),
+    dtype: str = typer.Option("rounded", "--dtype", help="Stored type: rounded (16 bits for each plane), or float32."),
     compression: CompressionOption = "gzip",
     store_tolerance: StoreToleranceOption = None,
     workers: WorkersOption = None,

@@ -155,7 +155,7 @@ def _rows(plan: ScanPlan, forecast: Forecast, speed: float, computed: tuple[str,
         ["whole frames on disk", format_bytes(forecast.frame_bytes) + _rests(plan, WHOLE_FRAMES)],
         ["cutouts on disk (uint16)", format_bytes(forecast.cutout_bytes)],
         ["H, float32", f"{format_bytes(forecast.h_float32_bytes)} before compression"],
-        ["H, uint16", f"{format_bytes(forecast.h_uint16_bytes)} before compression"],
+        ["H, rounded", f"{format_bytes(forecast.h_rounded_bytes)} at most"],
         ["HT, where it is exported (float32)", format_bytes(forecast.ht_float32_bytes)],
         ["memory to assemble (two planes)", format_bytes(forecast.assembly_bytes)],
     ]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from lfcal.compiled import njit
 
-__all__ = ["error_of_step", "light_by_line", "values_of_steps", "write_steps"]
+__all__ = ["add_rounded", "error_of_step", "light_by_line", "round_pattern", "values_of_steps", "write_steps"]
 
 
 @njit(error_model="numpy")
@@ -49,17 +49,17 @@ def error_of_step(pattern: NDArray[Any], window: tuple[int, int, int, int], step
 
 @njit(error_model="numpy")
 def write_steps(
-    pattern: NDArray[Any], window: tuple[int, int, int, int], step: float, zero: int, out: NDArray[Any]
+    pattern: NDArray[Any], window: tuple[int, int, int, int], step: float, most: int, out: NDArray[Any]
 ) -> tuple[float, float, float, int]:
-    """Fill ``out`` (nt, ns), uint16, with the steps of ``pattern`` from ``zero`` on; beside ``window`` all are zero.
+    """Fill ``out`` (nt, ns), float32, with the values of ``pattern`` in whole steps; outside ``window`` all are 0.
 
     Returns
     -------
     float, float, float, int
-        Sum of the sizes beside the window; of what values in it lack, as they are read back; of the sizes there; and
-        how many steps do not fit.
+        Sum of the sizes outside the window; of the errors of the values in it; of all sizes; and how many values need
+        more than ``most`` steps.
     """
-    narrow, beside, error, total, lost = np.float32(step), 0.0, 0.0, 0.0, 0
+    outside, error, total, lost = 0.0, 0.0, 0.0, 0
     each = 1 / step
     for t in range(pattern.shape[0]):
         line, to = pattern[t], out[t]
@@ -67,22 +67,47 @@ def write_steps(
         for s in range(pattern.shape[1]):
             total += abs(line[s])
             if not (within and window[2] <= s <= window[3]):
-                to[s] = zero
-                beside += abs(line[s])
+                to[s] = 0
+                outside += abs(line[s])
                 continue
             count = np.rint(line[s] * each)
-            if not 0 <= count + zero <= 65535:
+            if abs(count) > most:
                 lost += 1
-                count = min(max(count, -zero), 65535 - zero)
-            to[s] = np.uint16(count + zero)
-            # as `values_of_steps` reads it
-            error += abs(line[s] - np.float64(np.float32(count) * narrow))
-    return beside, error, total, lost
+            to[s] = np.float32(count * step + 0.0)  # no negative zero, which would cost a bit
+            error += abs(line[s] - np.float64(to[s]))
+    return outside, error, total, lost
+
+
+@njit(error_model="numpy")
+def round_pattern(pattern: NDArray[Any], step: float, out: NDArray[Any]) -> None:
+    """Fill ``out`` (nt, ns), float32, with ``pattern`` in whole steps, a power of two wide."""
+    each = 1 / step
+    for t in range(pattern.shape[0]):
+        line, to = pattern[t], out[t]
+        for s in range(pattern.shape[1]):
+            to[s] = np.float32(np.rint(line[s] * each) * step + 0.0)
+
+
+@njit(error_model="numpy")
+def add_rounded(pattern: NDArray[Any], step: float, total: NDArray[np.float64]) -> tuple[float, float]:
+    """Add ``pattern`` in whole steps to ``total`` (nt, ns); return the sums of errors and of sizes."""
+    error, size, each = 0.0, 0.0, 1 / step
+    for t in range(pattern.shape[0]):
+        line, to = pattern[t], total[t]
+        for s in range(pattern.shape[1]):
+            value = np.rint(line[s] * each) * step
+            to[s] += value
+            error += abs(line[s] - value)
+            size += abs(line[s])
+    return error, size
 
 
 @njit(error_model="numpy")
 def values_of_steps(stored: NDArray[Any], step: NDArray[Any], zero: NDArray[Any], out: NDArray[Any]) -> None:
-    """Fill ``out`` ``(n, pixels)`` with ``(stored - zero) * step``, float32; ``step`` and ``zero`` are ``(n,)``."""
+    """Fill ``out`` ``(n, pixels)`` with ``(stored - zero) * step``, float32; ``step`` and ``zero`` are ``(n,)``.
+
+    So patterns are stored in files of version 3.
+    """
     for k in range(stored.shape[0]):
         line, to, by, nothing = stored[k], out[k], step[k], np.int32(zero[k])
         for p in range(stored.shape[1]):

@@ -47,14 +47,14 @@ class AssemblySettings:
     keep_pedestal
         Do not refuse frames whose black level nothing subtracts and would be more than 2 % of the light of H.
     dtype
-        Stored type: ``"uint16"`` with a scale per plane (0.1 % error at a third of the bytes), or ``"float32"``.
+        Stored type, as in `PSFWriter`: ``"rounded"`` (at most 0.1 % error at a third of the bytes), or ``"float32"``.
     compression
         ``"gzip"``, ``"zstd"`` or ``"none"``.
     workers
         Threads; None takes every processor.
     store_tolerance
-        In a file, the share (L1) that each pattern may lack: stored in whole steps as wide as that allows, of uint16;
-        None: as ``dtype`` says.
+        In a file, the share (L1) that each pattern may lack: stored in whole steps as wide as that allows; None: as
+        ``dtype`` says.
 
     Examples
     --------
@@ -78,7 +78,7 @@ class AssemblySettings:
     pad: bool = False
     strict: bool = False
     keep_pedestal: bool = False
-    dtype: str = "uint16"
+    dtype: str = "rounded"
     compression: str = "gzip"
     workers: int | None = None
     store_tolerance: float | None = None
@@ -90,8 +90,8 @@ class AssemblySettings:
             raise InputError.expected("cutout", "(rows, columns) or auto", repr(self.cutout), "correct it")
         if self.store_tolerance is not None:
             check_store_tolerance(self.store_tolerance)
-            if self.dtype != "uint16":
-                raise InputError.expected("stored type in steps", "uint16", self.dtype, "leave one of them out")
+            if self.dtype != "rounded":
+                raise InputError.expected("stored type in steps", "rounded", self.dtype, "leave one of them out")
 
 
 def iter_assemble_plan(

@@ -12,9 +12,9 @@ from lfcal.errors import FileFormatError
 from lfcal.h5.file import H5File
 from lfcal.progress import Clock, Work
 from lfcal.psf.layout import StoredPlane
-from lfcal.psf.opening import facts_in, provenance_of, scaling_of, steps_in
+from lfcal.psf.opening import facts_in, provenance_of, scaling_of
 from lfcal.psf.provenance import simulated_planes
-from lfcal.psf.store import PSFWriter
+from lfcal.psf.store import VERSION, PSFWriter
 
 __all__ = ["iter_join", "stored_plane"]
 
@@ -51,24 +51,24 @@ def stored_plane(file: H5File) -> StoredPlane:
     if data.ndim != 5 or data.shape[0] != 1:
         raise FileFormatError.expected(data.where, "one plane", data.shape, "remove it and begin again")
     shape = data.shape
-    scale, offset = scaling_of(data, 1)
+    version = file.attributes().integer("version")
+    if version != VERSION or scaling_of(file, data)[0].tolist() != [1]:
+        raise FileFormatError.expected(
+            str(file.path),
+            f"a plane of version {VERSION}, not scaled",
+            f"version {version}",
+            "remove it and begin again",
+        )
     facts = facts_in(file, "", (1, shape[1], shape[2], shape[3], shape[4]), {})
-    uncertainty, wide = None, 1.0
-    if "uncertainty" in file:
-        uncertainty = file.dataset("uncertainty")
-        wide = float(scaling_of(uncertainty, 1)[0][0])
-    steps = steps_in(file, "", data)
+    step = file.values("step", shape[:3], kinds="f", finite=True)[0].astype(np.float32) if "step" in file else None
     return StoredPlane(
         data,
-        float(scale[0]),
-        float(offset[0]),
         file.values("depth_sum", (1, *shape[3:]), finite=True)[0].astype(np.float64),
         file.values("used_window", (1, 4), kinds="i")[0].astype(np.int32),
         int(file.values("checksum", (1,), kinds="u")[0]),
         float(file.values("error", (1,), kinds="f")[0]),
         replace(facts, error=None).plane(0),
-        uncertainty,
-        wide,
-        None if steps is None else (steps[0][0], steps[1][0]),
+        file.dataset("uncertainty") if "uncertainty" in file else None,
+        step,
         simulated_planes(provenance_of(file), 1)[0],
     )

@@ -1,6 +1,7 @@
 """How one matrix lies in a group of an H file: what is written when, and what every entry means.
 
-Version 2 of the format; ``docs/formats_h.md`` describes it for other programs.
+Version 4 of the format; ``docs/formats_h.md`` describes it for other programs. Stored zero means value zero, and one
+number scales the whole matrix, so that every HDF5 reader sees the right shapes and ratios.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ import json
 import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,9 +19,10 @@ from numpy.typing import NDArray
 from lfcal.axes import AXES
 from lfcal.errors import InputError
 from lfcal.h5.dataset import H5Data
+from lfcal.psf._step_kernels import add_rounded, round_pattern
 from lfcal.psf.chunk_codec import copy_plane, parallel_write
 from lfcal.psf.facts import Facts, stacked
-from lfcal.psf.steps import bound_after, stepped_plane
+from lfcal.psf.steps import bound_after, step_of_range, stepped_plane
 from lfcal.threads import for_each_chunk
 from lfcal.version import full_version
 
@@ -29,6 +32,7 @@ if TYPE_CHECKING:
 __all__ = [
     "CENTRE_RULE",
     "COMPRESSIONS",
+    "ROUNDED",
     "STORED_TYPES",
     "MatrixGroup",
     "MatrixHeader",
@@ -37,12 +41,16 @@ __all__ = [
 ]
 
 CENTRE_RULE = "(n - 1) // 2"
-UNCERTAINTY_STEPS = 65535
+UNCERTAINTY_DIGITS = 8
+"""Binary digits of a stated standard deviation, which is rounded up: by 1/128 at most."""
 COMPRESSIONS = ("gzip", "zstd", "none")
 Convert = Callable[[NDArray[Any]], NDArray[Any]]
 PLANE_NUMBER = "plane"
 """Unit of depths that nobody stated: they are numbers of planes."""
-STORED_TYPES = ("float32", "uint16", "float64", "uint8")
+ROUNDED = "rounded"
+"""float32 in steps of a power of two, as wide as 16 bits for a plane allow: small, and exact for whole numbers."""
+
+STORED_TYPES = ("float32", ROUNDED, "float64", "uint16", "uint8")
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,19 +64,24 @@ class MatrixHeader:
     provenance: Mapping[str, Any]
     transposed: bool
     region: str
-    dtype: np.dtype[Any]
+    stored: str
     compression: str
     workers: int | None
     store_tolerance: float | None = None
 
     def __post_init__(self) -> None:
         """Check what an H file can hold."""
-        if self.dtype.name not in STORED_TYPES:
-            raise InputError.expected("stored type", " or ".join(STORED_TYPES), self.dtype, "choose one of these")
+        if self.stored not in STORED_TYPES:
+            raise InputError.expected("stored type", " or ".join(STORED_TYPES), self.stored, "choose one of these")
         if self.compression not in COMPRESSIONS:
             raise InputError.expected("compression", " or ".join(COMPRESSIONS), self.compression, "choose one of these")
         if self.depths.shape != self.shape[:1]:
             raise InputError.expected("depths", f"{self.shape[0]} values", self.depths.shape, "one per plane")
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Type of the samples in the file."""
+        return np.dtype("float32" if self.stored == ROUNDED else self.stored)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,33 +92,28 @@ class StoredPlane:
     ----------
     data
         ``(1, ny, nx, nt, ns)`` in chunks of a pattern each.
-    scale, offset
-        Value = stored * scale + offset.
     sums
         Depth-plane sum ``(nt, ns)``.
     used, checksum, error
         As the file states them.
     facts
         Of its positions; the error is not among them.
-    uncertainty, uncertainty_scale
-        Standard deviations of its entries in steps of the scale; None: none are stated.
-    steps
-        Step and zero of each pattern ``(ny, nx)``, of an H in whole steps.
+    uncertainty
+        Standard deviations of its entries; None: none are stated.
+    step
+        Of which the values of each pattern are multiples ``(ny, nx)``; None: they are not rounded.
     simulated
         How it was simulated, as plain JSON types; None where it was not.
     """
 
     data: H5Data
-    scale: float
-    offset: float
     sums: NDArray[np.float64]
     used: NDArray[np.int32]
     checksum: int
     error: float
     facts: Facts
     uncertainty: H5Data | None = None
-    uncertainty_scale: float = 1.0
-    steps: tuple[NDArray[np.float32], NDArray[np.uint16]] | None = None
+    step: NDArray[np.float32] | None = None
     simulated: Mapping[str, Any] | None = None
 
 
@@ -116,7 +124,6 @@ class MatrixGroup:
         self._group, self._header = group, header
         nz = header.shape[0]
         self._written = np.zeros(nz, bool)
-        self._scale, self._offset = np.ones(nz), np.zeros(nz)
         self._checksum = np.zeros(nz, np.uint32)
         self._error = np.full(nz, np.nan)
         self._used = np.zeros((nz, 4), np.int32)
@@ -126,19 +133,13 @@ class MatrixGroup:
         self._simulated: dict[int, Mapping[str, Any]] = {}
         self._uncertainty: Any = None
         self._uncertain = np.zeros(nz, bool)
-        self._uncertainty_scale = np.ones(nz)
-        self._step = np.ones(header.shape[:3] if self._in_steps else 0, np.float32)
-        self._zero = np.zeros(self._step.shape, np.uint16)
+        self._step = np.zeros(header.shape[:3], np.float32)
         self._data = self._create_dataset("H", header.dtype)
 
     @property
     def lacking(self) -> list[int]:
         """Planes that were not written yet."""
         return np.flatnonzero(~self._written).tolist()
-
-    @property
-    def _in_steps(self) -> bool:
-        return self._header.store_tolerance is not None
 
     def _create_dataset(self, name: str, dtype: np.dtype[Any]) -> Any:
         header = self._header
@@ -174,9 +175,13 @@ class MatrixGroup:
             self._write_steps(z, plane, facts, self._header.store_tolerance)
             return
         self._used[z] = _used_window(sums)
-        convert, error = self._rounding(z, plane)
-        # the sums in the file are those of the values in the file
-        self._sums[z] = sums if convert is None or error == 0 else self._rounded_sums(z, plane, convert)
+        convert, step = self._conversion(z, plane)
+        error = 0.0
+        self._sums[z] = sums
+        if step:
+            # the sums in the file are those of the values in the file
+            self._step[z] = step
+            self._sums[z], error = _rounded_sums(plane, step, self._header.workers)
         each = np.zeros(shape[1:3], "<u4")
         parallel_write(self._data, z, plane, convert=convert, checksums=each, workers=self._header.workers)
         self._checksum[z] = zlib.crc32(each.data)
@@ -189,11 +194,11 @@ class MatrixGroup:
 
         workers = self._header.workers
         found = stepped_plane(plane, tolerance, what=f"plane {z}", workers=workers)
-        self._step[z], self._zero[z] = found.step, found.zero
-        self._sums[z] = depth_sum(found.values(workers), workers=workers)
+        self._step[z] = found.step
+        self._sums[z] = depth_sum(found.values, workers=workers)
         self._used[z] = _used_window(self._sums[z])
         each = np.zeros(plane.shape[:2], "<u4")
-        parallel_write(self._data, z, found.stored, checksums=each, workers=workers)
+        parallel_write(self._data, z, found.values, checksums=each, workers=workers)
         self._checksum[z] = zlib.crc32(each.data)
         self._note(z, facts, found.error, bound_after(facts.bound, found.bound))
         self._written[z] = True
@@ -209,26 +214,19 @@ class MatrixGroup:
     def write_uncertainty(self, z: int, plane: NDArray[np.floating[Any]]) -> None:
         """Write the standard deviation of every entry of plane ``z`` ``(ny, nx, nt, ns)``; 0: none is stated.
 
-        Stored in steps of 1/65535 of the plane's largest, rounded up: none becomes 0.
+        Rounded up to `UNCERTAINTY_DIGITS` binary digits: none becomes 0.
         """
         if plane.shape != self._header.shape[1:]:
             raise InputError.expected(
                 f"uncertainty of plane {z}", f"shape {self._header.shape[1:]}", plane.shape, "one value per entry"
             )
-        low, largest, _ = _range(plane, self._header.workers)
+        low, largest = _range(plane, self._header.workers)
         if not (np.isfinite(largest) and low >= 0):
             raise InputError.expected(f"uncertainty of plane {z}", "numbers ≥ 0", f"{low:g} to {largest:g}", "check it")
         if self._uncertainty is None:
-            self._uncertainty = self._create_dataset("uncertainty", np.dtype(np.uint16))
-        scale = largest / UNCERTAINTY_STEPS if largest > 0 else 1.0
-        steps = np.float32(1 / scale)
-
-        def rounded(pattern: NDArray[Any]) -> NDArray[Any]:
-            found: NDArray[Any] = np.minimum(np.ceil(pattern * steps), UNCERTAINTY_STEPS).astype(np.uint16)
-            return found
-
-        parallel_write(self._uncertainty, z, plane, convert=rounded, workers=self._header.workers)
-        self._uncertain[z], self._uncertainty_scale[z] = True, scale
+            self._uncertainty = self._create_dataset("uncertainty", np.dtype(np.float32))
+        parallel_write(self._uncertainty, z, plane, convert=_rounded_up, workers=self._header.workers)
+        self._uncertain[z] = True
 
     def adopt_plane(self, z: int, stored: StoredPlane) -> None:
         """Take plane ``z`` over as another file has it: its bytes are neither unpacked nor rounded again."""
@@ -237,18 +235,15 @@ class MatrixGroup:
                 f"plane {z}", f"{self._header.shape[1:]} once", stored.data.shape, "write it anew"
             )
         copy_plane(stored.data, self._data, z)
-        self._scale[z], self._offset[z] = stored.scale, stored.offset
         self._sums[z], self._used[z], self._error[z] = stored.sums, stored.used, stored.error
         self._checksum[z], self._facts[z] = stored.checksum, stored.facts
-        if (stored.steps is None) == self._in_steps:
-            raise InputError.expected(f"plane {z}", "values stored as the others", "another way", "write it anew")
-        if stored.steps is not None:
-            self._step[z], self._zero[z] = stored.steps
+        if stored.step is not None:
+            self._step[z] = stored.step
         if stored.uncertainty is not None:
             if self._uncertainty is None:
-                self._uncertainty = self._create_dataset("uncertainty", np.dtype(np.uint16))
+                self._uncertainty = self._create_dataset("uncertainty", np.dtype(np.float32))
             copy_plane(stored.uncertainty, self._uncertainty, z)
-            self._uncertain[z], self._uncertainty_scale[z] = True, stored.uncertainty_scale
+            self._uncertain[z] = True
         if stored.simulated is not None:
             self.note_simulated(z, stored.simulated)
         self._written[z] = True
@@ -256,16 +251,16 @@ class MatrixGroup:
     def _complete_uncertainty(self) -> None:
         if self._uncertainty is None:
             return
-        none = np.broadcast_to(np.zeros((), np.uint16), self._header.shape[1:])
+        none = np.broadcast_to(np.zeros((), np.float32), self._header.shape[1:])
         for z in np.flatnonzero(~self._uncertain).tolist():
             parallel_write(self._uncertainty, z, none, workers=self._header.workers)
-        self._uncertainty.attrs["scale"] = self._uncertainty_scale
+        self._uncertainty.attrs["long_name"] = "standard deviation of each entry of H; 0: none is stated"
 
     def _note(self, z: int, facts: Facts, rounding: float, bound: NDArray[np.float64] | None = None) -> None:
         known = facts.known()
         if bound is not None:
             known["bound"] = bound
-        elif rounding > 0:  # what is rounded to a scale of the plane has no bound for each pattern
+        elif rounding > 0:  # what is rounded to steps of the plane has no bound for each pattern
             known.pop("bound", None)
         stated = known.pop("error", None)
         errors = [e for e in (rounding, np.nan if stated is None else float(stated)) if np.isfinite(e)]
@@ -275,42 +270,28 @@ class MatrixGroup:
         known.setdefault("recorded", np.ones(self._header.shape[1:3], np.uint16))
         self._facts[z] = Facts(**known)
 
-    def _rounding(self, z: int, plane: NDArray[Any]) -> tuple[Callable[[NDArray[Any]], NDArray[Any]] | None, float]:
-        """Return what turns a pattern of plane ``z`` into its stored type, and the relative error of that.
-
-        An integer type takes a scale and an offset per plane unless the values fit as they are. Rounding to
-        steps of ``scale`` errs by ``scale / 4`` in the mean.
-        """
+    def _conversion(self, z: int, plane: NDArray[Any]) -> tuple[Convert | None, float]:
+        """Return what turns a pattern of plane ``z`` into its stored type, and the step it is rounded to; 0: none."""
         dtype = self._header.dtype
+        if self._header.stored == ROUNDED:
+            low, high = _range(plane, self._header.workers)
+            step = step_of_range(low, high)
+            # float32 holds whole numbers beyond 16 bits as well
+            step = 1.0 if step > 1 and max(-low, high) < 2**24 and _whole(plane) else step
+            return (partial(_rounded, step=step), step) if step else (_single, 0.0)
         if plane.dtype == dtype:
             return None, 0.0
         if dtype.kind == "f":
             return (lambda pattern: pattern.astype(dtype)), 0.0
-        low, high, total = _range(plane, self._header.workers)
-        scale = (high - low) / float(np.iinfo(dtype).max) if high > low else 1.0
-        self._offset[z], self._scale[z] = low, scale
-        first, steps = np.float32(low), np.float32(1 / scale)
-
-        def rounded(pattern: NDArray[Any]) -> NDArray[Any]:
-            moved = pattern - first
-            moved *= steps
-            return np.rint(moved, out=moved).astype(dtype)
-
-        return rounded, (scale / 4 * plane.size / total if total > 0 and high > low else 0.0)
-
-    def _rounded_sums(self, z: int, plane: NDArray[Any], convert: Convert) -> NDArray[np.float64]:
-        """Return the sum over all positions of what plane ``z`` reads back as."""
-
-        def rows(start: int, stop: int) -> NDArray[np.int64]:
-            total = np.zeros(plane.shape[2:], np.int64)
-            for pattern in plane[start:stop].reshape(-1, *plane.shape[2:]):
-                total += convert(pattern)
-            return total
-
-        steps = np.sum(for_each_chunk(rows, plane.shape[0], self._header.workers), axis=0)
-        count = plane.shape[0] * plane.shape[1]
-        sums: NDArray[np.float64] = steps * self._scale[z] + count * self._offset[z]
-        return sums
+        low, high = _range(plane, self._header.workers)
+        if low < 0 or high > np.iinfo(dtype).max or not _whole(plane):
+            raise InputError.expected(
+                f"plane {z}, stored as {dtype}",
+                f"whole numbers from 0 to {np.iinfo(dtype).max}",
+                f"others, from {low:.6g} to {high:.6g}",
+                f"store it as {ROUNDED} or float32 (--dtype)",
+            )
+        return (lambda pattern: pattern.astype(dtype)), 0.0
 
     def complete(self) -> None:
         """Write everything but the values; every plane must be there."""
@@ -326,14 +307,21 @@ class MatrixGroup:
         depths.attrs["unit"] = "um" if known else PLANE_NUMBER
         for name, values in stacked(self._facts).known().items():
             group.create_dataset(name, data=values, compression="gzip")
-        if self._in_steps:
-            group.create_dataset("step", data=self._step, compression="gzip")
-            group.create_dataset("zero", data=self._zero, compression="gzip")
+        if self._step.any():
+            step = group.create_dataset("step", data=self._step, compression="gzip")
+            step.attrs["long_name"] = "all values of a pattern are whole multiples of its step; 0: of none"
         group.create_dataset("used_window", data=self._used).attrs["columns"] = "t_first,t_last,s_first,s_last"
         group.create_dataset("checksum", data=self._checksum).attrs["rule"] = CHECKSUM_RULE
         group.create_dataset("error", data=self._error).attrs["measure"] = "sum |error| / sum |H| of the plane"
-        self._data.attrs["scale"] = self._scale
-        self._data.attrs["offset"] = self._offset
+        counts = "frames" in self._provenance
+        name = "HT" if header.transposed else "H"
+        self._data.attrs.update(
+            {
+                "scaling_factor": 1.0,
+                "units": "counts" if counts else "",
+                "long_name": f"{name}{' (counts)' if counts else ''}; value = stored * scaling_factor",
+            }
+        )
         group.attrs.update(
             {
                 "matrix": "HT" if header.transposed else "H",
@@ -378,16 +366,54 @@ def _used_window(sums: NDArray[np.float64]) -> tuple[int, int, int, int]:
     return int(rows[0]), int(rows[-1]), int(columns[0]), int(columns[-1])
 
 
-def _range(plane: NDArray[Any], workers: int | None) -> tuple[float, float, float]:
-    """Return lowest and highest value and the sum of absolute values of a plane."""
+def _range(plane: NDArray[Any], workers: int | None) -> tuple[float, float]:
+    """Return lowest and highest value of a plane."""
 
-    def rows(start: int, stop: int) -> tuple[float, float, float]:
+    def rows(start: int, stop: int) -> tuple[float, float]:
         # pattern by pattern, so that each is read once into the cache
-        low, high, total = np.inf, -np.inf, 0.0
+        low, high = np.inf, -np.inf
         for pattern in plane[start:stop].reshape(-1, plane[0, 0].size):
             low, high = min(low, float(pattern.min())), max(high, float(pattern.max()))
-            total += float(np.abs(pattern).sum(dtype=np.float64))
-        return low, high, total
+        return low, high
 
     found = for_each_chunk(rows, plane.shape[0], workers)
-    return min(f[0] for f in found), max(f[1] for f in found), sum(f[2] for f in found)
+    return min(f[0] for f in found), max(f[1] for f in found)
+
+
+def _whole(plane: NDArray[Any]) -> bool:
+    """Return whether all values of a plane are whole numbers."""
+    return plane.dtype.kind in "iu" or all(np.array_equal(np.rint(row), row) for row in plane)
+
+
+def _single(pattern: NDArray[Any]) -> NDArray[np.float32]:
+    return pattern.astype(np.float32)
+
+
+def _rounded(pattern: NDArray[Any], step: float) -> NDArray[np.float32]:
+    """Return a pattern in whole steps of a power of two."""
+    out = np.empty(pattern.shape, np.float32)
+    round_pattern(pattern, step, out)
+    return out
+
+
+def _rounded_sums(plane: NDArray[Any], step: float, workers: int | None) -> tuple[NDArray[np.float64], float]:
+    """Return the sum over all positions of a plane in whole steps, and its relative error (L1)."""
+
+    def rows(start: int, stop: int) -> tuple[NDArray[np.float64], float, float]:
+        total, error, size = np.zeros(plane.shape[2:]), 0.0, 0.0
+        for pattern in plane[start:stop].reshape(-1, *plane.shape[2:]):
+            lacking, own = add_rounded(pattern, step, total)
+            error, size = error + lacking, size + own
+        return total, error, size
+
+    found = for_each_chunk(rows, plane.shape[0], workers)
+    total: NDArray[np.float64] = np.sum([one[0] for one in found], axis=0)
+    error, size = sum(one[1] for one in found), sum(one[2] for one in found)
+    return total, error / size if size > 0 else 0.0
+
+
+def _rounded_up(deviations: NDArray[Any]) -> NDArray[np.float32]:
+    """Return standard deviations rounded up to a few binary digits, which compress well."""
+    mantissa, exponent = np.frexp(deviations.astype(np.float32))
+    found = np.ldexp(np.ceil(mantissa * 2**UNCERTAINTY_DIGITS), exponent - UNCERTAINTY_DIGITS)
+    return np.asarray(found, np.float32)

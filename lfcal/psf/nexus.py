@@ -34,7 +34,7 @@ def mark_default_plot(file: Any) -> None:
     units, said = ("um", "depth away from the camera (um)") if known else ("", "plane number")
     file["depths"].attrs.update({"units": units, "long_name": said})
     file["depth_sum"].attrs.update({"long_name": f"{name} summed over all positions", "interpretation": "image"})
-    file["H"].attrs.update({"long_name": f"{name}, stored values", "interpretation": "image"})
+    file["H"].attrs["interpretation"] = "image"
     offsets = {"t": np.arange(nt) - centre(nt), "s": np.arange(ns) - centre(ns)}
     positions = {"y": np.arange(file["H"].shape[1]), "x": np.arange(file["H"].shape[2])}
     _plot(file, entry, "depth_sum", f"{name}: depth-plane sums", offsets)

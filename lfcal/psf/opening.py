@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from functools import partial
 from pathlib import Path
@@ -26,7 +26,7 @@ from lfcal.psf.layout import CENTRE_RULE, PLANE_NUMBER, plane_checksum
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.planes import DatasetPlanes, FilePlanes, Planes, ScaledPlanes
 from lfcal.psf.steps import SteppedPlanes
-from lfcal.psf.store import FORMAT, REGIONS, STEPPED_VERSION, VERSION
+from lfcal.psf.store import CHECKED_VERSION, FORMAT, REGIONS, STEPPED_VERSION, VERSION
 
 __all__ = [
     "FOREIGN",
@@ -41,7 +41,7 @@ __all__ = [
 ]
 
 
-VERSIONS = (1, VERSION, STEPPED_VERSION)
+VERSIONS = (1, CHECKED_VERSION, STEPPED_VERSION, VERSION)
 """Versions of the format that are read; what version 1 does not hold is unknown."""
 
 FOREIGN = (".npy", ".mat", ".lfc")
@@ -60,7 +60,7 @@ def open_psf(path: str | os.PathLike[str], *, region: str = "", check: bool = Fa
     region
         Region of the field, in a file of several; empty: the one the file opens with.
     check
-        Read every plane and compare it with its checksum (files of lfcal, version 2).
+        Read every plane and compare it with its checksum (files of lfcal from version 2 on).
     mat_order
         Order of the axes of H in a ``.mat`` file that does not state it: ``"rows-first"``, ``H(t, s, y, x, z)``, or
         ``"columns-first"``, ``H(s, t, x, y, z)``. Empty: as inferred from its variables; `opening_notes` says how.
@@ -198,7 +198,7 @@ def _matrix_of(file: H5File, group: str) -> PSFMatrix:
     camera = attributes.text("camera")
     provenance = provenance_of(file, group)
     sums = f"{prefix}depth_sum"
-    scale, offset = scaling_of(data, shape[0])
+    scale, offset = scaling_of(file, data)
     anchor = attributes.numbers("anchor", (2,))
     steps = steps_in(file, prefix, data)
     return PSFMatrix(
@@ -229,9 +229,16 @@ def _depths(file: H5File, prefix: str, planes: int) -> NDArray[np.float64]:
     return depths
 
 
-def scaling_of(data: H5Data, planes: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return scale and offset, one number or one per plane; every stored value must stay a finite float32."""
-    given = (data.attributes.numbers(name, (1, planes)) for name in ("scale", "offset"))
+def scaling_of(file: H5File, data: H5Data) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return scale and offset, one number or one per plane; every stored value must stay a finite float32.
+
+    One number, and no offset, from version 4 on.
+    """
+    given: Iterable[NDArray[np.float64] | None]
+    if _check_format(file) >= VERSION:
+        given = (data.attributes.numbers("scaling_factor", (1,)), None)
+    else:
+        given = (data.attributes.numbers(name, (1, data.shape[0])) for name in ("scale", "offset"))
     scale, offset = (np.full(1, default) if v is None else v for v, default in zip(given, (1.0, 0.0), strict=True))
     largest = float(np.iinfo(data.dtype).max) if data.dtype.kind in "iu" else 1.0
     if not scale.all() or (np.abs(scale) * largest + np.abs(offset) > np.finfo(np.float32).max).any():
@@ -245,7 +252,7 @@ def scaling_of(data: H5Data, planes: int) -> tuple[NDArray[np.float64], NDArray[
 
 
 def steps_in(file: H5File, prefix: str, data: H5Data) -> tuple[NDArray[np.float32], NDArray[np.uint16]] | None:
-    """Return step and zero of every pattern ``(nz, ny, nx)`` of an H in whole steps; None: its values are no steps.
+    """Return step and zero of every pattern ``(nz, ny, nx)`` of a file of version 3; None: it is of another.
 
     ``data`` are the values of H, in the group that ``prefix`` names.
 
@@ -255,7 +262,7 @@ def steps_in(file: H5File, prefix: str, data: H5Data) -> tuple[NDArray[np.float3
         If they are not there in a file that needs them, or give values that are not finite.
     """
     shape = data.shape
-    if _check_format(file) < STEPPED_VERSION:
+    if _check_format(file) != STEPPED_VERSION:
         return None
     where, remedy = f"{file.path}:/{prefix}step", "take the file from its source again"
     if f"{prefix}step" not in file or f"{prefix}zero" not in file or data.dtype != np.uint16:
@@ -317,11 +324,15 @@ def _uncertainty(file: H5File, prefix: str, data: H5Data) -> Planes | None:
     if name not in file:
         return None
     found = file.dataset(name)
-    if found.shape != data.shape or found.dtype.kind != "u":
+    kind = "f" if _check_format(file) >= VERSION else "u"
+    if found.shape != data.shape or found.dtype.kind != kind:
+        wanted = f"{'numbers' if kind == 'f' else 'integers'} {data.shape}"
         raise FileFormatError.expected(
-            found.where, f"integers {data.shape}", f"{found.dtype} {found.shape}", "take the file from its source again"
+            found.where, wanted, f"{found.dtype} {found.shape}", "take the file from its source again"
         )
-    scale, _ = scaling_of(found, data.shape[0])
+    if kind == "f":
+        return DatasetPlanes(found)
+    scale, _ = scaling_of(file, found)
     return ScaledPlanes(DatasetPlanes(found), np.broadcast_to(scale, data.shape[0]), np.zeros(data.shape[0]))
 
 

@@ -49,7 +49,7 @@ def iter_reduce_units(
         raise InputError.expected("H", "one opened from a file", repr(matrix), "save it first")
     target = Path(out)
     stored = {"compression": compression, "store_tolerance": check_store_tolerance(tolerance)}
-    require_space(target.parent, stored_bytes(matrix.shape, "uint16", compression, tolerance), what=target.name)
+    require_space(target.parent, stored_bytes(matrix.shape, "float32", compression, tolerance), what=target.name)
     source, order = os.path.abspath(matrix.path), mat_order_of(matrix)
     writer = writer_of(matrix, target, workers=run.workers, compression=compression, store_tolerance=tolerance)
     units = [

@@ -1,4 +1,4 @@
-"""An H file held against the published specification of its format: ``schema/lfcal-psf-2.schema.json``."""
+"""An H file compared with the published specification of its version, in ``schema/``."""
 
 from __future__ import annotations
 
@@ -13,25 +13,27 @@ import numpy as np
 from lfcal.errors import LfcalError
 from lfcal.h5.file import H5File
 from lfcal.psf.json_schema import Deviation, deviations
-from lfcal.psf.store import REGIONS
+from lfcal.psf.store import REGIONS, VERSION
 
 __all__ = ["SCHEMA", "describe", "deviations_of", "schema"]
 
-SCHEMA = Path(__file__).parent / "schema" / "lfcal-psf-2.schema.json"
+SCHEMA = Path(__file__).parent / "schema" / "lfcal-psf-4.schema.json"
+EARLIER = Path(__file__).parent / "schema" / "lfcal-psf-2.schema.json"
+"""Schema of versions 2 and 3."""
 
 
 @cache
-def schema() -> dict[str, Any]:
-    """Return the schema of versions 2 and 3."""
-    found: dict[str, Any] = json.loads(SCHEMA.read_text(encoding="utf-8"))
+def schema(version: int = VERSION) -> dict[str, Any]:
+    """Return the schema of a version of the format, from 2 on."""
+    found: dict[str, Any] = json.loads((SCHEMA if version >= VERSION else EARLIER).read_text(encoding="utf-8"))
     return found
 
 
 def deviations_of(file: H5File) -> list[str]:
-    """Return each deviation of an H file of version 2 or 3 from the specification, a line each that names the place."""
+    """Return each deviation of an H file from the specification of its version, a line each that names the place."""
     unread: list[str] = []
     description = describe(file, unread)
-    found = list(deviations(description, schema()))
+    found = list(deviations(description, schema(file.attributes().integer("version") or VERSION)))
     return [*unread, *(line for line in map(_line, found) if not any(line.startswith(u.split(":")[0]) for u in unread))]
 
 
@@ -48,7 +50,9 @@ def describe(file: H5File, unread: list[str]) -> dict[str, Any]:
 
 
 def _matrix(file: H5File, group: str, unread: list[str]) -> dict[str, Any]:
-    known = schema()["$defs"]["matrix"]["properties"]["datasets"]["properties"]
+    known = schema(file.attributes().integer("version") or VERSION)["$defs"]["matrix"]["properties"]["datasets"][
+        "properties"
+    ]
     prefix = f"{group}/" if group else ""
     datasets = {}
     for name in known:

@@ -27,6 +27,7 @@ __all__ = [
     "bound_after",
     "check_store_tolerance",
     "plane_of_steps",
+    "step_of_range",
     "stepped_plane",
 ]
 
@@ -42,26 +43,31 @@ CLOSE = 0.97
 TRIALS = 24
 """Steps that are tried at most; five do nearly always."""
 
+DIGITS = 2
+"""Binary digits of a step: multiples of a step of 24 digits would fill the mantissa of a float32 with noise."""
+
+LEAST_STEP = 2.0**-126
+"""Smallest step: the smallest normal float32."""
+
 
 @dataclass(frozen=True, eq=False)
 class SteppedPlane:
-    """A plane of H in whole steps: value = (stored - zero) * step.
+    """A plane of H in whole steps.
 
     Attributes
     ----------
-    stored
-        ``(ny, nx, nt, ns)``, uint16.
-    step, zero
-        ``(ny, nx)``, float32 and uint16.
+    values
+        ``(ny, nx, nt, ns)``, float32, each a whole multiple of its pattern's step.
+    step
+        ``(ny, nx)``, float32, of at most `DIGITS` binary digits, so that multiples have few and compress well.
     cut, rounding
-        ``(ny, nx)``: what each pattern lacks beside the window and in it, as shares (L1) of its own.
+        ``(ny, nx)``: the error of each pattern outside the window and in it, as shares (L1) of the pattern.
     error
-        What all patterns lack together, as a share of the plane.
+        The error of all patterns together, as a share of the plane.
     """
 
-    stored: NDArray[np.uint16]
+    values: NDArray[np.float32]
     step: NDArray[np.float32]
-    zero: NDArray[np.uint16]
     cut: NDArray[np.float64]
     rounding: NDArray[np.float64]
     error: float
@@ -70,10 +76,6 @@ class SteppedPlane:
     def bound(self) -> NDArray[np.float64]:
         """Largest share that a pattern lacks: by cutting, by rounding, and of both together ``(3,)``."""
         return np.array([self.cut.max(), self.rounding.max(), (self.cut + self.rounding).max()])
-
-    def values(self, workers: int | None = None) -> NDArray[np.float32]:
-        """Return the plane as it is read back."""
-        return plane_of_steps(self.stored, self.step, self.zero, workers)
 
 
 def check_store_tolerance(tolerance: float) -> float:
@@ -87,9 +89,10 @@ def bits_at_most(tolerance: float) -> float:
     """Return the bits an entry takes at most, whatever H holds: those of a Laplacian, and two to spare.
 
     Of all values of a mean size b a Laplacian's have the most entropy, log2(2 e b) bits; steps that lack
-    tolerance * b in the mean are 4 * tolerance * b wide. High and low bytes are compressed apart, which costs a bit.
+    tolerance * b in the mean are 4 * tolerance * b wide. Exponents and mantissas are compressed apart, which costs
+    about five bits.
     """
-    return min(16.0, math.log2(math.e / 2 / tolerance) + 2)
+    return min(24.0, math.log2(math.e / 2 / tolerance) + 7)
 
 
 def bound_after(before: NDArray[np.float64] | None, bound: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -131,8 +134,7 @@ def stepped_plane(
             f"{what}, position ({y}, {x})", "finite values", "NaN or infinity", "find the frame and record it again"
         )
     window = (*_used(rows, total, CUT * limit / 4), *_used(columns, total, CUT * limit / 4))
-    stored = np.empty(plane.shape, np.uint16)
-    step, zero = np.ones((ny, nx), np.float32), np.zeros((ny, nx), np.uint16)
+    values, step = np.empty(plane.shape, np.float32), np.ones((ny, nx), np.float32)
     cut, rounding = np.zeros((ny, nx)), np.zeros((ny, nx))
 
     def write(start: int, stop: int) -> None:
@@ -140,11 +142,10 @@ def stepped_plane(
             for x in range(nx):
                 pattern = np.ascontiguousarray(plane[y, x], np.float64)
                 ends = float(low[y, x]), float(high[y, x])
-                width, nothing = _step(pattern, window, ends, float(total[y, x]), limit)
-                step[y, x], zero[y, x] = width, nothing
-                beside, lacking, light, lost = write_steps(pattern, window, width, nothing, stored[y, x])
+                step[y, x] = width = _step(pattern, window, ends, float(total[y, x]), limit)
+                outside, lacking, light, lost = write_steps(pattern, window, width, 2 * MOST, values[y, x])
                 if light > 0:
-                    cut[y, x], rounding[y, x] = beside / light, lacking / light
+                    cut[y, x], rounding[y, x] = outside / light, lacking / light
                 if lost or cut[y, x] + rounding[y, x] > limit:
                     raise InputError.expected(
                         f"{what}, position ({y}, {x}), tolerance of storage",
@@ -156,7 +157,7 @@ def stepped_plane(
     for_each_chunk(write, ny, workers)
     light = float(total.sum())
     error = float(((cut + rounding) * total).sum()) / light if light > 0 else 0.0
-    return SteppedPlane(stored, step, zero, cut, rounding, error)
+    return SteppedPlane(values, step, cut, rounding, error)
 
 
 def _used(lines: NDArray[np.float64], total: NDArray[np.float64], share: float) -> tuple[int, int]:
@@ -176,14 +177,14 @@ def _step(
     ends: tuple[float, float],
     total: float,
     tolerance: float,
-) -> tuple[float, int]:
-    """Return the largest step, as float32, that keeps a pattern within ``tolerance``, and how many lie below 0.
+) -> float:
+    """Return about the largest step that keeps a pattern within ``tolerance``, of few binary digits.
 
     By the error of a few steps, each guessed from the last two: it grows like a power of the step.
     """
     low, high = min(ends[0], 0.0), max(ends[1], 0.0)
     if total == 0 or window[1] < window[0]:
-        return 1.0, 0
+        return 1.0
     inner = pattern[window[0] : window[1] + 1, window[2] : window[3] + 1]
     # values are read back as float32, whose rounding is part of what is measured
     room = max(0.0, (tolerance - 2e-7) * total - max(0.0, total - float(np.abs(inner).sum())))
@@ -208,25 +209,39 @@ def _step(
         step = guess if good < guess < bad else math.sqrt(good * bad) if math.isfinite(bad) else 4 * good
         if (math.isfinite(bad) and bad < 1.001 * good) or step > 4 * (high - low):
             break
-    narrow = float(np.float32(good))
-    return (narrow, _zero(-round(low / narrow), round(high / narrow))) if narrow > 0 else (1.0, 0)
+    return _of_few_digits(pattern, window, float(np.float32(good)), room) if good >= LEAST_STEP else 1.0
 
 
-def _zero(below: int, above: int) -> int:
-    """Return what is stored for 0, so that ``below`` steps fit below it and ``above`` above it.
+def _of_few_digits(pattern: NDArray[np.float64], window: tuple[int, int, int, int], step: float, room: float) -> float:
+    """Return the largest step of few binary digits up to ``step`` whose error is at most ``room``; else ``step``.
 
-    In the middle of a byte's range where there is room: noise about 0 then has one high byte, which takes no room.
+    The error need not grow with the step: a pattern of multiples of one step fits it better than a finer one.
     """
-    if below <= 0:
-        return 0
-    middle = -(-(below - 128) // 256) * 256 + 128
-    return max(0, min(middle if 0 < middle <= MOST - above else below, MOST))
+    mantissa, exponent = math.frexp(step)
+    digits = math.floor(mantissa * 2**DIGITS)
+    for _ in range(3 * 2 ** (DIGITS - 1)):
+        found = math.ldexp(digits, exponent - DIGITS)
+        if found < LEAST_STEP:
+            break
+        if error_of_step(pattern, window, found) <= room:
+            return found
+        digits, exponent = (digits - 1, exponent) if digits > 2 ** (DIGITS - 1) else (2**DIGITS - 1, exponent - 1)
+    return step
+
+
+def step_of_range(low: float, high: float) -> float:
+    """Return the power of two that leaves 65535 steps or more between ``low`` and ``high``, 0 among them; 0: none.
+
+    Values are rounded by a quarter of it in the mean, and whole numbers up to 65535 not at all.
+    """
+    spread = max(high, 0.0) - min(low, 0.0)
+    return 2.0 ** math.floor(math.log2(spread / MOST)) if spread / MOST >= LEAST_STEP else 0.0
 
 
 def plane_of_steps(
     stored: NDArray[np.uint16], step: NDArray[np.float32], zero: NDArray[np.uint16], workers: int | None = None
 ) -> NDArray[np.float32]:
-    """Return the values of a plane ``(ny, nx, nt, ns)`` in whole steps."""
+    """Return the values of a plane ``(ny, nx, nt, ns)`` of a file of version 3."""
     ny, nx = stored.shape[:2]
     out = np.empty(stored.shape, np.float32)
     counts, values = stored.reshape(ny, nx, -1), out.reshape(ny, nx, -1)
@@ -240,7 +255,7 @@ def plane_of_steps(
 
 
 class SteppedPlanes:
-    """Planes stored in whole steps: value = (stored - zero[z, y, x]) * step[z, y, x], as float32."""
+    """Planes of a file of version 3: value = (stored - zero[z, y, x]) * step[z, y, x], as float32."""
 
     def __init__(self, base: Planes, step: NDArray[np.float32], zero: NDArray[np.uint16]) -> None:
         self.base, self.step, self.zero = base, step, zero

@@ -11,7 +11,7 @@ from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, DTypeLike, NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from lfcal.axes import check_psf_shape
 from lfcal.camera import Camera
@@ -21,12 +21,14 @@ from lfcal.h5.writing import new_h5
 from lfcal.progress import Clock, Work, drain
 from lfcal.psf.chunk_codec import chunk_pipeline, parallel_write
 from lfcal.psf.facts import Facts
-from lfcal.psf.layout import STORED_TYPES, MatrixGroup, MatrixHeader, StoredPlane
+from lfcal.psf.layout import ROUNDED, STORED_TYPES, MatrixGroup, MatrixHeader, StoredPlane
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.nexus import mark_default_plot
 from lfcal.psf.steps import bits_at_most, check_store_tolerance
+from lfcal.version import full_version
 
 __all__ = [
+    "CHECKED_VERSION",
     "FORMAT",
     "REGIONS",
     "STEPPED_VERSION",
@@ -44,9 +46,13 @@ __all__ = [
 ]
 
 FORMAT = "lfcal-psf"
-VERSION = 2
+VERSION = 4
 STEPPED_VERSION = 3
-"""Version of a file within a tolerance, whose patterns have steps of their own; all else is as in version 2."""
+"""Version whose patterns were stored as numbers of steps, each pattern with a step and a zero of its own."""
+CHECKED_VERSION = 2
+"""First version with checksums and a specification."""
+ROUNDED_BITS = 21
+"""Bits that an entry of a rounded H takes at most: 17 of the number of steps, and of sign and exponent what is left."""
 REGIONS = "regions"
 """Group of the matrices of further regions of the field, by name."""
 
@@ -66,9 +72,9 @@ class PSFWriter:
     depths, camera, anchor, provenance, region
         As in `PSFMatrix`.
     dtype
-        Stored type: ``"float32"`` (default), or ``"uint16"`` with a scale and offset per plane, which
-        halves the file and rounds to 1/65535 of the plane's range; the rounding is stated as the plane's error.
-        Integer planes may be stored as they are with their own type.
+        Stored type: ``"float32"`` (default); ``"rounded"``, float32 in steps of a power of two, at most 1/65535 of
+        the plane's range, which takes about a third of the bytes of float32, keeps whole numbers and states its error;
+        or ``"float64"``, ``"uint16"`` or ``"uint8"``, the latter for whole numbers that fit.
     compression
         ``"gzip"`` (level 1 with shuffle), ``"zstd"`` or ``"none"``.
     transposed
@@ -130,7 +136,7 @@ class PSFWriter:
             dict(provenance or {}),
             transposed,
             region,
-            np.dtype(dtype if store_tolerance is None else np.uint16),
+            dtype if store_tolerance is None else "float32",
             compression,
             workers,
             None if store_tolerance is None else check_store_tolerance(store_tolerance),
@@ -139,11 +145,11 @@ class PSFWriter:
 
     def __enter__(self) -> Self:
         """Create the scratch file beside the target."""
-        nbytes = stored_bytes(self.shape, self._header.dtype, self._header.compression, self._header.store_tolerance)
+        header = self._header
+        nbytes = stored_bytes(self.shape, header.stored, header.compression, header.store_tolerance)
         require_space(self.path.parent, nbytes, what=self.path.name)
         try:
-            version = VERSION if self._header.store_tolerance is None else STEPPED_VERSION
-            self._file = self._stack.enter_context(_new_file(self.path, version))
+            self._file = self._stack.enter_context(_new_file(self.path))
             self._matrix = MatrixGroup(self._file, self._header)
         except BaseException as error:
             self._stack.__exit__(type(error), error, error.__traceback__)
@@ -203,20 +209,21 @@ class PSFWriter:
 
 
 @contextmanager
-def _new_file(path: Path, version: int = VERSION) -> Iterator[Any]:
+def _new_file(path: Path) -> Iterator[Any]:
     with new_h5(path) as file:
-        file.attrs.update({"format": FORMAT, "version": version})
+        file.attrs.update({"format": FORMAT, "version": VERSION, "creator": f"lfcal {full_version()}"})
         yield file
 
 
 def stored_bytes(
-    shape: tuple[int, ...], dtype: DTypeLike, compression: str = "gzip", store_tolerance: float | None = None
+    shape: tuple[int, ...], dtype: str, compression: str = "gzip", store_tolerance: float | None = None
 ) -> int:
-    """Return the bytes that an H file takes at most, about."""
+    """Return the bytes that an H file takes at most, about; ``dtype`` is as in `PSFWriter`."""
     size = int(np.prod(shape, dtype=np.int64))
-    if store_tolerance is None:
+    if store_tolerance is None and dtype != ROUNDED:
         return size * np.dtype(dtype).itemsize
-    return math.ceil(size * (16 if compression == "none" else bits_at_most(store_tolerance)) / 8)
+    bits = ROUNDED_BITS if store_tolerance is None else bits_at_most(store_tolerance)
+    return math.ceil(size * (32 if compression == "none" else bits) / 8)
 
 
 def store_plane(data: Any, z: int, plane: NDArray[Any], *, workers: int | None = None) -> None:
@@ -366,7 +373,7 @@ def save_regions(
                 matrix.provenance,
                 matrix.is_transposed,
                 name,
-                np.dtype(dtype or stored_type(matrix)),
+                dtype or stored_type(matrix),
                 compression,
                 workers,
             )

@@ -18,10 +18,10 @@ from lfcal.h5.file import H5File
 from lfcal.progress import Clock, Work, drain
 from lfcal.psf.chunk_codec import parallel_read
 from lfcal.psf.layout import plane_checksum
-from lfcal.psf.opening import FOREIGN, open_psf, regions_of, steps_in
+from lfcal.psf.opening import FOREIGN, open_psf, regions_of, scaling_of, steps_in
 from lfcal.psf.specification import deviations_of
 from lfcal.psf.steps import plane_of_steps
-from lfcal.psf.store import REGIONS, VERSION, facts_of
+from lfcal.psf.store import CHECKED_VERSION, REGIONS, facts_of
 from lfcal.psf.transpose import depth_sum
 
 __all__ = ["DamagedPlane", "MatrixCheck", "iter_verify", "verify"]
@@ -123,7 +123,7 @@ def iter_verify(path: str | os.PathLike[str], *, workers: int | None = None) -> 
         raise FileFormatError.expected(str(source), "an H file of lfcal (.h5)", got, "look at it by lfcal inspect")
     regions = regions_of(source)
     with H5File(source) as file:
-        strays = deviations_of(file) if (file.attributes().integer("version") or 0) >= VERSION else []
+        strays = deviations_of(file) if (file.attributes().integer("version") or 0) >= CHECKED_VERSION else []
     found: list[DamagedPlane] = []
     planes = missing = 0
     compared = True
@@ -171,7 +171,7 @@ def verify(path: str | os.PathLike[str], *, workers: int | None = None) -> Matri
 
 
 class _Stored(NamedTuple):
-    """What a file of version 2 says of its planes: checksums, sums over all positions, how values are stored."""
+    """What a file from version 2 on says of its planes: checksums, sums over all positions, how values are stored."""
 
     checksum: NDArray[np.uint32]
     depth_sum: NDArray[np.float64]
@@ -185,13 +185,7 @@ class _Stored(NamedTuple):
         planes = data.shape[0]
         checksum = file.values(f"{prefix}checksum", (planes,), kinds="u")
         sums = file.values(f"{prefix}depth_sum", (planes, *data.shape[3:]))
-        scale, offset = (
-            np.broadcast_to(default if found is None else found, planes)
-            for found, default in (
-                (data.attributes.numbers("scale", (1, planes)), 1.0),
-                (data.attributes.numbers("offset", (1, planes)), 0.0),
-            )
-        )
+        scale, offset = (np.broadcast_to(found, planes) for found in scaling_of(file, data))
         return cls(checksum, sums, scale, offset, steps_in(file, prefix, data))
 
     def sums_agree(self, z: int, plane: NDArray[Any], workers: int | None) -> bool:

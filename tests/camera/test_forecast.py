@@ -18,7 +18,7 @@ def test_counts_and_bytes_follow_from_the_shape() -> None:
     assert cost.exposure_hours == pytest.approx((0.1 + 0.2) * 3 * 5225 / 3600)
     assert cost.settle_hours == pytest.approx(0.5 * n / 3600)
     assert cost.frame_bytes == 3 * n * 4384 * 6576 * 2
-    assert cost.cutout_bytes == cost.h_uint16_bytes == n * 181 * 181 * 2
+    assert cost.cutout_bytes == n * 181 * 181 * 2 and cost.h_rounded_bytes == n * 181 * 181 * 21 // 8
     assert cost.h_float32_bytes == cost.ht_float32_bytes == np.zeros(1, np.float32).nbytes * n * 181 * 181
     assert cost.assembly_bytes == 2 * 5225 * 181 * 181 * 4  # 1.37 GB: two planes of 685 MB
     assert cost.hours == pytest.approx(cost.exposure_hours + cost.settle_hours + cost.move_hours)

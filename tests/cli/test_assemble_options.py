@@ -56,7 +56,7 @@ CHANGES = {
     "cutout by energy": ("--cutout", "auto", "--lost", "0.2"),
     "plan": ("--plan", "moved.json"),
     "pad": ("--cutout", "31", "--pad"),
-    "dtype": ("--dtype", "float32"),
+    "tolerance": ("--store-tolerance", "0.05"),
 }
 
 

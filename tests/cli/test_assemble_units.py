@@ -43,10 +43,10 @@ WORDS = ("assemble", "frames", "--dark", "dark", "--white", "white", "--white-mo
     ("dtype", "executor"),
     [
         ("float32", "processes"),
-        pytest.param("uint16", "threads", marks=pytest.mark.long),
-        pytest.param("uint16", "dask", marks=pytest.mark.long),
+        pytest.param("rounded", "threads", marks=pytest.mark.long),
+        pytest.param("rounded", "dask", marks=pytest.mark.long),
         pytest.param("float32", "threads", marks=pytest.mark.long),
-        pytest.param("uint16", "processes", marks=pytest.mark.long),
+        pytest.param("rounded", "processes", marks=pytest.mark.long),
         pytest.param("float32", "dask", marks=pytest.mark.long),
     ],
 )
@@ -176,5 +176,5 @@ def test_a_store_tolerance_that_fits_nothing(lfcal: Lfcal, scan: Path) -> None:
     for given in (("--store-tolerance", 2), ("--store-tolerance", 0.01, "--dtype", "float32")):
         run = lfcal("assemble", "frames", "-o", "o.h5", *given)
         assert run.code == 2 and run.err.count("\n") == 1
-        assert "a share above 0 and below 1" in run.err or "expected uint16, got float32" in run.err
+        assert "a share above 0 and below 1" in run.err or "expected rounded, got float32" in run.err
         assert not Path("o.h5").exists() and not parts_folder("o.h5").exists()

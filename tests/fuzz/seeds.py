@@ -47,13 +47,13 @@ def _matrices(folder: Path) -> None:
     window = np.outer(np.hanning(11)[1:-1], np.hanning(13)[1:-1])
     values = (rng.random((2, 2, 2, 9, 11)) * window).astype(np.float32)
     matrix = PSFMatrix(values, depths=(0.0, 100.0), camera=RECORD.camera, anchor=(8.0, 9.0))
-    save(matrix, folder / "H.h5", dtype="uint16")
+    save(matrix, folder / "H.h5", dtype="rounded")
     save(matrix, folder / "Hz.h5", compression="zstd")
     save(matrix.T, folder / "HT.h5")
     save_regions({"centre": matrix, "edge": matrix}, folder / "Hr.h5")
     export(matrix, folder / "H.mat")
     np.save(folder / "H.npy", values)
-    save(matrix, folder / "H1.h5", dtype="uint16")
+    save(matrix, folder / "H1.h5", dtype="rounded")
     with h5py.File(folder / "H1.h5", "r+") as file:  # version 1 had none of these
         file.attrs["version"] = 1
         for name in {"checksum", "variance", "valid", "window", "error", "entry"} & set(file):

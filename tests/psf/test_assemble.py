@@ -3,6 +3,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -248,10 +249,15 @@ def test_no_frames_at_all(frames: Frames) -> None:
         assemble(empty, SHAPE, CUTOUT)
 
 
-def test_uint16_storage(tmp_path: Path) -> None:
+@pytest.mark.parametrize("dtype", ["rounded", "uint16", "float32"])
+def test_frames_of_integers_are_stored_exactly(tmp_path: Path, dtype: str) -> None:
+    """Every type keeps the counts of frames that nothing corrects, and says that it makes no error."""
     source, stack = coded_frames(seed=9)
-    report = assemble(source, SHAPE, CUTOUT, out=tmp_path / "H.h5", dtype="uint16")
-    np.testing.assert_allclose(np.asarray(report.matrix), expected(stack), atol=0.51)
+    matrix = assemble(source, SHAPE, CUTOUT, out=tmp_path / "H.h5", dtype=dtype).matrix
+    np.testing.assert_array_equal(np.asarray(matrix), expected(stack))
+    assert np.isnan(matrix.facts.known()["error"]).all()
+    with h5py.File(tmp_path / "H.h5", locking=False) as file:
+        np.testing.assert_array_equal(file["H"][...], expected(stack))
 
 
 def test_the_records_show_h_as_it_fills(frames: Frames) -> None:

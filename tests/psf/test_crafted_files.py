@@ -30,6 +30,16 @@ def _attribute(name: str, value: object, place: str = "/") -> Craft:
     return craft
 
 
+def _of_version_2(change: Craft) -> Craft:
+    """Return a craft of a file that has a scale and an offset for each plane."""
+
+    def craft(file: h5py.File) -> None:
+        file.attrs["version"] = 2
+        change(file)
+
+    return craft
+
+
 def _dataset(name: str, value: Any) -> Craft:
     def craft(file: h5py.File) -> None:
         kept = dict(file[name].attrs) if name in file else {}
@@ -106,15 +116,19 @@ REFUSED: dict[str, Craft] = {
     "H with infinity": _values(lambda v: _at(v, np.inf)),
     "H with minus infinity": _values(lambda v: _at(v, -np.inf)),
     "H beyond what sums hold": _values(lambda v: _at(v, 3e38)),
-    "scale of NaN": _attribute("scale", np.nan, "H"),
-    "scale of a NaN for a plane": _attribute("scale", [1.0, np.nan], "H"),
-    "scale of zero": _attribute("scale", 0.0, "H"),
-    "scale of infinity": _attribute("scale", np.inf, "H"),
-    "scale of three for two planes": _attribute("scale", [1.0, 1.0, 1.0], "H"),
-    "scale of words": _attribute("scale", "big", "H"),
-    "scale of bytes": _attribute("scale", VOID, "H"),
-    "offset of NaN": _attribute("offset", np.nan, "H"),
-    "offset of words": _attribute("offset", ["a", "b"], "H"),
+    "scale of NaN": _of_version_2(_attribute("scale", np.nan, "H")),
+    "scale of a NaN for a plane": _of_version_2(_attribute("scale", [1.0, np.nan], "H")),
+    "scale of zero": _of_version_2(_attribute("scale", 0.0, "H")),
+    "scale of infinity": _of_version_2(_attribute("scale", np.inf, "H")),
+    "scale of three for two planes": _of_version_2(_attribute("scale", [1.0, 1.0, 1.0], "H")),
+    "scale of words": _of_version_2(_attribute("scale", "big", "H")),
+    "scale of bytes": _of_version_2(_attribute("scale", VOID, "H")),
+    "scaling factor of zero": _attribute("scaling_factor", 0.0, "H"),
+    "scaling factor of NaN": _attribute("scaling_factor", np.nan, "H"),
+    "scaling factor for each plane": _attribute("scaling_factor", [1.0, 1.0], "H"),
+    "scaling factor of words": _attribute("scaling_factor", "big", "H"),
+    "offset of NaN": _of_version_2(_attribute("offset", np.nan, "H")),
+    "offset of words": _of_version_2(_attribute("offset", ["a", "b"], "H")),
     "depths of NaN": _dataset("depths", np.array([0.0, np.nan])),
     "depths of infinity": _dataset("depths", np.array([0.0, np.inf])),
     "depths all the same": _dataset("depths", np.array([5.0, 5.0])),
@@ -131,7 +145,7 @@ REFUSED: dict[str, Craft] = {
 DARK: dict[str, Craft] = {
     "H of zeros": _values(lambda v: v * 0),
     "H below zero": _values(lambda v: -1 - v),
-    "scale below zero": _attribute("scale", [-1.0, -1.0], "H"),
+    "scale below zero": _of_version_2(_attribute("scale", [-1.0, -1.0], "H")),
 }
 """Values that can be carried over as they are, but not used."""
 

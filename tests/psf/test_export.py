@@ -67,6 +67,6 @@ def test_options_of_another_format_are_refused(tmp_path: Path) -> None:
         with pytest.raises(InputError, match=f"options of {Path(name).suffix} files: expected .*leave it out"):
             export(matrix(), tmp_path / name, **options)  # type: ignore[arg-type]
     assert list(tmp_path.iterdir()) == []
-    export(matrix(), tmp_path / "H.h5", compress=False, dtype="uint16")
+    export(matrix(), tmp_path / "H.h5", compress=False, dtype="rounded")
     with h5py.File(tmp_path / "H.h5") as file:
-        assert file["H"].dtype == np.uint16 and file["H"].compression is None
+        assert file["H"].dtype == np.float32 and file["step"][...].all() and file["H"].compression is None

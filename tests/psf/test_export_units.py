@@ -23,7 +23,7 @@ GO_ON = RunChoice("threads", 1, begun="resume")
 
 WAYS = [
     (".h5", ExportOptions(), False),
-    (".h5", ExportOptions(dtype="uint16", compress=False), True),
+    (".h5", ExportOptions(dtype="rounded", compress=False), True),
     (".npy", ExportOptions(), False),
     (".npy", ExportOptions(), True),
     (".mat", ExportOptions(), False),

@@ -29,7 +29,7 @@ def signed(seed: int = 0) -> Plane:
 
 def shares(plane: Plane, found: SteppedPlane) -> Plane:
     """Return what each pattern lacks of itself, by itself."""
-    lacking = np.abs(plane - found.values().astype(float)).sum(axis=(2, 3))
+    lacking = np.abs(plane - found.values.astype(float)).sum(axis=(2, 3))
     own = np.abs(plane).sum(axis=(2, 3))
     return np.divide(lacking, own, out=np.zeros_like(own), where=own > 0)
 
@@ -42,7 +42,7 @@ def test_the_bound_holds_against_the_dense_matrix(make: Callable[[int], Plane], 
     found = stepped_plane(plane, tolerance)
     bound, size = found.bound[2], (23, 21)
     assert 0 < bound <= tolerance
-    H, Hs = (dense(values[None].astype(float), size) for values in (plane, found.values()))
+    H, Hs = (dense(values[None].astype(float), size) for values in (plane, found.values))
     light = np.abs(plane).sum(axis=(2, 3))[np.indices(size)[0] % 5, np.indices(size)[1] % 5].ravel()
     rng = np.random.default_rng(1)
     for g in (rng.random(light.size), rng.random(light.size) ** 20, rng.integers(0, 2, light.size)):
@@ -57,7 +57,7 @@ def test_shares_are_those_of_the_values_read_back(make: Callable[[int], Plane]) 
     plane = make(0)
     found = stepped_plane(plane, 0.004)
     np.testing.assert_allclose(found.cut + found.rounding, shares(plane, found), rtol=1e-9)
-    whole = np.abs(plane - found.values().astype(float)).sum() / np.abs(plane).sum()
+    whole = np.abs(plane - found.values.astype(float)).sum() / np.abs(plane).sum()
     assert found.error == pytest.approx(whole) and found.error <= found.bound[2] <= 0.004
 
 
@@ -69,7 +69,7 @@ def test_rows_and_columns_without_light_are_cut_and_their_light_is_counted() -> 
     found = stepped_plane(wide, 0.005)
     assert found.bound[0] > 0
     np.testing.assert_allclose(found.cut + found.rounding, shares(wide, found), rtol=1e-9)
-    lit = (found.values() != 0).any(axis=(0, 1))
+    lit = (found.values != 0).any(axis=(0, 1))
     rows, columns = np.flatnonzero(lit.any(axis=1)), np.flatnonzero(lit.any(axis=0))
     assert (rows[0], rows[-1], columns[0], columns[-1]) == (10, 24, 12, 26)
 
@@ -83,11 +83,11 @@ def test_dead_dim_and_single_pixel_patterns() -> None:
     plane[3, 3] = -plane[3, 3]
     plane[4, 4] = 0.25
     found = stepped_plane(plane, 0.005)
-    values = found.values()
+    values = found.values
     assert not values[0, 0].any() and (values[3, 3] <= 0).all()
     assert np.count_nonzero(values[2, 2]) == 1 and values[2, 2, 3, 4] == pytest.approx(5.0, rel=0.005)
     assert shares(plane, found).max() <= 0.005
-    assert not stepped_plane(np.zeros((2, 2, 3, 3)), 0.005).values().any()
+    assert not stepped_plane(np.zeros((2, 2, 3, 3)), 0.005).values.any()
 
 
 @pytest.mark.parametrize("scale", [1e-30, 1e-12, 1.0, 1e11, 1e30])
@@ -101,7 +101,7 @@ def test_any_scale(scale: float, dtype: type[np.floating[object]]) -> None:
 
 def test_light_is_kept_within_the_tolerance() -> None:
     plane = spots()
-    before, after = plane.sum(axis=(2, 3)), stepped_plane(plane, 0.005).values().sum(axis=(2, 3), dtype=float)
+    before, after = plane.sum(axis=(2, 3)), stepped_plane(plane, 0.005).values.sum(axis=(2, 3), dtype=float)
     assert np.abs(after / before - 1).max() <= 0.005
 
 
@@ -141,16 +141,16 @@ def test_where_steps_are_too_few_the_position_is_named() -> None:
 
 def test_the_same_bytes_by_any_number_of_threads() -> None:
     one, four = (stepped_plane(signed(), 0.005, workers=workers) for workers in (1, 4))
-    for name in ("stored", "step", "zero", "cut", "rounding"):
+    for name in ("values", "step", "cut", "rounding"):
         np.testing.assert_array_equal(getattr(one, name), getattr(four, name))
 
 
 def test_errors_add_up() -> None:
     plane = signed()
     first = stepped_plane(plane, 0.01)
-    second = stepped_plane(first.values(), 0.02)
+    second = stepped_plane(first.values, 0.02)
     both = bound_after(first.bound, second.bound)
-    lacking = np.abs(plane - second.values()).sum(axis=(2, 3)) / np.abs(plane).sum(axis=(2, 3))
+    lacking = np.abs(plane - second.values).sum(axis=(2, 3)) / np.abs(plane).sum(axis=(2, 3))
     assert lacking.max() <= both[2] <= 0.01 + 0.02 * 1.01 and lacking.max() > both[2] / 3
     np.testing.assert_array_equal(bound_after(np.full(3, np.nan), second.bound), second.bound)
     np.testing.assert_array_equal(bound_after(None, second.bound), second.bound)
@@ -163,5 +163,5 @@ def test_what_it_takes_is_foretold(kind: str, tolerance: float) -> None:
     rng = np.random.default_rng(0)
     plane = getattr(rng, kind)(size=(2, 2, 61, 61))
     found = stepped_plane(plane, tolerance)
-    nbytes = sum(len(encode_chunk(pattern, 1)) for row in found.stored for pattern in row)
+    nbytes = sum(len(encode_chunk(pattern, 1)) for row in found.values for pattern in row)
     assert 8 * nbytes / plane.size < bits_at_most(tolerance) < 2.5 * 8 * nbytes / plane.size

@@ -111,15 +111,15 @@ def _solvers(project: ProjectState, rung: Rung) -> Use:
 
 def _storage(project: ProjectState, rung: Rung) -> Use:
     dtype, compression = str(rung.settings["dtype"]), str(rung.settings["compression"])
-    if dtype not in ("uint16", "float32") or compression not in ("gzip", "none"):
+    if dtype not in ("rounded", "float32") or compression not in ("gzip", "none"):
         return Use(
-            "Nothing was changed: the window exports H as uint16 or float32, with gzip or without. "
+            "Nothing was changed: the window exports H rounded or as float32, with gzip or without. "
             "Other types are for the command line and for Python."
         )
-    chosen = {"suffix": ".h5", "sixteen": dtype == "uint16", "compress": compression == "gzip"}
+    chosen = {"suffix": ".h5", "sixteen": dtype == "rounded", "compress": compression == "gzip"}
     packed = "with gzip" if compression == "gzip" else "not compressed"
     return Use(
-        f"PSF: Export proposes an H file of {dtype}, {packed}.", "export", _settings(project, "psf", **chosen), "psf"
+        f"PSF: Export proposes an H file, {dtype}, {packed}.", "export", _settings(project, "psf", **chosen), "psf"
     )
 
 

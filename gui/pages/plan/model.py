@@ -201,7 +201,7 @@ def forecast_rows(plan: ScanPlan, stage_um_per_s: float = 1000.0) -> list[tuple[
         ("Whole frames on disk", format_bytes(found.frame_bytes)),
         ("Cutouts on disk", format_bytes(found.cutout_bytes)),
         ("H, float32", format_bytes(found.h_float32_bytes)),
-        ("H, uint16", format_bytes(found.h_uint16_bytes)),
+        ("H, rounded, at most", format_bytes(found.h_rounded_bytes)),
         ("HT if exported", format_bytes(found.ht_float32_bytes)),
         ("Memory to assemble", format_bytes(found.assembly_bytes)),
         ("Lateral step, first plane", format_length(plan.step_um(0)[1])),

@@ -51,7 +51,7 @@ CHOICES = (
     Choice("transposed", (".h5", ".npy", ".tif"), "HT in place of H", "The transposed matrix; lfcal needs no file."),
     Choice("here", (".tif",), "This position only", "A stack over depth of the position shown, in place of all."),
     Choice(
-        "sixteen", (".h5",), "16-bit", "Whole numbers with a scale per plane: half the bytes, rounded by about 0.1 %."
+        "sixteen", (".h5",), "16-bit", "Rounded to 16 bits for each plane: a third of the bytes, at most 0.1 % error."
     ),
     Choice(
         "allow_missing",
@@ -104,7 +104,7 @@ class ExportIntent:
         mat = self.suffix == ".mat"
         return ExportOptions(
             compress=False if not self.compress and self.suffix in (".mat", ".h5") else None,
-            dtype="uint16" if self.suffix == ".h5" and self.sixteen else None,
+            dtype="rounded" if self.suffix == ".h5" and self.sixteen else None,
             include_transpose=False if mat and not self.include_transpose else None,
             rows_first=True if mat and self.rows_first else None,
             lens_centred=True if mat and self.lens_centred else None,

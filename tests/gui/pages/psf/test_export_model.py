@@ -80,5 +80,5 @@ def test_what_the_project_says_of_an_h_file_is_proposed() -> None:
     said = ExportSettings(".h5", sixteen=True, compress=False)
     assert ExportSettings.from_dict(said.to_dict()) == said
     found = ExportSettings.of(ProjectState(settings={"psf": said.to_dict()})).on(ExportIntent(".mat"))
-    assert found.suffix == ".h5" and found.options.given() == {"dtype": "uint16", "compress": False}
+    assert found.suffix == ".h5" and found.options.given() == {"dtype": "rounded", "compress": False}
     assert "sixteen" in found.open_to(matrix())
