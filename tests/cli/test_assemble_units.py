@@ -166,7 +166,9 @@ def test_assembled_into_a_small_file(lfcal: Lfcal, scan: Path, more: tuple[objec
         lacks, light = (np.abs(a).sum(axis=(3, 4)) for a in (found - full, full))
         assert (lacks <= 0.01 * light).all() and (lacks > 0).any()
         assert (light == 0).any()  # a position that nobody recorded
-        assert small.facts.bound is not None and small.facts.bound.max() >= (lacks / np.maximum(light, 1e-9)).max()
+        worst = (lacks / np.maximum(light, 1e-9)).max()
+        # the bound adds two sums that are added in another order here
+        assert small.facts.bound is not None and small.facts.bound.max() >= worst * (1 - 1e-14)
     if more:
         assert lfcal(*words, "one.h5", "--store-tolerance", 0.01).code == 0
         assert contents(Path("one.h5")) == contents(Path("small.h5"))
