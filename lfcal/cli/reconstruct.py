@@ -74,6 +74,11 @@ def command(
         help="Iterations; auto: until pixels left out of the fit are foretold no better; auto:discrepancy: until the "
         "frame is met to within the noise that --gain and --read-noise tell.",
     ),
+    goal: str = typer.Option(
+        "view",
+        "--goal",
+        help="With --iterations auto: view, a volume to look at; measure, sums over regions, with more iterations.",
+    ),
     method: str = typer.Option("auto", "--method", help="Projection: auto, polyphase, direct, sparse, reduced or fft."),
     threshold: float = typer.Option(0.0, "--threshold", help="Take entries of H below this share of the peak as 0."),
     within: float = typer.Option(
@@ -170,7 +175,18 @@ def command(
         check_number("--memory (GB)", memory, above=0, at_most=MOST_MEMORY)
     count, auto, stop = iterations_of(iterations)
     choice = SolverChoice(
-        solver, count, background, read_noise, saturation, strength, subsets, tolerance, auto, stop=stop, gain=gain
+        solver,
+        count,
+        background,
+        read_noise,
+        saturation,
+        strength,
+        subsets,
+        tolerance,
+        auto,
+        stop=stop,
+        gain=gain,
+        goal=goal,
     )
     source = _source(frame, batch, wanted=out is not None or forecast)
     task = _Task(frames_of(source), choice, warm, json)

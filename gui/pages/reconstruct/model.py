@@ -17,7 +17,7 @@ from lfcal.reconstruct.projectors.forecast import METHODS
 from lfcal.reconstruct.resample import Resampling, lattice_anchor_of, resampling_for
 from lfcal.reconstruct.solvers.choice import SOLVERS, SolverChoice
 from lfcal.reconstruct.solvers.solver import OPTIONS
-from lfcal.reconstruct.solvers.stopping import MOST_ITERATIONS, STOPS
+from lfcal.reconstruct.solvers.stopping import GOALS, MOST_ITERATIONS, STOPS
 from lfcal.units import format_bytes, format_seconds
 
 if TYPE_CHECKING:
@@ -47,6 +47,13 @@ FIELDS = (
         choices=(("", "count"), ("left-out", "left-out"), ("discrepancy", "noise")),
         tip="Count: after so many iterations. Left-out: when one pixel of 25, which the fit does not see, is foretold "
         "no better; the volume is the best. Noise: when the image is met as well as gain and read noise allow",
+    ),
+    Field(
+        "goal",
+        "Goal",
+        kind="choice",
+        choices=tuple((goal, goal) for goal in GOALS),
+        tip="View: a volume to look at. Measure: sums and means over regions, with more iterations and noisier voxels",
     ),
     Field("gain", "Gain", "counts/e⁻", "Counts per photo-electron: what tells the photons' noise that ends a run"),
     Field("background", "Background", "counts", "Expected value of a pixel without any source"),
@@ -169,6 +176,8 @@ class ReconstructSettings(PageSettings):
         First row and column, rows and columns of the light field; empty: all.
     anchor
         Pixel (row, column) of the whole light field at which H's position (0, 0) is imaged; empty: that of H.
+    goal
+        As in `SolverChoice`; for the end by left-out pixels alone.
     as_is
         Whether the light field is not resampled, however far the lattice drifts against H's period.
     """
@@ -194,11 +203,14 @@ class ReconstructSettings(PageSettings):
     region: tuple[float, ...] = ()
     anchor: tuple[float, ...] = ()
     as_is: bool = False
+    goal: str = GOALS[0]
 
     def __post_init__(self) -> None:
         """Check what no library call would find before the work begins."""
         if self.stop not in ("", *STOPS):
             raise InputError.expected("end", f"nothing, {' or '.join(STOPS)}", repr(self.stop), "choose one")
+        if self.goal not in GOALS:
+            raise InputError.expected("goal", " or ".join(GOALS), repr(self.goal), "choose one")
         if not 0 < self.gain < 1e12:
             raise InputError.expected("gain", "above 0 (counts per photo-electron)", self.gain, "correct it")
         if not 1 <= self.iterations <= 100_000:
@@ -249,6 +261,7 @@ class ReconstructSettings(PageSettings):
         used = {key: getattr(self, key) for key in options if used_by(self.solver, key)}
         if self.ends_by_itself:
             used["stop"] = self.stop
+            used["goal"] = self.goal if self.stop == STOPS[0] else GOALS[0]
         if self.ends_by_itself and self.stop == "discrepancy":
             used["gain"] = self.gain
         margin = self.margin or 0 if used_by(self.solver, "margin") else 0

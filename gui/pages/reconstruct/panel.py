@@ -233,6 +233,7 @@ class ReconstructPanel(QWidget):
         noise = settings.stop == "discrepancy"
         self.form.set_shown("gain", noise)
         self.form.set_shown("iterations", not noise)
+        self.form.set_shown("goal", settings.stop == "left-out")
 
     def show_device(self, chosen: str) -> None:
         """Grey out the choice of a device where there is none; one that was chosen elsewhere can be taken back."""

@@ -9,7 +9,7 @@ from gui.models.step import Step, needed_file, options_of
 from gui.pages.reconstruct.model import ReconstructSettings
 from lfcal.errors import InputError
 from lfcal.reconstruct.solvers.choice import SolverChoice
-from lfcal.reconstruct.solvers.stopping import STOPS
+from lfcal.reconstruct.solvers.stopping import GOALS, STOPS
 
 __all__ = ["step"]
 
@@ -24,6 +24,7 @@ def step(project: ProjectState, out: str = "") -> Step:
     pairs = (
         ("--solver", choice.name),
         ("--iterations", _iterations(choice)),
+        ("--goal", choice.goal if choice.goal != GOALS[0] else None),
         ("--gain", choice.gain),
         ("--method", chosen.method),
         ("--device", chosen.device if chosen.device != "auto" else None),

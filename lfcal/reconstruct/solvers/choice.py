@@ -19,7 +19,7 @@ from lfcal.reconstruct.resample import drift_note
 from lfcal.reconstruct.solvers.measurement import check_counts, foretold
 from lfcal.reconstruct.solvers.records import Reconstruction, SolverProgress, SolverState, SolverWork
 from lfcal.reconstruct.solvers.solver import Solver, SolverRun
-from lfcal.reconstruct.solvers.stopping import STOPS, iter_until_best, iter_until_noise, left_out_pixels, misfit
+from lfcal.reconstruct.solvers.stopping import GOALS, STOPS, iter_until_best, iter_until_noise, left_out_pixels, misfit
 from lfcal.registry import Registry
 
 __all__ = ["SOLVERS", "SolverChoice", "find_solvers", "iter_reconstruct", "reconstruct"]
@@ -80,6 +80,9 @@ class SolverChoice:
     stop
         ``"left-out"``: when pixels that are left out of the fit, one of 25, are foretold worse; the volume is the one
         that foretold them best. ``"discrepancy"``: when the volume's image is as near the frame as noise allows.
+    goal
+        What a run that stops by left-out pixels is for. ``"view"``: a volume to look at. ``"measure"``: sums and means
+        over regions of it, which need more iterations; single voxels are noisier then.
     gain
         Counts per photo-electron; None: unknown, and 1 for ``"discrepancy"``. Where it is given, the result has chi2
         per pixel.
@@ -117,6 +120,7 @@ class SolverChoice:
     stop: str = "left-out"
     gain: float | None = None
     noise: tuple[float, float] | None = None
+    goal: str = "view"
 
     def __post_init__(self) -> None:
         """Check name and settings, before anything is prepared for them."""
@@ -125,6 +129,10 @@ class SolverChoice:
         if self.margin < 0:
             raise InputError.expected("margin (pixels)", "not negative", self.margin, "correct it")
         check_choice("stop", self.stop, STOPS)
+        check_choice("goal", self.goal, GOALS)
+        if self.goal != GOALS[0] and not (self.auto and self.stop == "left-out"):
+            wanted = f"{GOALS[0]}, for a run that does not stop by left-out pixels"
+            raise InputError.expected("goal", wanted, self.goal, "let it stop automatically, or leave the goal out")
         check_counts(self.read_noise, self.saturation)
         check_number("background (counts)", self.background, at_least=0, at_most=MAX_SAMPLE)
         check_number("tolerance", self.tolerance, at_least=0)
@@ -222,19 +230,19 @@ def iter_reconstruct(
     elif c.stop == "discrepancy":
         work = _iter_to_noise(P, image, run, c)
     else:
-        work = _iter_auto(P, image, run, c.solver)
+        work = _iter_auto(P, image, run, c.solver, c.goal)
     if c.known_noise is not None:
         work = _iter_judged(work, P, image, run, c.known_noise)
     return _iter_cropped(work, c.margin) if c.margin else work
 
 
-def _iter_auto(P: Projector, image: ArrayLike, run: SolverRun, solver: Solver) -> SolverWork:
+def _iter_auto(P: Projector, image: ArrayLike, run: SolverRun, solver: Solver, goal: str) -> SolverWork:
     """Return a run that stops by pixels it leaves out."""
     held_out = replace(run, left_out=left_out_pixels(P.image_shape))
     if "left_out" in solver.honours:
         found = held_out.measure(P, image)
         work = solver.iterate(P, image, replace(held_out, measured=found))
-        return iter_until_best(work, found.notes, settles=solver.settles)
+        return iter_until_best(work, found.notes, settles=solver.settles, goal=goal)
     # a solver that knows nothing of them does not see them, and is judged by its projected volumes
     data = held_out.measure(P, image, signed=True)
     held = np.zeros(P.image_shape) if data.held is None else data.held
@@ -242,9 +250,8 @@ def _iter_auto(P: Projector, image: ArrayLike, run: SolverRun, solver: Solver) -
     def score(state: SolverState) -> tuple[float, float]:
         return foretold(np.square(P.forward(state.volume) + data.background - data.image, dtype=np.float64) / 2, held)
 
-    return iter_until_best(
-        solver.iterate(P, image, replace(run, weights=data.ones())), data.notes, score, settles=solver.settles
-    )
+    work = solver.iterate(P, image, replace(run, weights=data.ones()))
+    return iter_until_best(work, data.notes, score, settles=solver.settles, goal=goal)
 
 
 def _iter_to_noise(P: Projector, image: ArrayLike, run: SolverRun, choice: SolverChoice) -> SolverWork:

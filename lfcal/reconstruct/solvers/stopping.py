@@ -7,6 +7,11 @@ where what is yet to be gained is, twice, less than the standard deviation of th
 error, Breiman et al. 1984, section 3.4.3). Methods that keep noise out by a penalty lose nothing by going on: they end
 at the best. Neither the gain of the camera nor its noise needs to be known.
 
+That is the end for a volume to look at. Sums over regions are another matter: noise averages out in them, and what the
+iterations have not found yet does not. An estimate of sums is regularised less than one of the whole (undersmoothing:
+Hall 1992, The Annals of Statistics 20, 675-694): a run for measuring goes on for as many iterations again as it took to
+predict the left-out pixels best. The patience grows with the iterations, so that a chance dip does not end it.
+
 Where both are known the discrepancy principle (Morozov 1966; for photons Bertero et al. 2010, Inverse Problems 26,
 105004) needs no pixel left out: a volume is good enough once its image is no farther from the frame than noise is.
 """
@@ -29,13 +34,19 @@ from lfcal.reconstruct.solvers.records import (
     without_state,
 )
 
-__all__ = ["MOST_ITERATIONS", "STOPS", "iter_until_best", "iter_until_noise", "left_out_pixels", "misfit"]
+__all__ = ["GOALS", "MOST_ITERATIONS", "STOPS", "iter_until_best", "iter_until_noise", "left_out_pixels", "misfit"]
 
 MOST_ITERATIONS = 100
 """Iterations of a run that stops by itself, where nothing else is said."""
 
 STOPS = ("left-out", "discrepancy")
 """What may end a run that stops by itself: pixels left out of the fit, or the sensor's noise."""
+
+GOALS = ("view", "measure")
+"""What a volume is for: to be looked at, or to sum over regions of it."""
+
+LONGER = 2
+"""Iterations of a run for measuring, over those after which it predicts the left-out pixels best."""
 
 SHARE = 0.04
 """Of the pixels are left out."""
@@ -56,6 +67,7 @@ class _Best:
     """The best estimate so far, by how well it foretells the left-out pixels."""
 
     settles: bool
+    goal: str = GOALS[0]
     state: SolverState | None = None
     scores: list[float] = field(default_factory=list)
     idle: int = 0
@@ -70,6 +82,11 @@ class _Best:
         self.scores.append(score)
         best = self.state
         assert best is not None  # the first finite score made it
+        if self.goal == "measure":
+            if state.iteration < max(LONGER * best.iteration, best.iteration + PATIENCE):
+                return ""
+            self.state = SolverState(state.volume, state.iteration, state.seconds)
+            return f"left-out pixels are predicted best after iteration {best.iteration}; sums are best later"
         if state.iteration - best.iteration >= PATIENCE:
             return f"left-out pixels are foretold best after iteration {best.iteration}"
         # twice, for the first updates of a method may shrink faster than those that follow
@@ -91,7 +108,7 @@ class _Best:
 
 
 def iter_until_best(
-    work: SolverWork, notes: tuple[str, ...], score: Score | None = None, *, settles: bool = False
+    work: SolverWork, notes: tuple[str, ...], score: Score | None = None, *, settles: bool = False, goal: str = GOALS[0]
 ) -> SolverWork:
     """Run ``work`` until the left-out pixels are foretold worse; return its best estimate.
 
@@ -106,8 +123,10 @@ def iter_until_best(
         of the estimate that each iteration began with.
     settles
         Whether more iterations do no harm: then only the best of all ends the run.
+    goal
+        One of `GOALS`.
     """
-    best, before = _Best(settles), None
+    best, before = _Best(settles, goal), None
     history: list[SolverProgress] = []
     try:
         while True:
