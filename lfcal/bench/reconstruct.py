@@ -55,7 +55,6 @@ SETTINGS = (
     Setting("solver", "ISRA", solver="isra"),
     Setting("regularisation", "total variation 0.01", solver="rl-tv", strength=0.01),
     Setting("regularisation", "Tikhonov 0.1", solver="rl-tikhonov", strength=0.1),
-    Setting("regularisation", "depth smoothing", solver="ems"),
 )
 """What is compared."""
 

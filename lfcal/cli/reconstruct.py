@@ -113,7 +113,7 @@ def command(
     saturation: float | None = typer.Option(
         None, "--saturation", help="Leave out pixels at or above this value (counts)."
     ),
-    strength: float | None = typer.Option(None, "--strength", help="Weight of the penalty (rl-tv, rl-tikhonov, cg)."),
+    strength: float | None = typer.Option(None, "--strength", help="Weight of the penalty (rl-tv, rl-tikhonov)."),
     subsets: int | None = typer.Option(
         None, "--subsets", help="Subsets of osem; view blocks per axis of phase-space and sieve."
     ),

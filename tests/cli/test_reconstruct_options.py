@@ -234,7 +234,7 @@ def test_it_stops_by_the_noise_that_it_is_told(lfcal: Callable[..., Run], folder
         (("--saturation", 0), "saturation (counts): expected a number > 0"),
         (("--saturation", "nan"), "saturation (counts): expected a number > 0"),
         (("--tolerance", "inf"), "tolerance: expected a number"),
-        (("--solver", "cg", "--strength", "nan"), "strength: expected a number"),
+        (("--solver", "rl-tv", "--strength", "nan"), "strength: expected a number"),
         (("--solver", "phase-space", "--subsets", -1), "subsets: expected a whole number ≥ 1"),
         (("--iterations", "auto:discrepancy", "--gain", 1e308), "gain (counts per photo-electron): expected a number"),
     ],

@@ -30,7 +30,7 @@ def test_voxels_no_pixel_sees_stay_zero(name):
     assert np.abs(P.adjoint(np.ones((16, 17)))[:, unseen]).max() < 1e-5
     volume = reconstruct(P, rng.uniform(1, 9, (16, 17)), SolverChoice(name, 10)).volume
     assert np.isfinite(volume).all()
-    assert np.abs(volume[:, unseen]).max() <= 1e-5 * volume.max() or name in ("ems", "rl-tv", "rl-tikhonov")
+    assert np.abs(volume[:, unseen]).max() <= 1e-5 * volume.max() or name in ("rl-tv", "rl-tikhonov")
 
 
 @pytest.mark.parametrize("name", SOLVERS.names())
@@ -57,7 +57,7 @@ def test_extreme_images_give_finite_volumes(name, case):
     result = reconstruct(P, image, choice, weights=weights)
     assert np.isfinite(result.volume).all()
     assert all(np.isfinite([r.residual, r.likelihood, r.change]).all() for r in result.history)
-    if case == "one photon" and name != "cg":
+    if case == "one photon":
         # Richardson-Lucy conserves the light a pixel received: sum of HT1 * g is the image's sum.
         total = float((result.volume * P.adjoint(np.ones_like(image))).sum())
         assert name not in ("rl", "rl-biggs", "rl-nesterov") or np.isclose(total, 1, rtol=1e-3)
@@ -86,7 +86,7 @@ def test_planes_alike_near_the_native_plane_share_the_light():
     truth = np.zeros(P.volume_shape)
     truth[0, 15, 15] = 100
     image = P.forward(truth)
-    for name in ("rl", "rl-biggs", "cg"):
+    for name in ("rl", "rl-biggs"):
         volume = reconstruct(P, image, SolverChoice(name, 60)).volume
         assert np.isfinite(volume).all()
         assert np.allclose(volume[0], volume[2], rtol=1e-3, atol=1e-3 * volume.max())

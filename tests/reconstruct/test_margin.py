@@ -53,7 +53,7 @@ def test_edges_are_as_bright_as_the_rest(scene, name):
     H, image = scene
     ratios = []
     for margin in (0, MARGIN):
-        count = 4 if name in ("cg", "phase-space") else 12
+        count = 4 if name == "phase-space" else 12
         volume = reconstruct(with_margin(H, margin), image, SolverChoice(name, count, margin=margin)).volume
         assert volume.shape == (3, *SHAPE)
         border = np.ones(SHAPE, bool)

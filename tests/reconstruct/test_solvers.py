@@ -96,8 +96,8 @@ def test_likelihood_of_a_record_is_that_of_its_start():
 
 
 def test_names_that_files_and_scripts_keep():
-    kept = ("rl", "rl-tv", "rl-tikhonov", "rl-biggs", "rl-nesterov", "osem", "phase-space", "ems")
-    assert SOLVERS.names() == (*kept, "sieve", "isra", "cg")
+    kept = ("rl", "rl-tv", "rl-tikhonov", "rl-biggs", "rl-nesterov", "osem", "phase-space")
+    assert SOLVERS.names() == (*kept, "sieve", "isra")
 
 
 @pytest.mark.parametrize("name", SOLVERS.names())
@@ -110,7 +110,7 @@ def test_every_solver_improves_and_reports(scene, name):
     assert last.likelihood > first.likelihood
     assert nrmse(result.volume, truth) < 0.75
     assert result.volume.dtype == np.float32
-    assert name == "cg" or result.volume.min() >= 0
+    assert result.volume.min() >= 0
 
 
 def test_acceleration_and_subsets_get_further_in_as_many_iterations(scene):
@@ -126,9 +126,9 @@ def test_penalties_and_smoothing_keep_noise_out(scene):
     P, truth, image = scene
     error = {
         n: nrmse(reconstruct(P, image, SolverChoice(n, 40, background=2)).volume, truth)
-        for n in ("rl", "rl-tv", "rl-tikhonov", "ems")
+        for n in ("rl", "rl-tv", "rl-tikhonov")
     }
-    assert all(error[n] < 0.98 * error["rl"] for n in ("rl-tv", "rl-tikhonov", "ems"))
+    assert all(error[n] < 0.98 * error["rl"] for n in ("rl-tv", "rl-tikhonov"))
 
 
 @pytest.mark.parametrize(
@@ -214,7 +214,7 @@ def test_bad_arguments_are_named(scene, options, message):
         richardson_lucy(P, image, **{"iterations": 2, **options})
 
 
-@pytest.mark.parametrize("name", ["rl", "cg", "isra", "sieve"])
+@pytest.mark.parametrize("name", ["rl", "isra", "sieve"])
 def test_an_image_that_tells_nothing_is_refused(name):
     """It had a volume of zeros, as if it were met exactly."""
     P, _, image, _ = tiny()
@@ -248,10 +248,8 @@ def test_counts_that_no_pixel_can_have_are_refused(option, value):
 
 
 IGNORED = [
-    ("cg", {"read_noise": 3.0}, "read noise"),
     ("isra", {"read_noise": 3.0}, "read noise"),
     ("rl", {"strength": 0.1}, "strength"),
-    ("ems", {"strength": 0.1}, "strength"),
     ("isra", {"subsets": 4}, "subsets"),
     ("rl-tv", {"subsets": 4}, "subsets"),
 ]
@@ -259,9 +257,7 @@ IGNORED = [
 
 @pytest.mark.parametrize(("name", "option", "word"), IGNORED)
 def test_settings_a_solver_would_ignore_are_refused(name, option, word):
-    with pytest.raises(
-        InputError, match=rf"{word}: expected none for solver {name}.*or choose .*(rl|osem|cg)"
-    ) as error:
+    with pytest.raises(InputError, match=rf"{word}: expected none for solver {name}.*or choose .*(rl|osem)") as error:
         SolverChoice(name, **option)
     assert "\n" not in str(error.value)
 
@@ -273,8 +269,9 @@ def test_settings_that_say_nothing_are_none():
 
 def test_a_start_is_honoured_or_refused(scene):
     P, truth, image = scene
-    with pytest.raises(InputError, match=r"initial: expected none for solver cg.*rl"):
-        reconstruct(P, image, SolverChoice("cg", 2), initial=truth)
+    for name in ("ems", "cg"):
+        with pytest.raises(InputError, match=rf"solver: expected .*sieve.*, got '{name}'"):
+            SolverChoice(name)
     cold, warm = (reconstruct(P, image, SolverChoice("isra", 1, 2.0), initial=g).history[0] for g in (None, truth))
     assert warm.residual < 0.5 * cold.residual
 
@@ -315,7 +312,5 @@ def test_an_image_of_another_size_is_refused(scene):
 @pytest.mark.parametrize("level", [0.0, -1.0])
 def test_a_matrix_without_light_is_refused(name: str, level: float) -> None:
     projector = Projector(np.full((1, 2, 2, 3, 3), level, np.float32), (8, 8))
-    if name == "cg" and level < 0:
-        return  # least squares take signed matrices
     with pytest.raises(InputError, match="PSF matrix: expected light of the volume on the image"):
         reconstruct(projector, np.ones((8, 8)), SolverChoice(name, 2))

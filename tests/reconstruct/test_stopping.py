@@ -218,7 +218,7 @@ def test_what_noise_alone_leaves_is_one(gain, read_noise):
     assert misfit(np.zeros_like(photons), Measurement(np.zeros_like(photons), None, 0.0), 0, 1) == 0
 
 
-@pytest.mark.parametrize("name", ["rl", "sieve", "phase-space", "cg", "ems"])
+@pytest.mark.parametrize("name", ["rl", "sieve", "phase-space"])
 @pytest.mark.parametrize("margin", [0, 8])
 @pytest.mark.few(2)
 def test_stops_once_the_frame_is_met_to_within_its_noise(noisy, name, margin):
@@ -237,10 +237,9 @@ def test_stops_once_the_frame_is_met_to_within_its_noise(noisy, name, margin):
     if len(misses) == 2:
         assert misses[0] > 1
     assert misses[-1] <= 1 + 1e-5
-    if name not in ("cg", "ems"):
-        errors = [nrmse(r.state.volume, truth) for r in iter_reconstruct(P, image, SolverChoice(name, 60, 2.0))]
-        start = nrmse(np.full_like(truth, truth.mean()), truth)
-        assert nrmse(found.volume, truth) - min(errors) < 0.4 * (start - min(errors))
+    errors = [nrmse(r.state.volume, truth) for r in iter_reconstruct(P, image, SolverChoice(name, 60, 2.0))]
+    start = nrmse(np.full_like(truth, truth.mean()), truth)
+    assert nrmse(found.volume, truth) - min(errors) < 0.4 * (start - min(errors))
 
 
 def test_noise_that_is_never_met_is_told(noisy):

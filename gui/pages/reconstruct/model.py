@@ -70,7 +70,7 @@ FIELDS = (
         "strength",
         "Strength",
         "",
-        "Weight of the penalty (rl-tv: 0.002 is mild; rl-tikhonov: 0.01), damping of cg; empty: the default",
+        "Weight of the penalty (rl-tv: 0.002 is mild; rl-tikhonov: 0.01); empty: the default",
         optional=True,
         empty="default",
     ),

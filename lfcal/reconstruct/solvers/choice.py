@@ -70,7 +70,7 @@ class SolverChoice:
     saturation
         Pixels at or above are left out; None: none.
     strength
-        Weight of the penalty of ``rl-tv`` and ``rl-tikhonov``, damping of ``cg``; None: the default of each.
+        Weight of the penalty of ``rl-tv`` and ``rl-tikhonov``; None: the default of each.
     subsets
         Number of subsets for ``osem``, blocks of views along each axis for ``phase-space``; None: 4 and 3.
     tolerance
@@ -200,11 +200,11 @@ def iter_reconstruct(
     >>> import numpy as np
     >>> from lfcal.reconstruct import Projector, SolverChoice, iter_reconstruct
     >>> P = Projector(np.array([1, 2, 1]).reshape(1, 1, 1, 1, 3) / 4, (1, 7))
-    >>> for record in iter_reconstruct(P, [[0, 0, 2, 4, 2, 0, 0]], SolverChoice("cg", iterations=3)):
+    >>> for record in iter_reconstruct(P, [[0, 0, 2, 4, 2, 0, 0]], SolverChoice("rl", iterations=3)):
     ...     print(record.stage, record.count, f"residual {record.residual:.2f}")
-    conjugate gradients 1 of 3 residual 1.00
-    conjugate gradients 2 of 3 residual 0.34
-    conjugate gradients 3 of 3 residual 0.18
+    richardson-lucy 1 of 3 residual 0.75
+    richardson-lucy 2 of 3 residual 0.47
+    richardson-lucy 3 of 3 residual 0.31
     """
     c = SolverChoice() if choice is None else choice
     for option, given in (("weights", weights), ("initial", initial), ("resume", resume)):

@@ -1,4 +1,8 @@
-"""Linear least squares by conjugate gradients."""
+"""Linear least squares by conjugate gradients: a tool for linear problems, not offered as a solver of frames.
+
+Without a bound at zero it fits noise from the first iterations on: beads have an NRMSE of 0.5 after 15 of them and 0.9
+after 80, where Richardson-Lucy falls to 0.26.
+"""
 
 from __future__ import annotations
 
@@ -22,9 +26,8 @@ from lfcal.reconstruct.solvers.records import (
     squares,
     without_state,
 )
-from lfcal.reconstruct.solvers.solver import COMMON, Solver, SolverRun
 
-__all__ = ["SOLVER", "conjugate_gradient", "iter_conjugate_gradient"]
+__all__ = ["conjugate_gradient", "iter_conjugate_gradient"]
 
 
 def iter_conjugate_gradient(
@@ -141,31 +144,6 @@ def conjugate_gradient(
             resume=resume,
         )
     )
-
-
-def iterate(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:
-    """Run conjugate gradients, damped by the strength asked for."""
-    return iter_conjugate_gradient(
-        P,
-        image,
-        run.iterations,
-        background=run.background,
-        weights=run.weights,
-        saturation=run.saturation,
-        damping=run.strength or 0.0,
-        tolerance=run.tolerance,
-        resume=run.resume,
-    )
-
-
-SOLVER = Solver(
-    "cg",
-    "linear least squares by conjugate gradients; may become negative",
-    iterate,
-    COMMON | {"strength"},
-    rank=95,
-    volumes=(4, 4),
-)
 
 
 def _check(P: Projector, data: Measurement, iterations: int, damping: float) -> None:

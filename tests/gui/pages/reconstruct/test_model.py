@@ -118,9 +118,10 @@ def test_refusals_are_one_line(key: str, value: object) -> None:
 
 
 def test_fields_that_matter() -> None:
-    assert used_by("cg", "strength") and not used_by("rl", "strength")
-    assert ReconstructSettings("cg", read_noise=3.0, subsets=2).choice() == SolverChoice("cg"), "greyed out: left alone"
-    assert used_by("osem", "subsets") and not used_by("cg", "read_noise") and used_by("rl", "iterations")
+    assert used_by("rl-tv", "strength") and not used_by("rl", "strength")
+    settings = ReconstructSettings("isra", read_noise=3.0, subsets=2)
+    assert settings.choice() == SolverChoice("isra"), "greyed out: left alone"
+    assert used_by("osem", "subsets") and not used_by("isra", "read_noise") and used_by("rl", "iterations")
 
 
 def test_a_region_moves_the_anchor_with_it(psf: str) -> None:
@@ -188,7 +189,7 @@ def test_stopped_and_gone_on_is_the_same_as_at_once(psf: str, tmp_path: Path) ->
     assert [r.iteration for r in halves.history] == [1, 2, 3, 4, 5, 6]
     assert "NRMSE" in at_once.words() and "NRMSE" not in halves.words()
     assert halves.fits(psf, settings.changed("iterations", 99)) and not halves.fits(
-        psf, settings.changed("solver", "cg")
+        psf, settings.changed("solver", "isra")
     )
     assert at_once.details()["iterations"] == 6
     for one in (at_once, halves):

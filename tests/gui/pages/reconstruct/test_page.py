@@ -103,7 +103,7 @@ def test_a_made_light_field_is_reconstructed_and_judged(
         assert first.state is not None
         np.testing.assert_allclose(load_volume(tmp_path / name), first.volume, rtol=1e-6)
 
-    context.project.update("solver", settings=ReconstructSettings("cg").into(context.state))
+    context.project.update("solver", settings=ReconstructSettings("isra").into(context.state))
     assert not page.panel.buttons["more"].isEnabled(), "another solver begins anew"
     again = open_page("reconstruct")
     qtbot.waitUntil(lambda: again.saved is not None and again.image is not None, timeout=GUARD_MS)
