@@ -29,7 +29,7 @@ def test_error_against_seconds(tmp_path, capsys):
     settings = [
         s
         for s in reconstruct.SETTINGS
-        if s.name in ("Richardson-Lucy", "threshold 5e-2", "Biggs-Andrews", "float64", "depth smoothing")
+        if s.name in ("Richardson-Lucy", "threshold 5e-2", "Biggs-Andrews", "float64", "Tikhonov 0.1")
     ]
     curves = [reconstruct.measure(s, H, truth, frame, 4, 1) for s in settings]
     plain = curves[0]
