@@ -14,7 +14,7 @@ from lfcal.campaign.point_parts import measured_points
 from lfcal.campaign.points import Points
 from lfcal.fit.field import FieldFit
 from lfcal.fit.fit import Finished, check_stage, groups_of, iter_retrieved, iter_summarised, problem_of
-from lfcal.fit.measured import Measured, check_optics
+from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness
 from lfcal.fit.normal import Local
 from lfcal.fit.nuisance import own_steps
@@ -62,7 +62,6 @@ def iter_fit_points(
 ) -> Work[FieldFit]:
     """Fit as `fit_points`; yields progress in derivatives, and closing it stops the fit."""
     check_stage(stage)
-    check_optics(source.metadata)
     measured = measured_points(source, points, parts, most=most)
     core, candidates = groups_of(unknowns)
     # the source is a hole

@@ -124,7 +124,7 @@ def read_patterns(source: Path, how: Reading, *, quiet: bool) -> tuple[Measured,
         camera = how.camera or matrix.camera
         if camera is None:
             raise InputError.expected(str(source), "an H with its camera", "none", "name it with --camera")
-        check_optics(matrix.provenance)
+        check_optics(matrix)
         _check_noise(matrix, source, how)
         tell_assumed(matrix.camera if how.camera is None else None, source.name, quiet=quiet)
         if how.without:

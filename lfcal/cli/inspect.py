@@ -49,14 +49,24 @@ def command(
         "--session",
         help="Session folder with control frames: how well one period of H stands for the whole field.",
     ),
+    patterns: int = typer.Option(
+        60, "--patterns", min=1, help="Patterns compared with the camera; more show smaller faults and take longer."
+    ),
     seconds: float = typer.Option(
-        10.0, "--seconds", min=0, help="Time for comparing patterns with the camera's model; 0 leaves that out."
+        1800.0,
+        "--seconds",
+        min=0,
+        help="Longest time of the comparison with the camera. If it is reached, the verdict is 'not fully judged'; "
+        "0 leaves the comparison out.",
     ),
     fit: Path | None = typer.Option(
         None, "--fit", help="Folder of lfcal fit of this scan: patterns are compared with the camera as found."
     ),
     mat_order: MatOrderOption = "",
-    strict: bool = typer.Option(False, "--strict", help="End with exit code 1 when H should not be used."),
+    every: bool = typer.Option(False, "--all", help="List all metrics, also those that are good or do not apply."),
+    strict: bool = typer.Option(
+        False, "--strict", help="End with exit code 1 unless H is shown to be good, or usable with a look at it."
+    ),
     workers: WorkersOption = None,
     executor: ExecutorOption = "",
     scheduler: SchedulerOption = "",
@@ -109,15 +119,14 @@ def command(
             quality = run_kept(iter_inspect_units(H, report, session, run=run), report, quiet=json)
         else:
             quality = run_work(iter_inspect(H, controls=controls, workers=workers), quiet=json)
-        found = None
-        if seconds > 0:
-            found = run_work(iter_inspection(H, quality, setup=setup, seconds=seconds), quiet=json)
-            quality = found.quality  # with the costs that were measured
+        work = iter_inspection(H, quality, setup=setup, seconds=seconds, patterns=patterns)
+        found = run_work(work, quiet=json)
+        quality = found.quality  # with the costs that were measured
         if not json:
-            _show(H, quality, comparison, found, report)
+            _show(H, comparison, found, report, every=every)
         if run is not None and report is not None:
             note_joining(parts_folder(report))
-        page = _write(H, quality, other, report, workers, found, quiet=json)
+        page = None if report is None else _write(H, other, report, workers, found, every=every, quiet=json)
         loss = told_loss(source, workers=workers, quiet=json)
         if loss is not None and report is not None:
             draw_region_loss(loss, report / REGIONS_PICTURE)
@@ -127,16 +136,14 @@ def command(
             discard(parts_folder(report))
     if json:
         extra: dict[str, Any] = {} if comparison is None else {"comparison": comparison.to_dict()}
-        if found is not None:
-            extra["model"] = found.to_dict()
-            extra["merit"], extra["verdict"] = found.merit, found.verdict
+        extra |= {"model": found.to_dict()} | found.judged()
         if loss is not None:
             extra["regions"] = loss.to_dict()
         extra["assumed"] = [] if H.camera is None else H.camera.marks.paths("assumed")
-        print_json(quality.to_dict() | extra | ({} if page is None else {"report": page}))
+        print_json(quality.to_dict(every=every) | extra | ({} if page is None else {"report": page}))
     elif page is not None:
         typer.echo(f"report: {page}")
-    if strict and (quality.merit == "bad" if found is None else found.bad):
+    if strict and found.merit not in ("good", "fair"):
         raise typer.Exit(1)
 
 
@@ -169,50 +176,54 @@ def _check_before(report: Path | None, *inputs: Path | None, force: bool) -> Non
 
 def _write(
     H: PSFMatrix,
-    quality: QualityReport,
     reference: PSFMatrix | None,
-    folder: Path | None,
+    folder: Path,
     workers: int | None,
-    found: Inspection | None,
+    found: Inspection,
     *,
+    every: bool,
     quiet: bool,
-) -> Path | None:
+) -> Path:
     from lfcal.cli.console import run_work
     from lfcal.inspect.telling import told
     from lfcal.psf.report import iter_report
 
-    if folder is None:
-        return None
-    beside = None if found is None else told(found)
-    work = iter_report(H, folder, reference=reference, quality=quality, workers=workers, beside=beside)
+    work = iter_report(
+        H, folder, reference=reference, quality=found.quality, workers=workers, beside=told(found), every=every
+    )
     return run_work(work, quiet=quiet)
 
 
 def _show(
     H: PSFMatrix,
-    quality: QualityReport,
     comparison: Comparison | None,
-    found: Inspection | None,
+    found: Inspection,
     report: Path | None,
+    *,
+    every: bool,
 ) -> None:
     """Print verdict, metrics, apertures and the comparison."""
     from lfcal.cli.console import print_table
+    from lfcal.psf.quality.verdict import counted_words, merit_word
     from lfcal.psf.report.page import limits, value_text
     from lfcal.units import format_seconds
 
+    quality = found.quality
     typer.echo(f"H (z, y, x, t, s) = {quality.shape}, inspected in {format_seconds(quality.seconds)}")
     turned = H.provenance.get("orientation", {}).get("applied", "as is")
     if turned != "as is":
         typer.echo(f"made from frames that were turned upright: {turned}")
     colours = {"good": typer.colors.GREEN, "fair": typer.colors.YELLOW, "bad": typer.colors.RED}
-    said = quality if found is None else found
-    typer.secho(said.verdict, fg=colours.get(said.merit), bold=True)
-    if found is not None:
-        _show_faults(found)
-    print_table(
-        ["merit", "metric", "value", "good", "bad", "cost (NRMSE)"],
-        [[m.merit, m.spec.title, value_text(m), *limits(m), m.cost_text] for m in quality.metrics],
-    )
+    typer.secho(found.verdict, fg=colours.get(found.merit), bold=True)
+    _show_faults(found)
+    listed_metrics = [m for m in quality.metrics if every or (m.applies and m.merit != "good")]
+    if listed_metrics:
+        print_table(
+            ["merit", "metric", "value", "good", "bad", "cost (NRMSE)"],
+            [[merit_word(m), m.spec.title, value_text(m), *limits(m), m.cost_text] for m in listed_metrics],
+        )
+    more = "" if every else "; --all lists them"
+    typer.echo(f"metrics: {counted_words(quality.metrics)}{more}")
     print_table(
         ["depth z", "aperture"],
         [[quality.plane_words(z), a.describe()] for z, a in enumerate(quality.apertures)],
@@ -221,8 +232,8 @@ def _show(
         typer.echo(f"iris from all planes: {quality.iris.describe()}")
     _show_f_number(H, quality)
     for metric in quality.metrics:
-        if metric.merit in ("bad", "fair") and (found is None or not found.withdrawn(metric)):
-            cause = None if found is None else found.settled(metric)
+        if metric.merit in ("bad", "fair") and not found.withdrawn(metric):
+            cause = found.settled(metric)
             if cause is not None:
                 typer.echo(f"{metric.spec.title.lower()}: see {cause.title}, which makes it")
                 continue
@@ -230,7 +241,7 @@ def _show(
             typer.echo(
                 f"{metric.merit}: {metric.spec.title.lower()}, {value_text(metric)}{detail}: {metric.spec.advice}"
             )
-    redo = quality.redo() if found is None else found.redo()
+    redo = found.redo()
     if redo:
         places = "1 position" if len(redo) == 1 else f"{len(redo)} positions"
         listed = "--report writes the list to redo.json" if report is None else f"listed in {report / 'redo.json'}"

@@ -1,7 +1,7 @@
 """Inspection of H in units of a plane each: many at a time, and kept after a kill until the report is written.
 
-The comparison with the camera that follows is no matter of units: it takes the seconds it is given, and each of its
-steps needs what the one before it found.
+The comparison with the camera that follows is not split into units: each of its steps needs what the one before it
+found.
 """
 
 from __future__ import annotations

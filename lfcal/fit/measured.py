@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -197,7 +197,7 @@ def measured_of(
     """
     if matrix.is_transposed:
         raise InputError.expected("patterns", "those of H", "those of HT", "give H")
-    check_optics(matrix.provenance)
+    check_optics(matrix)
     plan = _plan_of(matrix, camera)
     own = (matrix.recorded > 0) & ~copied_positions(matrix)
     chosen = np.argwhere(own) if positions is None else np.asarray(positions, np.intp).reshape(-1, 3)
@@ -214,14 +214,14 @@ def measured_of(
     return Measured(plan, chosen, patterns, _noise(matrix, chosen, noise), np.zeros((len(chosen), 2)), valid, aside)
 
 
-def of_quick_pattern(facts: Mapping[str, Any]) -> bool:
-    """Return whether the provenance of H, or the metadata of frames, names the simulator's quick pattern."""
-    return optics_of(facts) == "pattern"
+def of_quick_pattern(matrix: PSFMatrix) -> bool:
+    """Return whether H says that it was recorded with the simulator's quick pattern."""
+    return optics_of(matrix.provenance) == "pattern"
 
 
-def check_optics(facts: Mapping[str, Any]) -> None:
-    """Raise `InputError` where the provenance of H, or the metadata of frames, names the simulator's quick pattern."""
-    if of_quick_pattern(facts):
+def check_optics(matrix: PSFMatrix) -> None:
+    """Raise `InputError` where H was recorded with the simulator's quick pattern."""
+    if of_quick_pattern(matrix):
         remedy = "record with the simulator's default optics, without --option optics=pattern"
         raise InputError.expected("measured patterns", "those of a plenoptic camera", QUICK_PATTERN, remedy)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -22,18 +21,21 @@ from lfcal.psf import PSFMatrix
 from lfcal.psf.half_cell import copied_positions
 from lfcal.simulate.engines.base import EnergyError
 
-__all__ = ["iter_evidence"]
+__all__ = ["PATTERNS", "iter_evidence", "iter_fitted", "patterns_of"]
 
 F8 = NDArray[np.float64]
 
 MOST_SAMPLES = 6_000_000
 """Samples of patterns that are compared at most: each takes some forty bytes."""
 
-FIRST = 4
-"""Patterns by which it is told how long one takes."""
+PATTERNS = 60
+"""Patterns that are compared: a fixed number, so that the same file has the same verdict on every machine."""
+
+LEAST_FEW = 4
+"""Recorded positions that a comparison needs."""
 
 FEWEST = 24
-"""Patterns that are compared whatever time they take."""
+"""Patterns that are compared however large they are."""
 
 TURNS = 3
 """Times that models follow what was fitted."""
@@ -49,12 +51,13 @@ def iter_evidence(
     matrix: PSFMatrix,
     *,
     setup: Setup | None = None,
-    seconds: float = 10.0,
-    patterns: int | None = None,
+    patterns: int = PATTERNS,
     suspected: NDArray[np.intp] | None = None,
     more_suspected: int = 0,
 ) -> Work[Evidence | Unlike]:
     """Compare patterns of H with its camera; without one, or where it does not explain H, say why not.
+
+    Which patterns are compared depends on H alone, never on the time that they take.
 
     Parameters
     ----------
@@ -62,10 +65,8 @@ def iter_evidence(
         H.
     setup
         The camera as it was found by a fit; None takes what H says of it.
-    seconds
-        Time that it may take: as many patterns are compared as it allows.
     patterns
-        Compare so many instead, however long they take.
+        Patterns that are compared, spread evenly; fewer where H has fewer, or where they are very large.
     suspected
         Positions ``(n, 3)`` that are compared too, for what is known of them.
     more_suspected
@@ -81,35 +82,25 @@ def iter_evidence(
     >>> print(f"{len(evidence)} patterns, off by {evidence.misfit:.0%} of the light beside noise")
     24 patterns, off by 1% of the light beside noise
     """
-    check_number("seconds of a comparison", seconds, above=0)
-    start = time.perf_counter()
+    check_number("patterns that are compared", patterns, at_least=1, integer=True)
     clock = Clock("comparing with the camera", 100)
     yield clock.at(0)
     recorded = np.argwhere((matrix.recorded > 0) & ~copied_positions(matrix))
-    if len(recorded) < FIRST:
+    if len(recorded) < LEAST_FEW:
         return Unlike(f"only {len(recorded)} positions were recorded")
-    first = recorded[spread_out(recorded, FIRST, matrix.period)]
     if matrix.camera is None:
         return Unlike("H has no camera")
-    if of_quick_pattern(matrix.provenance):
-        return Unlike(QUICK_PATTERN)
+    if of_quick_pattern(matrix):
+        return Unlike(QUICK_PATTERN, stated=True)
     if matrix.pixel_scale != (1.0, 1.0):
         return Unlike("H is on resampled pixels; assemble it without resampling to compare it")
-    took = time.perf_counter()
     try:
-        plan = plan_of(matrix)  # says what is wrong with the description
-        assert plan is not None
-        known = behind(matrix, first) if setup is None else Behind(setup, plan, 0.0)
-        if known is None:
-            return Unlike("no engine computes its camera")
-        took = time.perf_counter()
-        modelled(known, first)
+        known = _camera_behind(matrix, recorded, setup)
     except (InputError, EnergyError) as error:
-        return Unlike(str(error))
-    each = (time.perf_counter() - took) / FIRST
-    size = int(np.prod(matrix.cutout))
-    many = patterns or max(FEWEST, int(0.6 * seconds / max(each, 1e-6)))
-    many = min(many, max(FEWEST, MOST_SAMPLES // size), len(recorded))
+        return Unlike(str(error), stated=True)
+    if known is None:
+        return Unlike("no engine computes its camera")
+    many = min(patterns, max(FEWEST, MOST_SAMPLES // int(np.prod(matrix.cutout))), len(recorded))
     index = recorded[spread_out(recorded, many, matrix.period)] if many < len(recorded) else recorded
     asked = np.zeros(len(index), np.bool_)
     if suspected is not None and len(suspected):
@@ -117,17 +108,61 @@ def iter_evidence(
         odd = set(map(tuple, suspected.tolist())) & set(map(tuple, recorded.tolist()))
         index = np.array(sorted(chosen | odd), np.intp)
         asked = np.array([place not in chosen for place in map(tuple, index.tolist())], np.bool_)
+    data, valid = patterns_of(matrix, index)
+    largest = float(np.abs(data).max())
+    if not data.max(initial=0.0) > 0:
+        return Unlike("H shows no light")
+    if not LEAST <= largest <= MOST:
+        words = f"its values reach {largest:.0e}: expected between {LEAST:.0e} and {MOST:.0e}; scale H to counts"
+        return Unlike(words, stated=True)
+    found = yield from iter_fitted(matrix, known, index, data, valid, clock)
+    yield clock.at(100)
+    if not np.median(found.values[:, 0]) > 0:
+        return Unlike("H shows no light where its camera has some", stated=True, camera=known)
+    alike = float(np.median(_alike(found)))
+    if alike < ALIKE:
+        words = f"patterns have little in common with those of the camera (correlation {alike:.2f})"
+        return Unlike(words, stated=True, camera=known, correlation=alike)
+    return replace(found, asked=asked, more_suspected=more_suspected)
+
+
+def _camera_behind(matrix: PSFMatrix, recorded: NDArray[np.intp], setup: Setup | None) -> Behind | None:
+    """Return the camera behind H, or None where no engine computes it; raises for a description that fits no H."""
+    first = recorded[spread_out(recorded, LEAST_FEW, matrix.period)]
+    plan = plan_of(matrix)  # says what is wrong with the description
+    assert plan is not None
+    known = behind(matrix, first) if setup is None else Behind(setup, plan, 0.0)
+    if known is not None:
+        modelled(known, first)
+    return known
+
+
+def patterns_of(matrix: PSFMatrix, index: NDArray[np.intp]) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Return patterns of positions ``(n, 3)`` and which of their samples carry a measurement ``(n, nt, ns)``."""
     data = np.stack([np.asarray(matrix[z, y, x], np.float32) for z, y, x in index.tolist()])
     valid = np.stack([matrix.valid(z, y, x) for z, y, x in index.tolist()]) & np.isfinite(data)
     data[~valid] = 0.0
-    if not data.max(initial=0.0) > 0:
-        return Unlike("H shows no light")
-    largest = float(np.abs(data).max())
-    if not LEAST <= largest <= MOST:
-        return Unlike(f"its values reach {largest:.0e}: expected between {LEAST:.0e} and {MOST:.0e}; scale H to counts")
+    return data, valid
+
+
+def iter_fitted(
+    matrix: PSFMatrix,
+    known: Behind,
+    index: NDArray[np.intp],
+    data: NDArray[np.float32],
+    valid: NDArray[np.bool_],
+    clock: Clock,
+    *,
+    elsewhere: bool = True,
+) -> Work[Evidence]:
+    """Return patterns ``(n, nt, ns)`` of positions ``(n, 3)``, fitted where source, cutout and plane look to be.
+
+    ``clock`` counts hundredths; with ``elsewhere`` planes are looked for far from their stated depths, too.
+    """
     model, columns = (np.empty((len(index), *shape), np.float32) for shape in (matrix.cutout, (5, *matrix.cutout)))
     starts = Starts.none(len(index), len(matrix))
-    starts = replace(starts, depth=depths_seen(known, index, data))
+    if elsewhere:
+        starts = replace(starts, depth=depths_seen(known, index, data))
     for part in parts(index, np.arange(len(index))):
         model[part], columns[part] = modelled(known, index[part], starts.of(part))
         yield clock.at(int(80 * (part[-1] + 1) / len(index)))
@@ -141,16 +176,10 @@ def iter_evidence(
         found = fitted(matrix, known, index, data, valid, model, columns, starts, rounding)
         moved = starts.nearer(found.values, index[:, 0])
         again = moved.apart_from(starts, index[:, 0])
-        if not again.any() or (patterns is None and time.perf_counter() - start > seconds):
+        if not again.any():
             break
         starts = starts.only(moved, again)
-    yield clock.at(100)
-    if not np.median(found.values[:, 0]) > 0:
-        return Unlike("H shows no light where its camera has some")
-    alike = float(np.median(_alike(found)))
-    if alike < ALIKE:
-        return Unlike(f"patterns have little in common with those of the camera (correlation {alike:.2f})")
-    return replace(found, asked=asked, more_suspected=more_suspected, seconds=time.perf_counter() - start)
+    return found
 
 
 def _alike(found: Evidence) -> F8:

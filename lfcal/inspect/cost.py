@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -27,7 +26,7 @@ SIDE_PX = 48
 """Pixels that the image has along each axis at least; light of points farther apart hardly meets."""
 
 LARGE_PX = 96
-"""The same without a limit of time: voxels that go astray do so each in its own way."""
+"""The same of a whole trial: voxels that go astray do so each in its own way."""
 
 PLANES = 3
 """Planes that are reconstructed at most."""
@@ -42,9 +41,6 @@ CUTOUT = (CUTOUT_PX, CUTOUT_PX)
 
 MOST_SAMPLES = 24_000_000
 """Of a patch at most: each is held several times."""
-
-TRIED = 16
-"""Positions by which it is told how long one takes."""
 
 SAMPLE = 64
 """Compared patterns that tell how much of a fault a patch shows."""
@@ -75,13 +71,13 @@ class Costs:
     whole: bool = False
 
 
-def iter_costs(evidence: Evidence, findings: Sequence[Finding], seconds: float | None) -> Work[Costs]:
+def iter_costs(evidence: Evidence, findings: Sequence[Finding], many: int | None = None) -> Work[Costs]:
     """Measure the error of a reconstruction that each finding makes beyond the noise of H.
 
     A patch of neighbouring positions of up to three planes is computed as the camera should show it, as large as
-    ``seconds`` allow; where that is less than all of H, the error is scaled to the strength that the fault has all
-    over H. Errors are those of `SceneTrial`, between volumes that the same image gives: with the patterns as they
-    should be, and with noise of H and the fault in them.
+    `MOST` and `MOST_SAMPLES` allow; where that is less than all of H, the error is scaled to the strength that the
+    fault has all over H. Errors are those of `SceneTrial`, between volumes that the same image gives: with the
+    patterns as they should be, and with noise of H and the fault in them.
 
     Parameters
     ----------
@@ -89,8 +85,9 @@ def iter_costs(evidence: Evidence, findings: Sequence[Finding], seconds: float |
         What was compared, without the faults.
     findings
         What was found.
-    seconds
-        Time for the patch; None: all positions up to `MOST`.
+    many
+        Positions of a smaller patch, whose image is smaller too; None: as many as allowed. Never a matter of time:
+        costs are the same on every machine.
     """
     clock = Clock("measuring what faults cost", len(findings) + 2)
     yield clock.at(0)
@@ -98,7 +95,6 @@ def iter_costs(evidence: Evidence, findings: Sequence[Finding], seconds: float |
         return Costs(None, None, ())
     order = sorted(range(len(findings)), key=lambda k: -findings[k].share)
     try:
-        many = None if seconds is None else _affordable(evidence, findings, seconds)
         worst = [findings[k] for k in order]
         trial = _Trial.at(evidence, worst, _planes(evidence, findings), many)
         yield clock.at(1)
@@ -244,26 +240,6 @@ def _place(evidence: Evidence, finding: Finding) -> tuple[int, int]:
         row, column = np.median(finding.pixels, axis=0) - (np.array(evidence.plan.cutout) - 1) / 2
         return int(np.clip(row, 0, ny - 1)), int(np.clip(column, 0, nx - 1))
     return ny // 2, nx // 2
-
-
-def _affordable(evidence: Evidence, findings: Sequence[Finding], seconds: float) -> int:
-    """Return for how many positions there is time, by what a few more take."""
-    some = evidence.index[evidence.index[:, 0] == evidence.index[0, 0]][:TRIED]
-    _put_in(evidence, some[:1], findings)  # tables
-    took = []
-    for part in (some[: len(some) // 4], some):
-        start = time.perf_counter()
-        _put_in(evidence, part, findings)
-        took.append(time.perf_counter() - start)
-    each = (took[1] - took[0]) / (len(some) - len(some) // 4)
-    return int(np.clip(seconds / max(each, 1e-4), FEWEST, MOST))
-
-
-def _put_in(evidence: Evidence, index: NDArray[np.intp], findings: Sequence[Finding]) -> None:
-    patch = patch_of(evidence, index, CUTOUT)
-    for one in findings:
-        if one.put_in is not None:
-            one.put_in(patch)
 
 
 def _samples(evidence: Evidence, wider: float) -> int:

@@ -53,6 +53,17 @@ ROUNDS = 3
 class Unlike:
     """Why patterns cannot be compared with a camera.
 
+    Attributes
+    ----------
+    reason
+        In words.
+    stated
+        Whether a camera is stated that should explain the patterns, and does not.
+    camera
+        That camera, where patterns can be computed with it.
+    correlation
+        Median correlation of the patterns with those of the camera; None: not measured.
+
     Examples
     --------
     >>> import numpy as np
@@ -66,6 +77,9 @@ class Unlike:
     """
 
     reason: str
+    stated: bool = False
+    camera: Behind | None = None
+    correlation: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,8 +109,6 @@ class Evidence:
         Share of the light by which the model is off as a rule.
     starts
         Where the model and its derivatives were computed: displacements are told from there on.
-    seconds
-        What it took.
     asked
         Patterns ``(n,)`` that are there because they were suspected: the others are spread evenly.
     more_suspected
@@ -128,7 +140,6 @@ class Evidence:
     variance: F4
     misfit: float
     starts: Starts
-    seconds: float
     asked: Flags
     rounding: float
     more_suspected: int = 0
@@ -248,7 +259,7 @@ class Evidence:
         data = np.where(valid, data, np.float32(0))
         model, columns, starts = self.model, self.columns, self.starts
         found = fitted(self.matrix, self.camera, self.index, data, valid, model, columns, starts, self.rounding)
-        return replace(found, asked=self.asked, more_suspected=self.more_suspected, seconds=self.seconds)
+        return replace(found, asked=self.asked, more_suspected=self.more_suspected)
 
     def followed(self, values: F8 | None = None) -> Evidence:
         """Return the evidence with models computed where patterns look to be, by ``values`` instead of their own.
@@ -313,7 +324,6 @@ def fitted(
         variance,
         off,
         starts,
-        0.0,
         np.zeros(n, np.bool_),
         rounding,
     )

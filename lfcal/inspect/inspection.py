@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from contextlib import closing
+from dataclasses import asdict, dataclass, replace
 
 from lfcal.fit.setup import Setup
-from lfcal.inspect.compared import iter_evidence
+from lfcal.inspect.compared import PATTERNS, iter_evidence
 from lfcal.inspect.cost import iter_costs
 from lfcal.inspect.evidence import Evidence, Unlike
+from lfcal.inspect.explained import EXPLAINED, Disagreement, iter_explained, iter_rearranged
 from lfcal.inspect.finding import Finding
 from lfcal.inspect.metric_costs import FRAMES, as_findings, with_costs
 from lfcal.inspect.search import iter_search
@@ -17,25 +20,23 @@ from lfcal.inspect.suspects import suspects
 from lfcal.progress import Work
 from lfcal.psf import PSFMatrix
 from lfcal.psf.quality import QualityReport
-from lfcal.psf.quality.metric import Merit, Metric
-from lfcal.units import format_count, format_share
+from lfcal.psf.quality.metric import RANK, Merit, Metric
+from lfcal.psf.quality.verdict import BAD, FAIR, Problem, counted, judged_sentence, listed, problems_of, where
+from lfcal.units import format_count, format_seconds, format_share
 
 __all__ = ["BAD", "FAIR", "MEASURED", "Inspection", "is_bad", "is_fair", "iter_inspection", "worst_first"]
-
-FAIR, BAD = 0.03, 0.1
-"""Cost (NRMSE) of a fault from which on H is worth a look, and should not be used as it is."""
 
 FAIR_SHARE, BAD_SHARE = 0.01, 0.05
 """The same of the share of the light that it changes, where no cost was measured."""
 
-COST_OF = 0.25
-"""Share of the time of a comparison that the patterns take on which costs are measured."""
+LIMIT_S = 1800.0
+"""Longest time of a comparison (s): far more than it takes on a slow machine, as what it does is fixed."""
 
 ODDEST = 48
 """Suspected positions that are compared at most."""
 
-EXPLAINED = 0.06
-"""Share of the light that a camera may be off by, with all faults taken out, for these to be believed."""
+ORIENTATION = "scan_order"
+"""Key of the metric of the orientation of frames."""
 
 KINDS, LARGE = 3, 0.02
 """Different faults, each of that share of the light at least, beyond which a camera that does not explain the patterns
@@ -60,7 +61,7 @@ MEASURED = frozenset(
 
 @dataclass(frozen=True, eq=False)
 class Inspection:
-    """The metrics of an H, and what stands out beside its camera.
+    """The metrics of an H, and what stands out in a comparison with its camera.
 
     Attributes
     ----------
@@ -80,6 +81,10 @@ class Inspection:
         Error of a reconstruction by the noise of H alone (NRMSE); None: not measured.
     as_it_is
         The same of H as it is.
+    disagreement
+        How the stated camera disagrees with H, where it does: such an H is never good.
+    unfinished
+        Why the comparison with the stated camera is not finished; empty where it is. Such an H is never good.
 
     Examples
     --------
@@ -101,6 +106,8 @@ class Inspection:
     seconds: float
     clean: float | None = None
     as_it_is: float | None = None
+    disagreement: Disagreement | None = None
+    unfinished: str = ""
 
     def settled(self, metric: Metric) -> Finding | None:
         """Return the fault that stands for a metric, or None."""
@@ -114,56 +121,94 @@ class Inspection:
     @property
     def alarms(self) -> tuple[Metric, ...]:
         """The bad metrics that no fault stands for and that the comparison does not refute."""
-        left = (m for m in self.quality.alarms if self.settled(m) is None and not self.withdrawn(m))
-        return tuple(left)
+        return tuple(m for m in self._left if m.merit == "bad")
+
+    @property
+    def _left(self) -> list[Metric]:
+        """The metrics that no fault explains and that the comparison does not refute."""
+        return [m for m in self.quality.metrics if self.settled(m) is None and not self.withdrawn(m)]
 
     @property
     def bad(self) -> bool:
         """Whether H should not be used as it is."""
-        return bool(self.alarms) or any(is_bad(one) for one in self.findings)
+        return self.merit == "bad"
 
     @property
     def merit(self) -> Merit:
-        """The merit that the verdict stands for."""
-        if self.bad:
+        """The merit of H: unknown where its camera does not explain it, or the comparison is not finished."""
+        worst: Merit = min((one.merit for one in self.problems), key=RANK.__getitem__, default="good")
+        doubt = self.disagreement is not None or bool(self.unfinished)
+        if self.disagreement is not None and self.disagreement.certain:
             return "bad"
-        if self._doubtful:
-            return "fair"
-        return "good" if self.compared or self.findings else self.quality.merit
+        if worst == "bad" or not doubt:
+            known = bool(self.compared or self.problems or counted(self.quality.metrics)["good"])
+            return worst if known else "unknown"
+        return "unknown"
+
+    @property
+    def problems(self) -> tuple[Problem, ...]:
+        """What is wrong with H, the worst first: faults that matter, and metrics that none of them explains."""
+        found = [self._problem(one) for one in self.findings if is_bad(one) or is_fair(one) or _single(one)]
+        found += problems_of(self._left, self.quality.shape)
+        return tuple(sorted(found, key=lambda one: RANK[one.merit]))
+
+    def _problem(self, finding: Finding) -> Problem:
+        frames = math.prod(self.quality.shape[:3])
+        if finding.cost is None:
+            cost = f"not measured; it changes {format_share(min(finding.share, 1.0))} of the light"
+        else:
+            noise = "" if self.clean is None else f", to {self.clean:.3f} by noise alone"
+            cost = f"{finding.cost:.3f} (NRMSE{noise})"
+        merit: Merit = "bad" if is_bad(finding) else "fair" if is_fair(finding) else "good"
+        places = where(finding.positions.tolist(), frames) or "all positions"
+        repeat = len(finding.positions) if finding.redo and finding.extent is not None else 0
+        return Problem(finding.title, finding.detail, places, cost, finding.fault.advice, merit, repeat)
 
     @property
     def verdict(self) -> str:
-        """One sentence for people, which names or counts every fault that was found."""
-        worst = [one.title for one in self.findings if is_bad(one)] + [m.spec.title.lower() for m in self.alarms]
-        if worst:
-            return f"This PSF should not be used as it is: {_listed(worst, 3)}."
-        if self._doubtful:
-            return f"This PSF can be used; worth a look: {_listed(self._doubtful, 4)}."
-        if not self.compared and not self.findings:
+        """What is wrong with H, where, what it costs, what to do, and what remains then."""
+        disagreement, problems = self.disagreement, self.problems
+        if disagreement is not None and disagreement.certain:
+            return f"This PSF should not be used as it is: {disagreement.sentence} {disagreement.advice}{self._besides}"
+        if self.merit != "unknown":
+            words = judged_sentence(problems, self._rest)
+            # what is doubtful is said, whatever else is wrong
+            return words if disagreement is None or self._rest in words else f"{words} Besides, it is {self._rest}."
+        if disagreement is None and not self.unfinished:
             return self.quality.verdict
-        known = sum(m.merit == "good" for m in self.quality.metrics)
-        rest = sum(m.merit == "unknown" for m in self.quality.metrics)
-        unknown = f"; {format_count(rest, 'metric is', 'metrics are')} unknown." if rest else "."
-        return f"This PSF is good by {format_count(known, 'metric', 'metrics')}, and {self._shown}{unknown}"
+        return f"This PSF is {self._rest}.{self._besides}"
 
     @property
-    def _doubtful(self) -> list[str]:
-        """What is worth a look, by title."""
-        fair = (m for m in self.quality.metrics if m.merit == "fair")
-        left = [m.spec.title.lower() for m in fair if self.settled(m) is None and not self.withdrawn(m)]
-        return [one.title for one in self.findings if is_fair(one)] + left
+    def _besides(self) -> str:
+        """What metrics and patterns show besides a doubt."""
+        names = [one.title for one in self.problems if one.merit in ("bad", "fair")]
+        return f" Besides, it shows {listed(names, 3)}." if names else ""
+
+    @property
+    def _rest(self) -> str:
+        """What is known of H besides its problems."""
+        good = sum(m.merit == "good" for m in self.quality.metrics)
+        by = f"good by {format_count(good, 'metric', 'metrics')}"
+        if self.disagreement is not None:
+            return f"not shown to be good: {self.disagreement.sentence} {self.disagreement.advice}".removesuffix(".")
+        if self.unfinished:
+            return f"not fully judged: {self.unfinished}; it is {by} alone"
+        if self.compared or self.findings:
+            return f"{by}, and {self._shown}"
+        return f"{by}; it was not compared with a camera ({self.why_not})"
 
     @property
     def _shown(self) -> str:
-        """What was found in patterns where none of it matters: nothing, or faults that are there."""
+        """What was found in patterns besides what is named: nothing, or faults that are there and do not matter."""
         source = f"{self.compared} patterns compared with the camera show" if self.compared else "its patterns show"
-        if not self.findings:
-            return f"{source} no fault"
-        measured = all(one.cost is not None for one in self.findings)
+        found = [one for one in self.findings if not (is_bad(one) or is_fair(one) or _single(one))]
+        if not found:
+            return f"{source} no {'other ' if self.findings else ''}fault"
+        measured = all(one.cost is not None for one in found)
         which = "cost a reconstruction next to nothing" if measured else "are too small to matter"
-        which = which.replace("cost ", "costs ").replace("are ", "is ") if len(self.findings) == 1 else which
-        many = format_count(len(self.findings), "fault", "faults")
-        return f"{source} {many} that {which} ({_listed([one.title for one in self.findings], 4)})"
+        which = which.replace("cost ", "costs ").replace("are ", "is ") if len(found) == 1 else which
+        many = format_count(len(found), "fault", "faults")
+        return f"{source} {many} that {which} ({listed([one.title for one in found], 4)})"
 
     def redo(self) -> list[tuple[tuple[int, int, int], str]]:
         """Return positions (z, y, x) to record again with the reasons, in scan order."""
@@ -182,6 +227,8 @@ class Inspection:
             "compared": self.compared,
             "misfit": self.misfit,
             "why_not": self.why_not,
+            "unfinished": self.unfinished,
+            "disagreement": None if self.disagreement is None else self.disagreement.to_dict(),
             "seconds": self.seconds,
             "error_clean": self.clean,
             "error_as_it_is": self.as_it_is,
@@ -204,11 +251,19 @@ class Inspection:
             "withdrawn": [m.key for m in self.quality.metrics if m.merit in ("bad", "fair") and self.withdrawn(m)],
         }
 
+    def judged(self) -> dict[str, object]:
+        """Return what has the last word in a report for programs: it replaces that of the metrics alone."""
+        return {
+            "merit": self.merit,
+            "verdict": self.verdict,
+            "problems": [asdict(one) for one in self.problems],
+            "redo": [list(place) for place, _ in self.redo()],
+        }
 
-def _listed(names: Sequence[str], most: int) -> str:
-    """Return the first of the names, and how many more there are."""
-    more = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(names[:most]) + more
+
+def _single(finding: Finding) -> bool:
+    """Return whether a fault is of single frames that are soon recorded again, whatever it costs."""
+    return finding.redo and finding.extent is not None and len(finding.positions) > 0
 
 
 def is_bad(finding: Finding) -> bool:
@@ -233,10 +288,12 @@ def iter_inspection(
     quality: QualityReport,
     *,
     setup: Setup | None = None,
-    seconds: float = 10.0,
-    patterns: int | None = None,
+    seconds: float = LIMIT_S,
+    patterns: int = PATTERNS,
 ) -> Work[Inspection]:
     """Compare H with its camera, and name the faults that differences show.
+
+    What is done is fixed by H and ``patterns``: the verdict is the same on every machine.
 
     Parameters
     ----------
@@ -247,9 +304,9 @@ def iter_inspection(
     setup
         The camera as it was found by a fit; None takes what H says of it.
     seconds
-        Time that the comparison may take.
+        Longest time of the comparison. Where it is reached, the verdict is "not fully judged".
     patterns
-        Compare so many patterns instead.
+        Patterns that are compared, besides those that metrics find odd.
 
     Examples
     --------
@@ -259,39 +316,102 @@ def iter_inspection(
     >>> with open_psf("H.h5") as H:
     ...     found = drain(iter_inspection(H, inspect(H), patterns=24))
     >>> print(found.verdict)
-    This PSF is good by ... metrics, and 24 patterns compared with the camera show no fault; ... metrics are unknown.
+    This PSF is good by ... metrics, and 24 patterns compared with the camera show no fault.
     """
     start = time.perf_counter()
+    kept = [Inspection(quality, (), 0, 0.0, "", 0.0)]
+    with closing(_iter_stages(matrix, kept, setup, patterns)) as work:
+        for record in work:
+            # without a camera there is nothing that could take long
+            if matrix.camera is not None and time.perf_counter() - start >= seconds:
+                break
+            yield record
+        else:
+            return replace(kept[-1], seconds=time.perf_counter() - start)
+    why = f"its comparison with the camera was not finished within {format_seconds(seconds)} (--seconds)"
+    why = why if seconds > 0 else "its comparison with the camera was left out (--seconds 0)"
+    best = replace(kept[-1], unfinished=why, why_not="" if kept[-1].compared else why)
+    return replace(best, seconds=time.perf_counter() - start)
+
+
+def _iter_stages(matrix: PSFMatrix, kept: list[Inspection], setup: Setup | None, patterns: int) -> Work[None]:
+    """Add what is known to ``kept``, stage by stage; the last one is the whole."""
+    quality, fitted = kept[0].quality, setup is not None
     odd = suspects(quality)
     evidence = yield from iter_evidence(
         matrix,
         setup=setup,
-        seconds=seconds,
         patterns=patterns,
         suspected=odd[:ODDEST],
         more_suspected=max(0, len(odd) - ODDEST),
     )
     if isinstance(evidence, Unlike):
-        return Inspection(quality, (), 0, 0.0, evidence.reason, 0.0)
-    assert isinstance(evidence, Evidence)
+        kept.append((yield from _iter_unlike(matrix, quality, evidence, fitted)))
+        return
+    if evidence.misfit > EXPLAINED:
+        turned = yield from iter_rearranged(matrix, evidence.camera, evidence.misfit)
+        if turned is not None:
+            kept.append(_disagreeing(quality, Disagreement(turned.words, evidence.misfit, None, turned, fitted)))
+            return
     found, cleaned = yield from iter_search(evidence)
     misfit = _unexplained(evidence, cleaned, found)
     if misfit is not None:
-        # what an unsuitable model leaves looks like any fault, and what was taken out for it is in H
-        sure = tuple(one for one in found if not one.fault.needs_camera)
-        costs = yield from iter_costs(evidence, sure, COST_OF * seconds if patterns is None else None)
-        sure = tuple(replace(one, cost=cost) for one, cost in zip(sure, costs.costs, strict=True))
-        why = f"its camera leaves {format_share(misfit)} of the light unexplained"
-        why += "; find the true one with lfcal fit, and name it" if setup is None else ""
-        return Inspection(quality, sure, 0, misfit, why, evidence.seconds)
-    told = dict(as_findings(Inspection(quality, found, len(evidence), 0.0, "", 0.0).alarms, cleaned))
-    several = (*found, *told.values())
-    costs = yield from iter_costs(cleaned, several, COST_OF * seconds if patterns is None else None)
+        kept.append((yield from _iter_unexplained(matrix, quality, evidence, found, misfit, fitted)))
+        return
+    quality = _confirmed(quality)
+    whole = Inspection(quality, found, len(evidence), cleaned.misfit, "", 0.0)
+    kept.append(whole)
+    told = dict(as_findings(whole.alarms, cleaned))
+    costs = yield from iter_costs(cleaned, (*found, *told.values()))
     quality = with_costs(quality, tuple(told), costs, costs.costs[: len(found)])
     found = tuple(replace(one, cost=cost) for one, cost in zip(found, costs.costs, strict=False))
     ranked = tuple(sorted(found, key=worst_first))
-    took = time.perf_counter() - start
-    return Inspection(quality, ranked, len(evidence), cleaned.misfit, "", took, costs.clean, costs.as_it_is)
+    kept.append(replace(whole, quality=quality, findings=ranked, clean=costs.clean, as_it_is=costs.as_it_is))
+
+
+def _disagreeing(quality: QualityReport, disagreement: Disagreement) -> Inspection:
+    misfit = 0.0 if disagreement.misfit is None else disagreement.misfit
+    return Inspection(quality, (), 0, misfit, disagreement.reason, 0.0, disagreement=disagreement)
+
+
+def _iter_unlike(matrix: PSFMatrix, quality: QualityReport, unlike: Unlike, fitted: bool) -> Work[Inspection]:
+    """Return what is said where nothing was compared: with a stated camera, what explains the patterns in its place."""
+    if not unlike.stated:
+        return Inspection(quality, (), 0, 0.0, unlike.reason, 0.0)
+    explanation = None
+    if unlike.camera is not None:
+        explanation = yield from iter_rearranged(matrix, unlike.camera)
+        if explanation is None:
+            explanation = yield from iter_explained(matrix, unlike.camera, iris=quality.iris)
+    return _disagreeing(quality, Disagreement(unlike.reason, None, unlike.correlation, explanation, fitted))
+
+
+def _iter_unexplained(
+    matrix: PSFMatrix,
+    quality: QualityReport,
+    evidence: Evidence,
+    found: Sequence[Finding],
+    misfit: float,
+    fitted: bool,
+) -> Work[Inspection]:
+    """Return what is said where the camera leaves too much unexplained, with what explains the patterns instead."""
+    explanation = yield from iter_explained(matrix, evidence.camera, iris=quality.iris, evidence=evidence)
+    reason = f"its camera leaves {format_share(min(misfit, 1.0))} of the light unexplained"
+    disagreement = Disagreement(reason, misfit, None, explanation, fitted)
+    # what an unsuitable model leaves looks like any fault, and what was taken out for it is in H
+    sure = () if disagreement.certain else tuple(one for one in found if not one.fault.needs_camera)
+    costs = yield from iter_costs(evidence, sure)
+    sure = tuple(replace(one, cost=cost) for one, cost in zip(sure, costs.costs, strict=True))
+    return replace(_disagreeing(quality, disagreement), findings=sure, clean=costs.clean, as_it_is=costs.as_it_is)
+
+
+def _confirmed(quality: QualityReport) -> QualityReport:
+    """Return the metrics with the orientation of the frames good: the camera explains the patterns as they lie."""
+    metrics = [
+        replace(m, value=0.0, merit="good", cost=0.0, detail="") if m.key == ORIENTATION and m.merit == "unknown" else m
+        for m in quality.metrics
+    ]
+    return replace(quality, metrics=tuple(sorted(metrics, key=lambda m: RANK[m.merit])))
 
 
 def _unexplained(evidence: Evidence, cleaned: Evidence, found: Sequence[Finding]) -> float | None:

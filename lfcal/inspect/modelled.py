@@ -20,6 +20,7 @@ __all__ = [
     "NEAR_ARRAY",
     "REACH_PX",
     "Starts",
+    "best_alike",
     "correlation",
     "cut",
     "depths_seen",
@@ -193,13 +194,13 @@ def depths_seen(known: Behind, index: NDArray[np.intp], data: F4) -> F8:
         own = np.flatnonzero(index[:, 0] == z)
         some = own[np.linspace(0, len(own) - 1, min(SOME, len(own))).astype(int)]
         places, still = index[some, 1:], np.zeros((len(some), 2))
-        best = _best_alike(data[some], plane_of(known, z, 0.0).patterns(places, still))
+        best = best_alike(data[some], plane_of(known, z, 0.0).patterns(places, still))
         if best > POOR:
             continue
         best += CLEARLY
         for share in (*(ratio - 1.0 for ratio in DEPTHS), *_of_other_planes(known, z)):
             try:
-                alike = _best_alike(data[some], plane_of(known, z, share).patterns(places, still))
+                alike = best_alike(data[some], plane_of(known, z, share).patterns(places, still))
             except (InputError, EnergyError):
                 continue
             if alike > best:
@@ -216,7 +217,7 @@ def _of_other_planes(known: Behind, z: int) -> list[float]:
     return [(v - own) / (own if abs(own) > NEAR_ARRAY else 1.0) for v in there]
 
 
-def _best_alike(data: F4, models: F4) -> float:
+def best_alike(data: F4, models: F4) -> float:
     """Return the median correlation of patterns, their cutouts displaced as is best: depth and place look alike."""
     return float(np.median([_displaced(a, b).max() for a, b in zip(data, models, strict=True)]))
 

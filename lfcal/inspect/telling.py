@@ -12,7 +12,7 @@ from lfcal.figures import LINES, draw_image, figure
 from lfcal.inspect.finding import Finding, Picture
 from lfcal.inspect.inspection import Inspection
 from lfcal.psf.report.beside import Beside, ToldFault
-from lfcal.units import format_seconds, format_share
+from lfcal.units import format_share
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -45,6 +45,7 @@ def told(inspection: Inspection) -> Beside:
         frozenset(m.key for m in quality.metrics if inspection.withdrawn(m)),
         tuple(inspection.redo()),
         inspection.to_dict(),
+        inspection.judged(),
     )
 
 
@@ -71,8 +72,10 @@ def compared_words(inspection: Inspection) -> str:
         weaker = "the metrics below are weaker than a comparison"
         if inspection.findings:
             weaker = f"the patterns alone show these faults; {weaker}"
+        if inspection.disagreement is not None:
+            return f"the camera disagrees: {inspection.why_not}; {weaker}"
         return f"not compared with a camera: {inspection.why_not}; {weaker}"
-    beside = f"{inspection.compared} patterns compared with the camera in {format_seconds(inspection.seconds)}"
+    beside = f"{inspection.compared} patterns compared with the camera"
     if not inspection.findings:
         return f"{beside}: no fault found"
     scene = scene_words(inspection)

@@ -14,7 +14,15 @@ from lfcal.frames.source import FrameSource
 from lfcal.progress import Work, drain
 from lfcal.psf.spot_path import SpotPath, iter_spot_path
 
-__all__ = ["FoundOrientation", "either_words", "find_orientation", "iter_find_orientation", "orientation_of_path"]
+__all__ = [
+    "AS_IS",
+    "ORIENTATIONS",
+    "FoundOrientation",
+    "either_words",
+    "find_orientation",
+    "iter_find_orientation",
+    "orientation_of_path",
+]
 
 CERTAIN = 4.0
 """The second best orientation must fit so many times worse."""

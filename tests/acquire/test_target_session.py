@@ -7,7 +7,6 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +21,6 @@ from lfcal.acquire.session_file import SessionFile
 from lfcal.acquire.suspects import read_suspects
 from lfcal.axes import Position
 from lfcal.camera import ScanPlan
-from lfcal.campaign.point_fit import iter_fit_points
 from lfcal.devices.protocols import Rig
 from lfcal.devices.simulated.backend import simulated_rig
 from lfcal.devices.simulated.faults import Fault
@@ -30,7 +28,6 @@ from lfcal.devices.simulated.targets import SwitchedRenderer, TargetPattern
 from lfcal.errors import FileFormatError, InputError
 from lfcal.frames import open_frames
 from lfcal.frames.corrections.recipe import CorrectionRecipe, corrected_view
-from lfcal.progress import drain
 from lfcal.targets import Pose, Target, TargetPlan, Wishes, decoded, plan_target
 from tests.acquire.rigs import CAREFUL, rig_for, small_plan
 from tests.acquire.rotting import rot_frame
@@ -101,12 +98,6 @@ def test_darks_and_references_belong_to_it(plan: TargetPlan, session: Path) -> N
     assert not read_suspects(session).positions
     report = verify(session)
     assert report.ok and not report.never_taken
-
-
-def test_a_fit_names_frames_of_the_quick_pattern(session: Path) -> None:
-    points: Any = None  # they are not looked at
-    with open_frames(session) as source, pytest.raises(InputError, match="quick pattern, which has no lenslets"):
-        drain(iter_fit_points(source, points))
 
 
 @pytest.mark.parametrize("at", [3, 9])

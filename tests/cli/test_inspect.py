@@ -91,7 +91,8 @@ def test_control_frames_of_a_session_tell_the_tiling(lfcal: Lfcal, tmp_path: Pat
     record(tmp_path / "session", plan, rig_for(plan), replace(CAREFUL, controls=1))
     assert lfcal("assemble", tmp_path / "session", "-o", tmp_path / "H.h5").code == 0
     without, found = (
-        lfcal("inspect", tmp_path / "H.h5", *more, "--json").json for more in ((), ("--session", tmp_path / "session"))
+        lfcal("inspect", tmp_path / "H.h5", *more, "--json", "--all").json
+        for more in ((), ("--session", tmp_path / "session"))
     )
     assert isinstance(without, dict) and isinstance(found, dict)
     tiling = [next(m for m in report["metrics"] if m["key"] == "tiling") for report in (without, found)]

@@ -16,6 +16,7 @@ from gui.models.form import parse, text_of
 from gui.pages.camera.model import values_of as values_of_camera
 from gui.pages.plan.model import values_of as values_of_plan
 from gui.pages.psf.model import shown_unit
+from gui.pages.quality.model import listed_metrics
 from gui.widgets.form import Form
 from gui.window import MainWindow
 
@@ -172,7 +173,8 @@ def _quality(window: MainWindow, page: Any) -> None:
 def _inspection(found: Any, panel: Any) -> None:
     """Hold the tables against this inspection, and the words beside them against the row that is chosen."""
     assert panel.verdict.text() == found.verdict
-    assert panel.table.rowCount() == len(found.quality.metrics) and panel.faults.rowCount() == len(found.findings)
+    metrics = listed_metrics(found, every=panel.every.isChecked())
+    assert panel.table.rowCount() == len(metrics) and panel.faults.rowCount() == len(found.findings)
     chosen = [
         (kind, table.number_of(index.row()))
         for kind, table in (("fault", panel.faults), ("metric", panel.table))
@@ -180,7 +182,7 @@ def _inspection(found: Any, panel: Any) -> None:
     ]
     assert len(chosen) <= 1, f"{chosen} are chosen at once"
     for kind, number in chosen:
-        title = found.findings[number].title if kind == "fault" else found.quality.metrics[number].spec.title
+        title = found.findings[number].title if kind == "fault" else metrics[number].spec.title
         assert title.lower() in panel.words.toPlainText().lower(), f"{title} is chosen, {panel.words.toPlainText()}"
 
 

@@ -13,7 +13,7 @@ from lfcal.bench._fault_costs import TrueCost
 from lfcal.bench._fault_list import FAULTS
 from lfcal.bench._fault_recordings import CAMERAS, Recording
 from lfcal.inspect import Evidence, Finding, iter_inspection, iter_search
-from lfcal.inspect.cost import Costs, iter_costs
+from lfcal.inspect.cost import FEWEST, Costs, iter_costs
 from lfcal.progress import drain
 from lfcal.psf.quality import inspect
 from tests.inspect.common import (
@@ -156,20 +156,20 @@ def test_no_finding_costs_nothing_and_one_that_nothing_is_known_of_has_no_cost()
     evidence = evidence_of(clean())
     assert drain(iter_costs(evidence, (), None)) == Costs(None, None, ())
     one, cleaned = in_faded()
-    costs = drain(iter_costs(cleaned, (replace(one, put_in=None),), 0.01))
+    costs = drain(iter_costs(cleaned, (replace(one, put_in=None),), FEWEST))
     assert costs.costs == (None,) and costs.clean is not None
 
 
 @pytest.mark.long
 def test_costs_are_the_same_each_time() -> None:
     one, cleaned = in_faded()
-    assert drain(iter_costs(cleaned, (one,), 1e-6)) == drain(iter_costs(cleaned, (one,), 1e-6))
+    assert drain(iter_costs(cleaned, (one,), FEWEST)) == drain(iter_costs(cleaned, (one,), FEWEST))
 
 
 @pytest.mark.long
 def test_a_part_of_the_period_tells_about_the_same() -> None:
     (one,), cleaned = drain(iter_search(evidence_of(noisy(scaled(light(), line(1.0, 0.7))))))
-    (whole,), (part,) = (drain(iter_costs(cleaned, (one,), seconds)).costs for seconds in (None, 1e-6))
+    (whole,), (part,) = (drain(iter_costs(cleaned, (one,), many)).costs for many in (None, FEWEST))
     assert whole is not None and part is not None and whole / 3 < part < 3 * whole
 
 

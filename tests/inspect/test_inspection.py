@@ -34,7 +34,8 @@ def inspected_hot() -> Inspection:
 def test_a_clean_recording_is_good() -> None:
     found = inspected(matrix(clean()))
     assert found.compared == common.PATTERNS and not found.findings and not found.bad
-    assert found.verdict == "This PSF can be used; worth a look: cut off.", "of a small cutout"
+    assert found.verdict.startswith("This PSF can be used; worth a look: cut off. "), "of a small cutout"
+    assert "show no fault" in found.verdict and "Assemble again with a larger cutout" in found.verdict
 
 
 @pytest.mark.long
@@ -50,7 +51,7 @@ def test_a_fault_stands_for_the_metrics_that_it_looks_like() -> None:
 def test_without_a_camera_it_says_that_metrics_are_weaker() -> None:
     found = inspected(PSFMatrix(clean()))
     assert not found.compared and found.why_not == "H has no camera"
-    assert found.verdict == found.quality.verdict
+    assert found.merit == found.quality.merit and "it was not compared with a camera (H has no camera)" in found.verdict
 
 
 @pytest.mark.long
@@ -59,7 +60,8 @@ def test_a_camera_that_does_not_explain_the_patterns_names_no_fault() -> None:
     lattice = replace(camera.lattice, gap_um=1.06 * camera.lattice.gap_um)
     other = PSFMatrix(clean(), depths=plan().depths_um, camera=replace(camera, lattice=lattice), anchor=plan().anchor)
     found = inspected(other, FEWEST)
-    assert not found.findings and not found.compared and "lfcal fit" in found.why_not
+    assert not found.findings and not found.compared and "lfcal fit" in found.verdict
+    assert found.merit != "good" and "the gap of lenslets and sensor is about -5.7 %" in found.verdict
 
 
 def test_a_shift_of_the_anchor_is_no_traceback() -> None:

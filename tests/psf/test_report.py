@@ -16,6 +16,7 @@ from lfcal.camera import preset
 from lfcal.errors import InputError, StorageError
 from lfcal.psf import PSFMatrix
 from lfcal.psf.quality import METRICS, MetricSpec, QualityReport, inspect
+from lfcal.psf.quality.verdict import counted_words
 from lfcal.psf.report import iter_report, report, report_files
 from tests.strict import strict_json
 
@@ -111,7 +112,8 @@ def test_pictures_beside_the_page_are_those_in_it(folder: Path, page: Page) -> N
 
 def test_every_metric_and_what_to_do(page: Page, quality: QualityReport) -> None:
     assert quality.verdict in page.text
-    for metric in quality.metrics:
+    assert f"{counted_words(quality.metrics)}." in page.text
+    for metric in (m for m in quality.metrics if m.applies):
         assert metric.spec.title in page.text and metric.text in page.text and metric.spec.meaning in page.text
         if metric.merit == "bad":
             assert metric.spec.advice in page.text
@@ -131,7 +133,9 @@ def test_redo_is_what_a_session_takes(folder: Path, quality: QualityReport) -> N
 def test_quality_json_is_strict_json(folder: Path, quality: QualityReport) -> None:
     found = strict_json((folder / "quality.json").read_text(encoding="utf-8"))
     assert found["format"] == "lfcal-quality" and found["merit"] == quality.merit
-    assert len(found["metrics"]) == len(quality.metrics) and found["comparison"]["correlation"] == pytest.approx(1)
+    left_out = found["counts"]["not_applicable"]
+    assert len(found["metrics"]) == sum(m.applies for m in quality.metrics) == len(quality.metrics) - left_out
+    assert found["comparison"]["correlation"] == pytest.approx(1)
 
 
 def test_sum_of_the_transpose_is_computed_not_copied(H: PSFMatrix, quality: QualityReport) -> None:

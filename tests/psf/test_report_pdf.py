@@ -41,7 +41,7 @@ def texts(content: list[Block]) -> list[str]:
 @pytest.mark.parametrize("count", [3, pytest.param(None, marks=pytest.mark.long)])
 def test_every_metric_is_on_paper(H: PSFMatrix, quality: QualityReport, count: int | None) -> None:
     drawn = [draw() for draw in pictures(H, quality, None, None)[:count]]
-    content = blocks(H, quality, drawn)
+    content = blocks(H, quality, drawn, every=True)
     pages = texts(content)
     whole = " ".join(pages)
     assert len(pages) > 2 and quality.verdict.split(":")[0] in pages[0] and "bench of $5 & <b>" in pages[0]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QCheckBox, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
 from gui.pages.quality.evidence_view import EvidenceView
 from gui.pages.quality.model import FaultRow, MetricRow, QualitySettings, camera_choices
@@ -36,6 +36,8 @@ class InspectPanel(QWidget):
         The camera of a saved fit is wanted.
     fault_asked(name)
         What the atlas tells of a fault is wanted.
+    every_toggled(on)
+        All metrics are to be listed, or those that apply.
     fault_chosen(row), metric_chosen(row)
         Another fault, or metric, is looked at.
     """
@@ -43,6 +45,7 @@ class InspectPanel(QWidget):
     edited = Signal(str, object)
     folder_asked = Signal()
     fault_asked = Signal(str)
+    every_toggled = Signal(bool)
     fault_chosen = Signal(int)
     metric_chosen = Signal(int)
 
@@ -112,7 +115,16 @@ class InspectPanel(QWidget):
         column.addWidget(heading("Faults by the camera's model"))
         column.addWidget(self.no_faults)
         column.addWidget(self.faults)
-        column.addWidget(heading("Metrics that need no model"))
+        self.counts = QLabel()
+        self.counts.setProperty("role", "hint")
+        self.every = QCheckBox("List all")
+        self.every.setToolTip("List metrics that do not apply to this H, too")
+        self.every.toggled.connect(self.every_toggled.emit)
+        head = QHBoxLayout()
+        head.addWidget(heading("Metrics that need no model"))
+        head.addWidget(self.counts, 1)
+        head.addWidget(self.every)
+        column.addLayout(head)
         column.addWidget(self.table, 1)
         column.addWidget(self.words)
         return frame

@@ -25,8 +25,10 @@ __all__ = [
     "MetricRow",
     "QualitySettings",
     "concerned",
+    "count_words",
     "fault_rows",
     "fault_words",
+    "listed_metrics",
     "map_of",
     "marked",
     "merit_of",
@@ -45,9 +47,10 @@ CAMERAS = (("fitted", "fitted, else described"), ("own", "as H describes it"))
 FIELDS = (
     Field(
         "seconds",
-        "Compare for",
+        "Time limit",
         "s",
-        tip="Time for comparing patterns with the camera: more patterns tell smaller faults.\n0 leaves it out.",
+        tip="Longest time of the comparison with the camera. If it is reached, the verdict is “not fully judged”.\n"
+        "0 leaves the comparison out.",
     ),
     Field(
         "camera",
@@ -69,7 +72,7 @@ class QualitySettings(PageSettings):
     Attributes
     ----------
     seconds
-        Time for comparing patterns with the camera; 0 leaves that out.
+        Longest time of the comparison with the camera; 0 leaves that out.
     camera
         One of `CAMERAS`, or ``"saved"``: that of ``fit``.
     fit
@@ -80,7 +83,7 @@ class QualitySettings(PageSettings):
 
     page: ClassVar[str] = "quality"
 
-    seconds: float = 10.0
+    seconds: float = 1800.0
     camera: str = "fitted"
     fit: str = ""
     by_number: bool = False
@@ -198,12 +201,24 @@ def marked(positions: NDArray[np.intp], z: int) -> NDArray[np.intp]:
 
 
 # -- metrics -----------------------------------------------------------------------------------------------
-def metric_rows(inspection: Inspection) -> tuple[MetricRow, ...]:
-    """Return the metrics in the report's order; what a fault stands for, or what is refuted, says so."""
+def listed_metrics(inspection: Inspection, *, every: bool = False) -> tuple[Metric, ...]:
+    """Return the metrics that are listed, in the report's order; with ``every`` also those that do not apply."""
+    return tuple(m for m in inspection.quality.metrics if every or m.applies)
+
+
+def count_words(inspection: Inspection) -> str:
+    """Return how many metrics are good, and how many do not apply."""
+    from lfcal.psf.quality.verdict import counted_words
+
+    return capital(counted_words(inspection.quality.metrics))
+
+
+def metric_rows(inspection: Inspection, *, every: bool = False) -> tuple[MetricRow, ...]:
+    """Return `listed_metrics` as rows; what a fault stands for, or what is refuted, says so."""
     from lfcal.psf.report.page import limits
 
     rows = []
-    for m in inspection.quality.metrics:
+    for m in listed_metrics(inspection, every=every):
         cost = m.cost_text if m.cost > 0 else "–"
         merit, told = told_of(inspection, m)
         rows.append(MetricRow(m.key, m.spec.title, m.text, *limits(m), merit, told, cost))
@@ -212,12 +227,15 @@ def metric_rows(inspection: Inspection) -> tuple[MetricRow, ...]:
 
 def told_of(inspection: Inspection, metric: Metric) -> tuple[str, str]:
     """Return the merit by which a metric is coloured, and the word for it."""
+    from lfcal.psf.quality.verdict import merit_of as merit_of_metric
+    from lfcal.psf.quality.verdict import merit_word
+
     if metric.merit in ("bad", "fair"):
         if inspection.settled(metric) is not None:
             return "unknown", "see fault"
         if inspection.withdrawn(metric):
             return "unknown", "not confirmed"
-    return metric.merit, metric.merit
+    return merit_of_metric(metric), merit_word(metric)
 
 
 def metric_words(inspection: Inspection, metric: Metric) -> str:

@@ -68,12 +68,15 @@ class Kept:
     ----------
     report, depths
         The metrics that need no camera, and the depths of the planes (µm).
+    camera
+        Whether H states a camera.
     inspection
         The same beside the camera.
     """
 
     report: QualityReport | None = None
     depths: NDArray[np.float64] | None = None
+    camera: bool = False
     inspection: Inspection | None = None
 
 
@@ -95,11 +98,10 @@ def iter_judge(asked: Question, kept: Kept) -> Work[None]:
         matrix = opened.T if opened.is_transposed else opened
         setup = _setup_of(asked, matrix)
         report = yield from iter_inspect(matrix)
-        kept.depths, kept.report = np.array(matrix.known_depths), report
-        if asked.seconds > 0:
-            found = yield from iter_inspection(matrix, report, setup=setup, seconds=asked.seconds)
-            # what takes a fault out of patterns holds on to them
-            kept.inspection = replace(found, findings=tuple(replace(one, repair=None) for one in found.findings))
+        kept.depths, kept.report, kept.camera = np.array(matrix.known_depths), report, matrix.camera is not None
+        found = yield from iter_inspection(matrix, report, setup=setup, seconds=asked.seconds)
+        # what takes a fault out of patterns holds on to them
+        kept.inspection = replace(found, findings=tuple(replace(one, repair=None) for one in found.findings))
 
 
 def _setup_of(asked: Question, matrix: PSFMatrix) -> Setup | None:
@@ -123,7 +125,8 @@ def judged(kept: Kept, why_not: str) -> Inspection | None:
 
     if kept.inspection is not None or kept.report is None:
         return kept.inspection
-    return Inspection(kept.report, (), 0, 0.0, why_not, 0.0)
+    unfinished = f"the comparison with the camera is missing ({why_not})" if kept.camera else ""
+    return Inspection(kept.report, (), 0, 0.0, why_not, 0.0, unfinished=unfinished)
 
 
 def iter_write_report(psf: str, folder: str, inspection: Inspection | None) -> Work[Path]:

@@ -17,6 +17,7 @@ from gui.pages.quality.comparing import Comparing
 from gui.pages.quality.model import (
     QualitySettings,
     capital,
+    count_words,
     fault_rows,
     metric_rows,
     summary_of,
@@ -58,6 +59,7 @@ class Page(BasePage):
         inspect.form.check = self._check
         inspect.edited.connect(self._edited)
         inspect.folder_asked.connect(self.choose_fit)
+        inspect.every_toggled.connect(lambda on: self._show())
         self.set_panel(self.panel)
         self.shortcut("F5", self.begin)
         self.theme_changed.connect(self._apply_theme)
@@ -239,12 +241,16 @@ class Page(BasePage):
         if found is None or asked is None:
             return
         self.show_body()
-        self.context.attention.emit("quality", found.bad)
-        settings = with_found(self.context.state, "quality", asked.stamp, not found.bad)
+        usable = found.merit in ("good", "fair")
+        self.context.attention.emit("quality", not usable)
+        settings = with_found(self.context.state, "quality", asked.stamp, usable)
         self.context.project.note(settings=settings)
-        self.showing.start(found)
+        inspect = self.panel.inspect
+        every = inspect.every.isChecked()
+        self.showing.start(found, every=every)
+        inspect.counts.setText(count_words(found))
         words = self._summary(found, asked)
-        self.panel.inspect.show_all(found.verdict, found.merit, words, fault_rows(found), metric_rows(found))
+        inspect.show_all(found.verdict, found.merit, words, fault_rows(found), metric_rows(found, every=every))
 
     def _summary(self, found: Inspection, asked: Question) -> str:
         words = summary_of(found, asked.source)

@@ -14,6 +14,7 @@ from gui.pages.quality.model import (
     capital,
     concerned,
     fault_words,
+    listed_metrics,
     map_of,
     marked,
     metric_words,
@@ -40,6 +41,7 @@ class Showing:
         self._found: Inspection | None = None
         self._finding: Finding | None = None
         self._metric: Metric | None = None
+        self._metrics: tuple[Metric, ...] = ()
         self._z = 0
         panel.fault_chosen.connect(self._fault_chosen)
         panel.metric_chosen.connect(self._metric_chosen)
@@ -49,16 +51,17 @@ class Showing:
         evidence.plane_asked.connect(lambda: context.go.emit("psf", (self._z, 0, 0)))
         evidence.position_clicked.connect(self._position_clicked)
 
-    def start(self, found: Inspection) -> None:
-        """Begin with an inspection; what is chosen next is of it."""
+    def start(self, found: Inspection, *, every: bool = False) -> None:
+        """Begin with an inspection, of which ``every`` metric is listed; what is chosen next is of it."""
         self.release()
-        self._found = found
+        self._found, self._metrics = found, listed_metrics(found, every=every)
         self._z = min(self._z, planes_of(found) - 1)
         self._panel.evidence.set_planes(planes_of(found), self._z)
 
     def release(self) -> None:
         """Forget the inspection."""
         self._found = self._finding = self._metric = None
+        self._metrics = ()
 
     @property
     def chosen(self) -> Finding | Metric | None:
@@ -95,9 +98,9 @@ class Showing:
     # -- metrics ---------------------------------------------------------------------------------------
     def _metric_chosen(self, row: int) -> None:
         found = self._found
-        if found is None or not 0 <= row < len(found.quality.metrics):
+        if found is None or not 0 <= row < len(self._metrics):
             return
-        metric = found.quality.metrics[row]
+        metric = self._metrics[row]
         self._finding, self._metric = None, metric
         self._panel.show_words(metric_words(found, metric))
         depths, values = found.quality.depths, metric.per_plane

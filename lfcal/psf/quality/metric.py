@@ -163,6 +163,8 @@ class MetricSpec:
         Whether the positions it names should be recorded again.
     verdict_detail
         Whether the verdict says what was found instead of the title.
+    if_unknown
+        Why the value may be unknown of an H that the metric does apply to; empty: it then does not apply.
 
     Examples
     --------
@@ -197,6 +199,7 @@ class MetricSpec:
     overall: Literal["worst", "sum"] = "worst"
     redo: bool = False
     verdict_detail: bool = False
+    if_unknown: str = ""
 
     def __post_init__(self) -> None:
         """Check that there is exactly one function, and that all words are there."""
@@ -260,6 +263,11 @@ class Metric:
     def key(self) -> str:
         """Name in JSON."""
         return self.spec.key
+
+    @property
+    def applies(self) -> bool:
+        """Whether the metric says something of this H: a value, or why there is none."""
+        return self.merit != "unknown" or bool(self.detail)
 
     @property
     def text(self) -> str:
@@ -338,7 +346,7 @@ def judge(spec: MetricSpec, readings: Sequence[Reading], shape: tuple[int, int, 
         per_plane,
         _maps(readings, (ny, nx)),
         np.argwhere(named),
-        "; ".join(sorted({r.detail for r in readings} - {""})),
+        "; ".join(sorted({r.detail for r in readings} - {""})) or (spec.if_unknown if math.isnan(value) else ""),
     )
 
 

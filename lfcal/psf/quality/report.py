@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from lfcal.psf.aperture import Aperture, FNumber, Iris
 from lfcal.psf.quality.metric import RANK, Merit, Metric
 from lfcal.psf.quality.periodicity import Periodicity
-from lfcal.units import format_length, format_plane
+from lfcal.psf.quality.verdict import Problem, counted, judged_sentence, merit_of, problems_of
+from lfcal.units import format_count, format_length, format_plane
 
 __all__ = ["QualityReport"]
 
@@ -95,8 +96,8 @@ class QualityReport:
 
     @property
     def merit(self) -> Merit:
-        """The worst merit of any metric that is known."""
-        return min((m.merit for m in self.metrics), key=RANK.__getitem__, default="unknown")
+        """The worst merit that any metric that is known gives H."""
+        return min((merit_of(m) for m in self.metrics), key=RANK.__getitem__, default="unknown")
 
     @property
     def cost(self) -> float:
@@ -104,22 +105,18 @@ class QualityReport:
         return math.sqrt(sum(m.cost**2 for m in self.metrics if m.merit != "unknown"))
 
     @property
+    def problems(self) -> tuple[Problem, ...]:
+        """What is wrong with H, the worst first."""
+        return problems_of(self.metrics, self.shape)
+
+    @property
     def verdict(self) -> str:
-        """One sentence for people."""
-        alarms = self.alarms
-        if alarms:
-            names = ", ".join(_in_verdict(m) for m in alarms[:3])
-            more = f" and {len(alarms) - 3} more" if len(alarms) > 3 else ""
-            return f"This PSF should not be used as it is: {names}{more}."
-        fair = [m.spec.title.lower() for m in self.metrics if m.merit == "fair"]
-        if fair:
-            more = f" and {len(fair) - 4} more" if len(fair) > 4 else ""
-            return f"This PSF can be used; worth a look: {', '.join(fair[:4])}{more}."
-        known = sum(m.merit != "unknown" for m in self.metrics)
-        if not known:
+        """What is wrong with H, where, what it costs, what to do, and what remains then."""
+        known = sum(m.merit == "good" for m in self.metrics)
+        if not known and not self.problems:
             return "Nothing could be measured: it is not known whether this PSF is good."
-        rest = len(self.metrics) - known
-        return f"This PSF is good by {known} metrics; {rest} are unknown." if rest else "This PSF is good."
+        words = f"good by {format_count(known, 'metric', 'metrics')}; it was not compared with a camera"
+        return judged_sentence(self.problems, words)
 
     def redo(self, without: Collection[str] = ()) -> list[tuple[tuple[int, int, int], str]]:
         """Return positions (z, y, x) to record again with the reasons, in scan order, but for metrics ``without``."""
@@ -131,8 +128,8 @@ class QualityReport:
                     reasons.setdefault((z, y, x), []).append(metric.spec.title.lower())
         return [(place, ", ".join(reasons[place])) for place in sorted(reasons)]
 
-    def to_dict(self) -> dict[str, object]:
-        """Return everything but the maps as plain values."""
+    def to_dict(self, *, every: bool = False) -> dict[str, object]:
+        """Return everything but the maps as plain values; with ``every`` metrics that do not apply, too."""
         return {
             "format": "lfcal-quality",
             "version": 1,
@@ -140,7 +137,9 @@ class QualityReport:
             "merit": self.merit,
             "verdict": self.verdict,
             "cost": self.cost,
-            "metrics": [m.to_dict() for m in self.metrics],
+            "problems": [asdict(one) for one in self.problems],
+            "counts": counted(self.metrics),
+            "metrics": [m.to_dict() for m in self.metrics if every or m.applies],
             "planes": [self._plane(z) for z in range(self.shape[0])],
             "iris": self.iris,
             "working_f_number": self.f_number,
@@ -157,7 +156,3 @@ class QualityReport:
             "energy": float(self.energy[z]),
             "aperture": self.apertures[z],
         }
-
-
-def _in_verdict(metric: Metric) -> str:
-    return metric.detail if metric.spec.verdict_detail and metric.detail else metric.spec.title.lower()

@@ -53,6 +53,8 @@ class Beside:
         Positions (z, y, x) to record again with the reasons.
     record
         All of it as plain values.
+    judged
+        What of the metrics' plain values it replaces: verdict, problems, positions.
     """
 
     verdict: str
@@ -63,3 +65,4 @@ class Beside:
     withdrawn: frozenset[str] = frozenset()
     redo: tuple[tuple[tuple[int, int, int], str], ...] = ()
     record: Mapping[str, Any] = field(default_factory=dict)
+    judged: Mapping[str, Any] = field(default_factory=dict)

@@ -15,6 +15,7 @@ from lfcal.psf.aperture.shape import KINDS, with_error
 from lfcal.psf.compare import Comparison
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.quality import Metric, QualityReport
+from lfcal.psf.quality.verdict import counted_words, merit_of, merit_word
 from lfcal.psf.report.beside import Beside
 from lfcal.psf.report.parts import document, figures, section, table, text
 from lfcal.psf.report.pictures import Picture
@@ -36,15 +37,20 @@ def page(
     comparison: Comparison | None = None,
     reference: str = "",
     beside: Beside | None = None,
+    *,
+    every: bool = False,
 ) -> str:
-    """Return the report of ``H`` as one HTML document without scripts or links to anything outside."""
+    """Return the report of ``H`` as one HTML document without scripts or links to anything outside.
+
+    With ``every`` metrics that do not apply are listed, too.
+    """
     name = Path(H.path).name or "PSF matrix"
     sections = [
         _verdict(quality) if beside is None else _last_word(beside),
         _facts(H, quality, redo_of(quality, beside)),
         "" if beside is None else section("Beside the camera's model", _faults(beside)),
         _actions(quality, beside),
-        section("Metrics", _metrics(quality)),
+        section("Metrics", _metrics(quality, every)),
         section("Aperture", _apertures(H, quality) + figures(pictures, "aperture")),
         section("H and its transpose", figures(pictures, "slices")),
         section("Maps over source positions", figures(pictures, "maps")),
@@ -62,8 +68,8 @@ def page(
     )
 
 
-def _merit(merit: str) -> str:
-    return f'<span class="merit {merit}">{merit}</span>'
+def _merit(metric: Metric) -> str:
+    return f'<span class="merit {merit_of(metric)}">{merit_word(metric)}</span>'
 
 
 def _number(value: float, digits: int = 3) -> str:
@@ -105,13 +111,12 @@ def _faults(beside: Beside) -> str:
 
 def _facts(H: PSFMatrix, quality: QualityReport, redo: Sequence[object]) -> str:
     nz, ny, nx, nt, ns = quality.shape
-    counts = {m: sum(k.merit == m for k in quality.metrics) for m in ("good", "fair", "bad", "unknown")}
     facts = [
         ("source positions y × x", f"{ny} × {nx}"),
         (f"depth planes, {quality.extent or 'depths not stated'}", str(nz)),
         ("cutout t × s", f"{nt} × {ns} px"),
         (f"of values, {H.dtype}", format_bytes(H.nbytes)),
-        ("metrics good / fair / bad / unknown", "{good} / {fair} / {bad} / {unknown}".format(**counts)),
+        ("metrics", counted_words(quality.metrics)),
         ("positions to record again", str(len(redo))),
     ]
     return (
@@ -142,21 +147,23 @@ def _actions(quality: QualityReport, beside: Beside | None) -> str:
     return section("What to do", body)
 
 
-def _metrics(quality: QualityReport) -> str:
+def _metrics(quality: QualityReport, every: bool) -> str:
     def row(m: Metric) -> list[str]:
         words = text(m.spec.meaning) + (f" <b>{text(m.detail)}.</b>" if m.detail else "")
         if m.merit in ("bad", "fair"):
             words += f' <span class="advice {m.merit}">{text(m.spec.advice)}</span>'
         best, worst = limits(m)
         name = f'<b class="nb">{text(m.spec.title)}</b>'
-        return [_merit(m.merit), name, text(value_text(m)), text(best), text(worst), m.cost_text, words]
+        return [_merit(m), name, text(value_text(m)), text(best), text(worst), m.cost_text, words]
 
     note = (
         '<p class="note">Cost: error of a reconstruction (NRMSE) that a fault of this size makes: measured with this '
         "H, or typical, what it makes as a rule.</p>"
     )
+    count = f"<p>{text(counted_words(quality.metrics))}.</p>"
     headers = ("merit", "metric", "value", "good", "bad", "cost", "meaning and advice")
-    return table(headers, map(row, quality.metrics), (2, 3, 4, 5)) + note
+    shown = [m for m in quality.metrics if every or m.applies]
+    return count + table(headers, map(row, shown), (2, 3, 4, 5)) + note
 
 
 def value_text(metric: Metric) -> str:

@@ -15,6 +15,7 @@ from lfcal import __version__
 from lfcal.figures import COLOURS, figure
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.quality import QualityReport
+from lfcal.psf.quality.verdict import counted_words, merit_word
 from lfcal.psf.report.beside import Beside
 from lfcal.psf.report.page import limits, redo_of, value_text
 from lfcal.psf.report.pictures import Picture
@@ -107,9 +108,17 @@ def _pixels(png: bytes) -> tuple[int, int]:
 
 
 def blocks(
-    H: PSFMatrix, quality: QualityReport, pictures: Sequence[Picture], beside: Beside | None = None
+    H: PSFMatrix,
+    quality: QualityReport,
+    pictures: Sequence[Picture],
+    beside: Beside | None = None,
+    *,
+    every: bool = False,
 ) -> list[Block]:
-    """Return everything that the pages hold, in their order: what a decision needs comes first."""
+    """Return everything that the pages hold, in their order: what a decision needs comes first.
+
+    With ``every`` metrics that do not apply are listed, too.
+    """
     merit = quality.merit if beside is None else beside.merit
     nz, ny, nx, nt, ns = quality.shape
     ends = quality.extent or "depths not stated"
@@ -123,7 +132,8 @@ def blocks(
     ]
     if beside is not None:
         found += _faults(beside)
-    return [*found, *_actions(quality, beside), *_metrics(quality, beside), *_apertures(quality), *_drawn(pictures)]
+    found += [*_actions(quality, beside), *_metrics(quality, beside, every)]
+    return [*found, *_apertures(quality), *_drawn(pictures)]
 
 
 def _heading(text: str) -> Block:
@@ -162,17 +172,18 @@ AT = (0.0, 0.65, 2.55, 4.25, 4.95, 5.65)
 """Where the columns of the table of metrics begin (inches)."""
 
 
-def _metrics(quality: QualityReport, beside: Beside | None) -> Iterator[Block]:
+def _metrics(quality: QualityReport, beside: Beside | None, every: bool) -> Iterator[Block]:
     yield _heading("Metrics")
+    yield Block(f"{counted_words(quality.metrics)}.", keep=True)
     yield Block(cells=("merit", "metric", "value", "good", "bad", "cost or cause"), at=AT, size=8, bold=True, keep=True)
     settled = {} if beside is None else beside.settled
     gone = frozenset[str]() if beside is None else beside.withdrawn
-    for m in quality.metrics:
+    for m in (m for m in quality.metrics if every or m.applies):
         cause = settled.get(m.key, "")
         told = m.merit in ("bad", "fair")
         last = f"see {cause}" if cause and told else "not confirmed" if m.key in gone and told else m.cost_text
         tone = COLOURS["muted"] if told and (cause or m.key in gone) else COLOURS.get(m.merit, COLOURS["muted"])
-        cells = (m.merit, m.spec.title, value_text(m), *limits(m), last)
+        cells = (merit_word(m), m.spec.title, value_text(m), *limits(m), last)
         yield Block(cells=cells, at=AT, size=8, colour=tone, gap=0.02)
 
 

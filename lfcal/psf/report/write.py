@@ -60,6 +60,7 @@ def iter_report(
     controls: Controls | None = None,
     workers: int | None = None,
     beside: Beside | None = None,
+    every: bool = False,
 ) -> Work[Path]:
     """Inspect H; write page, pictures, ``report.pdf``, ``quality.json`` and ``redo.json`` into ``folder``.
 
@@ -81,6 +82,8 @@ def iter_report(
         Threads; every processor by default.
     beside
         What a comparison with the camera found: it has the last word.
+    every
+        Whether metrics that do not apply are listed, too.
 
     Raises
     ------
@@ -118,14 +121,14 @@ def iter_report(
         yield clock.at(k)
         drawn.append(draw())
     yield clock.at(len(draws))
-    paper = pdf(blocks(H, quality, drawn, beside), f"{Path(H.path).name or 'PSF matrix'}: PSF quality")
+    paper = pdf(blocks(H, quality, drawn, beside, every=every), f"{Path(H.path).name or 'PSF matrix'}: PSF quality")
     yield clock.at(len(draws) + 1)
-    text = page(H, quality, drawn, comparison, other.path if other is not None else "", beside)
+    text = page(H, quality, drawn, comparison, other.path if other is not None else "", beside, every=every)
     # the page comes last: where it exists, every file that it links to exists
     files = {p.name: p.png for p in drawn}
-    result = quality.to_dict() | ({} if comparison is None else {"comparison": comparison.to_dict()})
+    result = quality.to_dict(every=every) | ({} if comparison is None else {"comparison": comparison.to_dict()})
     if beside is not None:
-        result |= {"model": dict(beside.record), "merit": beside.merit, "verdict": beside.verdict}
+        result |= {"model": dict(beside.record), "merit": beside.merit, "verdict": beside.verdict} | dict(beside.judged)
     result |= {"inspected": datetime.now(UTC).isoformat(timespec="seconds")}
     redo = redo_list(quality, beside)
     files |= {PAPER: paper, "quality.json": _json(result), "redo.json": _json(redo), PAGE: text.encode()}

@@ -13,10 +13,12 @@ from scipy import ndimage
 
 from lfcal.inspect import Inspection
 from lfcal.plain import plain
+from lfcal.progress import drain
 from lfcal.psf import PSFMatrix
 from lfcal.psf.quality import METRICS, UNKNOWN, Limits, Metric, MetricSpec, QualityReport, Reading, inspect
 from lfcal.psf.quality.metric import judge
-from lfcal.psf.report import report as write_report
+from lfcal.psf.quality.verdict import counted_words
+from lfcal.psf.report import iter_report
 from tests.psf.plain_report import undrawn
 
 from .faults import base, matrix
@@ -78,7 +80,7 @@ def report() -> QualityReport:
 
 
 def test_unknown_is_unknown_in_json(report: QualityReport) -> None:
-    lines = {m["key"]: m for m in json.loads(json.dumps(plain(report.to_dict())))["metrics"]}
+    lines = {m["key"]: m for m in json.loads(json.dumps(plain(report.to_dict(every=True))))["metrics"]}
     for key in ("saturation", "period", "depth", "tiling"):
         line = lines[key]
         assert (line["merit"], line["value"], line["cost"], line["advice"]) == ("unknown", None, None, "")
@@ -92,11 +94,15 @@ def test_unknown_is_unknown_for_people(
     from gui.pages.quality.model import metric_rows
 
     undrawn(monkeypatch)
-    rows = {row.key: row for row in metric_rows(Inspection(report, (), 0, 0.0, "no camera is known", 0.0))}
+    found = Inspection(report, (), 0, 0.0, "no camera is known", 0.0)
+    rows = {row.key: row for row in metric_rows(found, every=True)}
+    assert "saturation" not in {row.key for row in metric_rows(found)}, "metrics that do not apply are counted"
+    assert "not applicable" in counted_words(report.metrics)
     assert (rows["saturation"].value, rows["saturation"].merit, rows["saturation"].cost) == ("unknown", "unknown", "–")
-    assert "unknown" in report.verdict and report.merit == "good"
+    assert "not compared with a camera" in report.verdict and report.merit == "good"
     folder = tmp_path_factory.mktemp("report")
-    text = write_report(PSFMatrix(base(hexagonal())), folder, quality=report).read_text(encoding="utf-8")
+    work = iter_report(PSFMatrix(base(hexagonal())), folder, quality=report, every=True)
+    text = drain(work).read_text(encoding="utf-8")
     row = text[text.index("Saturated pixels") - 200 :][:400]
     assert '<span class="merit unknown">unknown</span>' in row and ">unknown</td>" in row and "nan" not in row
 

@@ -15,9 +15,10 @@ def _scan_order(plane: PlaneMeasures) -> Reading:
     turned, spots = plane.positions.turned, plane.positions.spots
     if turned != AS_IS:
         return Reading(1.0, detail=either_words(turned))
-    if spots is None:
+    # spots of a mirrored array run as planned, too
+    if spots is None or spots.order == "as planned":
         return UNKNOWN
-    return Reading(float(spots.order != "as planned"), detail=ORDERS[spots.order])
+    return Reading(1.0, detail=ORDERS[spots.order])
 
 
 def _misplaced(plane: PlaneMeasures) -> Reading:
@@ -42,6 +43,7 @@ METRICS = (
         "corrected; no new recording is needed.",
         overall="sum",
         verdict_detail=True,
+        if_unknown="no camera confirms it",
         of_plane=_scan_order,
     ),
     MetricSpec(

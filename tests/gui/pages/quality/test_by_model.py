@@ -15,7 +15,7 @@ from pytestqt.qtbot import QtBot
 from gui.models.fitted import FittedCamera
 from gui.models.project import ProjectState
 from gui.models.stamp import stamp_of
-from gui.pages.quality.model import QualitySettings, fault_words, metric_rows, worst_positions
+from gui.pages.quality.model import QualitySettings, fault_words, listed_metrics, metric_rows, worst_positions
 from gui.pages.quality.model_run import Kept, Question, asked_of, iter_judge
 from gui.pages.quality.page import Page
 from lfcal.errors import InputError
@@ -28,7 +28,7 @@ from tests.gui.waiting import GUARD_MS, idle
 from tests.inspect.common import added, clean, matrix, plan, sensor
 from tests.psf.plain_report import undrawn
 
-SECONDS = QualitySettings(seconds=0.5)
+SECONDS = QualitySettings(seconds=600.0)
 
 
 def faulty(path: Path) -> Path:
@@ -122,7 +122,7 @@ def test_metrics_that_a_fault_makes_point_at_it(page: Page, qtbot: QtBot) -> Non
     settled = [m.key for m in found.quality.metrics if found.settled(m) is not None and m.merit in ("bad", "fair")]
     assert settled and all(told[key] == "see fault" for key in settled)
     inspect = page.panel.inspect
-    inspect.table.selectRow([m.key for m in found.quality.metrics].index(settled[0]))
+    inspect.table.selectRow([m.key for m in listed_metrics(found)].index(settled[0]))
     assert "which makes it" in inspect.words.toPlainText() and not inspect.faults.selectedIndexes()
 
 

@@ -10,7 +10,7 @@ import pytest
 from pytestqt.qtbot import QtBot
 
 from gui.jobs import JobState
-from gui.pages.quality.model import map_of, metric_rows, metric_words, worst_positions
+from gui.pages.quality.model import listed_metrics, map_of, metric_rows, metric_words, worst_positions
 from gui.window import MainWindow
 from lfcal.errors import InputError
 from lfcal.progress import Progress, Work
@@ -40,13 +40,18 @@ def test_from_h_to_the_list_of_positions(window: MainWindow, qtbot: QtBot, tmp_p
     page: Any = window.page("quality")
     found, panel = page.inspection, page.panel.inspect
     report = found.quality
-    assert panel.table.rowCount() == len(report.metrics) == len(metric_rows(found))
+    listed = listed_metrics(found)
+    assert panel.table.rowCount() == len(listed) == len(metric_rows(found)) < len(report.metrics)
+    assert "not applicable" in panel.counts.text()
+    panel.every.click()
+    assert panel.table.rowCount() == len(report.metrics)
+    panel.every.click()
     assert panel.verdict.text() == found.verdict and "H has no camera" in panel.summary.text()
     assert panel.faults.isHidden() and not panel.no_faults.isHidden()
     assert (1, 2, 3) in worst_positions(found)
-    missing = next(k for k, m in enumerate(report.metrics) if "issing" in m.spec.title)
+    missing = next(k for k, m in enumerate(listed) if "issing" in m.spec.title)
     panel.table.selectRow(missing)
-    assert "What to do" in metric_words(found, report.metrics[missing]) and panel.words.toPlainText()
+    assert "What to do" in metric_words(found, listed[missing]) and panel.words.toPlainText()
     panel.evidence.slider.setValue(1)
     mapped = [m for m in report.metrics if map_of(m, 1) is not None]
     assert mapped and map_of(mapped[0], 99) is None
