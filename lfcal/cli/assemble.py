@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import time
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -27,6 +28,7 @@ from lfcal.cli.options import (
 from lfcal.cli.regions import make_regions
 from lfcal.cli.runs import may_replace, run_choice, run_kept
 from lfcal.cli.scan_frames import ScanFrames
+from lfcal.errors import InputError
 
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
@@ -146,6 +148,8 @@ def command(
     from lfcal.psf.assemble_plan import AssemblySettings
 
     check_choice(orientation)
+    if lost != AssemblySettings.lost and cutout != "auto":
+        raise InputError.expected("--lost", "--cutout auto", cutout or "the plan's cutout", "leave it out")
     place = parse_origin(origin)
     words = ScanFrames(frames, plan, manifest, pattern, order, columns, first, skip_damaged, orientation, place)
     # A manifest's frames lie beside it.
@@ -184,6 +188,10 @@ def command(
             "--origin": place is not None,
             "--executor": bool(executor or scheduler or resume),
             "--store-tolerance": store_tolerance is not None,
+            "--pattern": bool(pattern),
+            "--order": bool(order),
+            "--columns": bool(columns),
+            "--first": first is not None,
         }
         how = _How(settings, orientation, half_cell, None, skip_damaged, True)
         several = _assemble_regions(words, out, replace(recipe, channel=channel), how, shift, one)
@@ -205,6 +213,8 @@ def command(
                 "--pattern": pattern,
                 "--order": order,
                 "--manifest": manifest,
+                "--columns": columns,
+                "--first": first is not None,
                 "--shift": shift != "0",
                 "--orientation": orientation not in ("check", "as-is"),
                 "--executor": executor or scheduler or resume,
@@ -320,12 +330,10 @@ def _assemble_regions(
 
 def parse_cutout(text: str) -> tuple[int, int] | str | None:
     """Return the cutout written as ``61``, ``61,81`` or ``auto``; None for empty."""
-    from lfcal.errors import InputError
-
     if text in ("", "auto"):
         return text or None
     try:
-        sizes = [int(part) for part in text.split(",")]
+        sizes = [int(part) for part in re.split("[,x×]", text)]
     except ValueError:
         sizes = []
     if len(sizes) not in (1, 2):

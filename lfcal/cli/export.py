@@ -48,7 +48,7 @@ def command(
     Example: `lfcal export H.h5 -o H.mat`
     """
     from lfcal.cli.console import print_json, report, report_dark, run_work
-    from lfcal.cli.matrices import check_mat_files
+    from lfcal.cli.matrices import check_mat_files, report_regions
     from lfcal.cli.outputs import check_outputs
     from lfcal.psf.export import ExportOptions, export_files, export_notes, iter_export
     from lfcal.psf.opening import open_psf, opening_notes
@@ -77,6 +77,7 @@ def command(
         files = export_files(matrix, out, options.position)
         check_outputs(files, source, force=force)
         work = iter_export(matrix, out, **options.given())
+        report_regions(source, H, "written")
         dark = report_dark(matrix)
         run_work(work, quiet=json)
         notes = (*opening_notes(H), *export_notes(matrix, out, options))

@@ -10,7 +10,7 @@ from lfcal.cli.console import report
 if TYPE_CHECKING:
     from lfcal.psf import PSFMatrix
 
-__all__ = ["check_mat_files", "open_matrix", "report_missing"]
+__all__ = ["check_mat_files", "open_matrix", "report_missing", "report_regions"]
 
 
 def open_matrix(path: Path, *, region: str = "", mat_order: str = "", quiet: bool = False) -> PSFMatrix:
@@ -31,6 +31,14 @@ def open_matrix(path: Path, *, region: str = "", mat_order: str = "", quiet: boo
     for note in () if quiet else opening_notes(matrix):
         report(f"note: {path.name}: {note}")
     return matrix
+
+
+def report_regions(path: Path, matrix: PSFMatrix, done: str) -> None:
+    """Print that of an H file with several regions of the field one alone is ``done`` (used, written)."""
+    from lfcal.psf.opening import regions_of
+
+    if len(names := regions_of(path)) > 1:
+        report(f"note: of {len(names)} regions of the field {matrix.region or 'the first'} alone is {done}")
 
 
 def report_missing(matrix: PSFMatrix) -> int:

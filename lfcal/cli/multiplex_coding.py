@@ -93,6 +93,10 @@ def coding(
     if out is not None:
         check_output(out, source, sensor, force=force)
     check_mat_files(mat_order, Path(source))
+    if density != 0.5 and code != "random":
+        raise InputError.expected("--density", "--code random", f"--code {code}", "leave it out")
+    if repeat and patterns is None:
+        raise InputError.expected("--repeat", "--patterns", "none", "name a folder with --patterns, or leave it out")
     screen = _display(display)
     rng = np.random.default_rng(seed)
     lit = code_matrix(code, points, frames=frames, density=density, rng=rng)
@@ -210,6 +214,8 @@ def _plane(
     if Path(source).suffix.lower() not in MATRICES:
         from lfcal.cli.cameras import load_camera
 
+        if plane:
+            raise InputError.expected("--plane", "an H file", source, "name the plane with --depth or --virtual-depth")
         return _simulated(load_camera(source), virtual_depth, depth, first, points, step)
     if virtual_depth is not None or depth is not None:
         raise InputError("--depth, --virtual-depth: are of a simulated plane; take --plane of an H file")

@@ -154,7 +154,7 @@ def command(
     Example: `lfcal reconstruct H.h5 frame.tif -o volume.tif --solver rl-tv --iterations 30`
     """
     from lfcal.checks import check_number
-    from lfcal.cli.matrices import check_mat_files, report_missing
+    from lfcal.cli.matrices import check_mat_files, report_missing, report_regions
     from lfcal.cli.outputs import check_outputs
     from lfcal.cli.reconstruct_forecast import show_forecast, total_seconds
     from lfcal.cli.reconstruct_grid import anchor_of, check_as_is, grid_of, view_for, wide
@@ -188,6 +188,8 @@ def command(
         gain=gain,
         goal=goal,
     )
+    if batch is None and suffix != ".tif":
+        raise InputError.expected("--format", "--batch with a folder", "one frame", "name it in --out")
     source = _source(frame, batch, wanted=out is not None or forecast)
     task = _Task(frames_of(source), choice, warm, json)
     targets = {} if forecast or out is None else targets_of(task.frames, out, suffix if batch else None)
@@ -204,6 +206,8 @@ def command(
     with ExitStack() as stack:
         matrices = open_regions(psf, regions, stack, mat_order=mat_order)
         H = matrices[0]
+        if not regions:
+            report_regions(psf, H, "used; --region all uses all")
         for one in matrices:
             report_missing(one)
         anchor = anchor or placed_anchor(source, H, resample=resample or lattice is not None)

@@ -47,11 +47,11 @@ def command(
     """
     import time
 
-    from lfcal.cli.console import print_json, report, run_work
-    from lfcal.cli.matrices import check_mat_files, open_matrix, report_missing
+    from lfcal.cli.console import print_json, run_work
+    from lfcal.cli.matrices import check_mat_files, open_matrix, report_missing, report_regions
     from lfcal.cli.outputs import check_output
     from lfcal.cli.runs import may_replace, run_choice, run_kept
-    from lfcal.psf import iter_save, open_psf, regions_of
+    from lfcal.psf import iter_save, open_psf
     from lfcal.psf.reduce_units import iter_reduce_units
     from lfcal.psf.steps import check_store_tolerance
     from lfcal.units import format_bytes, format_seconds
@@ -61,8 +61,7 @@ def command(
     start = time.perf_counter()
     check_mat_files(mat_order, source)
     with open_matrix(source, mat_order=mat_order) as matrix:
-        if len(names := regions_of(source)) > 1:
-            report(f"note: of {len(names)} regions of the field {matrix.region or 'the first'} alone is written")
+        report_regions(source, matrix, "written")
         report_missing(matrix)
         run = run_choice(out, executor, scheduler, workers, resume=resume, force=force, seconds=matrix.nbytes / RATE)
         if run is None:

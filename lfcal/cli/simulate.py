@@ -121,6 +121,9 @@ def command(
         return
     if (out is None) == (frames is None):
         raise InputError("output: give -o H.h5 for the matrix or --frames DIR for a session, or --plan-only")
+    if out is not None and (seed, peak) != (0, 0.8):
+        option = "--seed" if seed else "--peak"
+        raise InputError.expected(option, "frames to simulate (--frames)", "an H file (-o)", "leave it out")
     if progressive and out is None:
         raise InputError("--progressive: expected a matrix, got frames; frames are made once, leave it out")
     if store_tolerance is not None:

@@ -48,7 +48,7 @@ def command(
     import time
 
     from lfcal.cli.console import print_json, report_dark, run_work
-    from lfcal.cli.matrices import check_mat_files, open_matrix, report_missing
+    from lfcal.cli.matrices import check_mat_files, open_matrix, report_missing, report_regions
     from lfcal.cli.outputs import check_output
     from lfcal.cli.runs import may_replace, run_choice, run_kept
     from lfcal.psf.transpose_file import iter_transpose_file
@@ -59,6 +59,7 @@ def command(
     start = time.perf_counter()
     check_mat_files(mat_order, source)
     with open_matrix(source, mat_order=mat_order) as matrix:
+        report_regions(source, matrix, "written")
         dark, missing = report_dark(matrix), report_missing(matrix)
         # File to file by planes: H may be far larger than the memory.
         ahead = matrix.nbytes / RATE

@@ -8,11 +8,15 @@ from typing import TYPE_CHECKING
 import typer
 
 from lfcal.cli.options import ForceOption, JsonOption
+from lfcal.errors import InputError
 
 if TYPE_CHECKING:
     from lfcal.fit.trend import Trend
 
 __all__ = ["register"]
+
+SIGMAS = 5.0
+"""Standard deviations beyond which a parameter has moved."""
 
 
 def register(app: typer.Typer) -> None:
@@ -28,7 +32,9 @@ def command(
     *,
     out: Path | None = typer.Option(None, "--out", "-o", help="Picture of every parameter over time (.png, .svg)."),
     sigmas: float = typer.Option(
-        5.0, "--sigmas", help="A parameter has moved that changed by more standard deviations of both values than this."
+        SIGMAS,
+        "--sigmas",
+        help="A parameter has moved that changed by more standard deviations of both values than this.",
     ),
     quality: bool = typer.Option(
         False,
@@ -46,6 +52,8 @@ def command(
 
     Example: `lfcal trend fits/ -o trend.png`, `lfcal trend --quality reports/`
     """
+    if quality and sigmas != SIGMAS:
+        raise InputError.expected("--sigmas", "fits", "inspections (--quality)", "leave it out")
     if quality:
         from lfcal.cli.trend_quality import tell_quality
 

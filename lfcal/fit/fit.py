@@ -80,6 +80,10 @@ def iter_fit_camera(
     as described
     >>> work.close()  # the rest is not wanted
     """
+    if isinstance(source, Measured) and reading:
+        # they say how H is read, and patterns are read already
+        name = next(iter(reading))
+        raise InputError.expected("fit of patterns", "no options for reading H", name, "leave it out, or correct it")
     measured = source if isinstance(source, Measured) else measured_of(source, camera, **reading)
     if isinstance(source, Measured) and camera is not None:
         measured = replace(measured, plan=replace(measured.plan, camera=camera))

@@ -48,6 +48,8 @@ def test_frames_of_a_target_are_assembled_and_inspected(lfcal: Lfcal, recorded: 
     [
         (("assemble", "--channel", "R"), "--channel"),
         (("assemble", "--half-cell"), "--half-cell"),
+        (("assemble", "--first", "1"), "--first"),
+        (("assemble", "--columns", "x=a,y=b"), "--columns"),
         (("fit", "--hybrid"), "--hybrid"),
         (("fit", "--validate"), "--validate"),
         (("fit", "--noise", "1,1"), "--noise"),

@@ -80,6 +80,14 @@ def test_a_camera_is_found_from_forty_small_patterns() -> None:
     np.testing.assert_allclose(np.diag(fit.correlations), 1.0)
 
 
+def test_names_that_patterns_have_no_use_for_are_refused() -> None:
+    """They say how H is read, and a misspelt one fitted everything."""
+    _, measured = patterns()
+    for wrong in ({"unknwons": ["geometry"]}, {"cutout": 21}):
+        with pytest.raises(InputError, match=rf"fit of patterns: expected no options .*, got {next(iter(wrong))}"):
+            next(iter_fit_camera(measured, **wrong))
+
+
 def test_the_model_is_h_in_the_data_s_units() -> None:
     truth, measured, found = small()
     fit = replace(found, planned=replace(SMALL, period=(3, 4)))

@@ -22,6 +22,7 @@ from lfcal.frames import (
     average_frames,
     corrected,
 )
+from lfcal.frames.corrections.steps import DarkSet
 from lfcal.frames.source import observed
 from tests.frames.scenes import session
 
@@ -243,10 +244,18 @@ def test_swapped_order_would_give_something_else() -> None:
 
 
 def test_a_step_comes_once_and_is_a_step() -> None:
-    with pytest.raises(InputError, match="expected one Dark, got two; merge them into one"):
+    with pytest.raises(InputError, match="expected one Dark or DarkSet, got Dark and Dark; merge them into one"):
         CorrectionChain((Dark(level=1.0), Dark(level=2.0)))
     with pytest.raises(InputError, match="correction: expected Dark, White, Defects, Background or Exposure, got str"):
         CorrectionChain(("dark",))  # type: ignore[arg-type]
+
+
+def test_a_dark_and_a_set_of_darks_do_not_go_together() -> None:
+    """The set was ignored, in either order: 100 counts were left in the frame."""
+    steps = (Dark(level=10.0), DarkSet({0.02: Dark(level=100.0)}))
+    for both in (steps, steps[::-1]):
+        with pytest.raises(InputError, match="expected one Dark or DarkSet, got Dark"):
+            CorrectionChain(both)
 
 
 def test_shapes_must_fit() -> None:

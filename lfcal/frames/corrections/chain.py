@@ -23,6 +23,9 @@ __all__ = ["CorrectionChain", "Step"]
 Step: TypeAlias = Dark | DarkSet | White | Defects | Background | Exposure
 
 _RANK = {Dark: 0, DarkSet: 0, White: 1, Defects: 2, Background: 3, Exposure: 3}
+_ONCE = ((Dark, DarkSet), (White,), (Defects,), (Background,), (Exposure,))
+"""Steps of which a chain has one; a dark and a set of darks subtract the same level."""
+
 _EMPTY = np.zeros((0, 0), np.float32)
 _EMPTY.setflags(write=False)  # as the frames of the steps are: one compiled kernel for both
 
@@ -74,9 +77,11 @@ class CorrectionChain:
             if _RANK[type(before)] > _RANK[type(after)]:
                 a, b = _name(before), _name(after)
                 raise InputError.expected("order of corrections", f"{b} before {a}", f"{a} before {b}", "swap them")
-        for kind in _RANK:
-            if sum(type(step) is kind for step in steps) > 1:
-                raise InputError.expected("corrections", f"one {kind.__name__}", "two", "merge them into one")
+        for kinds in _ONCE:
+            same = [_name(step) for step in steps if type(step) in kinds]
+            if len(same) > 1:
+                wanted = " or ".join(kind.__name__ for kind in kinds)
+                raise InputError.expected("corrections", f"one {wanted}", " and ".join(same), "merge them into one")
         sized = [step for step in steps if step.shape is not None]
         for step in sized[1:]:
             if step.shape != sized[0].shape:
