@@ -34,8 +34,11 @@ def light_in_cutout(H: PSFMatrix, plan: ScanPlan, effects: EffectsLike) -> tuple
     """
     budget = budgeted(effects, plan, None)
     # what lenslets pass on average: over one cell of the array, however many positions the plan has
-    ny, nx = (max(1, round(side)) for side in plan.cell_camera.period_px)
-    cell = replace(plan, period=(ny, nx), cutout=(1, 1))
+    # or as much of it as the sensor holds, beginning where it fits
+    sizes = plan.camera.sensor.shape
+    ny, nx = (max(1, min(round(side), n)) for side, n in zip(plan.cell_camera.period_px, sizes, strict=True))
+    row, column = (min(a, float(n - size)) for a, n, size in zip(plan.anchor, sizes, (ny, nx), strict=True))
+    cell = replace(plan, period=(ny, nx), cutout=(1, 1), anchor=(row, column))
     rows, columns = (_spread(n) for n in plan.period)
     found = []
     for z, depth in enumerate(plan.depths_um):

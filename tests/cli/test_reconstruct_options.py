@@ -73,6 +73,11 @@ CASES: dict[str, tuple[tuple[object, ...], dict[str, Any], dict[str, Any]]] = {
     "anchor": (("--anchor", "2,3"), {"anchor": (2, 3)}, {}),
     "margin": (("--margin", 4), {"image_shape": (38, 39), "anchor": (4, 4)}, {"margin": 4}),
     "auto": (("--solver", "sieve", "--iterations", "auto"), {}, {"name": "sieve", "iterations": 100, "auto": True}),
+    "goal": (
+        ("--solver", "sieve", "--iterations", "auto", "--goal", "measure"),
+        {},
+        {"name": "sieve", "iterations": 100, "auto": True, "goal": "measure"},
+    ),
 }
 
 
