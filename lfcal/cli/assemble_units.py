@@ -28,6 +28,7 @@ from lfcal.psf.assemble_units import AssemblyTool, iter_one_plane
 from lfcal.psf.assembly import Assembly
 from lfcal.psf.assembly_report import AssemblyReport
 from lfcal.psf.filling import Fill
+from lfcal.psf.measured_noise import MeasuredNoise
 from lfcal.work import RunChoice
 from lfcal.work.unit import stamp_of
 
@@ -163,7 +164,8 @@ def _made(shared: Mapping[str, Any], workers: int) -> AssemblyTool:
             from lfcal.fit.stored import Filler, read_fit
 
             fill = Filler(read_fit(same.fill), plan, workers)
-        assembly = Assembly(view, plan.shape[:3], cutout, strict=settings.strict)
+        noise = None if shared["noise"] is None else MeasuredNoise(*shared["noise"])
+        assembly = Assembly(view, plan.shape[:3], cutout, strict=settings.strict, noise=noise, measured=True)
         return AssemblyTool(plan, assembly, fill, raw.close)
     except BaseException:
         raw.close()

@@ -111,6 +111,7 @@ def parse_noise(text: str) -> tuple[float, float] | None:
 def read_patterns(source: Path, how: Reading, *, quiet: bool) -> tuple[Measured, dict[str, Any]]:
     """Return the patterns to fit, and what is known of their source for the provenance of what is made of them."""
     from lfcal.cli.cameras import tell_assumed
+    from lfcal.cli.listed import report_notes
     from lfcal.fit import measured_of
     from lfcal.fit.measured import LEFT_OUT, check_optics
 
@@ -125,7 +126,10 @@ def read_patterns(source: Path, how: Reading, *, quiet: bool) -> tuple[Measured,
         if camera is None:
             raise InputError.expected(str(source), "an H with its camera", "none", "name it with --camera")
         check_optics(matrix)
+        how, words = _with_noise(matrix, how)
         _check_noise(matrix, source, how)
+        report_notes([words] if words else [])
+        known |= {"noise": matrix.provenance["noise"]} if words else {}
         tell_assumed(matrix.camera if how.camera is None else None, source.name, quiet=quiet)
         if how.without:
             left = _left(np.argwhere(matrix.recorded > 0), how, matrix.period)
@@ -171,6 +175,19 @@ def _left(
     most = _most(how, aside or [])
     found = index[[tuple(at) not in how.without for at in index.tolist()]] if len(index) else index
     return found[spread_out(found, most, period)] if most and len(found) > most else found
+
+
+def _with_noise(matrix: PSFMatrix, how: Reading) -> tuple[Reading, str]:
+    """Return how patterns are read, with the noise that H states of its frames, and where that is known from."""
+    from lfcal.psf.provenance import noise_of
+
+    found = noise_of(matrix.provenance)
+    if how.noise is not None or found is None:
+        return how, ""
+    known = matrix.facts.noise
+    if known is None or not np.isfinite(known[matrix.recorded > 0]).all():
+        how = replace(how, noise=(found.floor, found.slope))
+    return how, f"noise of the frames: {found.source} (variance {found.floor:.3g} + {found.slope:.3g} x signal)"
 
 
 def _check_noise(matrix: PSFMatrix, source: Path, how: Reading) -> None:

@@ -86,7 +86,8 @@ def iter_assemble_units(
     cutout = find_plan_cutout(source, plan, settings)
     assembly = Assembly(source, plan.shape[:3], cutout, strict=settings.strict)
     found = replace(settings, cutout=cutout.shape, keep_pedestal=True, workers=None)
-    shared = {**told, "settings": plain(found)}
+    noise = None if assembly.noise is None else list(assembly.noise)
+    shared = {**told, "settings": plain(found), "noise": noise}
     history = assembly.history(known_of(source, plan, provenance))
     stored = {name: shared["settings"][name] for name in STORED}
     writer = assembly.writer(

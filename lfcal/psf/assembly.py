@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.camera import Camera
 from lfcal.errors import InputError
 from lfcal.frames.orientation import AS_IS
-from lfcal.frames.source import FrameSource, Position
+from lfcal.frames.source import FrameSource, Noise, Position
 from lfcal.progress import Clock, Progress, Work
 from lfcal.psf.assembly_report import AssemblyReport
 from lfcal.psf.cutout import Cutout
@@ -23,6 +23,7 @@ from lfcal.psf.facts import Facts, pack_valid
 from lfcal.psf.filling import Fill
 from lfcal.psf.gather import Gatherer, by_position
 from lfcal.psf.matrix import PSFMatrix
+from lfcal.psf.measured_noise import MeasuredNoise, measure_noise
 from lfcal.psf.store import PSFWriter
 from lfcal.threads import worker_count
 
@@ -83,6 +84,10 @@ class Assembly:
         the source, whose manifest may say it.
     strict
         Missing and repeated positions are errors.
+    noise
+        Noise of the samples, where the frames state none.
+    measured
+        ``noise`` is what somebody measured: nothing is measured here.
 
     Raises
     ------
@@ -98,6 +103,8 @@ class Assembly:
         *,
         drift: ArrayLike | None = None,
         strict: bool = False,
+        noise: MeasuredNoise | None = None,
+        measured: bool = False,
     ) -> None:
         infos = tuple(source.info(k) for k in range(len(source)))
         self.source, self.shape, self.cutout = source, shape, cutout
@@ -110,6 +117,11 @@ class Assembly:
         self.filled: tuple[int, NDArray[np.float64]] | None = None
         """The plane at work here, and the light of all patterns so far, as in `AssemblyProgress`; None: none yet."""
         self.padded, self.residual_px = _check_windows(self._gatherer, self._order)
+        self.noise = noise if measured else measure_noise(self._gatherer, self._order, self._counts)
+        """Noise of the samples, None where nobody could measure it."""
+        if self.noise is not None and not self.noise.stated:
+            known = Noise(self.noise.floor, self.noise.slope, self.noise.black)
+            self._gatherer = replace(self._gatherer, noise=known)
 
     @property
     def frames(self) -> int:
@@ -135,6 +147,8 @@ class Assembly:
             "corrections": known.get("corrections", {}),
             **(provenance or {}),
         }
+        if self.noise is not None:
+            found.setdefault("noise", self.noise.record())
         if left_out := tuple(known.get("left_out", ())):
             found["left_out"] = [one._asdict() for one in left_out]
         if turned := known.get("orientation"):

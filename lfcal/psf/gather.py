@@ -44,12 +44,15 @@ class Gatherer:
         The shifting cutout.
     drift
         ``(len(source), 2)`` how far each image is off its place (px), or None to ask the frames.
+    noise
+        Noise of samples of which the frames state none.
     """
 
     source: FrameSource
     infos: tuple[FrameInfo, ...]
     cutout: Cutout
     drift: NDArray[np.float64] | None = None
+    noise: Noise | None = None
 
     def place(self, index: int) -> tuple[Window, Region]:
         """Return where the cutout of frame ``index`` lies on the sensor, and the region of the frame it looks at."""
@@ -92,10 +95,11 @@ class Gatherer:
                 self.where(index), "a point on a dark ground", "every pixel saturated", "expose shorter"
             )
         values, valid = _padded(found, region, inside)
+        noise = self.noise if found.noise is None else found.noise
         return found._replace(
             values=self.cutout.resample(values, window),
             valid=None if valid is None else self._moved(valid, window),
-            noise=None if found.noise is None else self._blended(found.noise.typical(found.values), window),
+            noise=None if noise is None else self._blended(noise.typical(found.values), window),
         )
 
     def _blended(self, noise: Noise, window: Window) -> Noise:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from lfcal.acquire.recording.records import Kind
 from lfcal.acquire.schedule import Schedule
 from lfcal.acquire.session_file import SessionFile
 from lfcal.errors import FileFormatError, StorageError
-from lfcal.frames.corrections.steps import Dark, average_frames
+from lfcal.frames.corrections.steps import Dark, average_frames, difference_variance
 from lfcal.frames.source import LeftOut
 
 __all__ = ["RecordedDarks", "read_darks"]
@@ -62,7 +63,10 @@ def read_darks(folder: Path, session: SessionFile, schedule: Schedule, *, skip_d
                 place = (int(first["row"]), int(first["column"]))
                 # each frame in the file is the mean of as many exposures as were asked for
                 count = len(frames) * session.options.darks
-                darks[float(seconds)] = Dark(average_frames(frames.values()), origin=place, count=count)
+                shown = list(frames.values())
+                pairs = [difference_variance(*pair) for pair in pairwise(shown)]
+                variance = session.options.darks * float(np.mean(pairs)) if pairs else None
+                darks[float(seconds)] = Dark(average_frames(shown), origin=place, count=count, variance=variance)
             else:
                 lost.append(float(seconds))
     finally:

@@ -238,6 +238,13 @@ class CorrectionChain:
         found: Dark | DarkSet | None = self._find(Dark) or self._find(DarkSet)
         return None if found is None else found.at(exposure_s)
 
+    def only_dark(self) -> Dark | None:
+        """Return the dark that is subtracted from every frame, None where there is none, or one for each exposure."""
+        found: Dark | DarkSet | None = self._find(Dark) or self._find(DarkSet)
+        if isinstance(found, DarkSet):
+            return next(iter(found.darks.values())) if len(found.darks) == 1 else None
+        return found
+
     def level(self, plane: Plane, exposure_s: float | None, place: tuple[float, float]) -> float:
         """Return the background of a frame at the sensor's (row, column), in corrected sample values."""
         _, offset = self._affine(plane, exposure_s)

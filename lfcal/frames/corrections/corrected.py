@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from lfcal.errors import InputError, LfcalError
 from lfcal.frames.corrections.chain import CorrectionChain
 from lfcal.frames.corrections.noise import corrected_noise
+from lfcal.frames.corrections.steps import Exposure, White
 from lfcal.frames.regions import Region, check_region, grow_region, moved, part_of, whole
 from lfcal.frames.source import FrameInfo, FrameSource, Noise, Samples, observed
 from lfcal.frames.view import SourceView
@@ -62,11 +63,17 @@ class CorrectedSource(SourceView):
     @property
     def metadata(self) -> Mapping[str, Any]:
         """The raw frames' metadata with the ``corrections`` described, and whether these keep the black level."""
-        return {
+        found = {
             **self.source.metadata,
             "corrections": self.chain.describe(),
             "keeps_level": self.chain.keeps_level(),
         }
+        dark = self.chain.only_dark()
+        if dark is not None and dark.count:
+            # samples that nothing multiplies have the variance of raw ones
+            plain = not any(isinstance(step, White | Exposure) for step in self.chain.steps)
+            found["dark_noise"] = {"count": dark.count, "variance": dark.variance if plain else None}
+        return found
 
     def read(self, index: int, region: Region | None = None) -> NDArray[np.float32]:
         """Return frame ``index``, or a part of it, corrected: equal to that part of the whole corrected frame."""

@@ -20,7 +20,7 @@ from lfcal.frames.channels import channel_source
 from lfcal.frames.corrections.background import Background
 from lfcal.frames.corrections.chain import CorrectionChain, Step
 from lfcal.frames.corrections.corrected import CorrectedSource
-from lfcal.frames.corrections.steps import Dark, DarkSet, Exposure, White, average_frames
+from lfcal.frames.corrections.steps import Dark, DarkSet, Exposure, White, average_frames, difference_variance
 from lfcal.frames.described import DescribedSource
 from lfcal.frames.formats.opening import image_suffixes, open_image
 from lfcal.frames.orientation import AS_IS
@@ -189,20 +189,31 @@ def _images(place: Path) -> list[Path]:
     return [place]
 
 
-def _read_mean(path: str | os.PathLike[str], colour: str | None, shift: int) -> tuple[NDArray[np.float32], int]:
-    """Return the mean of frames and how many there are, 0 where they may be means themselves."""
+def _read_mean(
+    path: str | os.PathLike[str], colour: str | None, shift: int
+) -> tuple[NDArray[np.float32], int, float | None]:
+    """Return the mean of frames, how many there are (0: they may be means themselves), and the variance of a sample.
+
+    The variance is that between successive frames; None: there is one frame only.
+    """
     place = Path(path)
     files = _images(place)
     counts: list[int] = []
+    variances: list[float] = []
 
     def pages() -> Iterator[NDArray[Any]]:
+        before: NDArray[Any] | None = None
         for page in (page for file in files for page in _pages(file, colour)):
             counts.append(int(page.dtype.kind in "iu"))
-            yield shifted(page, shift, place.name) if shift else page
+            now = shifted(page, shift, place.name) if shift else page
+            if before is not None and before.shape == now.shape:
+                variances.append(difference_variance(before, now))
+            before = now
+            yield now
 
     mean = average_frames(pages())
     # whole numbers are single exposures; floats are what somebody averaged, of how many nobody says
-    return mean, len(counts) if all(counts) else 0
+    return mean, len(counts) if all(counts) else 0, float(np.mean(variances)) if variances else None
 
 
 def _pages(path: Path, colour: str | None) -> list[NDArray[Any]]:
@@ -259,8 +270,8 @@ def build_chain(source: FrameSource, recipe: CorrectionRecipe) -> CorrectionChai
 def _dark(source: FrameSource, recipe: CorrectionRecipe) -> Dark | DarkSet | None:
     """Return what is subtracted first: the recipe's dark, that of the recording, or the black level."""
     if recipe.dark and recipe.dark != "none":
-        frame, count = _read_mean(recipe.dark, source.metadata.get("colour"), recipe.shift)
-        return Dark(_of_channel(source, frame), count=count)
+        frame, count, variance = _read_mean(recipe.dark, source.metadata.get("colour"), recipe.shift)
+        return Dark(_of_channel(source, frame), count=count, variance=variance)
     if recipe.black_level is None and recipe.dark == "none":
         return None
     darks = source.metadata.get("darks")

@@ -15,7 +15,10 @@ from lfcal.errors import InputError
 from lfcal.frames.cfa import phases
 from lfcal.frames.regions import Region, clipped, moved
 
-__all__ = ["Dark", "DarkSet", "Exposure", "White", "average_frames", "white_gain"]
+__all__ = ["Dark", "DarkSet", "Exposure", "White", "average_frames", "difference_variance", "white_gain"]
+
+DIFFERENCED = 1 << 20
+"""Pixels of a pair of frames that are compared, about."""
 
 
 def average_frames(frames: Iterable[NDArray[Any]]) -> NDArray[np.float32]:
@@ -50,6 +53,20 @@ def average_frames(frames: Iterable[NDArray[Any]]) -> NDArray[np.float32]:
     return (total / count).astype(np.float32)
 
 
+def difference_variance(first: NDArray[Any], second: NDArray[Any]) -> float:
+    """Return the temporal variance of a sample from two frames of the same light; outliers beyond 6 sigma do not count.
+
+    Half the mean square of the difference: what stays in both frames, such as hot pixels, is not in it.
+    """
+    step = max(1, int(np.sqrt(first.size / DIFFERENCED)))
+    square = np.subtract(first[::step, ::step], second[::step, ::step], dtype=np.float64).ravel() ** 2
+    square = square[np.isfinite(square)]
+    for _ in range(3):
+        limit = 36 * float(square.mean()) if square.size else 0.0
+        square = square[square <= limit]
+    return float(square.mean()) / 2 if square.size else 0.0
+
+
 def fingerprint(array: NDArray[Any]) -> str:
     """Return the CRC-32 of an array's bytes as eight hexadecimal digits, for provenance."""
     return f"{zlib.crc32(np.ascontiguousarray(array).data):08x}"
@@ -69,6 +86,8 @@ class Dark:
         Sensor (row, column) of its first pixel; a dark frame of a part of the sensor fits that part only.
     count
         Frames that it is the mean of, whose noise it brings in; 0: not known.
+    variance
+        Temporal variance of a sample of a single dark frame, where it was measured; None: it was not.
 
     Raises
     ------
@@ -88,6 +107,7 @@ class Dark:
     level: float = 0.0
     origin: tuple[int, int] = (0, 0)
     count: int = 0
+    variance: float | None = None
 
     def __post_init__(self) -> None:
         """Check and freeze the frame."""
