@@ -18,10 +18,12 @@ from lfcal.bench._fault_optics import (
     odd,
     shadow,
     swapped_planes,
+    warming,
 )
 from lfcal.bench._fault_recordings import PutIn
 from lfcal.bench._fault_scan import (
     blank,
+    doubled,
     drift,
     late,
     lines_swapped,
@@ -29,6 +31,7 @@ from lfcal.bench._fault_scan import (
     play,
     repeated,
     scattered,
+    screw,
     some,
     sources,
     swapped,
@@ -42,6 +45,7 @@ from lfcal.bench._fault_sensor import (
     dead_pixels,
     dim,
     dust,
+    few_saturated,
     glow,
     halved,
     hot,
@@ -110,6 +114,7 @@ def _faults() -> Iterator[Injected]:
     yield one("gamma below 1", "exponent", (0.95, 0.8, 0.5), "not_linear", bent)
     yield one("bend towards the top", "of the peak", (0.05, 0.15, 0.3), "not_linear saturation", sagging)
     yield one("saturation", "of the peak", (0.8, 0.5, 0.25), "saturated saturation", saturated)
+    yield one("few saturated values", "values", (12, 120, 1200), "saturated saturation", few_saturated)
     yield one("JPEG", "quality", (95, 75, 30), "compression", lambda r, s: compressed(r.clean(), s))
     yield one("background", "of the peak", (0.001, 0.005, 0.02), "background", lifted(1))
     yield one("dark frame too bright", "of the peak", (0.001, 0.005, 0.02), "background", lifted(-1))
@@ -125,6 +130,7 @@ def _faults() -> Iterator[Injected]:
     yield one("frames late", "frames", (1, 2, 5), scan + " frame_shift stage_axes backlash", late)
     yield one("repeated frames", "frames", (1, 5, 20), scan + " duplicates", repeated)
     yield one("blank frames", "frames", (1, 5, 20), "exposure missing", blank)
+    yield one("stage moved during exposures", "frames", (40, 20, 12), scan + " jitter exposure", doubled)
     yield one("stage step", "of the step", (0.01, 0.03, 0.05), axes, sources(lambda r, s, y, x: (s * y, s * x)))
     yield one("step across", "of the step", (0.01, 0.03, 0.05), axes, sources(lambda r, s, y, x: (0 * y, s * x)))
     yield one("step down", "of the step", (0.02, 0.05, 0.08), axes, sources(lambda r, s, y, x: (s * y, 0 * y)))
@@ -133,6 +139,7 @@ def _faults() -> Iterator[Injected]:
     yield one("drift across the scan", "px", (0.2, 0.6, 1.2), axes, sources(drift))
     yield one("play of the stage", "px", (0.1, 0.3, 0.6), "backlash", sources(play))
     yield one("jitter of the stage", "px rms", (0.06, 0.15, 0.3), "jitter", sources(scattered))
+    yield one("periodic error of the screw", "px", (0.08, 0.2, 0.35), "jitter stage_axes", sources(screw))
     yield one("single sources displaced", "px", (0.3, 0.6, 0.9), "strangers jitter misplaced", sources(some))
     yield one("frames displaced across", "px", (0.25, 1, 3), "frame_shift", lambda r, s: halved(r.clean(), s, 1))
     yield one("frames displaced down", "px", (0.25, 1, 3), "frame_shift", lambda r, s: halved(r.clean(), s, 0))
@@ -146,6 +153,7 @@ def _faults() -> Iterator[Injected]:
     yield one("frames darker", "times", (0.7, 0.4, 0.1), "exposure missing", lit(odd(6)))
     yield one("automatic exposure", "exponent", (0.3, 0.6, 1.0), "auto_exposure", lit(equalised))
     yield one("focus that drifts", "of the depth", (0.015, 0.04, 0.08), "focus_drift", focus)
+    yield one("focus that drifts in each plane", "virtual depth", (0.05, 0.12, 0.25), "focus_drift", warming)
     yield one("one plane at another depth", "of the depth", (0.01, 0.03, 0.1), "depth_label depth", deep(0))
     yield one("all planes too deep", "of the depth", (0.01, 0.03, 0.1), "depth_label depth", deep(0, 1))
     yield one("planes swapped", "of the rows", (0.2, 0.5, 1.0), "depth_label strangers focus_drift", swapped_planes)

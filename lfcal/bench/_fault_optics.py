@@ -23,6 +23,7 @@ __all__ = [
     "odd",
     "shadow",
     "swapped_planes",
+    "warming",
 ]
 
 F4 = NDArray[np.float32]
@@ -59,6 +60,15 @@ def equalised(r: Recording, s: float) -> F8:
 
 def focus(r: Recording, s: float) -> F4:
     return r.noisy(r.deeper(0, s * (r.come()[..., 0, 0] - 0.5)))
+
+
+def warming(r: Recording, s: float) -> F4:
+    """Return the recording of a camera whose virtual depth changes by s during the scan of each plane."""
+    light = r.light()
+    for z, depth in enumerate(r.plan.depths_um):
+        v = abs(r.plan.camera.virtual_depth(depth))
+        light[z] = r.deeper(z, s / v * (r.come()[..., 0, 0] - 0.5))[z]
+    return r.noisy(light)
 
 
 def deep(*planes: int) -> PutIn:

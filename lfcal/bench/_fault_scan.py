@@ -11,6 +11,7 @@ from lfcal.bench._fault_recordings import PutIn, Recording
 
 __all__ = [
     "blank",
+    "doubled",
     "drift",
     "late",
     "lines_swapped",
@@ -18,6 +19,7 @@ __all__ = [
     "play",
     "repeated",
     "scattered",
+    "screw",
     "some",
     "sources",
     "swapped",
@@ -95,6 +97,16 @@ def blank(r: Recording, s: float) -> F4:
     return r.noisy(values)
 
 
+def doubled(r: Recording, s: float) -> F4:
+    """Return the recording whose stage moves on during every s-th exposure: half of it shows the next position."""
+    light = r.light()
+    out = light.copy()
+    frames, found = rows_joined(light), rows_joined(out)
+    own = np.arange(int(s) - 1, frames.shape[1], int(s))
+    found[:, own] = (frames[:, own] + frames[:, (own + 1) % frames.shape[1]]) / 2
+    return r.noisy(out)
+
+
 def unwound(r: Recording, s: float) -> F4:
     values = r.clean()
     rows = slice(1, int(s) * 2, 2)
@@ -126,6 +138,12 @@ def some(r: Recording, s: float, y: F8, x: F8) -> tuple[F8, F8]:
     own = np.random.default_rng(8).choice(y.size, max(2, y.size // 60), replace=False)
     dy.ravel()[own], dx.ravel()[own] = s, -s
     return dy, dx
+
+
+def screw(r: Recording, s: float, y: F8, x: F8) -> tuple[F8, F8]:
+    """Return the error of a lead screw, which repeats every 4.3 positions along each axis."""
+    rows, columns = (2 * np.pi * np.arange(n) / 4.3 for n in y.shape)
+    return s * np.sin(rows + 1.9)[:, None] + 0 * y, s * np.sin(columns + 0.7) + 0 * x
 
 
 def drift(r: Recording, s: float, y: F8, x: F8) -> tuple[F8, F8]:

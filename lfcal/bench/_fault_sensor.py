@@ -14,6 +14,7 @@ __all__ = [
     "dead_pixels",
     "dim",
     "dust",
+    "few_saturated",
     "glow",
     "halved",
     "hot",
@@ -141,6 +142,13 @@ def sagging(r: Recording, s: float) -> F4:
 
 def saturated(r: Recording, s: float) -> F4:
     found: F4 = np.minimum(r.clean(), np.float32(s * PEAK))
+    return found
+
+
+def few_saturated(r: Recording, s: float) -> F4:
+    """Return the recording with so many of the highest values cut off at the next."""
+    values = r.clean()
+    found: F4 = np.minimum(values, np.partition(values.ravel(), -int(s) - 1)[-int(s) - 1])
     return found
 
 

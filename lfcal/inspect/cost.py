@@ -45,6 +45,9 @@ MOST_SAMPLES = 24_000_000
 SAMPLE = 64
 """Compared patterns that tell how much of a fault a patch shows."""
 
+MOST_OF_REST = 3.0
+"""Times its own estimate that a fault costs at most where H as it is costs more than its faults."""
+
 SHOWN = 0.3
 """Share of its usual strength that a fault must have in a patch; else it gets a patch of its own."""
 
@@ -110,10 +113,10 @@ def iter_costs(evidence: Evidence, findings: Sequence[Finding], many: int | None
                 own = _own_trial(evidence, findings[k], many)
                 factor = own.factor(findings[k])
             costs[k] = own.cost(findings[k], factor)
-            if trial.sample is None:
-                costs[k] = _no_more(costs[k], findings[k], _beyond(as_it_is, trial.clean))
     except (InputError, EnergyError):  # a camera that is computed for the patterns but not for a patch
         return Costs(None, None, (None,) * len(findings))
+    if trial.sample is None:
+        costs = _consistent(costs, findings, _beyond(as_it_is, trial.clean))
     yield clock.at(len(findings) + 2)
     return Costs(trial.clean, as_it_is, tuple(costs), trial.sample is None)
 
@@ -123,9 +126,29 @@ def _beyond(error: float, clean: float) -> float:
     return math.sqrt(max(0.0, error**2 - clean**2))
 
 
-def _no_more(cost: float | None, finding: Finding, all_of_it: float) -> float | None:
-    """Return the cost of frames of which some were compared: no more than that of all of H, where all was looked at."""
-    return cost if cost is None or finding.extent is None else min(cost, all_of_it)
+def _consistent(costs: Sequence[float | None], findings: Sequence[Finding], all_of_it: float) -> list[float | None]:
+    """Return costs whose squares add to no more than that of ``all_of_it``, the cost of H as it is.
+
+    What is missing from that goes to faults of which patterns are a sample: single frames, of which some were
+    compared, and what scatters. What larger cutouts show is not in H as it is.
+    """
+    here = [k for k, one in enumerate(findings) if one.wider == 1 and costs[k] is not None]
+    sampled = [k for k in here if findings[k].extent is not None or findings[k].scatters]
+
+    def power(which: Sequence[int]) -> float:
+        return sum((costs[k] or 0.0) ** 2 for k in which)
+
+    out = list(costs)
+    total, some = power(here), power(sampled)
+    if total > all_of_it**2:
+        which, factor = here, all_of_it / math.sqrt(total)
+    elif some > 0:
+        which, factor = sampled, min(MOST_OF_REST, math.sqrt((all_of_it**2 - total + some) / some))
+    else:
+        return out
+    for k in which:
+        out[k] = factor * (costs[k] or 0.0)
+    return out
 
 
 def _own_trial(evidence: Evidence, finding: Finding, many: int | None) -> _Trial:

@@ -102,6 +102,8 @@ class Finding:
         Puts it into patterns that have none, for what it costs.
     extent
         Share of all positions that have it, where ``positions`` are single frames; None: it is no fault of such.
+    scatters
+        Whether ``put_in`` draws at random what patterns showed the size of.
     wider
         Times as large cutouts on which ``put_in`` shows what it costs.
     cost
@@ -129,6 +131,7 @@ class Finding:
     redo: bool = False
     put_in: PutIn | None = None
     extent: float | None = None
+    scatters: bool = False
     wider: float = 1.0
     cost: float | None = None
 

@@ -34,7 +34,6 @@ IN_PATTERNS = frozenset(
         "lamp",
         "leak",
         "position",
-        "saturation",
         "scan_order",
         "seam",
         "stage_gain",
@@ -42,6 +41,9 @@ IN_PATTERNS = frozenset(
     }
 )
 """Keys of metrics whose faults make patterns unlike the camera's: they cost no more than these do as they are."""
+
+CAPPED = 64
+"""Saturated patterns that tell the top of the sensor's range."""
 
 WIDER = 1.5
 """Times as large cutouts that tell what is cut off."""
@@ -67,12 +69,22 @@ def as_findings(metrics: Iterable[Metric], evidence: Evidence) -> Iterator[tuple
             share = len(one.positions) / int(np.prod(evidence.plan.shape[:3]))
             put_in = only_recorded(one.positions)
             yield one.key, replace(found, share=share, positions=one.positions, put_in=put_in, extent=share)
+        elif one.key == "saturation" and len(one.positions):
+            yield one.key, replace(found, put_in=_capped(one.positions, evidence))
         elif one.key == "clipped":
             yield one.key, replace(found, put_in=_clipped)
         elif one.key == "truncation":
             yield one.key, replace(found, put_in=_cut_to(evidence.plan.cutout), wider=WIDER)
         elif one.key in NOISY or one.key in IN_PATTERNS:
             yield one.key, found
+
+
+def _capped(positions: NDArray[np.intp], evidence: Evidence) -> PutIn:
+    """Return what cuts the light of the camera off at the highest values of patterns that were saturated."""
+    some = positions[np.linspace(0, len(positions) - 1, min(CAPPED, len(positions))).astype(int)]
+    tops = [float(np.nanmax(np.asarray(evidence.matrix[z, y, x]))) for z, y, x in some.tolist()]
+    top = np.float32(np.median(tops))
+    return lambda patch: np.minimum(patch.light, top)
 
 
 def _clipped(patch: Patch) -> NDArray[np.float32]:

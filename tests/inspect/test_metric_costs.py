@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lfcal.inspect import iter_search
-from lfcal.inspect.cost import Costs, iter_costs
+from lfcal.inspect import FAULTS, Finding, iter_search
+from lfcal.inspect.cost import Costs, _consistent, iter_costs
 from lfcal.inspect.inspection import FAIR, Inspection
 from lfcal.inspect.metric_costs import as_findings, with_costs
 from lfcal.progress import drain
+from lfcal.psf import PSFMatrix
 from lfcal.psf.quality import QualityReport, inspect
 from lfcal.psf.quality.metric import Metric
 from tests.inspect.common import clean, evidence_of, matrix, plan
@@ -69,3 +70,28 @@ def test_light_beyond_the_cutouts_costs_what_larger_ones_show(quality: QualityRe
     told = dict(as_findings([alarm(quality, "truncation")], found))
     (cost,) = drain(iter_costs(found, tuple(told.values()), None)).costs
     assert cost is not None and cost > 0.1 and plan().cutout == (41, 41)
+
+
+@pytest.mark.parametrize("many", [120, 3000])
+def test_saturated_values_cost_the_light_above_the_top(many: int) -> None:
+    """120 of 2 million values, the highest a sixth above the top, were said to cost 0.36: each counted the same."""
+    values = clean()
+    top = np.partition(values.ravel(), -many)[-many]
+    counts = (values >= top).sum((3, 4))
+    capped = np.minimum(values, top)
+    lost = float(np.linalg.norm(values - capped) / np.linalg.norm(values))
+    H = PSFMatrix(capped, depths=plan().depths_um, camera=plan().camera, anchor=plan().anchor, saturated=counts)
+    found = inspect(H, workers=1)["saturation"]
+    assert found.merit == "bad" and lost / 2 < found.cost < 2 * lost, (found.cost, lost)
+
+
+def test_costs_never_add_to_more_than_h_as_it_is_costs() -> None:
+    """What H costs besides goes to faults whose size a sample told."""
+    plain = Finding(FAULTS.get("lamp"), "", 9.0, 0.1)
+    frames, wide = replace(plain, extent=0.1), replace(plain, wider=1.5)
+    both = (plain, replace(plain))
+    assert _consistent((0.3, 0.4), both, 0.25) == pytest.approx([0.15, 0.2]), "in squares"
+    assert _consistent((0.3, 0.4), both, 0.9) == [0.3, 0.4]
+    assert _consistent((0.3, 0.4), (plain, frames), np.hypot(0.3, 0.5)) == pytest.approx([0.3, 0.5])
+    assert _consistent((0.0, 0.1), (plain, frames), 9.0) == pytest.approx([0.0, 0.3]), "but not without end"
+    assert _consistent((0.2, None), (wide, plain), 0.1) == [0.2, None], "what larger cutouts show is not in H as it is"

@@ -188,6 +188,7 @@ class Flicker(Fault):
             rms,
             picture=Picture(100 * gains[order], "%", "light beside that of the plane", ("pattern in scan order",)),
             put_in=lambda patch: patch.light * _scattered(len(patch.index), 1.0, rms).astype(np.float32)[:, None, None],
+            scatters=True,
         )
 
 

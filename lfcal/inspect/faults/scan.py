@@ -202,6 +202,7 @@ class Jitter(Fault):
                 picture=place_map(evidence, _fitted(evidence, "source_x").left, "px", "displacement of the source"),
                 redo=True,
                 put_in=_jittered([float(rms) for rms, _ in spread]),
+                scatters=True,
             )
 
 

@@ -37,6 +37,8 @@ class Reading:
         Positions it names, flags ``(ny, nx)``, or None.
     detail
         What was found, in words; may be empty.
+    cost
+        Error that it makes in a reconstruction, where the plane tells it; NaN: what such a value makes as a rule.
 
     Examples
     --------
@@ -52,6 +54,7 @@ class Reading:
     map: NDArray[np.float64] | None = None
     positions: NDArray[np.bool_] | None = None
     detail: str = ""
+    cost: float = math.nan
 
 
 UNKNOWN = Reading()
@@ -342,12 +345,21 @@ def judge(spec: MetricSpec, readings: Sequence[Reading], shape: tuple[int, int, 
         spec,
         value,
         spec.limits.merit(value),
-        spec.cost.of(value, spec.limits, nz * ny * nx),
+        _cost(spec, value, readings, nz * ny * nx),
         per_plane,
         _maps(readings, (ny, nx)),
         np.argwhere(named),
         "; ".join(sorted({r.detail for r in readings} - {""})) or (spec.if_unknown if math.isnan(value) else ""),
     )
+
+
+def _cost(spec: MetricSpec, value: float, readings: Sequence[Reading], frames: int) -> float:
+    """Return the cost of a value that is not good: that of all planes where they tell theirs, else what is usual."""
+    told = [one.cost for one in readings if not math.isnan(one.cost)]
+    typical = spec.cost.of(value, spec.limits, frames)
+    if not told or not typical > 0:
+        return typical
+    return min(spec.cost.worst, math.sqrt(sum(cost**2 for cost in told) / len(readings)))
 
 
 def _overall(spec: MetricSpec, per_plane: NDArray[np.float64]) -> float:

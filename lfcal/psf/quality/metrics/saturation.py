@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,13 @@ __all__ = ["METRICS"]
 
 LIMITS = Limits(good=2, bad=10)
 
+NEAR_TOP, RAREST = 0.85, 1.05
+"""Share of the highest value from which on values tell how rare higher ones are, and the ratio of both counts that
+tells it at least."""
+
+FARTHEST = 0.35
+"""Share of the top by which light exceeds it on average at most: exposures are rarely so wrong."""
+
 
 def _saturation(plane: PlaneMeasures) -> Reading:
     saturated = plane.about.matrix.saturated
@@ -21,7 +29,25 @@ def _saturation(plane: PlaneMeasures) -> Reading:
     counts = None if saturated is None else np.asarray(saturated[plane.about.z], float)
     if counts is None or (counts < 0).all():
         return _suspected(plane)
-    return _counted(np.where(counts < 0, math.nan, counts))
+    found = _counted(np.where(counts < 0, math.nan, counts))
+    return replace(found, cost=_lost(plane, np.maximum(counts, 0)))
+
+
+def _lost(plane: PlaneMeasures, counts: NDArray[np.float64]) -> float:
+    """Return the light above the top of the sensor's range as a share of the plane's (relative L2); NaN: not known.
+
+    Values below the top become rarer as an exponential, and so do those above it, had they been seen.
+    """
+    many = counts[counts > 0]
+    power = float(plane.table.column("squares").sum())
+    if not many.size or not power > 0:
+        return math.nan
+    top = float(np.median(plane.table.column("top")[counts > 0]))
+    total = float(many.sum())
+    near = float((plane.patterns >= NEAR_TOP * top).sum())
+    step = (1 - NEAR_TOP) * top / math.log(max(near / total, RAREST)) if top > 0 else 0.0
+    # of an exponential beyond the top, the mean square is twice the square of its step
+    return math.sqrt(2 * total * min(step, FARTHEST * top) ** 2 / power)
 
 
 def _counted(counts: NDArray[np.float64]) -> Reading:
