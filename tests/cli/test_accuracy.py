@@ -53,7 +53,7 @@ def test_a_curve_of_h_as_json_and_drawn(lfcal: Lfcal, h: Path, tmp_path: Path) -
     found: Any = run.json
     assert found["subject"] == "H.h5" and found["error"] == 0.005 and chart.stat().st_size > 5000
     (curve,) = found["curves"]
-    assert curve["place"] == "storage" and len(curve["rungs"]) == 13
+    assert curve["place"] == "storage" and len(curve["rungs"]) == 10
     picked = found["answers"]["storage"]["rung"]
     good = [r["cost"] for r in curve["rungs"] if r["error"] <= 0.005]
     assert picked["cost"] == min(good) and picked["error"] <= 0.005

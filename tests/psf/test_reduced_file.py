@@ -146,7 +146,7 @@ def test_fit(tmp_path: Path) -> None:
 def test_exports_hold_the_same_values(path: Path, tmp_path: Path, suffix: str) -> None:
     out = tmp_path / f"out{suffix}"
     with open_psf(path) as small:
-        export(small, out)
+        export(small, out, **({} if suffix == ".h5" else {"allow_missing": True}))
         if suffix == ".tif":
             assert out.stat().st_size > 4 * small.size
             return
