@@ -15,7 +15,7 @@ from lfcal.camera import ScanPlan
 from lfcal.cli import main
 from lfcal.simulate import effects as rooms
 from lfcal.simulate import plan_effects, simulate_psf
-from lfcal.simulate.effects import LensTypeDefocus, ShotNoise, find_effects
+from lfcal.simulate.effects import LensTypeDefocus, ShotNoise, find_effects, registered
 from lfcal.simulate.sensor.noise import expose
 from lfcal.simulate.staging import outlook_of
 from tests.distribution import code_of, in_a_new_process, install
@@ -31,7 +31,9 @@ def foreign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Install:
 
     def put(source: str, name: str) -> None:
         install(monkeypatch, tmp_path, "their_effects", source, {"lfcal.effects": f"theirs = their_effects:{name}"})
-        monkeypatch.setattr(rooms, "CATALOGUE", find_effects())
+        found = find_effects()
+        for home in (rooms, registered):
+            monkeypatch.setattr(home, "CATALOGUE", found)
 
     return put
 
