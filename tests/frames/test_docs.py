@@ -38,6 +38,9 @@ def test_h_files_as_documented(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     values = np.random.default_rng(0).random((1, 19, 33, 5, 5)).astype(np.float32)
     save_regions({"centre": PSFMatrix(values), "corner": PSFMatrix(values)}, tmp_path / "H.h5")
     monkeypatch.chdir(tmp_path)
-    (block,) = code_of("formats_h.md")
+    by_h5py, block = code_of("formats_h.md")
+    read: dict[str, object] = {}
+    exec(by_h5py, read)
+    np.testing.assert_array_equal(read["H"], values[0, 9, 16])
     names: dict[str, object] = {}
     exec(block.replace("H.facts.spread", "H.facts.spread, open_psf('H.h5', region='corner')"), names)

@@ -78,7 +78,9 @@ def _session(kind: str, folder: str, file: str, family: str) -> list[Target]:
 
 
 def _acquire(kind: str, file: str, family: str, *options: str, folder: str = "open") -> Target:
-    return Target(kind, file, family, ("acquire", "record.json", "--out", folder, *options), folder, folder)
+    # the sessions were recorded with the quick pattern
+    words = ("acquire", "record.json", "--out", folder, "--option", "optics=pattern", *options)
+    return Target(kind, file, family, words, folder, folder)
 
 
 TARGETS: tuple[Target, ...] = (

@@ -179,7 +179,7 @@ def test_decisions_are_made_for_each_plane() -> None:
     few = replace(plan, period=(2, 2))
     H = simulate_psf(plan.camera, few, plan_effects(plan.camera, few, 0.03), tolerance=0.03)
     simulated = H.provenance["simulated"]
-    assert simulated["planes"]["iris_diffraction"] == [1]
+    assert simulated["effect_planes"]["iris_diffraction"] == [1]
     assert [effect["name"] for effect in simulated["effects"]] == [e.name for e in found.effects]
 
 

@@ -203,8 +203,8 @@ def iter_reconstruct(
     >>> for record in iter_reconstruct(P, [[0, 0, 2, 4, 2, 0, 0]], SolverChoice("rl", iterations=3)):
     ...     print(record.stage, record.count, f"residual {record.residual:.2f}")
     richardson-lucy 1 of 3 residual 0.75
-    richardson-lucy 2 of 3 residual 0.47
-    richardson-lucy 3 of 3 residual 0.31
+    richardson-lucy 2 of 3 residual 0.38
+    richardson-lucy 3 of 3 residual 0.27
     """
     c = SolverChoice() if choice is None else choice
     for option, given in (("weights", weights), ("initial", initial), ("resume", resume)):
