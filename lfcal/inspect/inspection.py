@@ -54,6 +54,7 @@ MEASURED = frozenset(
         "depth",
         "background",
         "hot_pixels",
+        "step",
     }
 )
 """Keys of model-free metrics whose subject the comparison with a camera measures itself, and more surely."""
