@@ -14,7 +14,7 @@ from lfcal.inspect.metric_costs import as_findings, with_costs
 from lfcal.progress import drain
 from lfcal.psf import PSFMatrix
 from lfcal.psf.quality import QualityReport, inspect
-from lfcal.psf.quality.metric import Metric
+from lfcal.psf.quality.metric import Metric, Reading, judge
 from tests.inspect.common import clean, evidence_of, matrix, plan
 
 
@@ -95,3 +95,9 @@ def test_costs_never_add_to_more_than_h_as_it_is_costs() -> None:
     assert _consistent((0.3, 0.4), (plain, frames), np.hypot(0.3, 0.5)) == pytest.approx([0.3, 0.5])
     assert _consistent((0.0, 0.1), (plain, frames), 9.0) == pytest.approx([0.0, 0.3]), "but not without end"
     assert _consistent((0.2, None), (wide, plain), 0.1) == [0.2, None], "what larger cutouts show is not in H as it is"
+
+
+def test_no_metric_costs_more_than_a_volume_that_is_all_wrong(quality: QualityReport) -> None:
+    spec = quality["scan_order"].spec
+    assert judge(spec, (Reading(1.0), Reading(1.0)), plan().shape[:3]).cost == 1.0, "typical: 3.6"
+    assert np.isnan(judge(spec, (Reading(),), plan().shape[:3]).cost)

@@ -57,6 +57,9 @@ class Reading:
     cost: float = math.nan
 
 
+LARGEST = 1.0
+"""Error of a volume that has nothing in common with the true one, at its best brightness: none is larger."""
+
 UNKNOWN = Reading()
 """The value of a metric that could not be measured: never zero, which would be good."""
 
@@ -357,9 +360,10 @@ def _cost(spec: MetricSpec, value: float, readings: Sequence[Reading], frames: i
     """Return the cost of a value that is not good: that of all planes where they tell theirs, else what is usual."""
     told = [one.cost for one in readings if not math.isnan(one.cost)]
     typical = spec.cost.of(value, spec.limits, frames)
-    if not told or not typical > 0:
-        return typical
-    return min(spec.cost.worst, math.sqrt(sum(cost**2 for cost in told) / len(readings)))
+    if told and typical > 0:
+        typical = min(spec.cost.worst, math.sqrt(sum(cost**2 for cost in told) / len(readings)))
+    # not a number where the value is unknown
+    return typical if math.isnan(typical) else min(LARGEST, typical)
 
 
 def _overall(spec: MetricSpec, per_plane: NDArray[np.float64]) -> float:
