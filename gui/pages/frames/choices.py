@@ -53,6 +53,16 @@ class FrameChoices(QWidget):
             grid.addLayout(part)
         return grid
 
+    def _origin_edit(self) -> QLineEdit:
+        edit = QLineEdit()
+        edit.setPlaceholderText("whole sensor, or row,column")
+        # what is no place is not taken: the edit does not finish
+        edit.setValidator(QRegularExpressionValidator(QRegularExpression(r"(\s*\d{1,6}\s*,\s*\d{1,6}\s*)?")))
+        edit.setToolTip("Of frames that are a part of the sensor: sensor row and column of their first pixel")
+        edit.setAccessibleName("first pixel")
+        edit.editingFinished.connect(lambda: self.setting_chosen.emit("origin", edit.text().strip()))
+        return edit
+
     def _reading(self) -> QFormLayout:
         self.pattern, self.manifest = QLineEdit(), QLineEdit()
         self.pattern.setPlaceholderText("z{z}_y{y}_x{x}.png")
@@ -62,13 +72,7 @@ class FrameChoices(QWidget):
         for key, edit in (("pattern", self.pattern), ("manifest", self.manifest)):
             edit.setAccessibleName({"pattern": "file names"}.get(key, key))
             edit.editingFinished.connect(lambda key=key, edit=edit: self.setting_chosen.emit(key, edit.text().strip()))
-        self.origin = QLineEdit()
-        self.origin.setPlaceholderText("whole sensor, or row,column")
-        # what is no place is not taken: the edit does not finish
-        self.origin.setValidator(QRegularExpressionValidator(QRegularExpression(r"(\s*\d{1,6}\s*,\s*\d{1,6}\s*)?")))
-        self.origin.setToolTip("Of frames that are a part of the sensor: sensor row and column of their first pixel")
-        self.origin.setAccessibleName("first pixel")
-        self.origin.editingFinished.connect(lambda: self.setting_chosen.emit("origin", self.origin.text().strip()))
+        self.origin = self._origin_edit()
         self.interpolation = choice_box(WAYS, "How a cutout that lies between pixels is taken")
         self.interpolation.setAccessibleName("interpolation")
         self.interpolation.currentIndexChanged.connect(

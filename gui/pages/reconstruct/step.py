@@ -51,6 +51,13 @@ def _iterations(choice: SolverChoice) -> str:
     return "auto" if choice.stop == STOPS[0] else f"auto:{choice.stop}"
 
 
+RESAMPLED = """
+    anchor, weights = H.anchor, None
+    if (view := resampling_for(H, image.shape)) is not None:
+        anchor, weights, image = view.anchor(lattice_anchor_of(H)), view.inside(image.shape), view.apply(image)"""
+"""Lines of a script that resample a frame whose lattice drifts against H's period."""
+
+
 def _python(psf: str, frame: str, chosen: ReconstructSettings, out: str) -> str:
     choice = chosen.choice()
     settings = {key: value for key, value in asdict(choice).items() if key != "margin"}
@@ -64,10 +71,7 @@ def _python(psf: str, frame: str, chosen: ReconstructSettings, out: str) -> str:
     row_column, resampled, weights = "H.anchor" if not chosen.anchor else repr(tuple(chosen.anchor)), "", ""
     if not (chosen.as_is or chosen.anchor):
         row_column, weights = "anchor", ", weights=weights"
-        resampled = """
-    anchor, weights = H.anchor, None
-    if (view := resampling_for(H, image.shape)) is not None:
-        anchor, weights, image = view.anchor(lattice_anchor_of(H)), view.inside(image.shape), view.apply(image)"""
+        resampled = RESAMPLED
         if grid:
             grid = grid.replace("None", "anchor", 1)
     return f"""
