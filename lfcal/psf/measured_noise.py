@@ -1,4 +1,4 @@
-"""The noise of frames that nobody states, measured on the frames themselves.
+"""The noise of frames, measured on the frames themselves where no file states it.
 
 Repeated frames of a position differ by their noise alone. Frames of neighbouring positions differ by signal as well.
 At a fixed pixel of the sensor, however, the signal is a smooth function of the position: from one position to the next

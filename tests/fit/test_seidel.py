@@ -118,9 +118,12 @@ def test_random_cameras_with_seidel_aberrations(k: int, form: str) -> None:
     found = measured_error(fit, truth, 20)
     print(f"camera {k}, {form}: {found}, {fit.verdict}, {fit.groups}, {pulls(fit, truth)}")
     assert found["error_l1"] < 0.005 and fit.complete
-    # a distance too small to help is held at 0, and the gap takes its place: 0.2 % in camera 7, 12 standard deviations
-    held = "distance" not in fit.groups and form == "seidel"
-    assert held or max(map(abs, pulls(fit, truth).values())) < 4
+    limit = 4
+    if (k, form) == (7, "seidel"):
+        # known shortfall: the distance is judged unhelpful and held at 0, and the gap is 12 of its sigmas off
+        limit = 15
+        assert max(map(abs, pulls(fit, truth).values())) > 4, "the shortfall is gone: ask for 4 here, too"
+    assert max(map(abs, pulls(fit, truth).values())) < limit
 
 
 @pytest.mark.long

@@ -16,8 +16,8 @@ __all__ = ["METRICS"]
 LIMITS = Limits(good=2, bad=10)
 
 NEAR_TOP, RAREST = 0.85, 1.05
-"""Share of the highest value from which on values tell how rare higher ones are, and the ratio of both counts that
-tells it at least."""
+"""Share of the highest value above which values show how rare higher ones are, and the least ratio of both counts that
+shows it."""
 
 FARTHEST = 0.35
 """Share of the top by which light exceeds it on average at most: exposures are rarely so wrong."""
