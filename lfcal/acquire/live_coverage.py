@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -104,19 +105,23 @@ class LiveCoverage:
             with self._lock:
                 self._lamp.append((note.elapsed_s, light))
             return
-        self.know(step.z, step.flat - step.z * self._most)
-        number = self._number[step.z, step.flat - step.z * self._most]
-        with self._lock:
-            self._light[number], self._saturated[number] = light, note.saturated
+        self.know(step.z, step.flat - step.z * self._most, light, note.saturated)
 
     @property
     def _most(self) -> int:
         return max(map(len, self._plan.offsets_px))
 
-    def know(self, z: int, k: int) -> None:
-        """Take frame ``k`` of plane ``z`` for recorded, as one of an earlier run; a second time changes nothing."""
+    def know(self, z: int, k: int, light: float = math.nan, saturated: int = 0) -> None:
+        """Take frame ``k`` of plane ``z`` for recorded, with its light (counts), NaN where that is not known.
+
+        A frame that is known already counts once.
+        """
         from lfcal.targets.search import covered_by
 
+        number = self._number[z, k]
+        if not math.isnan(light):
+            with self._lock:
+                self._light[number], self._saturated[number] = light, saturated
         if (z, k) in self._frames:
             return
         offset = np.array(self._plan.offsets_px[z][k])

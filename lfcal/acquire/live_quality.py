@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import threading
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -58,7 +60,7 @@ class QualityState:
     Attributes
     ----------
     done
-        Positions seen.
+        Positions seen; those of earlier runs do not count.
     energy
         ``(nz, ny, nx)`` light of each position above the background (counts), NaN where not recorded.
     residual_px
@@ -66,7 +68,7 @@ class QualityState:
     saturated
         ``(nz, ny, nx)`` saturated pixels of each cutout.
     depth_sums
-        ``(nz, nt, ns)`` growing sums of the cutouts above the background (counts).
+        ``(nz, nt, ns)`` growing sums of the cutouts above the background (counts); ``(1, nt, ns)`` of one plane.
     lamp
         ``(n, 2)`` seconds of recording, over all recordings that were followed, and energy of the reference frames
         (counts).
@@ -122,7 +124,8 @@ class LiveQuality:
         self._energy = np.full(shape, np.nan)
         self._residual = np.full(shape, np.nan, np.float32)
         self._saturated = np.zeros(shape, np.int64)
-        self._sums = np.zeros((shape[0], *window))
+        self._window = window
+        self._sums: dict[int, NDArray[np.float64]] = {}  # of planes with a frame: a sum may be as large as the sensor
         self._levels = np.zeros(shape[0])
         self._lamp: list[tuple[float, float]] = []
         self._before = self._now = 0.0
@@ -165,12 +168,32 @@ class LiveQuality:
             error[self._away] = 0.0
             self._residual[place] = float(np.hypot.reduce(error)) / self._step[step.z]
             self._saturated[place] = note.saturated
+            if step.z not in self._sums:
+                self._sums[step.z] = np.zeros(self._window)
             self._sums[step.z] += frame
             self._levels[step.z] += self._level
             self._done += 1
 
-    def state(self) -> QualityState:
-        """Return a copy of what is known now."""
+    def know(self, records: NDArray[Any], levels: NDArray[np.float64]) -> None:
+        """Take positions that earlier runs recorded from their records; depth sums need their frames and stay.
+
+        Parameters
+        ----------
+        records
+            ``(n,)`` of type `lfcal.acquire.recording.records.RECORD`, one of each position.
+        levels
+            ``(n,)`` background of each frame (counts).
+        """
+        place = np.unravel_index(records["index"], self._shape)
+        error = records["stage_um"] - records["target_um"]
+        error[:, self._away] = 0.0
+        with self._lock:
+            self._energy[place] = records["energy"] - levels * math.prod(self._window)
+            self._residual[place] = np.linalg.norm(error, axis=1) / np.array(self._step)[place[0]]
+            self._saturated[place] = records["saturated"]
+
+    def state(self, plane: int | None = None) -> QualityState:
+        """Return a copy of what is known now; with ``plane`` the depth sum of that plane only."""
         with self._lock:
             lamp = np.array(self._lamp).reshape(-1, 2)
             follow = self._slopes()
@@ -179,11 +202,15 @@ class LiveQuality:
                 self._energy.copy(),
                 self._residual.copy(),
                 self._saturated.copy(),
-                self._sums - self._levels[:, None, None],
+                self._depth_sums(range(self._shape[0]) if plane is None else (plane,)),
                 lamp,
                 follow,
                 self._alarms(lamp, follow),
             )
+
+    def _depth_sums(self, planes: Iterable[int]) -> NDArray[np.float64]:
+        none = np.zeros(self._window)
+        return np.stack([self._sums.get(z, none) - self._levels[z] for z in planes])
 
     def _follow(self, place: tuple[int, int, int], frame: NDArray[Any]) -> None:
         """Add the centroid of ``frame`` to the fit of its movement over y and x."""
@@ -207,9 +234,9 @@ class LiveQuality:
 
     def _alarms(self, lamp: NDArray[np.float64], follow: NDArray[np.float64]) -> tuple[Alarm, ...]:
         # a few frames say nothing: no alarm from noise
-        if self._done < FEW:
-            return ()
         seen = np.isfinite(self._energy)
+        if seen.sum() < FEW:
+            return ()
         alarms = []
 
         def look(what: str, value: float, advice: str) -> None:

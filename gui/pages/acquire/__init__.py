@@ -9,8 +9,8 @@
 - ``lab``, ``lab_panel``, ``model_lab``: large buttons for a dark lab
 - ``model``: settings; ``model_live``: the live view; ``model_findings``: what a few moves tell;
   ``model_stills``: white and dark frames;
-  ``model_station``: the devices; ``model_recorder``: a recording as it grows; ``model_until``: one that ends when H is
-  known
+  ``model_station``: the devices; ``model_recorder``: a recording as it grows; ``model_earlier``: what earlier runs
+  recorded; ``model_until``: one that ends when H is known
 """
 
 from __future__ import annotations

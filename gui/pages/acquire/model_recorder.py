@@ -7,21 +7,23 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gui.pages.acquire.model_earlier import EarlierFrames, Known, PlaneSum
 from gui.pages.acquire.model_station import Station
 from lfcal.acquire.blocks import coarse_order
 from lfcal.acquire.control import Control
-from lfcal.acquire.frame_plan import scan_of
+from lfcal.acquire.frame_plan import frame_grid, frame_positions, scan_of
 from lfcal.acquire.live_coverage import LiveCoverage
 from lfcal.acquire.live_quality import LiveQuality, QualityState
 from lfcal.acquire.options import Options
 from lfcal.acquire.preview import Preview
+from lfcal.acquire.recording.records import Kind
 from lfcal.acquire.runner import Outcome
-from lfcal.acquire.schedule import window_shape
+from lfcal.acquire.schedule import Step, window_shape
 from lfcal.camera import ScanPlan
 from lfcal.frames.source import Position
 from lfcal.progress import Work
@@ -54,6 +56,8 @@ class Recorder:
         Positions (z, y, x) to be recorded again; empty records all.
     goal
         The error of H that ends it, positions being chosen on the way; None: it ends with the last of the plan.
+    known
+        What earlier runs recorded, as `FolderState.known`; ``earlier`` reads it.
     """
 
     def __init__(
@@ -65,6 +69,7 @@ class Recorder:
         resume: bool = False,
         redo: Sequence[tuple[int, int, int]] = (),
         goal: Goal | None = None,
+        known: Known | None = None,
     ) -> None:
         self.folder, self.recorded, self.options, self.resume = folder, plan, options, resume
         self.plan = scan_of(plan)
@@ -73,7 +78,10 @@ class Recorder:
         self.steps: list[AdaptiveStep] = []
         self.fit: Fit | None = None
         self.control, self.preview = Control(), Preview()
-        self.quality = _watching(plan, options, folder if resume or redo else None)
+        self.quality = _watching(plan, options)
+        self.earlier = EarlierFrames(folder, self.quality, known)
+        self.taken = 0
+        """Positions, or frames of a target, of this run so far."""
         positions = coarse_order(self.plan) if options.order == "coarse" else self.plan.order_indices()
         self.order = np.ravel_multi_index(tuple(positions.T), self.plan.shape[:3])
         self.started = time.monotonic()
@@ -94,7 +102,7 @@ class Recorder:
                 redo=self.redo or None,
                 control=self.control,
                 preview=self.preview,
-                observers=(self.quality,),
+                observers=(self.quality, self._count),
             )
         )
 
@@ -111,7 +119,7 @@ class Recorder:
             resume=self.resume,
             control=self.control,
             preview=self.preview,
-            observers=(self.quality,),
+            observers=(self.quality, self._count),
             seen=self.steps.append,
         )
         self.ended, self.fit = found.words, found.fit
@@ -126,30 +134,15 @@ class Recorder:
     def rate(self) -> float:
         """Positions per second of this run so far."""
         seconds = time.monotonic() - self.started
-        return self.quality.state().done / seconds if seconds > 0 else 0.0
+        return self.taken / seconds if seconds > 0 else 0.0
+
+    def _count(self, step: Step, *_: Any) -> None:
+        self.taken += step.kind is Kind.POSITION
 
 
-def _watching(plan: ScanPlan | TargetPlan, options: Options, folder: Path | None) -> LiveQuality | LiveCoverage:
-    """Return what watches a session; of one that goes on in ``folder``, a target's earlier frames are known."""
-    if isinstance(plan, ScanPlan):
-        return LiveQuality(plan, window_shape(plan, options))
-    watching = LiveCoverage(plan)
-    if folder is not None:
-        for z, k in target_frames(folder):
-            watching.know(z, k)
-    return watching
-
-
-def target_frames(folder: Path) -> tuple[tuple[int, int], ...]:
-    """Return plane and offset's number of the frames that a target's session has; none where none was taken."""
-    from lfcal.acquire.recording.whole_frames import TargetRecording
-    from lfcal.errors import LfcalError
-
-    try:
-        with TargetRecording(folder, skip_damaged=True) as source:
-            return source.frames
-    except LfcalError:
-        return ()
+def _watching(plan: ScanPlan | TargetPlan, options: Options) -> LiveQuality | LiveCoverage:
+    """Return what watches a session."""
+    return LiveQuality(plan, window_shape(plan, options)) if isinstance(plan, ScanPlan) else LiveCoverage(plan)
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,6 +163,8 @@ class FolderState:
         ``(nz, ny, nx)`` the positions that were chosen to be recorded; None: all of the plan.
     target
         The plan of a target whose frames are recorded: then ``there`` counts these, ``(frames,)``.
+    recordings
+        Names of the files with its frames, oldest first.
     """
 
     there: NDArray[np.bool_] | None = None
@@ -179,6 +174,20 @@ class FolderState:
     options: Options | None = None
     chosen: NDArray[np.bool_] | None = None
     target: TargetPlan | None = None
+    recordings: tuple[str, ...] = ()
+
+    def known(self, but: Sequence[Position] = ()) -> Known | None:
+        """Return what is acknowledged, without positions that are to be recorded again; None: nothing is."""
+        if self.there is None or self.plan is None:
+            return None
+        if self.target is None:
+            grid = self.plan.shape[:3]
+            flat = np.flatnonzero(self.there)
+        else:
+            grid = frame_grid(self.target)
+            flat = np.ravel_multi_index(tuple(frame_positions(self.target)[self.there].T), grid)
+        again = np.ravel_multi_index(tuple(np.array(but, np.intp).reshape(-1, 3).T), grid, mode="clip")
+        return Known(np.setdiff1d(flat, again), grid, self.recordings)
 
     @property
     def complete(self) -> bool:
@@ -234,12 +243,15 @@ def folder_state(folder: str) -> FolderState:
     if session.target is not None:
         target: TargetPlan = session.target  # type: ignore[assignment]  # a session's frame plan is a target's
         frames = np.array([z * shape[2] + k for z, k in target.frames], np.intp)
-        return FolderState(there[frames], how, "", session.plan, session.options, None, target)
+        return FolderState(
+            there[frames], how, "", session.plan, session.options, None, target, recordings=session.recordings
+        )
     chosen = np.zeros(shape, np.bool_)
     if session.redo[0]:
         chosen[tuple(np.array([at for part in session.redo for at in part]).T)] = True
     found = chosen if session.redo[0] else None
-    return FolderState(there.reshape(shape), how, "", session.plan, session.options, found)
+    there = there.reshape(shape)
+    return FolderState(there, how, "", session.plan, session.options, found, recordings=session.recordings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,7 +265,7 @@ class RecordPicture:
     depth_sum
         ``(rows, columns)`` growing sum of the plane's cutouts above the background (counts).
     curves
-        For each of `QUANTITIES` number and value of the positions recorded in this run, in their order.
+        For each of `QUANTITIES` number and value of the positions that are known, in the order of recording.
     alarms
         What is out of bounds, in words.
     lamp
@@ -264,6 +276,8 @@ class RecordPicture:
         Positions that are safe, or frames of a target; and all of them.
     covered
         Whether the map tells how many frames of a target show each position, and not what was recorded there.
+    reading
+        How far the frames of earlier runs are read, in words; empty: nothing is left to read.
     """
 
     values: NDArray[np.float64]
@@ -276,23 +290,31 @@ class RecordPicture:
     done: int
     total: int
     covered: bool = False
+    reading: str = ""
 
 
 def record_picture(
-    quality: QualityState, order: NDArray[np.intp], z: int, quantity: str, earlier: NDArray[np.bool_] | None
+    quality: QualityState,
+    order: NDArray[np.intp],
+    z: int,
+    quantity: str,
+    earlier: NDArray[np.bool_] | None,
+    read: PlaneSum | None = None,
 ) -> RecordPicture:
     """Return what to draw: pure.
 
     Parameters
     ----------
     quality
-        Of this run.
+        Of this run, with the depth sum of plane ``z`` only, and of earlier ones as far as it is read.
     order
         Flat positions in the order of recording.
     z, quantity
         Plane and key of `QUANTITIES` for the map.
     earlier
         ``(nz, ny, nx)`` positions that earlier runs recorded.
+    read
+        Sum of the frames of earlier runs in this plane.
     """
     seen = np.isfinite(quality.energy)
     arrays = {
@@ -310,13 +332,14 @@ def record_picture(
     return RecordPicture(
         arrays[quantity][z],
         there[z],
-        quality.depth_sums[z],
+        quality.depth_sums[0] + (0.0 if read is None else read.light),
         curves,
         alarms,
         lamp_words(quality.lamp),
         bool(there[z].all()),
         int(there.sum()),
         there.size,
+        reading="" if read is None else read.words,
     )
 
 

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from gui.pages.acquire.model_recorder import RecordPicture, lamp_words, record_picture
-from lfcal.acquire.live_coverage import CoverageState
-from lfcal.acquire.live_quality import QualityState
+from gui.pages.acquire.model_recorder import Recorder, RecordPicture, lamp_words, record_picture
+from lfcal.acquire.live_coverage import CoverageState, LiveCoverage
 from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
 from lfcal.files import read_text
@@ -74,14 +73,8 @@ def coverage_picture(state: CoverageState, z: int) -> RecordPicture:
     )
 
 
-def picture_of(
-    state: CoverageState | QualityState,
-    order: NDArray[np.intp],
-    z: int,
-    quantity: str,
-    earlier: NDArray[np.bool_] | None,
-) -> RecordPicture:
+def picture_of(made: Recorder, z: int, quantity: str, earlier: NDArray[np.bool_] | None) -> RecordPicture:
     """Return what to draw of a recording, of single points or of a target; arguments as of `record_picture`."""
-    if isinstance(state, CoverageState):
-        return coverage_picture(state, z)
-    return record_picture(state, order, z, quantity, earlier)
+    if isinstance(made.quality, LiveCoverage):
+        return coverage_picture(made.quality.state(), z)
+    return record_picture(made.quality.state(z), made.order, z, quantity, earlier, made.earlier.sum_of(z))

@@ -134,9 +134,10 @@ class RecordPanel(QWidget):
         return self.pictures if "pictures" in vars(self) else None
 
     def showEvent(self, event: QShowEvent) -> None:
-        """Make the pictures."""
+        """Make the pictures, and ask for what they show."""
         self.pictures.show()
         super().showEvent(event)
+        self.view_changed.emit()
 
     def say_of_folder(self, words: str) -> None:
         """Say what is in the session's folder; without words there is no room for them."""

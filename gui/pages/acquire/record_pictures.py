@@ -44,7 +44,7 @@ class RecordPictures(QWidget):
         self._picture: RecordPicture | None = None
         self._light: NDArray[np.float64] | None = None
         self.map = PeriodMap()
-        self.map.setToolTip("Positions of one period in this plane; empty: not recorded, or in an earlier run")
+        self.map.setToolTip("Positions of one period in this plane; empty: not recorded")
         self.map.cross.hide()
         self.frame = FrameView(jobs, "acquire record frame")
         style_axes(self.frame.plot, "column (px)", "row (px)")
@@ -106,9 +106,10 @@ class RecordPictures(QWidget):
         """Show map, sum and curves."""
         self._picture = picture
         self._show_map()
+        self._title_sum()
         if self._light is None:
             self.map_title.setText(COVERED if picture.covered else MAP)
-        self.depth_sum.blank.words = NO_SUM if picture.covered else NOTHING
+        self.depth_sum.blank.words = NO_SUM if picture.covered else picture.reading.capitalize() or NOTHING
         seen = picture.depth_sum / 1e3 if picture.depth_sum.any() else None
         self.depth_sum.set_image(seen, name="depth_sum")
         for k, (key, (x, y)) in enumerate(picture.curves.items()):
@@ -138,9 +139,17 @@ class RecordPictures(QWidget):
     def show_error(self, curve: ErrorCurve | None) -> None:
         """Show the error of H in the place of the depth-plane sum, or that again."""
         self.third.setCurrentWidget(self.depth_sum if curve is None else self.error)
-        self.third_title.setText(SUM if curve is None else TITLE)
+        self._title_sum()
         if curve is not None and curve != self.error.curve:
             self.error.show_curve(curve)
+
+    def _title_sum(self) -> None:
+        """Say how much of the sum is read where it is not all of it."""
+        reading = "" if self._picture is None else self._picture.reading
+        if self.third.currentWidget() is not self.depth_sum:
+            self.third_title.setText(TITLE)
+        else:
+            self.third_title.setText(f"{SUM}: {reading}" if reading else SUM)
 
     def show_frame(
         self, frame: LiveFrame, point: tuple[float, float] | None, target: NDArray[np.float64] | None = None

@@ -16,6 +16,7 @@ from gui.models.words import plane_words
 from gui.pages.acquire.after import Afterwards
 from gui.pages.acquire.folder_choice import FolderChoice
 from gui.pages.acquire.model import AcquireSettings
+from gui.pages.acquire.model_earlier import EarlierFrames
 from gui.pages.acquire.model_recorder import FolderState, Recorder, RecordPicture, folder_state
 from gui.pages.acquire.model_target import picture_of, places_px
 from gui.pages.acquire.model_until import check_goal, error_curve
@@ -25,11 +26,13 @@ from gui.pages.acquire.status import advice_words, asked_words, end_words, progr
 from gui.pages.acquire.step import step
 from gui.pages.acquire.target_choice import TargetChoice
 from lfcal.errors import LfcalError, StorageError
+from lfcal.frames.source import Position
 from lfcal.units import format_length
 
 __all__ = ["RecordTab"]
 
-POLL_MS = 120
+POLL_MS, READ_MS = 120, 250
+EARLIER = "acquire earlier frames"
 HELD = "a session is being recorded: camera, plan and devices stay as they are until it ends"
 
 
@@ -51,6 +54,9 @@ class RecordTab(QObject):
         super().__init__(parent)
         self.context, self.setup, self.panel = context, setup, panel
         self.recorder: Recorder | None = None
+        self._opened: Recorder | None = None
+        """What the folder holds, while nothing is recorded."""
+        self._reading: EarlierFrames | None = None
         self.folder = FolderState()
         self.after = Afterwards(context, panel, lambda: self.recording)
         self.target = TargetChoice(context, self._target_read)
@@ -61,6 +67,9 @@ class RecordTab(QObject):
         self.poll_timer = QTimer(self)
         self.poll_timer.setInterval(POLL_MS)
         self.poll_timer.timeout.connect(self._poll)
+        self.read_timer = QTimer(self)
+        self.read_timer.setInterval(READ_MS)
+        self.read_timer.timeout.connect(self._refresh_picture)
         for form in (panel.form, panel.until):
             form.check = self._check_field
             form.edited.connect(self._field_edited)
@@ -102,11 +111,13 @@ class RecordTab(QObject):
     def let_go(self) -> None:
         """Open no folder any more for the project before."""
         self.folder_choice.let_go()
-        self.context.jobs.drop("acquire start")
+        for group in ("acquire start", EARLIER):
+            self.context.jobs.drop(group)
 
     def _forget(self) -> None:
         """Let go of what was recorded before: it is of another folder."""
-        self.recorder, self.folder, self._lamp = None, FolderState(), ""
+        self.context.jobs.drop(EARLIER)
+        self.recorder, self._opened, self.folder, self._lamp = None, None, FolderState(), ""
         self.panel.show_status("Not recording.", "", 0.0)
         self.panel.clear_frame()
         self.context.attention.emit("acquire", False)
@@ -141,7 +152,7 @@ class RecordTab(QObject):
         self.context.message.emit(words)
 
     def _folder_seen(self, found: FolderState) -> None:
-        self.folder = found
+        self.folder, self._opened = found, None
         self.panel.say_of_folder(found.words() if self.context.state.recording else "")
         self.show_controls()
         if self.recorder is None:
@@ -223,7 +234,8 @@ class RecordTab(QObject):
             if goal is not None:
                 check_goal(state.plan, options, now)
             again = state.redo if redo else ()
-            recorder = Recorder(folder, plan, options, resume=resume, redo=again, goal=goal)
+            known = now.known([Position(*p) for p in again])
+            recorder = Recorder(folder, plan, options, resume=resume, redo=again, goal=goal, known=known)
         except LfcalError as error:
             self._refuse(str(error))
             return
@@ -283,25 +295,49 @@ class RecordTab(QObject):
         self._show_error()
         self._refresh_picture()
 
+    def _shown(self) -> Recorder | None:
+        """Return the run, or what the folder holds where this window recorded nothing; None without a plan."""
+        plan = self.folder.plan or self.context.state.plan
+        if self.recorder is not None or plan is None:
+            return self.recorder
+        if self._opened is None or self.folder.there is None:
+            options = self.folder.options or AcquireSettings.of(self.context.state).options()
+            shown = self.target.shown(plan, self.folder)
+            self._opened = Recorder(Path(self.context.state.recording), shown, options, known=self.folder.known())
+        return self._opened
+
     def _refresh_picture(self) -> None:
-        plan = self.context.state.plan
-        if plan is None:
+        made, earlier = self._shown(), self.folder.there
+        if made is None:
             return
-        recorder, earlier = self.recorder, self.folder.there
+        depths = made.plan.depths_um
+        self.panel.set_planes(len(depths))
         z, quantity = self.panel.plane.value(), self.panel.quantity.currentData()
-        if recorder is None:
-            recorder = Recorder(
-                Path(self.context.state.recording),
-                self.target.shown(plan, self.folder),
-                AcquireSettings.of(self.context.state).options(),
-                resume=self.folder.target is not None,
-            )
-        depths, made = recorder.plan.depths_um, recorder
+        self._read_earlier(made, z)
         self.context.jobs.compute(
             "acquire quality",
-            lambda: picture_of(made.quality.state(), made.order, z, quantity, earlier),
+            lambda: picture_of(made, z, quantity, earlier),
             lambda picture: self._show_picture(picture, z, depths),
         )
+
+    def _read_earlier(self, made: Recorder, z: int) -> None:
+        """Read what earlier runs recorded, where somebody looks at it."""
+        jobs = self.context.jobs
+        if not jobs.loading(EARLIER):
+            self.read_timer.stop()
+        if not self.panel.isVisible() or not made.earlier.want(z):
+            return
+        if self._reading is not None and self._reading is not made.earlier:
+            self._reading.want(-1)  # of another folder
+        self._reading = made.earlier
+        jobs.drop(EARLIER)
+        jobs.load(
+            EARLIER,
+            lambda: made.earlier.read(z, lambda: jobs.loading(EARLIER)),
+            lambda _: self._refresh_picture(),
+            self.context.message.emit,
+        )
+        self.read_timer.start()
 
     def _show_picture(self, picture: RecordPicture, z: int, depths: tuple[float, ...]) -> None:
         if z >= len(depths):

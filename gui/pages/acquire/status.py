@@ -15,7 +15,7 @@ __all__ = ["advice_words", "asked_words", "end_words", "progress_words"]
 def progress_words(recorder: Recorder, record: Progress, lamp: str) -> tuple[str, str, float | None]:
     """Return how far it is, details with ``lamp``, and the fraction that is done, None where nobody knows."""
     if recorder.goal is not None:
-        words, detail = until_words(record, recorder.steps, recorder.quality.state().done)
+        words, detail = until_words(record, recorder.steps, recorder.taken)
         return words, _joined(detail, lamp), record.fraction if record.total else None
     rate = recorder.rate
     left = (record.total - record.done) / rate if rate > 0 else None

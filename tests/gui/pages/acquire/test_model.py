@@ -252,7 +252,7 @@ def test_a_recording_becomes_pictures(station: Station, tmp_path: Path) -> None:
     drain(again.work(station))
     whole = folder_state(str(folder))
     assert whole.complete and whole.planes() == (0, 1)
-    quality = again.quality.state()
+    quality = again.quality.state(1)
     picture = record_picture(quality, again.order, 1, "energy", part.there)
     assert picture.complete and picture.done == picture.total == 24
     assert record_picture(quality, again.order, 1, "energy", None).done == 24 - part.there.sum()
