@@ -111,7 +111,7 @@ def find_turned_frames(seen: Sequence[SeenPattern], plan: ScanPlan) -> TurnedFra
         The scan's, as the frames lie.
     """
     sensor, marks = plan.camera.sensor.shape, plan.camera.marks
-    # an array whose place nobody stated cannot be mirrored
+    # an array of unknown place cannot be mirrored
     if not seen or marks["lattice.offset_um"] == "assumed" or any(one.frame.shape != sensor for one in seen):
         return None
     setup = Setup(plan.camera, (), (0.0,) * plan.shape[0])
@@ -120,7 +120,7 @@ def find_turned_frames(seen: Sequence[SeenPattern], plan: ScanPlan) -> TurnedFra
         if turn.shape(sensor) == sensor:
             try:
                 alike = float(np.median([_alike(one, turn, plan, setup) for one in seen]))
-            except (InputError, EnergyError):  # a camera that no engine computes tells nothing
+            except (InputError, EnergyError):  # a camera that no engine computes gives no evidence
                 return None
             left[turn.name] = 1 - alike**2
     best = min(left.values())

@@ -22,6 +22,7 @@ from lfcal.cli.options import (
     WorkersOption,
 )
 from lfcal.cli.outputs import check_output
+from lfcal.cli.usage import refuse
 from lfcal.errors import InputError
 
 if TYPE_CHECKING:
@@ -40,6 +41,7 @@ def register(app: typer.Typer) -> None:
 
 
 def command(
+    context: typer.Context,
     subject: str = typer.Argument(..., help="H file, JSON of a scan plan, preset or camera file; list shows places."),
     depths: DepthsOption = "",
     virtual_depths: VirtualDepthsOption = "",
@@ -65,6 +67,8 @@ def command(
     for reason in PLACES.failures().values():
         report(f"left out: {reason}")
     if subject == "list":
+        measuring = ("depths", "virtual_depths", "cutout", "place", "error", "seconds", "draw", "mat_order")
+        refuse(context, "a camera, plan or H to measure", "list", *measuring)
         _list_places(json=json)
         return
     share = _share(error)

@@ -42,6 +42,7 @@ def register(app: typer.Typer) -> None:
 
 
 def command(
+    context: typer.Context,
     plan: Path = typer.Argument(help="Plan of a scan or of a target (.json), made with lfcal plan."),
     *,
     out: Path = typer.Option(..., "--out", "-o", help="Session folder."),
@@ -115,6 +116,7 @@ def command(
     from lfcal.cli.cameras import tell_assumed
     from lfcal.cli.console import report
     from lfcal.cli.outputs import check_output
+    from lfcal.cli.usage import refuse
     from lfcal.devices.registry import open_rig
     from lfcal.errors import InputError, LfcalError
 
@@ -124,6 +126,10 @@ def command(
         check_output(assemble, plan, redo, positions, out, force=force)
     if positions is not None and (resume or redo is not None):
         raise InputError("--positions: is of a new session; one that goes on has its own, and --redo adds to them")
+    if not suspend:
+        refuse(context, "--suspend", "none", "steady")
+    if darks == 0:
+        refuse(context, "dark frames", "--darks 0", "dark_every", "cover")
     goal = parse_goal(until_error, most, unknowns)
     if goal is not None and (positions is not None or redo is not None):
         raise InputError("--until-error: chooses positions itself; leave --positions and --redo out")

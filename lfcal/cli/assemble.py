@@ -28,6 +28,7 @@ from lfcal.cli.options import (
 from lfcal.cli.regions import make_regions
 from lfcal.cli.runs import may_replace, run_choice, run_kept
 from lfcal.cli.scan_frames import ScanFrames
+from lfcal.cli.usage import refuse
 from lfcal.errors import InputError
 
 if TYPE_CHECKING:
@@ -51,6 +52,7 @@ def register(app: typer.Typer) -> None:
 
 
 def command(
+    context: typer.Context,
     frames: Path = typer.Argument(
         help="Folder of frames, manifest (.csv, .json), one file of many frames, a recorded session, or a scan plan "
         "(.json), which the simulated camera then records."
@@ -150,6 +152,8 @@ def command(
     check_choice(orientation)
     if lost != AssemblySettings.lost and cutout != "auto":
         raise InputError.expected("--lost", "--cutout auto", cutout or "the plan's cutout", "leave it out")
+    if white is None:
+        refuse(context, "--white", "none", "white_mode", "white_floor")
     place = parse_origin(origin)
     words = ScanFrames(frames, plan, manifest, pattern, order, columns, first, skip_damaged, orientation, place)
     # A manifest's frames lie beside it.

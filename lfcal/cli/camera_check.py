@@ -13,6 +13,7 @@ from lfcal.cli.console import print_json, print_table, report
 from lfcal.cli.listed import OriginOption
 from lfcal.cli.options import CameraArgument, ForceOption, JsonOption, WorkersOption
 from lfcal.cli.outputs import check_output
+from lfcal.cli.usage import refuse
 from lfcal.errors import InputError
 from lfcal.files import replace_whole
 
@@ -29,6 +30,7 @@ def register(app: typer.Typer) -> None:
 
 
 def command(
+    context: typer.Context,
     camera: CameraArgument,
     white: Path = typer.Argument(
         ..., help="White image: TIFF, PNG, NPY or camera RAW; or a folder of them to average."
@@ -62,7 +64,9 @@ def command(
     from lfcal.frames.white_orientation import compared_orientations
     from lfcal.lattice.camera_check import FITS, WRONG, check_camera
 
-    if out is not None:
+    if out is None:
+        refuse(context, "-o to write the camera", "none", "anyway")
+    else:
         check_output(out, camera, white, dark, force=force)
     described = load_camera(camera)
     place, turn, cfa = parse_origin(origin), named_orientation(orientation), described.sensor.cfa

@@ -24,6 +24,7 @@ from lfcal.cli.cameras import load_file
 from lfcal.cli.console import report
 from lfcal.cli.options import ForceOption, JsonOption
 from lfcal.cli.outputs import check_output
+from lfcal.cli.usage import refuse
 
 __all__ = ["register"]
 
@@ -34,6 +35,7 @@ def register(app: typer.Typer) -> None:
 
 
 def command(
+    context: typer.Context,
     file: Path = typer.Argument(
         ..., help="Raytrix XML, oLaF yaml, napari-LF or Micro-Manager metadata, Micro-Manager .cfg, camera.json."
     ),
@@ -60,6 +62,8 @@ def command(
     """
     from lfcal.cli.camera import save_camera
 
+    if file.suffix.lower() != ".cfg":
+        refuse(context, "a Micro-Manager configuration (.cfg)", file.name, "resolution")
     if out is not None:
         check_output(out, file, frame, force=force)
     values = stated(

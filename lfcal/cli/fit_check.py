@@ -104,7 +104,7 @@ def _frames(H: PSFMatrix, source: Path, asked: Asked, stack: ExitStack, *, quiet
         seen = oriented(seen, named_orientation(asked.orientation), shape)
     _check_grid(H, seen, own, source)
     names = range(len(seen)) if not asked.most else np.unique(np.linspace(0, len(seen) - 1, asked.most).astype(int))
-    return [_of_file(H, seen, int(k), len(seen)) for k in names]
+    return [_of_file(H, seen, int(k)) for k in names]
 
 
 def single_frames(source: Path, stack: ExitStack) -> FrameSource:
@@ -180,7 +180,7 @@ def _of_scan(H: PSFMatrix, view: FrameSource, plan: ScanPlan, k: int) -> NewFram
     return new_frame(view, k, place, nearest, info.label)
 
 
-def _of_file(H: PSFMatrix, view: FrameSource, k: int, count: int) -> NewFrame:
+def _of_file(H: PSFMatrix, view: FrameSource, k: int) -> NewFrame:
     """Return a frame of a file of its own, whose name may say where its source is."""
     from lfcal.frames import NamePattern
 

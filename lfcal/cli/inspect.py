@@ -40,6 +40,7 @@ def register(app: typer.Typer) -> None:
 
 
 def command(
+    context: typer.Context,
     source: MatrixArgument,
     *,
     report: Path | None = typer.Option(None, "--report", help="Folder for an HTML report with redo.json."),
@@ -87,6 +88,7 @@ def command(
     from lfcal.cli.matrices import check_mat_files, open_matrix
     from lfcal.cli.regions import show_loss, told_loss
     from lfcal.cli.runs import may_replace, run_choice, run_kept
+    from lfcal.cli.usage import refuse
     from lfcal.errors import InputError
     from lfcal.inspect import iter_inspection
     from lfcal.psf.compare import iter_compare
@@ -97,6 +99,8 @@ def command(
 
     if report is None and (executor or scheduler or resume):
         raise InputError("--executor: expected --report beside it, got none; name the folder that is worked on")
+    if not seconds:
+        refuse(context, "a comparison with the camera", "--seconds 0", "patterns")
     check_mat_files(mat_order, source, reference)
     again = report is not None and may_replace(report, resume=resume, force=force)
     _check_before(report, source, reference, force=again)

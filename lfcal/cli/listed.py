@@ -119,7 +119,7 @@ def plan_from_list(
 
 
 def _tell_turned(listing: Listing, plan: ScanPlan, read: Callable[[int], NDArray[Any]]) -> None:
-    """Say where frames are flipped or turned against the camera: the path of their light alone does not tell it."""
+    """Report frames that are flipped or turned against the camera, which the path of their light cannot show."""
     from lfcal.campaign.turned_frames import find_turned_frames, seen_patterns
     from lfcal.errors import FileFormatError, StorageError
     from lfcal.frames.lists.placing import place

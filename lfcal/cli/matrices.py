@@ -1,4 +1,4 @@
-"""Opening H for a command, and what the user is told about the file."""
+"""Opening H for a command, with notes on the file for the user."""
 
 from __future__ import annotations
 

@@ -17,6 +17,7 @@ from lfcal.cli.multiplex_recover import recover
 from lfcal.cli.multiplex_views import views
 from lfcal.cli.options import Chi2Option, ForceOption, GainOption, JsonOption, PresetOption, WorkersOption
 from lfcal.cli.outputs import check_output, check_outputs
+from lfcal.cli.usage import refuse
 from lfcal.errors import InputError
 from lfcal.multiplex.naming import GRAMMAR, is_whole, modulator_of
 
@@ -54,9 +55,12 @@ def register(app: typer.Typer) -> None:
     app.add_typer(group, name="multiplex")
 
 
-def _chi2(chi2: float | None, camera: str | None, gain: float) -> tuple[float | None, dict[str, float]]:
+def _chi2(
+    context: typer.Context, chi2: float | None, camera: str | None, gain: float
+) -> tuple[float | None, dict[str, float]]:
     """Return chi^2 from the options, and the camera to mark."""
     if camera is None:
+        refuse(context, "a --camera", "none", "gain")
         return chi2, {}
     from lfcal.cli.plan import load_camera
     from lfcal.multiplex import camera_chi2
@@ -73,6 +77,7 @@ def _text(value: float | None, form: str = ".4g") -> str:
 
 
 def compare(
+    context: typer.Context,
     modulators: list[str] = typer.Argument(help=f"Such as {GRAMMAR}."),
     *,
     reference: str | None = typer.Option(None, help="Gains are over this one; the first by default."),
@@ -96,7 +101,7 @@ def compare(
         check_output(out, camera, force=force)
     chosen = [modulator_of(name) for name in modulators]
     base = modulator_of(reference) if reference else chosen[0]
-    ratio, marks = _chi2(chi2, camera, gain)
+    ratio, marks = _chi2(context, chi2, camera, gain)
     found = [describe(m, base, ratio) for m in chosen]
     measured = [_measured(m, base, monte_carlo) for m in chosen] if monte_carlo else []
     if out is not None:
@@ -199,6 +204,7 @@ def show(
 
 
 def demosaic(
+    context: typer.Context,
     frame: Path = typer.Argument(help="RAW, TIFF, PNG, NPY … of a colour mosaic."),
     *,
     out: Path = typer.Option(..., "--out", "-o", help="float32 TIFF of red, green and blue."),
@@ -221,6 +227,8 @@ def demosaic(
     """
     from lfcal.multiplex import cfa, demultiplex, without_black_level
 
+    if route == "fourier":
+        refuse(context, "--route spatial", route, "filter")
     check_output(out, frame, force=force)
     recorded = read_frame(frame, page)
     mosaic = pattern or recorded.filters
@@ -238,6 +246,7 @@ def demosaic(
 
 
 def search(
+    context: typer.Context,
     what: str = typer.Argument("filters", help="filters, or a mask's size such as 11."),
     *,
     chi2: Chi2Option = None,
@@ -257,12 +266,13 @@ def search(
 
     if out is not None:
         check_output(out, camera, force=force)
-    ratio = _chi2(chi2, camera, gain)[0]
+    ratio = _chi2(context, chi2, camera, gain)[0]
     if ratio is None:
         raise InputError.expected("chi^2", "--chi2 or --camera", "neither", "say for which camera to search")
     if what != "filters" and not is_whole(what):
         raise InputError.expected("search", "filters or a mask's size", repr(what), "for example 11")
     if what == "filters":
+        refuse(context, "a mask's size", "filters", "starts")
         _show_found(filter_set_frontier(ratio), out, json=json)
         return
     kept: list[SearchProgress] = []
@@ -316,6 +326,7 @@ def filters(
 
 
 def figures(
+    context: typer.Context,
     folder: Path = typer.Argument(help="Folder for the pictures."),
     *,
     raw: Path | None = typer.Option(None, help="RAW frame for figure 3 in place of the drawn scene."),
@@ -330,6 +341,6 @@ def figures(
     Example: `lfcal multiplex figures pictures/ --camera r29`
     """
     check_outputs(pictures.figure_files(folder), raw, camera, force=force)
-    files = run_work(pictures.iter_paper_figures(folder, raw, _chi2(None, camera, 1.0)[1], seed), quiet=json)
+    files = run_work(pictures.iter_paper_figures(folder, raw, _chi2(context, None, camera, 1.0)[1], seed), quiet=json)
     if json:
         print_json({"files": [str(path) for path in files]})

@@ -13,6 +13,7 @@ from lfcal.cli.console import print_json, print_table, report
 from lfcal.cli.matrices import check_mat_files, open_matrix
 from lfcal.cli.options import ForceOption, GainOption, JsonOption, MatOrderOption, WorkersOption
 from lfcal.cli.outputs import check_output, check_outputs
+from lfcal.cli.usage import refuse
 from lfcal.errors import InputError
 from lfcal.multiplex.codes import CODES
 from lfcal.multiplex.naming import is_whole
@@ -45,6 +46,7 @@ class _Display(NamedTuple):
 
 
 def coding(
+    context: typer.Context,
     source: str = typer.Argument(help="H file; or preset or camera file, whose patterns are simulated."),
     *,
     points: int = typer.Option(7, min=2, max=255, help="Points whose patterns overlap, in a block."),
@@ -93,10 +95,10 @@ def coding(
     if out is not None:
         check_output(out, source, sensor, force=force)
     check_mat_files(mat_order, Path(source))
-    if density != 0.5 and code != "random":
-        raise InputError.expected("--density", "--code random", f"--code {code}", "leave it out")
-    if repeat and patterns is None:
-        raise InputError.expected("--repeat", "--patterns", "none", "name a folder with --patterns, or leave it out")
+    if code != "random":
+        refuse(context, "--code random", f"--code {code}", "density", *(() if monte_carlo else ("seed",)))
+    if patterns is None:
+        refuse(context, "--patterns", "none", "repeat")
     screen = _display(display)
     rng = np.random.default_rng(seed)
     lit = code_matrix(code, points, frames=frames, density=density, rng=rng)

@@ -11,6 +11,7 @@ import typer
 from lfcal.cli.console import print_json, print_table, report
 from lfcal.cli.options import Chi2Option, ForceOption, GainOption, JsonOption, PresetOption, WorkersOption
 from lfcal.cli.outputs import check_output
+from lfcal.cli.usage import refuse
 from lfcal.errors import InputError
 from lfcal.multiplex.matrix_file import MATRIX_SUFFIXES
 from lfcal.multiplex.naming import GRAMMAR, is_whole, modulator_of
@@ -131,6 +132,7 @@ def gain_map_command(
 
 
 def design(
+    context: typer.Context,
     what: str = typer.Argument(help="Super-pixel of filters such as 2x2, or a mask's size such as 5."),
     *,
     chi2: Chi2Option = None,
@@ -161,11 +163,15 @@ def design(
             raise InputError.expected("output", "a file .npy or .json", out, "name it so")
         check_output(out, camera, force=force)
     ratio = _ratio(chi2, camera, gain)
+    if camera is None:
+        refuse(context, "a --camera", "none", "gain")
     rows, _, columns = what.partition("x")
     if is_whole(rows) and is_whole(columns):
+        refuse(context, "a mask's size", what, "levels", "most_light", "starts")
         side = (int(rows), int(columns))
         found = best_array(side, ratio, letters=letters, crosstalk=crosstalk, most_kinds=kinds, least_light=least_light)
     elif is_whole(what):
+        refuse(context, "a super-pixel of filters", what, "letters", "kinds")
         found = best_printed_mask(
             int(what),
             ratio,

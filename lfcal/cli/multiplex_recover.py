@@ -12,6 +12,7 @@ from lfcal.cli.console import print_json, run_work
 from lfcal.cli.multiplex_frames import ROUTES, Weighing, check_told, fourier_file, level_of, read_frame, write_tiff
 from lfcal.cli.options import ForceOption, GainOption, JsonOption, WorkersOption
 from lfcal.cli.outputs import check_output
+from lfcal.cli.usage import refuse
 from lfcal.errors import InputError
 from lfcal.multiplex.naming import GRAMMAR, modulator_of
 
@@ -24,6 +25,7 @@ __all__ = ["recover"]
 
 
 def recover(
+    context: typer.Context,
     frame: Path = typer.Argument(help="Frame recorded behind the modulator."),
     *,
     modulator: str | None = typer.Option(None, help=f"Such as {GRAMMAR}."),
@@ -74,6 +76,10 @@ def recover(
     if (modulator is None) == (transmissions is None):
         got = "neither" if modulator is None else "both"
         raise InputError.expected("modulator", "--modulator or --transmissions", got, "give one of them")
+    if camera is None:
+        refuse(context, "a --camera", "none", "gain", "exposure")
+    if spacing is None and transmissions is None:
+        refuse(context, "--spacing or --transmissions", "neither", "iterations", "smoothness")
     sensor = None if camera is None else load_camera(camera).sensor
     recorded = read_frame(frame, page)
     level = level_of(recorded, dark, sensor)

@@ -20,6 +20,7 @@ from lfcal.cli.multiplex_frames import (
 )
 from lfcal.cli.options import ForceOption, GainOption, JsonOption, WorkersOption
 from lfcal.cli.outputs import check_output
+from lfcal.cli.usage import refuse
 from lfcal.errors import InputError
 from lfcal.multiplex.naming import modulator_of
 
@@ -42,6 +43,7 @@ class _Way(NamedTuple):
 
 
 def views(
+    context: typer.Context,
     frame: Path = typer.Argument(help="Light-field frame."),
     *,
     white: Path | None = typer.Option(
@@ -89,6 +91,8 @@ def views(
     if modulator is None and route != "spatial":
         raise InputError.expected("route", "spatial for lenslets", repr(route), "give the mask as --modulator")
     fit = _lattice_of(white, lattice, camera, dark)
+    if sensor is None:
+        refuse(context, "a --sensor", "none", "gain", "exposure")
     described = None if sensor is None else load_camera(sensor).sensor
     recorded = read_frame(frame)
     if recorded.raw.shape != fit.shape:

@@ -41,6 +41,7 @@ from lfcal.cli.plan_target import (
     WithinOption,
     plan_source,
 )
+from lfcal.cli.usage import refuse
 from lfcal.errors import InputError
 from lfcal.files import replace_whole
 from lfcal.units import format_bytes, format_length, format_seconds
@@ -221,6 +222,7 @@ def register(app: typer.Typer) -> None:
 
 
 def command(
+    context: typer.Context,
     camera: CameraArgument,
     *,
     depths: DepthsOption = "",
@@ -283,6 +285,8 @@ def command(
 
     Example: `lfcal plan r29 --virtual-depths 2:5.5:0.35 -o plan.json`
     """
+    if not for_fit:
+        refuse(context, "--for-fit", "none", "full", "candidates")
     pace = Pace(speed, frame_rate)
     wanted = Wanted(for_fit, half_cell, chosen, earlier, unknowns, full, beside, candidates, draw, pace, workers)
     check_wanted(wanted, out, camera, positions, force=force)
@@ -296,6 +300,8 @@ def command(
     if for_fit and camera.endswith(".json") and (ready := ready_plan(Path(camera))) is not None:
         if depths or virtual_depths or cutout or anchor or out is not None:
             raise InputError("planes, cutout, anchor and -o: expected those of the plan, got others; leave them out")
+        of_a_camera = ("order", "stage", "exposure", "settle", "average", "resample")
+        refuse(context, "a camera to plan for", f"the plan {camera}", *of_a_camera)
         show_chosen(ready, wanted, json=json)
         return
     settings: dict[str, Any] = {

@@ -113,7 +113,7 @@ def anchor_of(text: str, view: Resampling | None, H: Any) -> tuple[float, float]
 
 
 def check_as_is(lattice: Path | None, *, resample: bool, as_is: bool) -> bool | None:
-    """Return whether frames are to be resampled; None: where they need it. Refuse what excludes each other."""
+    """Return whether to resample frames; None: where they need it. Refuse options that exclude each other."""
     from lfcal.errors import InputError
 
     if as_is and (resample or lattice is not None):

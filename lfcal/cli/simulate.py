@@ -92,7 +92,7 @@ def command(
     """
     from lfcal.psf.steps import check_store_tolerance
     from lfcal.simulate import effects as known
-    from lfcal.simulate import plan_effects
+    from lfcal.simulate import plan_effects, predict_seconds
     from lfcal.simulate.effects.described import parse_effects
 
     for reason in known.CATALOGUE.failures().values():
@@ -115,6 +115,11 @@ def command(
 
     found = choose(tolerance)
     if plan_only:
+        if level != "auto":
+            found = replace(found, level=level, seconds=predict_seconds(planned, found, level, tolerance=tolerance))
+        for target in (out, frames):
+            if target is not None:
+                report(f"note: {target} is not written: --plan-only")
         if not json:
             _tell_period(planned)
         _show(found, planned, json)

@@ -1,12 +1,45 @@
-"""What is wrong with a command line, in one line: what may have been meant, and where the right one is described."""
+"""Errors of a command line: what may have been meant, and options that would have no effect."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from difflib import get_close_matches
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-__all__ = ["usage_line"]
+from lfcal.errors import InputError
+
+if TYPE_CHECKING:
+    import typer
+
+__all__ = ["refuse", "usage_line"]
+
+
+def refuse(context: typer.Context, wanted: str, got: str, *names: str) -> None:
+    """Raise where an option of the parameters ``names`` was given on the command line, but has no effect here.
+
+    Parameters
+    ----------
+    context
+        Of the command.
+    wanted, got
+        What the options apply to, and what there is instead.
+    names
+        The parameters.
+
+    Raises
+    ------
+    InputError
+        With the first of these options.
+    """
+    for one in context.command.params:
+        if one.name in names and given(context, one.name):
+            raise InputError.expected(max(one.opts, key=len), wanted, got, "leave it out")
+
+
+def given(context: typer.Context, name: str) -> bool:
+    """Return whether the parameter ``name`` was given on the command line."""
+    source = context.get_parameter_source(name)
+    return source is not None and source.name == "COMMANDLINE"
 
 
 def usage_line(error: Any, words: Sequence[str]) -> str:

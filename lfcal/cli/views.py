@@ -17,6 +17,7 @@ from lfcal.cli.listed import OriginOption
 from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
 from lfcal.cli.outputs import check_outputs
 from lfcal.cli.plan import load_camera, parse_depths
+from lfcal.cli.usage import refuse
 from lfcal.cli.views_files import save_picture, save_stack, stack_names, view_names
 from lfcal.cli.views_input import Given, Scene, cutting_of
 from lfcal.cli.views_report import as_json, rows
@@ -54,6 +55,7 @@ def register(app: typer.Typer) -> None:
 
 
 def command(
+    context: typer.Context,
     frame: Path = typer.Argument(..., help="Light-field frame: TIFF, PNG, NPY or camera RAW."),
     *,
     white: Path | None = typer.Option(None, help="White image of the same camera: lattice and weights."),
@@ -87,6 +89,10 @@ def command(
     check_choice("channel", channel, CHANNELS)
     from lfcal.frames.part import parse_origin
 
+    if white is None or lattice is not None:
+        refuse(context, "a --white whose lattice is measured", "none", "kind", "pitch")
+    if depths:
+        refuse(context, "planes given once", "--depths", "slopes")
     described = load_camera(camera) if camera else None
     if types != "none" and lattice is not None and white is None:
         raise InputError("--types: needs --white beside --lattice; or give the camera.json that lfcal white wrote")

@@ -56,8 +56,6 @@ def cutting_of(frame: Planes, given: Given, camera: Camera | None, reading: Read
     """
     from lfcal.lattice import cropped, lattice_of
 
-    if given.lattice is not None and (given.kind or given.pitch_px):
-        raise InputError("--kind and --pitch: are of --white's fit; leave them out with --lattice")
     shape = next(iter(frame.values())).shape
     if given.white is not None:
         return _by_white(frame, given.white, given, camera, reading)

@@ -21,7 +21,7 @@ SAMPLED = 500
 """Lenslets that are compared."""
 
 CERTAIN_SIGMAS = 5.0
-"""Standard errors from which on the order of the lens types is certain."""
+"""Standard errors above which the order of the lens types is certain."""
 
 ORDERED = 0.8
 """Share of the lenslets whose type must follow one order."""
@@ -47,7 +47,7 @@ class TurnedWhite:
     away_px, as_is_px
         Distance of its micro-images from those of the camera so, and as it lies (pixels rms).
     sigmas
-        How certain it is that the lens types follow each other in the reverse order; None: they tell nothing.
+        How certain it is that the lens types follow each other in the reverse order; None: they give no evidence.
     """
 
     turns: tuple[Orientation, ...]
@@ -128,7 +128,7 @@ def _compare(
     lattice = camera.lattice
     at = lattice.lenslet_at(camera.sensor_um(places))
     if camera.marks["lattice.offset_um"] == "assumed":
-        # where a lattice lies that nobody measured says nothing: the best place is taken
+        # the place of a lattice that was not measured is no evidence: the best one is taken
         at = at - np.angle(np.exp(2j * np.pi * at).mean(axis=0)) / (2 * np.pi)
     near = np.rint(at).astype(np.intp)
     basis = lattice.basis_um() / camera.sensor.pixel_um

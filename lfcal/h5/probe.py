@@ -39,7 +39,7 @@ _OUT_OF_TIME = {-int(getattr(signal, name)) for name in ("SIGXCPU", "SIGKILL") i
 """Statuses of a child that the system ended because its processor time was used up."""
 
 _OF_PYTHON = (0, 1)
-"""Statuses of a child that ended by itself or by a Python exception: they say nothing about the file."""
+"""Statuses of a child that ended normally or by a Python exception: they say nothing about the file."""
 
 Mark = tuple[int, int, int, int]
 

@@ -43,7 +43,7 @@ ASIDE_PX, SOME = 0.4, 0.25
 below which they are single ones."""
 
 DIMMEST = 0.25
-"""Share of the samples, those of the least light, that tell how noisy patterns are."""
+"""Share of the samples, those of the least light, from which the noise of patterns is estimated."""
 
 ROUNDS = 3
 """Fits of each pattern: outliers are clipped, and the noise is told anew, after each."""

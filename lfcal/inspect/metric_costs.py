@@ -43,7 +43,7 @@ IN_PATTERNS = frozenset(
 """Keys of metrics whose faults make patterns unlike the camera's: they cost no more than these do as they are."""
 
 CAPPED = 64
-"""Saturated patterns that tell the top of the sensor's range."""
+"""Saturated patterns from which the top of the sensor's range is estimated."""
 
 WIDER = 1.5
 """Times as large cutouts that tell what is cut off."""

@@ -139,7 +139,7 @@ def class_light(index: NDArray[np.intp], light: Array) -> Array:
 
 
 def class_median(index: NDArray[np.intp], values: Array) -> Array:
-    """Return for each lenslet the median of ``values`` around it, as it would be were all of its own class."""
+    """Return for each lenslet the median of ``values`` around it, as if all were of its class."""
     near = np.nanmean(_neighbours(index, values, CLASS_REACH), axis=-1)
     usual = class_light(index, np.where(near > 0, values / np.where(near > 0, near, 1), np.nan))
     if usual.min() > DIM_CLASS * usual.max():

@@ -111,8 +111,8 @@ def view_grid(
     missing
         Lenslets (q, r) that show nothing. The box is not made smaller by them: their samples are masked.
     raster
-        Lattice whose steps and place the samples take, by default ``lattice`` itself: so the views of single lens
-        types lie on the same places.
+        Lattice whose steps and place the samples along the frame's axes take, by default ``lattice`` itself: so the
+        views of single lens types lie on the same places. Samples along the lattice's axes are ``lattice``'s own.
 
     Returns
     -------
@@ -131,8 +131,10 @@ def view_grid(
     """
     check_choice("axes of the views", axes, AXES)
     size = (int(shape[0]), int(shape[1]))
-    places = _frame_places if axes == "frame" else _lattice_places
-    cells, corner, step, turn = places(lattice, raster or lattice, size, margin)
+    if axes == "frame":
+        cells, corner, step, turn = _frame_places(lattice, raster or lattice, size, margin)
+    else:
+        cells, corner, step, turn = _lattice_places(lattice, size, margin)
     if not cells.near.size:
         return ViewGrid(np.zeros((0, 2)), cells.near, cells.share, corner, step, turn, (0, 0), 0.0)
     centres = lattice.centres_px(*cells.lenslets.T)
@@ -190,9 +192,7 @@ def _steps(lattice: MicroImageLattice) -> tuple[float, float]:
     return pair[::-1] if swapped else pair
 
 
-def _lattice_places(
-    lattice: MicroImageLattice, raster: MicroImageLattice, shape: tuple[int, int], margin: float
-) -> Places:
+def _lattice_places(lattice: MicroImageLattice, shape: tuple[int, int], margin: float) -> Places:
     """Return the cells about the samples along the lattice's own rows, and their corner, steps and angle."""
     hexagonal = lattice.kind == "hexagonal"
     lean, step = (0.5, lattice.row_pitch_px / lattice.pitch_px) if hexagonal else (0.0, 1.0)

@@ -118,7 +118,7 @@ class Assembly:
         """The plane at work here, and the light of all patterns so far, as in `AssemblyProgress`; None: none yet."""
         self.padded, self.residual_px = _check_windows(self._gatherer, self._order)
         self.noise = noise if measured else measure_noise(self._gatherer, self._order, self._counts)
-        """Noise of the samples, None where nobody could measure it."""
+        """Noise of the samples, None where it could not be measured."""
         if self.noise is not None and not self.noise.stated:
             known = Noise(self.noise.floor, self.noise.slope, self.noise.black)
             self._gatherer = replace(self._gatherer, noise=known)

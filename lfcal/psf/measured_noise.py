@@ -222,7 +222,7 @@ def _fitted(samples: _Samples, floor: float | None) -> tuple[float, float, float
     first = 0 if floor is None else 1
     own, line = samples.own[kept] / top**2, 1 - first
     fits = [_likely(np.stack(powers[first:last], axis=1), square, floor or 0.0, own, line) for last in (2, 3)]
-    # a term that the samples do not call for would take part of the slope
+    # a term that the samples do not need would take part of the slope
     terms, sigmas = fits[1] if fits[1][0][-1] > BETTER * fits[1][1][-1] else fits[0]
     constant = float(terms[0]) if floor is None else floor
     slope, sigma = float(terms[1 - first]), float(sigmas[1 - first])

@@ -48,7 +48,7 @@ __all__ = [
 FORMAT = "lfcal-psf"
 VERSION = 4
 STEPPED_VERSION = 3
-"""Version whose patterns were stored as numbers of steps, each pattern with a step and a zero of its own."""
+"""Version whose patterns were stored as numbers of steps, each pattern with its own step and zero."""
 CHECKED_VERSION = 2
 """First version with checksums and a specification."""
 ROUNDED_BITS = 21

@@ -1,4 +1,4 @@
-"""How much of the light the cutout of an H holds: the rest falls beside it, whatever the tolerance."""
+"""How much of the light the cutout of an H holds: the rest falls outside, whatever the tolerance."""
 
 from __future__ import annotations
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import tifffile
 
+from lfcal.camera import ScanPlan, preset
 from lfcal.psf import PSFMatrix, open_psf, save, save_regions
 from tests.cli.conftest import Run
 
@@ -24,6 +25,42 @@ REFUSED: tuple[tuple[tuple[str, ...], str], ...] = (
     (("multiplex", "coding", "bench", "--plane", "1"), "--plane"),
     (("multiplex", "coding", "H.h5", "--density", "0.3"), "--density"),
     (("multiplex", "coding", "H.h5", "--repeat", "20"), "--repeat"),
+    (("multiplex", "coding", "H.h5", "--seed", "2"), "--seed"),
+    (("multiplex", "compare", "Bayer", "CYMG", "--gain", "2"), "--gain"),
+    (("multiplex", "search", "5", "--chi2", "1", "--gain", "2"), "--gain"),
+    (("multiplex", "search", "filters", "--chi2", "1", "--starts", "2"), "--starts"),
+    (("multiplex", "design", "2x2", "--chi2", "1", "--gain", "2"), "--gain"),
+    (("multiplex", "design", "2x2", "--chi2", "1", "--levels", "3"), "--levels"),
+    (("multiplex", "design", "2x2", "--chi2", "1", "--most-light", "0.5"), "--most-light"),
+    (("multiplex", "design", "2x2", "--chi2", "1", "--starts", "2"), "--starts"),
+    (("multiplex", "design", "3", "--chi2", "1", "--kinds", "2"), "--kinds"),
+    (("multiplex", "design", "3", "--chi2", "1", "--letters", "RGB"), "--letters"),
+    (("multiplex", "recover", "frame.tif", "--modulator", "Bayer", "-o", "o.tif", "--exposure", "1"), "--exposure"),
+    (
+        ("multiplex", "recover", "frame.tif", "--modulator", "Bayer", "-o", "o.tif", "--iterations", "5"),
+        "--iterations",
+    ),
+    (
+        ("multiplex", "recover", "frame.tif", "--modulator", "Bayer", "-o", "o.tif", "--smoothness", "1"),
+        "--smoothness",
+    ),
+    (("multiplex", "demosaic", "frame.tif", "--route", "fourier", "--filter", "cubic", "-o", "out.tif"), "--filter"),
+    (("multiplex", "views", "frame.tif", "--camera", "bench", "--gain", "2", "-o", "out.tif"), "--gain"),
+    (("accuracy", "list", "--draw", "out.png"), "--draw"),
+    (("plan", "bench", "--virtual-depths", "4", "--full", "0.5"), "--full"),
+    (("plan", "bench", "--virtual-depths", "4", "--candidates", "5"), "--candidates"),
+    (("plan", "plan.json", "--for-fit", "3", "--exposure", "1"), "--exposure"),
+    (("acquire", "plan.json", "-o", "out", "--dry-run", "--steady", "5"), "--steady"),
+    (("acquire", "plan.json", "-o", "out", "--dry-run", "--darks", "0", "--dark-every", "9"), "--dark-every"),
+    (("acquire", "plan.json", "-o", "out", "--dry-run", "--darks", "0", "--cover"), "--cover"),
+    (("assemble", "frames", "--white-mode", "pixels", "-o", "out.h5"), "--white-mode"),
+    (("assemble", "frames", "--white-floor", "0.2", "-o", "out.h5"), "--white-floor"),
+    (("inspect", "H.h5", "--seconds", "0", "--patterns", "30"), "--patterns"),
+    (("camera", "check", "bench", "frame.tif", "--anyway"), "--anyway"),
+    (("camera", "import", "plan.json", "--resolution", "40x"), "--resolution"),
+    (("views", "frame.tif", "--camera", "bench", "--pitch", "20"), "--pitch"),
+    (("views", "frame.tif", "--camera", "bench", "--kind", "square"), "--kind"),
+    (("views", "frame.tif", "--camera", "bench", "--depths", "3mm", "--slopes", "1,2"), "--slopes"),
     (("export", "H.h5", "-o", "out.npy", "--rows-first"), "--rows-first"),
     (("export", "H.h5", "-o", "out.h5", "--allow-missing"), "--allow-missing"),
 )
@@ -37,6 +74,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     save(PSFMatrix(np.ones((2, 3, 3, 5, 5), np.float32), depths=(1.0, 2.0)), "H.h5")
     tifffile.imwrite("frame.tif", np.ones((12, 12), np.float32))
     Path("frames").mkdir()
+    Path("plan.json").write_text(ScanPlan.for_camera(preset("bench"), virtual_depths=(4.0,)).to_json())
     return tmp_path
 
 
@@ -73,3 +111,12 @@ def test_a_cutout_is_written_alike_for_plan_and_assemble(text: str) -> None:
     from lfcal.cli import assemble, plan
 
     assert assemble.parse_cutout(text) == plan.parse_cutout(text) == (9, 11)
+
+
+def test_a_plan_of_a_simulation_is_of_the_level_asked_for_and_writes_nothing(lfcal: Lfcal, place: Path) -> None:
+    words = ("simulate", "bench", "--virtual-depths", "4", "--plan-only")
+    done = lfcal(*words, "--level", "geometric", "-o", "H2.h5")
+    assert done.code == 0 and "level geometric" in done.out and "H2.h5 is not written" in done.err
+    assert not Path("H2.h5").exists()
+    wrong = lfcal(*words, "--level", "nonsense")
+    assert wrong.code == 2 and "nonsense" in wrong.err

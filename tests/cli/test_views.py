@@ -204,8 +204,8 @@ def test_a_lattice_is_measured_once(lfcal: Any, files: Path, tmp_path: Path, mon
     assert tifffile.imread(tmp_path / "alone/views.tif").shape[2:] == wanted.shape[2:]
     camera = ("--camera", files / "camera.json")
     for wrong, said in (
-        (("--kind", "square"), "--kind and --pitch"),
-        (("--pitch", "16"), "--kind and --pitch"),
+        (("--kind", "square"), "--kind: expected"),
+        (("--pitch", "16"), "--pitch: expected"),
         ((*camera, "--types", "each"), "needs --white"),
     ):
         run = lfcal(*given, *lattice, *wrong)

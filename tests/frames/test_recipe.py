@@ -187,3 +187,11 @@ def test_a_level_that_no_sample_can_have_is_refused(shift: int, level: str) -> N
     with pytest.raises(InputError, match=f"at most {most}, the largest sample") as told:
         corrected_view(source(), CorrectionRecipe(shift=shift, **{level: 16.0 * most + 15}))
     assert ("after a shift by 4 bits, got 65535; give 4095.94" in str(told.value)) == (shift == 4)
+
+
+def test_a_dark_frame_and_a_black_level_do_not_go_together(folder: Path) -> None:
+    with pytest.raises(InputError, match=r"one source of it, got the dark frame .* and black level 5; leave one"):
+        build_chain(source(), CorrectionRecipe(dark=folder / "dark", black_level=5.0))
+    # of darks recorded with the frames, the level that was stated takes the place
+    chain = build_chain(source(), CorrectionRecipe(dark="none", black_level=5.0))
+    assert chain.describe()["steps"][0] == {"kind": "dark", "level": 5.0}

@@ -214,7 +214,7 @@ def count_words(inspection: Inspection) -> str:
 
 
 def metric_rows(inspection: Inspection, *, every: bool = False) -> tuple[MetricRow, ...]:
-    """Return `listed_metrics` as rows; what a fault stands for, or what is refuted, says so."""
+    """Return `listed_metrics` as rows; with a note where a fault causes it or the camera refutes it."""
     from lfcal.psf.report.page import limits
 
     rows = []

@@ -270,6 +270,9 @@ def build_chain(source: FrameSource, recipe: CorrectionRecipe) -> CorrectionChai
 def _dark(source: FrameSource, recipe: CorrectionRecipe) -> Dark | DarkSet | None:
     """Return what is subtracted first: the recipe's dark, that of the recording, or the black level."""
     if recipe.dark and recipe.dark != "none":
+        if recipe.black_level is not None:
+            got = f"the dark frame {recipe.dark} and black level {recipe.black_level:g}"
+            raise InputError.expected("level of no light", "one source of it", got, "leave one of them out")
         frame, count, variance = _read_mean(recipe.dark, source.metadata.get("colour"), recipe.shift)
         return Dark(_of_channel(source, frame), count=count, variance=variance)
     if recipe.black_level is None and recipe.dark == "none":

@@ -57,7 +57,7 @@ def check_tiff_codec(path: Path, compression: int, stored: Callable[[], bytes], 
     Raises
     ------
     FileFormatError
-        If the scheme loses something, or if nobody knows whether it does.
+        If the scheme loses something, or is not known.
     """
     if compression in LOSSLESS:
         return LOSSLESS[compression]

@@ -95,7 +95,7 @@ class RawImage(ImageFile):
 
 
 def codec_of(path: Path) -> dict[str, Any]:
-    """Return how a RAW file that is a TIFF inside compresses its mosaic; nothing where that cannot be told.
+    """Return how a RAW file that is a TIFF inside compresses its mosaic; nothing where that is unknown.
 
     Raises
     ------

@@ -230,7 +230,7 @@ class TiffImage(ImageFile):
                 f"{dtype} {shape}",
                 "keep frames of one kind in a file",
             )
-        if number:  # every page may be compressed in a way of its own
+        if number:  # pages may be compressed in different ways
             self._codec(page)
         skip = number * int(np.prod(self.shape)) * self.dtype.itemsize if self._virtual else 0
         for start, length in zip(starts, lengths, strict=True):

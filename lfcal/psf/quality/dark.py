@@ -13,7 +13,7 @@ __all__ = ["DarkCorners", "dark_corners", "darkness"]
 MOST_SAMPLES = 2_000_000
 
 DARKEST = (0.02, 0.1)
-"""Shares of a pattern's samples that are darkest: what lies between tells its noise."""
+"""Shares of a pattern's samples that are darkest: the scatter between them is its noise."""
 
 LIT = 0.008
 """Share of the peak by which corners that are lit exceed the darkest samples, beyond noise."""

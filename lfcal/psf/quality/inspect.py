@@ -118,7 +118,7 @@ def iter_inspect_plane(
     camera = None if H.camera is None else H.camera.local(H.anchor)
     waves = wave_vectors(camera, H.period, H.pixel_scale)
     patterns = np.ascontiguousarray(H.plane(z), np.float32)
-    context = _context(H, z, waves, _tiling(H, z, patterns, (controls or {}).get(z)))
+    context = _context(H, z, waves, _tiling(H, patterns, (controls or {}).get(z)))
     plane = yield from iter_measure(patterns, context, clock, PASSES * before, workers)
     readings = {spec.key: _ask(spec, plane) for spec in METRICS if spec.of_plane is not None}
     return InspectedPlane(plane.released(), readings)
@@ -162,7 +162,7 @@ def _expected(H: PSFMatrix, z: int) -> NDArray[np.float64] | None:
 
 
 def _tiling(
-    H: PSFMatrix, z: int, patterns: NDArray[np.float32], controls: tuple[ArrayLike, ArrayLike] | None
+    H: PSFMatrix, patterns: NDArray[np.float32], controls: tuple[ArrayLike, ArrayLike] | None
 ) -> Periodicity | None:
     if controls is None or not len(np.asarray(controls[1])):
         return None

@@ -30,7 +30,7 @@ DARK_FRAME = 0.2
 """A pattern with less than this share of the median energy is missing."""
 
 SLIPPED = 32
-"""Patterns by which it is told what a displacement changes."""
+"""Number of patterns from which the effect of a displacement is estimated."""
 
 PASSES = 6
 """Progress records of a plane: one for each pass over its patterns or their table."""

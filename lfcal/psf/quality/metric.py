@@ -357,7 +357,7 @@ def judge(spec: MetricSpec, readings: Sequence[Reading], shape: tuple[int, int, 
 
 
 def _cost(spec: MetricSpec, value: float, readings: Sequence[Reading], frames: int) -> float:
-    """Return the cost of a value that is not good: that of all planes where they tell theirs, else what is usual."""
+    """Return the cost of a value that is not good: that of all planes where they give one, else the usual one."""
     told = [one.cost for one in readings if not math.isnan(one.cost)]
     typical = spec.cost.of(value, spec.limits, frames)
     if told and typical > 0:

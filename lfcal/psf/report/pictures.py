@@ -70,7 +70,7 @@ def pictures(
     if any(t is not None for t in quality.tilings):
         draw.append(lambda: _tiling(quality))
     if reference is not None and comparison is not None:
-        draw += [lambda: _against(H, reference, comparison), lambda: _shifts(H, comparison)]
+        draw += [lambda: _against(H, reference), lambda: _shifts(H, comparison)]
     return draw
 
 
@@ -287,7 +287,7 @@ def _tiling(quality: QualityReport) -> Picture:
     return Picture("tiling", "tiling.png", f"{text} fits best{_of(len(shown), len(known))}.", sheet.png)
 
 
-def _against(H: PSFMatrix, reference: PSFMatrix, comparison: Comparison) -> Picture:
+def _against(H: PSFMatrix, reference: PSFMatrix) -> Picture:
     """Draw the position in the middle of each plane beside the reference's, at equal energy."""
     planes = chosen(len(H), 3)
     y, x = (n // 2 for n in H.period)

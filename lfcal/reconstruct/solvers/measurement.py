@@ -36,7 +36,7 @@ HALF_MEDIAN = 0.22747
 
 
 class NothingMeasured(InputError):
-    """An image tells nothing of a volume: none of its pixels counts, or none of those has light to compute with."""
+    """An image without information on a volume: no pixel counts, or none of those has light to compute with."""
 
 
 def check_counts(read_noise: float, saturation: float | None) -> None:

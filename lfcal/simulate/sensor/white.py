@@ -21,7 +21,7 @@ from lfcal.simulate.response import PlaneResponse
 __all__ = ["fold", "white_light", "white_tile"]
 
 NEAR = 1.2
-"""Virtual depth of the plane, on one side of the lenslets or the other, that stands for an even scene: a point lights
+"""Virtual depth of the plane, on one side of the lenslets or the other, that represents a uniform scene: a point lights
 few lenslets, and at 1 its images would be a whole pixel apart."""
 
 
