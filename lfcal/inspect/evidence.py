@@ -305,11 +305,12 @@ def fitted(
         for k in range(n):
             values[k], sigmas[k], light[k] = _fit_one(data[k], keep[k], model[k], columns[k], variance[k])
         bright = np.maximum(model * values[:, 0, None, None], 0).astype(np.float32)
-        variance, constant = variance_of(data - light, bright, valid)
+        variance, constant, slope = variance_of(data - light, bright, valid)
         # where noise is lost in steps of the values, most of what is left is exactly nothing
         variance = np.maximum(variance, np.float32(rounding))
         keep = valid & (np.square(data - light) < CLIP**2 * variance)
-    off = misfit(data - light, bright, valid, noise_of(matrix, index, bright, max(constant, rounding)))
+    noise = noise_of(matrix, index, bright, max(constant, rounding), slope)
+    off = misfit(data - light, bright, valid, noise)
     return Evidence(
         matrix,
         known.plan,

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import irfft2, next_fast_len, rfft2
 from scipy.ndimage import uniform_filter
 
 from lfcal.camera import Camera, MainLens
@@ -24,6 +25,7 @@ from lfcal.progress import Clock, Work
 from lfcal.psf import PSFMatrix
 from lfcal.psf.aperture import Iris
 from lfcal.psf.orientation import AS_IS, ORIENTATIONS
+from lfcal.psf.provenance import origin_of
 from lfcal.simulate.engines.base import EnergyError
 from lfcal.units import format_share
 
@@ -74,6 +76,9 @@ OF_PUPIL, OF_BLADES = 0.8, 0.4
 ROWS = (-2, -1, 1, 2)
 """Displacements of every other row or column that are tried (pixels)."""
 
+OVERLAP = 0.2
+"""Share of the camera's light that cutouts must show to be looked for elsewhere on the sensor."""
+
 DARK, LIT = 0.5, 0.05
 """Share of the light below which a part of the pupil is blocked; share of the brightest part from which it counts."""
 
@@ -94,7 +99,7 @@ class Explanation:
     Attributes
     ----------
     kind
-        ``"orientation"``, ``"rows"``, ``"pupil"``, ``"types"``, ``"gap"``, ``"diameter"`` or ``"blades"``.
+        ``"orientation"``, ``"rows"``, ``"part"``, ``"pupil"``, ``"types"``, ``"gap"``, ``"diameter"`` or ``"blades"``.
     words
         What it is, as a statement.
     advice
@@ -118,7 +123,7 @@ class Explanation:
     @property
     def of_recording(self) -> bool:
         """Whether frames or recording are wrong: H must not be used; else the description may be."""
-        return self.kind in ("orientation", "rows", "pupil")
+        return self.kind in ("orientation", "rows", "part", "pupil")
 
     @property
     def sentence(self) -> str:
@@ -215,8 +220,8 @@ class _Few:
         return found.misfit if float(np.median(found.values[:, 0])) > 0 else math.inf
 
     def enough(self, after: float) -> bool:
-        """Return whether something is far better than the description."""
-        return after <= BETTER * self.before
+        """Return whether something is far better than the description, and better than nothing."""
+        return after <= BETTER * min(self.before, 1.0)
 
 
 _STAGE = "looking for what explains the patterns"
@@ -234,7 +239,7 @@ def _iter_few(matrix: PSFMatrix, known: Behind, misfit: float | None) -> Work[_F
 
 # -- orientation -------------------------------------------------------------------------------------------
 def iter_rearranged(matrix: PSFMatrix, known: Behind, misfit: float | None = None) -> Work[Explanation | None]:
-    """Return what makes the patterns their camera's again: an orientation, or displaced lines; None: neither does.
+    """Return what makes the patterns their camera's again: orientation, displaced lines or place; None: nothing does.
 
     Parameters
     ----------
@@ -244,10 +249,11 @@ def iter_rearranged(matrix: PSFMatrix, known: Behind, misfit: float | None = Non
         What the description leaves of other patterns unexplained, if that is known.
     """
     few = yield from _iter_few(matrix, known, misfit)
-    found = yield from _orientation(few)
-    if found is None:
-        found = yield from _rows(few)
-    return found if found is not None and few.enough(found.after) else None
+    for look in (_orientation, _rows, _part):
+        found = yield from look(few)
+        if found is not None and few.enough(found.after):
+            return found
+    return None
 
 
 def _orientation(few: _Few) -> Work[Explanation | None]:
@@ -398,6 +404,57 @@ def _every_other(few: _Few, values: NDArray, axis: int, shift: int, of_sensor: b
         first = (1 + place) % 2 if of_sensor else 1
         lines = (slice(first, None, 2), slice(None)) if axis == 1 else (slice(None), slice(first, None, 2))
         out[k][lines] = np.roll(values[k][lines], -shift, 1 if axis == 1 else 0)
+    return out
+
+
+def _part(few: _Few) -> Work[Explanation | None]:
+    """Return where on the sensor the cutouts lie, if that is elsewhere: frames may be a part of it."""
+    yield Clock(_STAGE, 0).at(0)
+    model = _models(few, few.known)
+    if model is None:
+        return None
+    data = few.data - np.median(few.data, axis=(1, 2), keepdims=True)
+    by = _elsewhere(data[few.last], model)
+    if by == (0, 0):
+        return None
+    data, valid = (_moved_back(array, by) for array in (few.data, few.valid))
+    after = yield from few.misfit(few.known, few.index, data, valid)
+    given = origin_of(few.matrix.provenance) or (0, 0)
+    row, column = (a + b for a, b in zip(given, by, strict=True))
+    ways = zip(by, (("up", "down"), ("left", "right")), strict=True)
+    away = " and ".join(f"{abs(n)} px {names[n > 0]}" for n, names in ways if n)
+    words = f"all cutouts lie {away} of their planned places"
+    if row < 0 or column < 0:
+        return Explanation("part", words, "Correct the anchor of the plan and assemble again.", few.before, after)
+    words += f", as if the frames were a part of the sensor that begins at row {row}, column {column}"
+    advice = (
+        f"Assemble again with the place of the frames on the sensor (--origin {row},{column}), or correct the anchor."
+    )
+    return Explanation("part", words, advice, few.before, after)
+
+
+def _elsewhere(data: F4, model: F4) -> tuple[int, int]:
+    """Return by how many rows and columns cutouts ``(n, nt, ns)`` are displaced, by the best correlation."""
+    rows, columns = data.shape[1:]
+    shape = tuple(next_fast_len(2 * n - 1, real=True) for n in (rows, columns))
+    energy = np.square(model)
+    both = irfft2(rfft2(model, shape) * np.conj(rfft2(data, shape)), shape)
+    there = irfft2(rfft2(energy, shape) * np.conj(rfft2(np.ones_like(data), shape)), shape)
+    total = energy.sum((1, 2), keepdims=True)
+    norm = np.sqrt(np.maximum(there, OVERLAP * total) * np.square(data).sum((1, 2), keepdims=True))
+    score = np.where(there > OVERLAP * total, both / np.maximum(norm, 1e-30), 0.0).mean(0)
+    top = np.unravel_index(int(np.argmax(score)), score.shape)
+    row, column = (int(k) - size if k >= size // 2 else int(k) for k, size in zip(top, shape, strict=True))
+    return row, column
+
+
+def _moved_back(patterns: NDArray, by: tuple[int, int]) -> NDArray:  # type: ignore[type-arg]
+    """Return patterns ``(n, nt, ns)`` as cutouts at their planned places would show them; 0 beyond what was seen."""
+    out = np.zeros_like(patterns)
+    sizes = tuple(zip(by, patterns.shape[1:], strict=True))
+    to = [slice(max(0, k), n + min(0, k)) for k, n in sizes]
+    of = [slice(max(0, -k), n - max(0, k)) for k, n in sizes]
+    out[:, *to] = patterns[:, *of]
     return out
 
 

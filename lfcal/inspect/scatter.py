@@ -13,6 +13,7 @@ from lfcal.psf import PSFMatrix
 __all__ = ["misfit", "noise_of", "noise_terms", "rounding_of", "start_of", "variance_of"]
 
 F4 = NDArray[np.float32]
+F8 = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 FEW = 12
@@ -33,6 +34,9 @@ SAME = 0.2
 EACH = 8
 """Values of each level, on average, that make steps of them."""
 
+ENOUGH = 200
+"""Samples of a bin that limit the noise."""
+
 
 def noise_terms(matrix: PSFMatrix, light: F4, left: F4, valid: Flags) -> tuple[float, float]:
     """Return constant and slope of the variance by noise: as H states them, else by what is left of patterns."""
@@ -40,16 +44,16 @@ def noise_terms(matrix: PSFMatrix, light: F4, left: F4, valid: Flags) -> tuple[f
     if known is not None and np.isfinite(known).all(-1).any():
         constant, slope = np.median(np.asarray(known, np.float64)[np.isfinite(known).all(-1)], axis=0)
         return float(constant), float(slope)
-    constant, slope, _ = _terms(left, np.maximum(light, 0), valid)
+    constant, slope, _ = _terms(*_bins(left, np.maximum(light, 0), valid), left[valid])
     return constant, slope
 
 
-def noise_of(matrix: PSFMatrix, index: NDArray[np.intp], light: F4, constant: float) -> F4:
-    """Return the variance of samples by noise ``(n, nt, ns)``: as H states it, else what is there without light."""
+def noise_of(matrix: PSFMatrix, index: NDArray[np.intp], light: F4, constant: float, slope: float) -> F4:
+    """Return the variance of samples by noise ``(n, nt, ns)``: as H states it, else ``constant + slope * light``."""
     known = matrix.facts.noise
     own = None if known is None else np.asarray(known, np.float32)[tuple(index.T)]
     if own is None or not np.isfinite(own).all():
-        return np.full(light.shape, constant, np.float32)
+        return (constant + slope * light).astype(np.float32)
     found: F4 = own[:, 0, None, None] + own[:, 1, None, None] * light
     return found
 
@@ -91,31 +95,44 @@ def rounding_of(data: F4, model: F4, valid: Flags) -> float:
     return found
 
 
-def variance_of(residual: F4, light: F4, valid: Flags) -> tuple[F4, float]:
-    """Return constant + slope v + (share v)² of each sample, and the constant: by medians over bins of brightness v."""
-    constant, slope, square = _terms(residual, light, valid)
+def variance_of(residual: F4, light: F4, valid: Flags) -> tuple[F4, float, float]:
+    """Return constant + slope v + (share v)² of each sample of brightness v, and the noise: constant and slope.
+
+    Terms are those of the medians over bins of brightness. Errors of the model grow with brightness as well, so the
+    slope of the noise is the smallest of any bin.
+    """
+    bins, top = _bins(residual, light, valid)
+    constant, slope, square = _terms(bins, top, residual[valid])
     out = constant + slope * light + square * np.square(light)
-    return out.astype(np.float32), constant
+    mean, _, variance, count = bins
+    sure = (count >= ENOUGH) & (slope * mean > constant)
+    quiet = float(((variance - constant)[sure] / mean[sure]).min()) if sure.any() else 0.0
+    return out.astype(np.float32), constant, min(slope, max(0.0, quiet))
 
 
-def _terms(residual: F4, light: F4, valid: Flags) -> tuple[float, float, float]:
+def _bins(residual: F4, light: F4, valid: Flags) -> tuple[F8, float]:
+    """Return mean brightness, mean square of it, variance and number of samples of bins ``(4, n)``; and the top."""
     v, r = light[valid].astype(np.float64), residual[valid].astype(np.float64)
     top = float(v.max()) if v.size else 0.0
-    scatter = max(float(np.var(r)) if r.size else 1.0, 1e-30)
     if top <= 0:
-        return scatter, 0.0, 0.0
+        return np.empty((4, 0)), top
     edges = np.concatenate([[-1.0], top * np.geomspace(1e-5, 1, BINS)])
     which = np.digitize(v, edges[1:-1]).astype(np.uint8)
     order = np.argsort(which, kind="stable")
     ends = np.cumsum(np.bincount(which, minlength=BINS))[:-1]
-    rows, wanted = [], []
-    for own in np.split(order, ends):
-        if own.size >= FEW:
-            rows.append([1.0, float(np.mean(v[own])), float(np.mean(v[own] ** 2))])
-            wanted.append(float(np.median(r[own] ** 2)) / 0.4549)
-    if not rows:
-        return scatter, 0.0, 0.0
-    a, y = np.array(rows), np.maximum(np.array(wanted), 1e-30 * top**2)
+    rows = [
+        (float(np.mean(v[own])), float(np.mean(v[own] ** 2)), float(np.median(r[own] ** 2)) / 0.4549, own.size)
+        for own in np.split(order, ends)
+        if own.size >= FEW
+    ]
+    return np.array(rows, np.float64).reshape(-1, 4).T, top
+
+
+def _terms(bins: F8, top: float, residual: F4) -> tuple[float, float, float]:
+    mean, squares, variance, _ = bins
+    if not mean.size:
+        return max(float(np.var(residual, dtype=np.float64)) if residual.size else 1.0, 1e-30), 0.0, 0.0
+    a, y = np.stack([np.ones_like(mean), mean, squares], 1), np.maximum(variance, 1e-30 * top**2)
     # bins count alike whatever their size: relative errors
     scale = np.where(a.max(0) > 0, a.max(0), 1.0)
     found, _ = nnls(a / scale / y[:, None], np.ones(len(y)))

@@ -10,7 +10,17 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-__all__ = ["OF_FRAMES", "RESERVED", "Codec", "FrameNoise", "codec_of", "noise_of", "optics_of", "simulated_planes"]
+__all__ = [
+    "OF_FRAMES",
+    "RESERVED",
+    "Codec",
+    "FrameNoise",
+    "codec_of",
+    "noise_of",
+    "optics_of",
+    "origin_of",
+    "simulated_planes",
+]
 
 RESERVED = ("task", "verdict")
 """Entries that only the record of a task and the judgement of H write."""
@@ -69,6 +79,21 @@ def codec_of(provenance: Mapping[str, Any]) -> Codec | None:
         return None
     lossless = codec.get("lossless")
     return Codec(codec["name"], lossless if isinstance(lossless, bool) else None)
+
+
+def origin_of(provenance: Mapping[str, Any]) -> tuple[int, int] | None:
+    """Return the sensor row and column of the frames' first pixel, None where it was not stated.
+
+    Examples
+    --------
+    >>> from lfcal.psf.provenance import origin_of
+    >>> origin_of({"frames": {"count": 627, "origin": [120, 64]}})
+    (120, 64)
+    """
+    found = _within(provenance, "frames").get("origin")
+    if not isinstance(found, list | tuple) or len(found) != 2 or not all(type(n) is int for n in found):
+        return None
+    return found[0], found[1]
 
 
 def noise_of(provenance: Mapping[str, Any]) -> FrameNoise | None:

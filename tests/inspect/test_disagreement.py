@@ -205,3 +205,29 @@ def test_iter_explained_says_nothing_of_a_camera_that_is_right() -> None:
     H = one_plane(clean()[1:])
     known = behind(H, np.array([[0, 3, 3]]))
     assert known is not None and drain(iter_explained(H, known)) is None
+
+
+@cache
+def whole_frames() -> Values:
+    """Return cutouts of plane 1 with twenty more pixels on each side."""
+    known = plan()
+    wider = replace(known, cutout=tuple(n + 40 for n in known.cutout))
+    index = np.argwhere(np.ones((1, *known.period), np.bool_)) + np.array([1, 0, 0])
+    setup = Setup(known.camera, described_effects(known.camera), (0.0, 0.0))
+    light = predict(setup, wider, index, np.zeros((len(index), 2)), Fineness.coarse)
+    return noisy((light * (PEAK / light.max())).reshape(1, *known.period, *wider.cutout).astype(np.float32))
+
+
+@pytest.mark.parametrize("origin", [(12, 9), pytest.param((0, 16), marks=LONG), pytest.param((8, -11), marks=LONG)])
+def test_frames_that_are_a_part_of_the_sensor_are_named_with_their_place(origin: tuple[int, int]) -> None:
+    rows, columns = plan().cutout
+    first = [20 + n for n in origin]
+    values = whole_frames()[..., first[0] : first[0] + rows, first[1] : first[1] + columns]
+    found = inspected(one_plane(values))
+    row, column = origin
+    assert found.merit == "bad" and found.disagreement is not None and found.disagreement.explanation is not None
+    assert found.disagreement.explanation.after < EXPLAINED
+    if column < 0:
+        assert "8 px down and 11 px left" in found.verdict and "anchor" in found.verdict
+    else:
+        assert f"begins at row {row}, column {column}" in found.verdict and f"--origin {row},{column}" in found.verdict

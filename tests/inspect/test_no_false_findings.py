@@ -123,3 +123,22 @@ def test_odd_frames_that_the_camera_explains_are_none() -> None:
     metrics = tuple(odd if m.key == "step" else m for m in rest)
     found = drain(iter_inspection(H, replace(quality, metrics=metrics), patterns=FEWEST))
     assert found.compared and found.merit == "good" and "odd frames" not in found.verdict
+
+
+@pytest.mark.parametrize(
+    ("depths", "noise"), [((30.0, 30.2), True), ((15.0, 30.0, 30.2), True), ((15.0, 30.0, 30.2), False)]
+)
+def test_planes_close_together_are_no_copies(depths: tuple[float, ...], noise: bool) -> None:
+    """They differ by less than noise; copies share it."""
+    r = microscope(7, depths)
+    values = r.clean() if noise else r.light()
+    assert inspect(r.matrix(values), workers=1)["plane_copies"].merit == "good"
+    values[-1] = values[-2]
+    assert inspect(r.matrix(values), workers=1)["plane_copies"].merit == "bad"
+
+
+def test_a_depth_that_was_recorded_twice_is_found_among_others() -> None:
+    r = microscope(7, (15.0, 22.0, 30.0))
+    light = r.light()
+    light[2] = light[1]
+    assert inspect(r.matrix(r.noisy(light)), workers=1)["plane_copies"].merit == "bad"

@@ -221,7 +221,7 @@ class FrameShift(Fault):
     title = "frames displaced against the plan"
     rank = 28
     advice = (
-        "Check the region of the sensor that was read out before and after; import the frames with its true corner."
+        "Check the region of the sensor that was read out before and after; assemble with its first pixel (--origin)."
     )
     settles: ClassVar[tuple[str, ...]] = ("seam", "centring", "stage_gain", "pitch", "truncation")
 
@@ -255,7 +255,7 @@ class FrameShift(Fault):
             return
         yield Finding(
             self,
-            f"{abs(middle):.2f} px {along} in all frames: the anchor is not where the cutouts are",
+            f"{abs(middle):.2f} px {along} in all frames: the anchor is wrong, or frames are a part of the sensor",
             abs(middle) / error,
             share_of(evidence, abs(middle), (name,)),
             picture=place_map(evidence, values, "px", "displacement of the cutout"),

@@ -35,7 +35,7 @@ SEEN = 0.3
 """Share of the light of the lines about it that one must see to be called dead: between small lenslets, and at the
 edges of the scanned part, the model itself is off by more than the light there."""
 
-USUAL, PART = 0.03, 0.3
+USUAL, PART = 0.02, 0.3
 """Share of the light that a camera may be off by, and the part of what it is off by beyond that which lines must take
 away besides."""
 

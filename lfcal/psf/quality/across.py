@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.camera import Camera, Microscope
+from lfcal.errors import InputError
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.quality.expected import footprint_variance
 from lfcal.psf.quality.measure import PlaneMeasures
@@ -23,8 +24,14 @@ DARK_PLANE = 0.1
 NOVEL = 0.05
 """A plane that differs from another by less than this share of what neighbours differ by is its copy."""
 
-BLIND = 0.02
-"""Where noise alone makes two recordings differ by more than this, copies cannot be found."""
+MOST_STEP = 0.2
+"""What neighbouring planes differ by counts up to this (1 - correlation)."""
+
+MOST_NOISE, CLEARLY = 3.0, 6.0
+"""Differences of two recordings of one depth at most, and of two depths at least, over those of noise alone."""
+
+SAME_NOISE, IDENTICAL = 0.05, 1e-12
+"""Difference of one recording stored twice: over that of noise alone, and without noise."""
 
 CLEAR = 4.0
 """The shadow's second moment can be separated from the lenslets' own where the sum is so many times that."""
@@ -77,35 +84,53 @@ class MatrixMeasures:
         usual = float(np.median(energy[energy > 0])) if (energy > 0).any() else 0.0
         dark = energy < DARK_PLANE * usual if usual else np.ones(len(planes), bool)
         shadows = shadow_sizes(planes, matrix.camera, matrix.pixel_scale)
-        return cls(matrix, tuple(planes), energy, dark, _copies(planes, ~dark), shadows)
+        return cls(matrix, tuple(planes), energy, dark, _copies(planes, ~dark, _places(matrix)), shadows)
 
 
-def _copies(planes: Sequence[PlaneMeasures], lit: NDArray[np.bool_]) -> NDArray[np.intp]:
+def _copies(planes: Sequence[PlaneMeasures], lit: NDArray[np.bool_], places: NDArray[np.float64]) -> NDArray[np.intp]:
     """Return of which earlier plane each is a copy, -1 where of none.
 
-    Planes are held against each other on some patterns; two that differ far less than neighbouring planes
-    usually do are the same recording.
+    Planes are compared on some patterns. Two that share even their noise are one recording. Two recordings are of one
+    depth where they differ by no more than noise, although planes so far apart differ by much more: that is known from
+    the other planes alone.
     """
     out = np.full(len(planes), -1, np.intp)
     chosen = [z for z in range(len(planes)) if lit[z] and planes[z].sample.size]
     if len(chosen) < 2:
         return out
     vectors = np.stack([planes[z].sample for z in chosen])
-    norms = np.sqrt((vectors.astype(np.float64) ** 2).sum(1))
-    apart = 1 - (vectors @ vectors.T).astype(np.float64) / np.maximum(np.outer(norms, norms), 1e-300)
-    # the median over neighbours: one repeated plane must not set the usual step
-    step = float(np.median(np.diagonal(apart, 1))) if len(chosen) > 2 else 0.0
-    # what noise alone makes two recordings of the same patterns differ by
-    noisy = [
-        planes[z].dark.noise * math.sqrt((vectors[k] > 0).sum()) / max(norms[k], 1e-300) for k, z in enumerate(chosen)
-    ]
+    norms = np.maximum(np.sqrt(np.einsum("ij,ij->i", vectors, vectors, dtype=np.float64)), 1e-300)
+    noisy = [planes[z].dark.noise * math.sqrt((vectors[k] > 0).sum()) / norms[k] for k, z in enumerate(chosen)]
+
+    def apart(a: int, b: int) -> float:
+        # of unit vectors, 1 minus the correlation; by differences, which equal patterns have none of
+        return float(np.square(vectors[a] / norms[a] - vectors[b] / norms[b]).sum()) / 2
+
+    steps = [apart(k, k + 1) - noisy[k] * noisy[k + 1] for k in range(len(chosen) - 1)]
+    spaces = np.abs(np.diff(places[chosen]))
+    # the medians over neighbours: one repeated plane must not set the usual step
+    step, space = (min(float(np.median(steps)), MOST_STEP), float(np.median(spaces))) if len(steps) > 1 else (0.0, 0.0)
     for b in range(1, len(chosen)):
         for a in range(b):
-            chance = 3 * noisy[a] * noisy[b]
-            if chance < BLIND and apart[a, b] < max(NOVEL * min(max(step, 0.02), 0.2), chance):
+            found, chance = apart(a, b), noisy[a] * noisy[b]
+            # patterns of near planes change with the square of their distance
+            ratio = abs(places[chosen[b]] - places[chosen[a]]) / space if space > 0 else 0.0
+            wanted = step * min(1.0, ratio) ** 2
+            again = CLEARLY * chance < wanted and found < max(NOVEL * wanted, MOST_NOISE * chance)
+            if again or found < max(SAME_NOISE * chance, IDENTICAL):
                 out[chosen[b]] = chosen[a]
                 break
     return out
+
+
+def _places(matrix: PSFMatrix) -> NDArray[np.float64]:
+    """Return where the planes' images lie ``(nz,)``; without a camera that sees them, the depths."""
+    if matrix.camera is not None:
+        try:
+            return np.array([matrix.camera.image_shift_um(float(depth)) for depth in matrix.depths])
+        except InputError:
+            pass
+    return np.asarray(matrix.depths, np.float64)
 
 
 def shadow_sizes(
