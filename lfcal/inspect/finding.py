@@ -103,7 +103,7 @@ class Finding:
     extent
         Share of all positions that have it, where ``positions`` are single frames; None: it is no fault of such.
     scatters
-        Whether ``put_in`` draws at random what patterns showed the size of.
+        Whether ``put_in`` follows the size alone, or a part of what patterns showed.
     wider
         Times as large cutouts on which ``put_in`` shows what it costs.
     cost

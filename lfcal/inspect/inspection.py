@@ -42,6 +42,9 @@ KINDS, LARGE = 3, 0.02
 """Different faults, each of that share of the light at least, beyond which a camera that does not explain the patterns
 as they are is likelier than all of them at once."""
 
+LEFT, DEPTHS = 0.02, ("depth_label", "focus_drift")
+"""Share of the light that is left with planes at other depths, beyond which something else may explain more."""
+
 MEASURED = frozenset(
     {
         "stage_gain",
@@ -122,7 +125,12 @@ class Inspection:
     @property
     def alarms(self) -> tuple[Metric, ...]:
         """The bad metrics that no fault stands for and that the comparison does not refute."""
-        return tuple(m for m in self._left if m.merit == "bad")
+        return tuple(m for m in self.doubts if m.merit == "bad")
+
+    @property
+    def doubts(self) -> tuple[Metric, ...]:
+        """The metrics that are not good, no fault stands for and the comparison does not refute."""
+        return tuple(m for m in self._left if m.merit in ("bad", "fair"))
 
     @property
     def _left(self) -> list[Metric]:
@@ -356,13 +364,19 @@ def _iter_stages(matrix: PSFMatrix, kept: list[Inspection], setup: Setup | None,
             return
     found, cleaned = yield from iter_search(evidence)
     misfit = _unexplained(evidence, cleaned, found)
-    if misfit is not None:
-        kept.append((yield from _iter_unexplained(matrix, quality, evidence, found, misfit, fitted)))
+    explanation = None
+    if misfit is not None or _doubtful(cleaned, found):
+        explanation = yield from iter_explained(matrix, evidence.camera, iris=quality.iris, evidence=evidence)
+    if misfit is not None or explanation is not None:
+        misfit = cleaned.misfit if misfit is None else misfit
+        reason = f"its camera leaves {format_share(min(misfit, 1.0))} of the light unexplained"
+        disagreement = Disagreement(reason, misfit, None, explanation, fitted)
+        kept.append((yield from _iter_unexplained(quality, evidence, found, disagreement)))
         return
     quality = _confirmed(quality)
     whole = Inspection(quality, found, len(evidence), cleaned.misfit, "", 0.0)
     kept.append(whole)
-    told = dict(as_findings(whole.alarms, cleaned))
+    told = dict(as_findings(whole.doubts, cleaned))
     costs = yield from iter_costs(cleaned, (*found, *told.values()))
     quality = with_costs(quality, tuple(told), costs, costs.costs[: len(found)])
     found = tuple(replace(one, cost=cost) for one, cost in zip(found, costs.costs, strict=False))
@@ -388,17 +402,9 @@ def _iter_unlike(matrix: PSFMatrix, quality: QualityReport, unlike: Unlike, fitt
 
 
 def _iter_unexplained(
-    matrix: PSFMatrix,
-    quality: QualityReport,
-    evidence: Evidence,
-    found: Sequence[Finding],
-    misfit: float,
-    fitted: bool,
+    quality: QualityReport, evidence: Evidence, found: Sequence[Finding], disagreement: Disagreement
 ) -> Work[Inspection]:
-    """Return what is said where the camera leaves too much unexplained, with what explains the patterns instead."""
-    explanation = yield from iter_explained(matrix, evidence.camera, iris=quality.iris, evidence=evidence)
-    reason = f"its camera leaves {format_share(min(misfit, 1.0))} of the light unexplained"
-    disagreement = Disagreement(reason, misfit, None, explanation, fitted)
+    """Return what is said where the camera leaves too much unexplained, or something else explains more."""
     # what an unsuitable model leaves looks like any fault, and what was taken out for it is in H
     sure = () if disagreement.certain else tuple(one for one in found if not one.fault.needs_camera)
     costs = yield from iter_costs(evidence, sure)
@@ -421,3 +427,8 @@ def _unexplained(evidence: Evidence, cleaned: Evidence, found: Sequence[Finding]
         return cleaned.misfit
     kinds = {one.name for one in found if one.fault.needs_camera and one.share >= LARGE}
     return evidence.misfit if evidence.misfit > EXPLAINED and len(kinds) > KINDS else None
+
+
+def _doubtful(cleaned: Evidence, found: Sequence[Finding]) -> bool:
+    """Return whether other depths may not be what is wrong: a wrong gap moves all planes, and blurs them besides."""
+    return cleaned.misfit > LEFT and any(one.name in DEPTHS for one in found)

@@ -73,7 +73,7 @@ def as_findings(metrics: Iterable[Metric], evidence: Evidence) -> Iterator[tuple
             yield one.key, replace(found, put_in=_capped(one.positions, evidence))
         elif one.key == "clipped":
             yield one.key, replace(found, put_in=_clipped)
-        elif one.key == "truncation":
+        elif one.key == "truncation" and one.merit == "bad":  # patterns of larger cutouts take long
             yield one.key, replace(found, put_in=_cut_to(evidence.plan.cutout), wider=WIDER)
         elif one.key in NOISY or one.key in IN_PATTERNS:
             yield one.key, found

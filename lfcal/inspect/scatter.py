@@ -34,7 +34,7 @@ SAME = 0.2
 EACH = 8
 """Values of each level, on average, that make steps of them."""
 
-ENOUGH = 200
+ENOUGH = 50
 """Samples of a bin that limit the noise."""
 
 

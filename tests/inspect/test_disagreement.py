@@ -142,12 +142,18 @@ def cameras() -> dict[str, tuple[Camera, str]]:
     return {
         "types": (replace(camera, lattice=replace(lattice, types=types)), "order of the lens types is 0, 2, 1"),
         "gap": (replace(camera, lattice=replace(lattice, gap_um=0.94 * lattice.gap_um)), "about -6"),
+        "small gap": (
+            replace(camera, lattice=replace(lattice, gap_um=0.985 * lattice.gap_um)),
+            "about -1.5 %",
+        ),
         "iris": (replace(camera, optics=replace(optics, f_number=1.2 * optics.f_number)), "about -1"),
         "turned": (replace(camera, lattice=replace(lattice, rotation_rad=math.radians(1.5))), "of the light unexpl"),
     }
 
 
-@pytest.mark.parametrize("case", ["types", *(pytest.param(one, marks=LONG) for one in ("gap", "iris", "turned"))])
+@pytest.mark.parametrize(
+    "case", ["types", "small gap", *(pytest.param(one, marks=LONG) for one in ("gap", "iris", "turned"))]
+)
 def test_another_camera_than_described_is_never_good(case: str) -> None:
     camera, words = cameras()[case]
     found = inspected(one_plane(recorded_by(camera)))

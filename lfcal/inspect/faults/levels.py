@@ -36,12 +36,15 @@ HIGHER = 2.0
 ALWAYS, SEVERAL = 0.9, 4
 """Share of the patterns that see a pixel in which it is at the ceiling if it is hot, and how many tell that."""
 
-BRIGHT = 3e-4
+BRIGHT = 2e-4
 """Background over the brightest light that is worth a word."""
 
 MUCH = 0.005
 """Share of the light that it adds or takes away at least."""
 
+
+UNEVEN = 2.0
+"""Scatter of the background over its error beyond which it is not the same everywhere."""
 
 DARK, MANY = 5e-4, 2000
 """Share of the brightest light below which samples are dark, and how many of these tell their noise."""
@@ -198,6 +201,8 @@ class Background(Fault):
             picture=Picture(values, "counts", "background of each pattern", ("pattern",)),
             repair=lambda index, patterns: (patterns - np.float32(level)).astype(np.float32),
             put_in=lambda patch: patch.light + np.float32(level),
+            # glow differs from place to place, and costs more than its middle
+            scatters=most.scatter > UNEVEN * float(np.median(sigmas[most.good])),
         )
 
 

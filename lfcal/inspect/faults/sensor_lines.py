@@ -239,6 +239,7 @@ class LineOffsets(Fault):
             picture=_curve(worst.shown, "counts", f"offset of each {AXES[worst.axis]}", worst.axis),
             repair=_all_of([shifted(one.axis, np.nan_to_num(one.shown)) for one in both]),
             put_in=added(image),
+            scatters=True,
         )
 
 
