@@ -28,7 +28,7 @@ def hot() -> Values:
 
 @cache
 def inspected_hot() -> Inspection:
-    return inspected(matrix(hot()))
+    return inspected(matrix(hot()), FEWEST)
 
 
 def test_a_clean_recording_is_good() -> None:
