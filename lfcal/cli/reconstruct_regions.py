@@ -74,10 +74,10 @@ def projector_of(
     method: str,
     **settings: Any,
 ) -> Projector:
-    """Return the projector of one H, or that of several regions of the field."""
+    """Return the projector of one H, or that of several regions of the field, with less noise where it is known."""
     from lfcal.reconstruct.projectors.field_projector import FieldProjector
     from lfcal.reconstruct.projectors.projector import Projector
 
     if len(matrices) == 1:
-        return Projector(matrices[0], shape, anchor, method, **settings)
-    return FieldProjector(matrices, shape, anchor, method, **settings)
+        return Projector(matrices[0], shape, anchor, method, **settings).denoised()
+    return FieldProjector(matrices, shape, anchor, method, **settings).denoised()

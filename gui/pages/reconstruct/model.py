@@ -356,7 +356,7 @@ def projector_for(H: PSFMatrix, shape: tuple[int, int], settings: ReconstructSet
         tolerance=settings.within,
         device=settings.device,
         memory_limit=room_for_projections((len(H), wide[0], wide[1]), choice, size),
-    )
+    ).denoised()
 
 
 def forecast_words(P: Any, choice: SolverChoice) -> str:

@@ -19,7 +19,7 @@ from lfcal.reconstruct.projectors.engine import Cost, DeviceUse
 from lfcal.reconstruct.projectors.forecast import ProjectionForecast
 from lfcal.reconstruct.projectors.grid import Grid, anchor_pixel
 from lfcal.reconstruct.projectors.planes import PlaneReader
-from lfcal.reconstruct.projectors.projector import Projector
+from lfcal.reconstruct.projectors.projector import Projector, _remade
 from lfcal.reconstruct.projectors.recipe import BESIDE
 from lfcal.system import free_memory
 from lfcal.threads import worker_count
@@ -128,6 +128,7 @@ class FieldProjector(Projector):
         self._engine = self._parts[0].projector._engine
         self._forecast = self._total()
         self._operands, self._subsets, self._lock = {}, {}, threading.RLock()
+        self._quiet = None
 
     def _placed(
         self,
@@ -279,10 +280,19 @@ class FieldProjector(Projector):
                 out[z][part.window] += plane if part.weight is None else plane * part.weight
         return out
 
+    def _denoised(self) -> FieldProjector:
+        part = object.__new__(FieldProjector)
+        part.__dict__.update(self.__dict__)
+        part._reader = replace(self._reader, denoise=True)
+        part._parts = [replace(own, projector=own.projector.denoised()) for own in self._parts]
+        part._engine = part._parts[0].projector._engine
+        part._subsets = {}
+        return part
+
     def _subset(self, phases: NDArray[np.bool_]) -> FieldProjector:
         part = object.__new__(FieldProjector)
         part.__dict__.update(self.__dict__)
-        part._phases, part._subsets = phases, {}
+        part._phases, part._subsets, part._quiet = phases, {}, None
         first = self._grid.anchor
         part._parts = []
         for own in self._parts:
@@ -307,7 +317,8 @@ class FieldProjector(Projector):
         device = "cpu" if self._device is None else replace(self._device, room=None)
         settings = self._settings | own | {"device": device}
         at = tuple(a + d for a, d in zip(self._matrices[0].anchor, self._moved, strict=True))
-        return partial(FieldProjector, self._matrices, self.image_shape, at, self.recipe, **settings), ()
+        made = partial(FieldProjector, self._matrices, self.image_shape, at, self.recipe, **settings)
+        return (_remade, (made,)) if self._reader.denoise else (made, ())
 
     def __repr__(self) -> str:
         """Return size, regions and method in a line."""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from lfcal.axes import check_psf_shape
 from lfcal.errors import InputError
+from lfcal.psf.denoising import denoised
 from lfcal.reconstruct.projectors.reduction import sampled_share
 
 __all__ = ["PlaneReader", "centre_of", "runs_of_rows", "trim"]
@@ -29,11 +30,14 @@ class PlaneReader:
         float32 or float64.
     threshold
         Entries whose size is below this share of their plane's largest are taken as zero.
+    denoise
+        Whether the noise of recorded patterns is reduced where it is known.
     """
 
     H: Any
     dtype: np.dtype[Any]
     threshold: float = 0.0
+    denoise: bool = False
 
     def __post_init__(self) -> None:
         """Check shape, type and threshold."""
@@ -66,6 +70,8 @@ class PlaneReader:
             raise InputError.expected(
                 f"PSF matrix, plane {z}", "finite values", "NaN or infinity", "record these positions again"
             )
+        if self.denoise:
+            plane = denoised(self.H, z, plane)
         if self.threshold > 0:
             limit = self.dtype.type(self.threshold * max(high, -low))
             for row in plane:  # row by row, to bound the scratch memory

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -13,6 +14,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from lfcal.checks import check_number
 from lfcal.errors import InputError
 from lfcal.progress import Clock, Work, drain
+from lfcal.psf.denoising import mean_noise
 from lfcal.reconstruct.projectors.device import ArrayDevice
 from lfcal.reconstruct.projectors.device_choice import engine_on, forecast_on
 from lfcal.reconstruct.projectors.direct import Direct
@@ -137,6 +139,7 @@ class Projector:
         self._operands: dict[int, Any] = {}
         self._lock = threading.RLock()
         self._subsets: dict[bytes, Projector] = {}
+        self._quiet: Projector | None = None
 
     # -- what it is ------------------------------------------------------------------------------------
     @property
@@ -209,6 +212,27 @@ class Projector:
         depths = getattr(self._reader.H, "depths", None)
         return np.arange(self.volume_shape[0], dtype=float) if depths is None else np.asarray(depths, float)
 
+    @property
+    def noise(self) -> NDArray[np.float64] | None:
+        """Variance of H's entries without light and per unit of signal, ``(nz, 2)``; None where it is not known."""
+        return mean_noise(self._reader.H)
+
+    def denoised(self) -> Projector:
+        """Return the projector of H with less noise (`lfcal.psf.denoising`); itself where that is not known."""
+        if self._reader.denoise or self.noise is None:
+            return self
+        with self._lock:
+            if self._quiet is None:
+                self._quiet = self._denoised()
+            return self._quiet
+
+    def _denoised(self) -> Projector:
+        part = object.__new__(Projector)
+        part.__dict__.update(self.__dict__)
+        part._reader = replace(self._reader, denoise=True)
+        part._operands, part._subsets, part._lock = {}, {}, threading.RLock()
+        return part
+
     def forecast(self) -> ProjectionForecast:
         """Return what the method costs on this machine, and what the others would."""
         return self._forecast
@@ -252,7 +276,7 @@ class Projector:
         part.__dict__.update(self.__dict__)
         part._phases = phases
         part._engine = part._build()
-        part._subsets = {}
+        part._subsets, part._quiet = {}, None
         if not (self._engine.any_phases and self._forecast.chosen.resident):
             part._operands, part._lock = {}, threading.RLock()
         return part
@@ -269,7 +293,7 @@ class Projector:
             "device": "cpu" if self._device is None else self._device,
         }
         made = partial(Projector, self._reader.H, self.image_shape, self._grid.anchor, self.recipe, **settings)
-        return made, ()
+        return (_remade, (made,)) if self._reader.denoise else (made, ())
 
     def iter_prepare(self) -> Work[None]:
         """Prepare all planes that can be kept; else the first projection does."""
@@ -333,6 +357,11 @@ class Projector:
     def __repr__(self) -> str:
         """Return size and method in a line."""
         return f"<Projector {self.volume_shape} -> {self.image_shape}, period {self.period}, {self.method}>"
+
+
+def _remade(make: Callable[[], Projector]) -> Projector:
+    """Return the denoised projector of what ``make`` makes."""
+    return make().denoised()
 
 
 def _phase_mask(phases: ArrayLike, period: tuple[int, int]) -> NDArray[np.bool_]:

@@ -91,6 +91,8 @@ class SolverChoice:
         ``gain`` is not given. None: unknown.
     margin
         Pixels that the volume goes on beyond each edge of the frame; the projector is that of the wider frame.
+    denoise
+        Reduce the noise of a recorded H where it is stored with H (`Projector.denoised`).
 
     Raises
     ------
@@ -121,6 +123,7 @@ class SolverChoice:
     gain: float | None = None
     noise: tuple[float, float] | None = None
     goal: str = "view"
+    denoise: bool = True
 
     def __post_init__(self) -> None:
         """Check name and settings, before anything is prepared for them."""
@@ -220,7 +223,9 @@ def iter_reconstruct(
         strength=c.strength,
         subsets=c.subsets,
         tolerance=c.tolerance,
+        noise=c.known_noise,
     )
+    P = P.denoised() if c.denoise else P
     if c.margin:
         trust = np.ones(np.shape(image), P.dtype) if weights is None else weights
         run = replace(run, weights=widened(np.broadcast_to(trust, np.shape(image)), c.margin))

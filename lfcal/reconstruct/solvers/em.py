@@ -13,6 +13,7 @@ from lfcal.errors import InputError
 from lfcal.reconstruct.projectors.projector import Projector
 from lfcal.reconstruct.solvers.acceleration import check_acceleration, extrapolate, remember
 from lfcal.reconstruct.solvers.measurement import GoodnessOfFit, Measurement, no_light
+from lfcal.reconstruct.solvers.model_noise import ModelNoise
 from lfcal.reconstruct.solvers.penalty import Penalty
 from lfcal.reconstruct.solvers.planes import plane_threads
 from lfcal.reconstruct.solvers.records import (
@@ -61,6 +62,8 @@ class EmOptions:
         What repeats from lenslet to lenslet, to be left out of updates; None: nothing is.
     stretch
         How updates are lengthened at the start, with the acceleration ``"nesterov"``; None: they are not.
+    model_noise
+        The noise of H, with the rule ``"richardson-lucy"``; None: there is none.
     """
 
     rule: str = "richardson-lucy"
@@ -72,6 +75,7 @@ class EmOptions:
     tolerance: float = 0.0
     repeating: Repeating | None = None
     stretch: Stretch | None = None
+    model_noise: ModelNoise | None = None
 
     def __post_init__(self) -> None:
         """Check names, ranges and what excludes what."""
@@ -209,8 +213,7 @@ def iter_em(
         )
         history.append(without_state(record))  # the history would else hold a volume per iteration
         yield record
-        if change < options.tolerance:
-            stopped = f"changed by less than {options.tolerance:g} in iteration {state.iteration}"
+        if stopped := _why_stop(change, state.iteration, options):
             break
     return Reconstruction(state.volume, tuple(history), state, data.notes, stopped)
 
@@ -219,6 +222,14 @@ def iter_run(P: Projector, image: ArrayLike, run: SolverRun, options: EmOptions)
     """Iterate as ``run`` asks; ``options`` say what makes the solver this one."""
     options = replace(options, tolerance=run.tolerance)
     return iter_em(P, run.measure(P, image), run.iterations, options, initial=run.initial, resume=run.resume)
+
+
+def _why_stop(change: float, iteration: int, options: EmOptions) -> str:
+    """Return why a run ends after an iteration that changed the volume by ``change``, empty where it does not."""
+    settled = options.model_noise is not None and options.model_noise.settled()
+    if change < options.tolerance:
+        return f"changed by less than {options.tolerance:g} in iteration {iteration}"
+    return f"only noise of H and of the frame is left to fit after iteration {iteration}" if settled else ""
 
 
 # -- steps ---------------------------------------------------------------------------------------------
@@ -340,6 +351,16 @@ def _shortened(
     return between, first + share * (model - first), floor
 
 
+def _ratio(
+    volume: NDArray[Any], model: NDArray[Any], floor: float, part: _Part, data: Measurement, options: EmOptions
+) -> NDArray[Any]:
+    """Return by what the image of a volume is to be multiplied to be the frame ``(Y, X)``."""
+    if options.model_noise is not None:
+        return options.model_noise.ratio(volume, model, part.mask, data, floor)
+    found: NDArray[Any] = np.divide(data.image, model, out=np.zeros_like(model), where=model > floor)
+    return found
+
+
 def _update(
     volume: NDArray[Any],
     model: NDArray[Any],
@@ -357,7 +378,7 @@ def _update(
         above, below = part.matched, P.adjoint(data.weighted(model))
         updated = below
     else:
-        ratio = np.divide(data.image, model, out=np.zeros_like(model), where=model > floor)
+        ratio = _ratio(volume, model, floor, part, data, options)
         above, below = P.adjoint(data.weighted(ratio)), part.sensitivity
         updated = above
     scale = below.max(initial=0) if options.rule == "isra" else top

@@ -12,6 +12,8 @@ All views are taken at once, extrapolated by the iteration number (Beck & Teboul
 first updates are longer than its own (`stretch`). Blocks of
 views in turn, brightest first, take fewer iterations still, but where H is not quite that of the camera they draw
 lenslets in planes beside the native one.
+
+Where the noise of a recorded H is known it counts as well, and ends the run (`model_noise`).
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfcal.reconstruct.projectors.projector import Projector
 from lfcal.reconstruct.solvers.em import EmOptions, iter_run
+from lfcal.reconstruct.solvers.model_noise import ModelNoise
 from lfcal.reconstruct.solvers.phase_space import views_of
 from lfcal.reconstruct.solvers.records import Reconstruction, SolverState, SolverWork
 from lfcal.reconstruct.solvers.repeating import Repeating
@@ -85,9 +88,9 @@ def iterate(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:
     parts = _parts_of(P, image, run.subsets)
     repeating = repeating_of(P)
     # subsets extrapolate already
-    options = EmOptions(subsets=parts, repeating=repeating)
+    options = EmOptions(subsets=parts, repeating=repeating, model_noise=ModelNoise.of(P, sieve, run))
     if parts is None:
-        options = EmOptions(acceleration="nesterov", repeating=repeating, stretch=stretch_of(P))
+        options = replace(options, acceleration="nesterov", stretch=stretch_of(P))
     work = iter_run(cast(Projector, _Sieved(P, sieve)), image, run, options)
 
     def seen(state: SolverState) -> SolverState:

@@ -56,6 +56,8 @@ class SolverRun:
         Mask ``(Y, X)`` of pixels that are not fitted; `SolverProgress.left_out` tells how well they are foretold.
     measured
         What `measure` returns where it is known already.
+    noise
+        Counts per photo-electron and rms read noise (counts) of the frame; None: not known.
 
     Examples
     --------
@@ -80,6 +82,7 @@ class SolverRun:
     resume: SolverState | None = None
     left_out: ArrayLike | None = None
     measured: Measurement | None = field(default=None, repr=False, compare=False)
+    noise: tuple[float, float] | None = None
 
     def measure(self, P: Projector, image: ArrayLike, *, signed: bool = False) -> Measurement:
         """Return ``image`` ``(Y, X)`` with its weights, background and noise; ``signed``: negative pixels stay."""

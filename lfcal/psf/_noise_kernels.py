@@ -1,0 +1,82 @@
+"""Compiled kernel that reduces the noise of recorded patterns."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.compiled import njit
+
+__all__ = ["reduce_noise"]
+
+
+@njit()
+def reduce_noise(
+    plane: NDArray[Any],
+    used: NDArray[np.bool_],
+    noise: NDArray[np.float64],
+    reach: int,
+    certain: float,
+    out: NDArray[Any],
+    start: int,
+    stop: int,
+) -> None:
+    """Write rows ``start`` to ``stop`` of positions of ``plane`` ``(ny, nx, nt, ns)`` to ``out``, with less noise.
+
+    Each entry is drawn towards the mean of the entries of the same sensor pixel at up to ``reach`` positions around, as
+    far as noise explains how these are scattered (Lee 1980; the linear estimate of least mean square error).
+
+    ``noise`` ``(ny, nx, 2)``: variance without light and per unit of signal; NaN: the pattern stays as it is, and does
+    not count for others. ``used``: entries that are measurements, of the shape of ``plane``; ``(1, 1, 1, 1)``: all are.
+    Means of fewer than ``certain`` standard errors are zero.
+    """
+    ny, nx, nt, ns = plane.shape
+    some = used.size > 1
+    number, total, square, floor, slope = (
+        np.zeros((nt, ns)),
+        np.zeros((nt, ns)),
+        np.zeros((nt, ns)),
+        np.zeros((nt, ns)),
+        np.zeros((nt, ns)),
+    )
+    for y in range(start, stop):
+        for x in range(nx):
+            if np.isnan(noise[y, x, 0]):
+                out[y, x] = plane[y, x]
+                continue
+            for sums in (number, total, square, floor, slope):
+                sums[:] = 0.0
+            for dy in range(-reach, reach + 1):
+                for dx in range(-reach, reach + 1):
+                    row, column = (y + dy) % ny, (x + dx) % nx
+                    if np.isnan(noise[row, column, 0]):
+                        continue
+                    constant, growth = noise[row, column, 0], noise[row, column, 1]
+                    # the same sensor pixel lies as many pixels the other way in the cutout
+                    for t in range(max(0, dy), min(nt, nt + dy)):
+                        for s in range(max(0, dx), min(ns, ns + dx)):
+                            if some and not used[row, column, t - dy, s - dx]:
+                                continue
+                            value = np.float64(plane[row, column, t - dy, s - dx])
+                            number[t, s] += 1.0
+                            total[t, s] += value
+                            square[t, s] += value * value
+                            floor[t, s] += constant
+                            slope[t, s] += growth
+            for t in range(nt):
+                for s in range(ns):
+                    value, n = np.float64(plane[y, x, t, s]), number[t, s]
+                    if n < 4.0 or (some and not used[y, x, t, s]):
+                        out[y, x, t, s] = plane[y, x, t, s]
+                        continue
+                    mean = total[t, s] / n
+                    light = max(mean, 0.0)
+                    own = noise[y, x, 0] + noise[y, x, 1] * light
+                    expected = (floor[t, s] + slope[t, s] * light) / n
+                    beyond = max((square[t, s] - n * mean * mean) / (n - 1.0) - expected, 0.0)
+                    share = beyond / (beyond + own) if own > 0.0 else 1.0
+                    # a mean that is not above its noise: cutting off at zero alone would leave half of the noise there
+                    dark = mean * mean * n < certain * certain * expected or mean < 0.0
+                    out[y, x, t, s] = 0.0 if dark else max(mean + share * (value - mean), 0.0)
