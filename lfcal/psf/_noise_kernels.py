@@ -2,14 +2,30 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.compiled import njit
 
-__all__ = ["reduce_noise"]
+__all__ = ["NoiseRule", "reduce_noise"]
+
+
+class NoiseRule(NamedTuple):
+    """How noise is reduced.
+
+    Attributes
+    ----------
+    reach
+        Positions on either side whose entries are compared.
+    certain
+        Standard errors that a mean must exceed: it is zero where it does not, for it has no light that could be
+        distinguished from noise.
+    """
+
+    reach: int
+    certain: float
 
 
 @njit()
@@ -17,23 +33,21 @@ def reduce_noise(
     plane: NDArray[Any],
     used: NDArray[np.bool_],
     noise: NDArray[np.float64],
-    reach: int,
-    certain: float,
+    rule: NoiseRule,
     out: NDArray[Any],
-    start: int,
-    stop: int,
+    rows: tuple[int, int],
 ) -> None:
-    """Write rows ``start`` to ``stop`` of positions of ``plane`` ``(ny, nx, nt, ns)`` to ``out``, with less noise.
+    """Write ``rows`` (start, stop) of positions of ``plane`` ``(ny, nx, nt, ns)`` to ``out``, with less noise.
 
-    Each entry is drawn towards the mean of the entries of the same sensor pixel at up to ``reach`` positions around, as
-    far as noise explains how these are scattered (Lee 1980; the linear estimate of least mean square error).
+    Each entry is drawn towards the mean of the entries of the same sensor pixel at the positions around, as far as
+    noise explains how these are scattered (Lee 1980; the linear estimate of least mean square error).
 
     ``noise`` ``(ny, nx, 2)``: variance without light and per unit of signal; NaN: the pattern stays as it is, and does
     not count for others. ``used``: entries that are measurements, of the shape of ``plane``; ``(1, 1, 1, 1)``: all are.
-    Means of fewer than ``certain`` standard errors are zero.
     """
     ny, nx, nt, ns = plane.shape
     some = used.size > 1
+    reach, certain = rule.reach, rule.certain
     number, total, square, floor, slope = (
         np.zeros((nt, ns)),
         np.zeros((nt, ns)),
@@ -41,7 +55,7 @@ def reduce_noise(
         np.zeros((nt, ns)),
         np.zeros((nt, ns)),
     )
-    for y in range(start, stop):
+    for y in range(rows[0], rows[1]):
         for x in range(nx):
             if np.isnan(noise[y, x, 0]):
                 out[y, x] = plane[y, x]

@@ -14,18 +14,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.psf._noise_kernels import reduce_noise
+from lfcal.psf._noise_kernels import NoiseRule, reduce_noise
 from lfcal.psf.facts import Origin, unpack_valid
 from lfcal.threads import for_each_chunk
 
 __all__ = ["denoised", "mean_noise", "noise_of_positions"]
 
-REACH = 3
-"""Positions on either side whose entries are compared."""
-
-
-CERTAIN = 2.0
-"""Standard errors that the mean must exceed: what is darker has no light that could be told from noise."""
+RULE = NoiseRule(reach=3, certain=2.0)
+"""How noise is reduced: by means of 7 x 7 positions, those of fewer than two standard errors being zero."""
 
 
 def noise_of_positions(H: Any, z: int) -> NDArray[np.float64] | None:
@@ -79,5 +75,5 @@ def denoised(H: Any, z: int, plane: NDArray[Any]) -> NDArray[Any]:
     valid = H.facts.valid
     used = np.ones((1, 1, 1, 1), np.bool_) if valid is None else unpack_valid(valid[z], plane.shape[2:])
     out = np.empty_like(plane)
-    for_each_chunk(lambda a, b: reduce_noise(plane, used, noise, REACH, CERTAIN, out, a, b), len(plane))
+    for_each_chunk(lambda a, b: reduce_noise(plane, used, noise, RULE, out, (a, b)), len(plane))
     return out

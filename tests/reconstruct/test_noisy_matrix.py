@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter
 
 from lfcal.camera import ScanPlan, preset
 from lfcal.psf import Facts, PSFMatrix
-from lfcal.psf.denoising import CERTAIN, REACH, denoised, mean_noise
+from lfcal.psf.denoising import RULE, denoised, mean_noise
 from lfcal.psf.facts import Origin
 from lfcal.reconstruct import FieldProjector, Projector
 from lfcal.reconstruct.metrics import nrmse
@@ -86,8 +86,8 @@ def test_patterns_are_drawn_towards_those_of_the_same_sensor_pixel():
     for y, x, t, s in [tuple(rng.integers(shape[1:])) for _ in range(300)] + [(1, 1, 2, 2)]:
         own = values[0, y, x, t, s]
         group, terms = [], []
-        for dy in range(-REACH, REACH + 1):
-            for dx in range(-REACH, REACH + 1):
+        for dy in range(-RULE.reach, RULE.reach + 1):
+            for dx in range(-RULE.reach, RULE.reach + 1):
                 row, column, down, across = (y + dy) % 8, (x + dx) % 9, t - dy, s - dx
                 inside = 0 <= down < 11 and 0 <= across < 13
                 if inside and known[row, column] and valid[0, row, column, down, across]:
@@ -98,7 +98,7 @@ def test_patterns_are_drawn_towards_those_of_the_same_sensor_pixel():
             continue
         mean, (floor, slope) = np.mean(group), np.mean(terms, axis=0)
         beyond = max(np.var(group, ddof=1) - floor - slope * max(mean, 0), 0)
-        if mean < CERTAIN * np.sqrt((floor + slope * max(mean, 0)) / len(group)):
+        if mean < RULE.certain * np.sqrt((floor + slope * max(mean, 0)) / len(group)):
             assert found[y, x, t, s] == 0
             continue
         share = beyond / (beyond + noise[0, y, x] @ [1, max(mean, 0)])
