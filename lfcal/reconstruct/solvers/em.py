@@ -200,6 +200,8 @@ def iter_em(
         # The likelihood belongs to the extrapolated start: where it fell, the last step was too long.
         restart = done.turned_back or (step > 0 and fit.likelihood < before)
         arrays, numbers = pace.remember(state, done, options.acceleration, restart=restart)
+        # else the volume that the iteration began with is held through the next one
+        del done, start
         seconds = state.seconds + time.perf_counter() - began
         state = SolverState(volume, state.iteration + 1, seconds, arrays, numbers)
         record = progress_of(
