@@ -49,7 +49,7 @@ def found_of(name: str) -> tuple[Finding, Evidence]:
 def parts(fault: Fault) -> tuple[str, ...]:
     """Return the lines of a fault's chapter that follow from the fault alone."""
     titles = [METRICS.get(key).title for key in fault.settles]
-    metrics = f"**Metrics that it stands for:** {', '.join(titles)}." if titles else ""
+    metrics = f"**Metrics that it covers:** {', '.join(titles)}." if titles else ""
     injected = INJECTIONS[fault.name]
     return (
         f"## {fault.title[:1].upper()}{fault.title[1:]}",
