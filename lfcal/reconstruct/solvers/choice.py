@@ -225,7 +225,8 @@ def iter_reconstruct(
         tolerance=c.tolerance,
         noise=c.known_noise,
     )
-    P = P.denoised() if c.denoise else P
+    noisy = c.denoise and P.noise is not None
+    P = P.denoised() if noisy else P
     if c.margin:
         trust = np.ones(np.shape(image), P.dtype) if weights is None else weights
         run = replace(run, weights=widened(np.broadcast_to(trust, np.shape(image)), c.margin))
@@ -238,6 +239,8 @@ def iter_reconstruct(
         work = _iter_auto(P, image, run, c.solver, c.goal)
     if c.known_noise is not None:
         work = _iter_judged(work, P, image, run, c.known_noise)
+    if noisy:
+        work = _iter_noted(work, "the noise that H states is reduced in its patterns")
     return _iter_cropped(work, c.margin) if c.margin else work
 
 
@@ -277,6 +280,12 @@ def _iter_judged(
     gain, read_noise = noise
     data = replace(run, read_noise=read_noise).measure(P, image, signed=True)
     return replace(result, chi2=misfit(P.forward(result.volume) + data.background, data, read_noise, gain))
+
+
+def _iter_noted(work: SolverWork, note: str) -> SolverWork:
+    """Run ``work`` and add a note to its result."""
+    result = yield from work
+    return replace(result, notes=(*result.notes, note))
 
 
 def _iter_cropped(work: SolverWork, margin: int) -> Generator[SolverProgress, None, Reconstruction]:
