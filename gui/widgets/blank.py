@@ -14,12 +14,15 @@ NOTHING = "Nothing to show yet."
 
 
 class Blank(QLabel):
-    """A line in the middle of a plot on ``graphics``; ``words`` may be changed to what is to be done next."""
+    """A line in the middle of a plot on ``graphics``; ``words`` may be changed to the next step.
+
+    While what is to be shown is read or made, `wait` says so in the place of the words.
+    """
 
     def __init__(self, graphics: pg.GraphicsLayoutWidget, plot: pg.PlotItem) -> None:
         super().__init__(graphics)
         self._graphics, self._plot = graphics, plot
-        self._words, self._shown = NOTHING, False
+        self._words, self._waits, self._shown = NOTHING, "", False
         self.setWordWrap(True)
         self.setAlignment(Qt.AlignmentFlag.AlignCenter)
         self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
@@ -28,13 +31,18 @@ class Blank(QLabel):
 
     @property
     def words(self) -> str:
-        """What is said."""
+        """What is said while nothing is under way."""
         return self._words
 
     @words.setter
     def words(self, words: str) -> None:
-        self._words = words
+        self._words, self._waits = words, ""
         self.setText(words)
+
+    def wait(self, words: str) -> None:
+        """Say what is under way, until there is a picture or other words are set; empty: it has ended."""
+        self._waits = words
+        self.setText(words or self._words)
 
     @property
     def shown(self) -> bool:
@@ -46,11 +54,13 @@ class Blank(QLabel):
         if blank == self._shown:
             return
         self._shown = blank
+        if not blank:
+            self._waits = ""
         for side in ("bottom", "left"):
             axis = self._plot.getAxis(side)
             axis.setTicks([] if blank else None)
         if blank:
-            self.setText(self._words)
+            self.setText(self._waits or self._words)
             self.apply_theme()
         self.setVisible(blank)
         self._fill()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -76,6 +77,8 @@ class FrameView(Measured, QWidget):
         self.blank = Blank(self.graphics, self.plot)
         self.blank.show_blank(True)
         self._origin = (0, 0)
+        self._with_it: Callable[[], None] | None = None
+        self._drawing = self._again = False
         self._watch()
         self.apply_theme()
 
@@ -90,10 +93,19 @@ class FrameView(Measured, QWidget):
         offer_menu(self, lambda: "frame", self._entries)
 
     # -- content ---------------------------------------------------------------------------------------
-    def set_frame(self, frame: NDArray[Any] | None, levels: tuple[float, float]) -> None:
-        """Show ``frame`` ``(rows, columns)``; pan and zoom stay if its shape does."""
+    def set_frame(
+        self,
+        frame: NDArray[Any] | None,
+        levels: tuple[float, float],
+        with_it: Callable[[], None] | None = None,
+    ) -> None:
+        """Show ``frame`` ``(rows, columns)``; pan and zoom stay if its shape does.
+
+        ``with_it`` shows what belongs to the frame, such as its cutout, once its picture is drawn. A picture that
+        takes longer than the next frame is drawn late then, rather than none at all.
+        """
         before = None if self._frame is None else self._frame.shape
-        self._frame, self._levels = frame, levels
+        self._frame, self._levels, self._with_it = frame, levels, with_it
         self.blank.show_blank(frame is None)
         if frame is None:
             self.item.clear()
@@ -156,9 +168,14 @@ class FrameView(Measured, QWidget):
         return (top, bottom), (left, right)
 
     def _render(self) -> None:
-        frame = self._frame
+        frame, with_it = self._frame, self._with_it
         if frame is None:
             return
+        self._draw_lattice()
+        self._again = self._drawing
+        if self._drawing:
+            return
+        self._drawing = True
         rows, columns = self.view_range()
         size = self.plot.vb.size()
         ratio = self.devicePixelRatioF()
@@ -168,10 +185,26 @@ class FrameView(Measured, QWidget):
         self._jobs.compute(
             self._group,
             lambda: (tile, render_tile(frame, tile, display, levels)),
-            # what is drawn too late is of a frame that is not shown any more
-            lambda result: self._show(result) if self._frame is frame else None,
+            lambda result: self._drawn(frame, with_it, result),
+            self._not_drawn,
         )
-        self._draw_lattice()
+
+    def _drawn(
+        self, frame: NDArray[Any], with_it: Callable[[], None] | None, result: tuple[Tile, NDArray[np.uint8]]
+    ) -> None:
+        """Show a picture, and then draw what was set meanwhile."""
+        self._drawing = False
+        # one that is late is shown only with what belongs to it, and never where no frame is shown any more
+        if self._frame is frame or (self._frame is not None and with_it is not None):
+            self._show(result)
+            if with_it is not None:
+                with_it()
+        if self._again:
+            self._render()
+
+    def _not_drawn(self, words: str) -> None:
+        self._drawing = False
+        self._jobs.trouble.emit(words)
 
     def _show(self, result: tuple[Tile, NDArray[np.uint8]]) -> None:
         tile, picture = result

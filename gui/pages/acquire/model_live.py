@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,11 +15,21 @@ from lfcal.camera import ScanPlan, StageAxes
 from lfcal.errors import LfcalError
 from lfcal.psf import PSFMatrix
 from lfcal.psf.cutout import Cutout
-from lfcal.units import format_length
+from lfcal.units import format_length, format_seconds
 
-__all__ = ["LivePicture", "expected_words", "live_picture", "plane_at", "predicted_pattern", "stage_arrows"]
+__all__ = [
+    "LivePicture",
+    "age_words",
+    "expected_words",
+    "live_picture",
+    "plane_at",
+    "predicted_pattern",
+    "stage_arrows",
+]
 
 BINS = 256
+SAME_UM = 1.0
+"""Read-backs of one place differ by less (um)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +55,8 @@ class LivePicture:
         Normalised correlation of the two, NaN where there is none.
     first
         Pixel (row, column) of the sensor that is the frame's first.
+    taken_s
+        When the frame was read, by `time.monotonic` (s).
     """
 
     frame: NDArray[Any] | None
@@ -59,11 +72,12 @@ class LivePicture:
     predicted: NDArray[Any] | None = None
     correlation: float = math.nan
     first: tuple[int, int] = (0, 0)
+    taken_s: float = 0.0
 
 
 def live_picture(look: Look, plan: ScanPlan, reference: PSFMatrix | None) -> LivePicture:
     """Return what to draw of a live frame; ``reference`` is an H that says what a cutout should look like."""
-    state = look.state
+    state, now = look.state, time.monotonic()
     if look.frame is None or state.levels is None:
         return LivePicture(None, np.zeros(1), np.zeros(0), state.trouble or "no frame", "", 0, state.stage_um)
     frame = look.frame.data
@@ -76,7 +90,7 @@ def live_picture(look: Look, plan: ScanPlan, reference: PSFMatrix | None) -> Liv
     mean = float((histogram * np.arange(len(histogram))).sum()) / frame.size
     numbers = f"maximum <b>{levels.maximum}</b>, median <b>{levels.quantile(0.5)}</b>, mean <b>{mean:.1f}</b> counts"
     spot, first = _spot_words(look), (look.frame.roi.row, look.frame.roi.column)
-    made = LivePicture(frame, edges, counts, numbers, spot, levels.saturated, state.stage_um, first=first)
+    made = LivePicture(frame, edges, counts, numbers, spot, levels.saturated, state.stage_um, first=first, taken_s=now)
     return made if state.expected_px is None else _with_cutout(made, state.expected_px, plan, reference)
 
 
@@ -122,6 +136,17 @@ def _with_cutout(
         power = float(np.linalg.norm(seen)) * float(np.linalg.norm(predicted))
         correlation = float((seen * predicted).sum()) / power if power > 0 else math.nan
     return replace(made, window=window, point=point, seen=seen, predicted=predicted, correlation=correlation)
+
+
+def age_words(
+    seconds: float, frame_um: tuple[float, float, float], stage_um: tuple[float, float, float]
+) -> tuple[str, bool]:
+    """Return how old a frame is (s), and whether the stage (um) has left the place that the frame shows."""
+    age = f"{seconds:.1f} s old" if seconds < 10 else f"{format_seconds(seconds)} old"
+    if max(abs(a - b) for a, b in zip(frame_um, stage_um, strict=True)) <= SAME_UM:
+        return age, False
+    x, y, z = (f"{value:,.1f}".replace(",", "\N{THIN SPACE}") for value in frame_um)
+    return f"{age}, from x {x}, y {y}, z {z} µm", True
 
 
 def plane_at(plan: ScanPlan, depth_um: float) -> int | None:

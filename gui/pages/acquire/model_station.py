@@ -37,6 +37,8 @@ SEEN = ("camera", "period", "cutout", "depths_um", "anchor", "resample")
 
 MOVE_TIMEOUT_S = 60.0
 SETTLE_S = 0.1
+READ_S = 0.1
+"""Between two positions that are read on the way (s)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,6 +70,8 @@ class Station:
         self._preview = Preview(1)
         self._plan: ScanPlan | None = None
         self._exposure = math.nan
+        self._seen: Point | None = None
+        self._under_way = False
         self.moving = Control()
         """Asked to stop a move that is under way."""
 
@@ -106,7 +110,25 @@ class Station:
                 changed = exposure_s if exposure_s != self._exposure else None
                 self._exposure = exposure_s
                 state = self._live.send(changed)
+            self._seen = state.stage_um
             return Look(self._preview.latest(), state)
+
+    @property
+    def seen(self) -> Point | None:
+        """Position that was read back last (µm)."""
+        return self._seen
+
+    def where(self) -> tuple[Point | None, bool]:
+        """Return the position read back last (µm), None before the first, and whether a move of `move` is under way.
+
+        Never waits: while something else uses the devices, the position is that of the move, or the last one.
+        """
+        if self._lock.acquire(blocking=False):
+            try:
+                self._seen = self.rig.stage.position()
+            finally:
+                self._lock.release()
+        return self._seen, self._under_way
 
     def position(self) -> Point:
         """Return the position read back (µm)."""
@@ -118,20 +140,33 @@ class Station:
         in_limits(target, self.limits)
         with self._lock:
             self.moving = Control()
-            stage, clock = self.rig.stage, self.rig.time
-            stage.move(target)
-            deadline = time.monotonic() + MOVE_TIMEOUT_S
-            while stage.moving():
-                if self.moving.stopping or time.monotonic() > deadline:
-                    stage.stop()
-                    if not self.moving.stopping:
-                        raise StageError.expected(
-                            "stage", f"arrival within {MOVE_TIMEOUT_S:g} s", "still moving", "check for an obstacle"
-                        )
-                    break
-                clock.sleep(0.005)
-            clock.sleep(SETTLE_S)
-            return stage.position()
+            self._under_way = True
+            try:
+                self.rig.stage.move(target)
+                self._arrive()
+            finally:
+                self._under_way = False
+            self.rig.time.sleep(SETTLE_S)
+            self._seen = self.rig.stage.position()
+            return self._seen
+
+    def _arrive(self) -> None:
+        """Wait until the stage stands, or stop it where that was asked for; the position is read on the way."""
+        stage = self.rig.stage
+        deadline, read = time.monotonic() + MOVE_TIMEOUT_S, -math.inf
+        while stage.moving():
+            now = time.monotonic()
+            if self.moving.stopping:
+                stage.stop()
+                return
+            if now > deadline:
+                stage.stop()
+                raise StageError.expected(
+                    "stage", f"arrival within {MOVE_TIMEOUT_S:g} s", "still moving", "check for an obstacle"
+                )
+            if now - read > READ_S:
+                self._seen, read = stage.position(), now
+            self.rig.time.sleep(0.005)
 
     def move_axes(self, target: Sequence[float | None]) -> Point:
         """Move to ``target`` (µm), an axis of None staying where it is, and return the read-back."""

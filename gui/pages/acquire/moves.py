@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from PySide6.QtCore import QObject, Signal
+from PySide6.QtCore import QObject, QTimer, Signal
 
 from gui.context import Context
 from gui.pages.acquire.model import target_of
@@ -16,6 +16,8 @@ from lfcal.errors import LfcalError
 __all__ = ["StageMoves"]
 
 Point = tuple[float, float, float]
+POLL_MS = 200
+WAITS, MOVES = "waiting for the frame under way …", "moving …"
 
 
 class StageMoves(QObject):
@@ -34,10 +36,13 @@ class StageMoves(QObject):
         Why a move was not made, or not to its end.
     plane_reached(z)
         The way to the middle of a depth plane was begun.
+    placed(stage_um)
+        The position (um) was read.
     """
 
     refused = Signal(str)
     plane_reached = Signal(int)
+    placed = Signal(object)
 
     def __init__(
         self, context: Context, panel: StagePanel, station: Callable[[], Station | None], parent: QObject | None = None
@@ -46,10 +51,33 @@ class StageMoves(QObject):
         self._context, self._panel, self._station = context, panel, station
         self._moves: list[Callable[[], Any]] = []
         self._moving = False
+        self.poll_timer = QTimer(self)
+        self.poll_timer.setInterval(POLL_MS)
+        self.poll_timer.timeout.connect(self._poll)
         panel.jogged.connect(self.jog)
         panel.target_asked.connect(self.go_to)
         panel.plane_asked.connect(self.go_plane)
         panel.stop_asked.connect(self.stop)
+
+    def follow(self, on: bool) -> None:
+        """Read the position several times a second, or not."""
+        if on and not self.poll_timer.isActive():
+            self.poll_timer.start()
+        elif not on:
+            self.poll_timer.stop()
+            self._panel.show_motion("")
+
+    def _poll(self) -> None:
+        station = self._station()
+        if station is not None and self._panel.isVisible():
+            self._context.jobs.compute("acquire where", station.where, self._placed)
+
+    def _placed(self, found: tuple[Point | None, bool]) -> None:
+        stage_um, under_way = found
+        self._panel.show_motion(MOVES if under_way else WAITS if self._moving else "")
+        if stage_um is not None:
+            self._panel.set_position(stage_um)
+            self.placed.emit(stage_um)
 
     def jog(self, axis: int, by_um: float) -> None:
         """Move one axis by a step; steps asked for in a hurry are all made, one after the other."""
@@ -92,16 +120,19 @@ class StageMoves(QObject):
 
     def _next(self) -> None:
         self._moving = bool(self._moves)
+        self._panel.show_motion(WAITS if self._moving else "")
         if self._moves:
             self._context.jobs.compute("acquire move", self._moves.pop(0), self._moved, self._failed)
 
     def _moved(self, stage_um: Point) -> None:
         self._panel.set_position(stage_um)
+        self.placed.emit(stage_um)
         self._next()
 
     def _failed(self, words: str) -> None:
         self._moves.clear()
         self._moving = False
+        self._panel.show_motion("")
         self._refuse(words)
 
     def _refuse(self, words: str) -> None:

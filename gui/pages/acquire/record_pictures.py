@@ -154,9 +154,17 @@ class RecordPictures(QWidget):
     def show_frame(
         self, frame: LiveFrame, point: tuple[float, float] | None, target: NDArray[np.float64] | None = None
     ) -> None:
-        """Show the frame just recorded, with its cutout, or the places ``(n, 2)`` of a target's images as planned."""
+        """Show the frame just recorded, with its cutout, or the places ``(n, 2)`` of a target's images as planned.
+
+        Cutout and title change with the picture, which is drawn in the background.
+        """
         data = frame.data
-        self.frame.set_frame(data, (float(data.min()), float(max(data.max(), data.min() + 1))))
+        levels = (float(data.min()), float(max(data.max(), data.min() + 1)))
+        self.frame.set_frame(data, levels, lambda: self._mark_frame(frame, point, target))
+
+    def _mark_frame(
+        self, frame: LiveFrame, point: tuple[float, float] | None, target: NDArray[np.float64] | None
+    ) -> None:
         where = frame.position
         place = "" if where is None else f", z {where.z}, y {where.y}, x {where.x}"
         self.frame_title.setText(f"Frame: {frame.what}{place}")

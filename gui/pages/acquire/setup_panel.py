@@ -12,7 +12,7 @@ from gui.jobs import Jobs
 from gui.models.display import Display
 from gui.pages.acquire.device_panel import DevicePanel
 from gui.pages.acquire.fault_panel import FaultPanel
-from gui.pages.acquire.model_live import LivePicture, expected_words
+from gui.pages.acquire.model_live import LivePicture, age_words, expected_words
 from gui.pages.acquire.model_stills import KINDS
 from gui.pages.acquire.stage_panel import StagePanel
 from gui.theme import current_theme
@@ -59,15 +59,12 @@ class SetupPanel(QWidget):
         The live view.
     find_asked(key), use_asked(key)
         Measure one of `FINDINGS`, or record one of `KINDS`; take what was found into the plan.
-    overlays_changed()
-        Lattice or cutout were switched.
     """
 
     live_toggled = Signal(bool)
     exposure_edited = Signal(float)
     find_asked = Signal(str)
     use_asked = Signal(str)
-    overlays_changed = Signal()
 
     def __init__(self, jobs: Jobs, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -116,8 +113,10 @@ class SetupPanel(QWidget):
         column.addWidget(self.view, 1)
         self.readout = ElidedLabel()
         self.readout.setProperty("role", "hint")
-        column.addLayout(line(self.readout, whole, near, stretch=0))
-        self._window: tuple[int, int, int, int] | None = None
+        self.age = QLabel()
+        self.age.setToolTip("How long ago this frame was read, and whether the stage has moved since")
+        column.addLayout(line(self.readout, self.age, whole, near, stretch=0))
+        self._last: tuple[LivePicture, ScanPlan] | None = None
         self._waiting = True
         return frame
 
@@ -136,7 +135,7 @@ class SetupPanel(QWidget):
         self.log = QCheckBox("Log")
         self.log.setToolTip("Four decades below the brightest pixel instead of a linear scale")
         for box in (self.lattice, self.cutout):
-            box.toggled.connect(lambda _: self.overlays_changed.emit())
+            box.toggled.connect(lambda _: self._show_overlays())
         self.log.toggled.connect(lambda on: self.view.set_display(Display("log" if on else "linear")))
 
     def _cards(self) -> tuple[QWidget, QWidget]:
@@ -245,16 +244,15 @@ class SetupPanel(QWidget):
 
     def show_live(self, picture: LivePicture, plan: ScanPlan, note: str = "") -> None:
         """Show a live frame of a plan; ``note`` is put after the correlation."""
-        self.stage.set_position(picture.stage_um)
-        self._window = picture.window
         if picture.frame is None:
             self.numbers.setText(picture.numbers)
             return
+        self._last = picture, plan
         if self._waiting:
             self._waiting = False
             self.readout.setText(" ")
         low, high = float(picture.frame.min()), float(picture.frame.max())
-        self.view.set_frame(picture.frame, (low, max(high, low + 1)))
+        self.view.set_frame(picture.frame, (low, max(high, low + 1)), lambda: self._mark_cutout(picture))
         middle = (picture.edges[1:] + picture.edges[:-1]) / 2
         self.histogram.set_curve("pixels", middle, np.maximum(picture.counts, 0.5))
         self.numbers.setText(picture.numbers)
@@ -262,18 +260,44 @@ class SetupPanel(QWidget):
         self._show_saturated()
         self.spot.setText(picture.spot)
         self.view.set_lattice(plan.camera if self.lattice.isChecked() else None)
-        if picture.window is not None and picture.point is not None and self.cutout.isChecked():
-            row, column, nt, ns = picture.window
-            self.view.set_cutout(row, column, (nt, ns), picture.point)
-        else:
-            self.view.clear_cutout()
         self.seen.set_image(picture.seen, name="seen")
         self.predicted.set_image(picture.predicted, name="predicted")
         words = expected_words(picture, plan)
         self.correlation.setText(f"{words}; {note}" if note else words)
 
+    def show_age(self, now_s: float, stage_um: tuple[float, float, float]) -> None:
+        """Show how old the frame is, and in red that the stage has left its place for ``stage_um``."""
+        if self._last is None:
+            self.age.setText("")
+            return
+        picture = self._last[0]
+        words, moved = age_words(now_s - picture.taken_s, picture.stage_um, stage_um)
+        self.age.setText(f"<span style='color:{current_theme().bad}'>{words}</span>" if moved else words)
+
+    def _show_overlays(self) -> None:
+        """Draw lattice and cutout over the frame, or not, also where no frame follows."""
+        if self._last is not None:
+            picture, plan = self._last
+            self.view.set_lattice(plan.camera if self.lattice.isChecked() else None)
+            self._mark_cutout(picture)
+
+    def _mark_cutout(self, picture: LivePicture) -> None:
+        if picture.window is not None and picture.point is not None and self.cutout.isChecked():
+            row, column, nt, ns = picture.window
+            self.view.set_cutout(row, column, (nt, ns), picture.point)
+        else:
+            self.view.clear_cutout()
+
+    def show_waiting(self, waiting: bool) -> None:
+        """Say in the pictures that are empty that the first frame is awaited, or no longer."""
+        words = "Waiting for the first frame …" if waiting else ""
+        for view in (self.view, self.histogram, self.seen, self.predicted):
+            view.blank.wait(words)
+
     def show_nothing(self) -> None:
         """Show no live frame, and nothing of one."""
+        self._last = None
+        self.age.setText("")
         self.view.set_frame(None, (0.0, 1.0))
         self.view.set_lattice(None)
         self.view.clear_cutout()
@@ -308,8 +332,8 @@ class SetupPanel(QWidget):
             self.saturated.setText(f"saturated pixels <b style='color:{colour}'>{self._counted}</b>")
 
     def _zoom(self) -> None:
-        if self._window is not None:
-            row, column, nt, ns = self._window
+        if self._last is not None and self._last[0].window is not None:
+            row, column, nt, ns = self._last[0].window
             self.view.show_region(row, column, nt, ns)
 
     def _hovered(self, row: int, column: int, value: float) -> None:

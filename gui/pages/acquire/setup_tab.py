@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -64,6 +65,7 @@ class SetupTab(QObject):
         self.moves = StageMoves(context, panel.stage, lambda: self.station, self)
         self.moves.refused.connect(self._refused)
         self.moves.plane_reached.connect(self._plane_reached)
+        self.moves.placed.connect(self._placed)
         self.measuring = SetupMeasuring(context, panel, lambda: self.station if self.free else None, self)
         self.measuring.changed.connect(self._changed)
         context.on_close(self._close_station)
@@ -105,7 +107,8 @@ class SetupTab(QObject):
             self.disconnect_devices()
             self.panel.show_nothing()
             self.panel.devices.set_connected(why, connected=False)
-            self.context.message.emit(why)
+            if self.panel.isVisible():  # on other pages it is of no use: what was done there shows its own words
+                self.context.message.emit(why)
 
     @property
     def free(self) -> bool:
@@ -117,6 +120,7 @@ class SetupTab(QObject):
         self._check_station()
         connected = self.station is not None
         self.panel.set_connected(connected, free=self.free)
+        self.moves.follow(connected and self.free)
         self.panel.faults.set_connected(connected, busy=self.connecting)
         if connected:
             self.panel.devices.set_free(self.free)
@@ -198,6 +202,7 @@ class SetupTab(QObject):
 
     # -- live view -------------------------------------------------------------------------------------
     def _live_toggled(self, on: bool) -> None:
+        self.panel.show_waiting(on)
         if on:
             self._look()
 
@@ -226,10 +231,17 @@ class SetupTab(QObject):
             return
         quick = self.station is not None and Devices.of(self.station.rig).optics == "pattern"
         self.panel.show_live(picture, plan, QUICK if quick else "")
+        seen = picture.stage_um if self.station is None else self.station.seen or picture.stage_um
+        self.panel.stage.set_position(seen)
+        self._placed(seen)
         if picture.frame is not None:
             self.context.frame_seen.emit(picture.frame, picture.first)
         if self.panel.live.isChecked() and self.free:
             self.live_timer.start()
+
+    def _placed(self, stage_um: tuple[float, float, float]) -> None:
+        """Show how old the frame is, and whether the stage has moved since."""
+        self.panel.show_age(time.monotonic(), stage_um)
 
     def _refused(self, words: str) -> None:
         self.panel.readout.setText(words)

@@ -15,7 +15,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from gui.widgets.cards import card, line
+from gui.widgets.cards import card, heading, line
 from lfcal.units import format_length
 
 __all__ = ["StagePanel"]
@@ -47,7 +47,11 @@ class StagePanel(QWidget):
         super().__init__(parent)
         self.values: list[QLabel] = []
         self.buttons: list[QPushButton] = []
-        frame, column = card("Stage")
+        frame, column = card()
+        self.motion = QLabel("")
+        self.motion.setProperty("role", "hint")
+        self.motion.setToolTip("Whether the stage moves; its position is read several times a second")
+        column.addLayout(line(heading("Stage"), self.motion))
         column.addLayout(self._jog_grid())
         column.addLayout(self._step_line())
         column.addLayout(self._target_line())
@@ -154,6 +158,10 @@ class StagePanel(QWidget):
         """Show where the stage is (µm)."""
         for label, value in zip(self.values, stage_um, strict=True):
             label.setText(f"{value:,.2f} µm".replace(",", "\N{THIN SPACE}"))
+
+    def show_motion(self, words: str) -> None:
+        """Show what the stage does, in a place that is kept for it."""
+        self.motion.setText(words)
 
     def say(self, words: str) -> None:
         """Say why the stage does not go where it was to; empty: it does."""

@@ -67,7 +67,7 @@ class FrameChoices(QWidget):
         self.pattern, self.manifest = QLineEdit(), QLineEdit()
         self.pattern.setPlaceholderText("z{z}_y{y}_x{x}.png")
         self.pattern.setToolTip("Where the position stands in file names, for folders without a manifest")
-        self.manifest.setPlaceholderText("manifest.csv in the folder")
+        self.manifest.setPlaceholderText("found with the frames")
         self.manifest.setToolTip("A manifest that lies elsewhere: file, z, y, x, and exposure where it differs")
         for key, edit in (("pattern", self.pattern), ("manifest", self.manifest)):
             edit.setAccessibleName({"pattern": "file names"}.get(key, key))
@@ -119,6 +119,10 @@ class FrameChoices(QWidget):
         self.orientation.setCurrentIndex(self.orientation.findData(settings.orientation))
         for one in blockers:
             one.unblock()
+
+    def show_positions(self, words: str) -> None:
+        """Say where positions come from while no manifest is named."""
+        self.manifest.setPlaceholderText(words)
 
     def show_dark(self, words: str, *, wanted: bool) -> None:
         """Say what is subtracted as no light; where nothing was found, the choice is none."""

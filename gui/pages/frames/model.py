@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gui.models.settings import PageSettings
+from gui.pages.frames.import_choice import ImportChoice, list_of
 from gui.pages.frames.orientation import turned
 from lfcal.camera import ScanPlan
 from lfcal.files import read_text
@@ -34,6 +35,7 @@ __all__ = [
     "import_folder",
     "open_imported",
     "open_source",
+    "positions_words",
 ]
 
 CORRECTIONS = (
@@ -103,6 +105,18 @@ class FrameSettings(PageSettings):
             named_orientation(self.orientation)
 
 
+def positions_words(frames: str, settings: FrameSettings) -> str:
+    """Return where the positions of a project's frames come from while no other list is named."""
+    if (Path(frames) / "session.json").is_file():
+        return "records of the session"
+    if settings.pattern:
+        return "none: positions from file names"
+    if settings.order:
+        return f"none: frames in {settings.order} order"
+    listed = list_of(ImportChoice(frames))
+    return "none: the files say where they are" if listed is None else f"{listed.name}, found with the frames"
+
+
 @dataclass(frozen=True, eq=False)
 class Delivered:
     """What H is made from: the frames as they lie in their files, and what is to be done to them.
@@ -144,6 +158,8 @@ class Opened:
         What was opened, and how.
     dark
         What is subtracted as no light; empty: nothing.
+    positions
+        Where positions come from while no manifest is named, in words.
     """
 
     source: FrameSource
@@ -155,6 +171,7 @@ class Opened:
     folder: str = ""
     chosen: FrameSettings = FrameSettings()
     dark: str = ""
+    positions: str = ""
 
     def recorded(self, position: Position) -> Position:
         """Return ``position``, or the nearest with a frame where it has none: in its plane, else in any."""
@@ -229,7 +246,18 @@ def open_imported(folder: str, settings: FrameSettings, plan: ScanPlan) -> Opene
         table[raw.info(index).position] = index
     view = turned(corrected, own, settings.orientation)
     dark = _dark_words(corrected.chain)
-    return Opened(raw, view, delivered, table, own, settings.interpolation, folder, settings, dark)
+    return Opened(
+        raw,
+        view,
+        delivered,
+        table,
+        own,
+        settings.interpolation,
+        folder,
+        settings,
+        dark,
+        positions=positions_words(folder, settings),
+    )
 
 
 def _recipe(settings: FrameSettings, channel: str) -> CorrectionRecipe:

@@ -210,6 +210,7 @@ class Page(BasePage):
             self._opened(ready.opened)
             return
         self.panel.position_label.setText("opening frames …")
+        self.panel.show_reading("Opening frames …")
         self._opening = True
         self.notice.wait(f"Opening {Path(folder).name} …", self._stop_opening)
         self.context.jobs.load(
@@ -240,6 +241,7 @@ class Page(BasePage):
         self.hint.setText(f"{len(opened.source)} frames of {columns} × {rows} px")
         # these frames may have fewer planes than those before, and not all positions
         self.position = opened.recorded(self.position)
+        self.panel.choices.show_positions(opened.positions)
         self.panel.choices.show_dark(opened.dark, wanted=opened.chosen.use_dark)
         self.noticed.tell_left_out(opened.left_out)
         self.panel.set_planes(opened.frames.shape[0])
@@ -285,10 +287,11 @@ class Page(BasePage):
             self.context.message.emit(words)
             if opened is self.opened and where == self.position:  # the picture of another must not stand for it
                 self.loaded = None
-                self.panel.show_missing(words)
+                self.panel.show_missing(words, "This frame cannot be read.")
                 if not opened.chosen.skip_damaged:
                     self.noticed.offer_without(words, lambda: self._correct("skip_damaged", True))
 
+        self.panel.show_reading("Reading the frame …")
         self.context.jobs.compute("frames load", lambda: load_frame(opened, where), loaded, failed)
 
     def _step(self, dy: int, dx: int) -> None:

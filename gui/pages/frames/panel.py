@@ -198,8 +198,13 @@ class FramesPanel(QWidget):
         self.map_words.setText(words)
         self.map_words.setVisible(bool(words))
 
-    def show_missing(self, words: str) -> None:
-        """Say that there is no frame."""
+    def show_reading(self, words: str) -> None:
+        """Say in the pictures that are empty what is read for them."""
+        for view in (self.view, self.crop, self.histogram):
+            view.blank.wait(words)
+
+    def show_missing(self, words: str, why: str = "No frame was recorded here.") -> None:
+        """Say that there is no frame, and in the pictures why."""
         self.position_label.setText(words)
         self.view.set_frame(None, (0, 1))
         self.view.clear_cutout()
@@ -208,7 +213,7 @@ class FramesPanel(QWidget):
         self._count(None)
         self._show_crop(None, "no frame")
         for blank in (self.view.blank, self.crop.blank, self.histogram.blank):
-            blank.words = "No frame was recorded here."
+            blank.words = why
 
     def show_frame(self, loaded: Loaded) -> None:
         """Show a frame with its numbers."""

@@ -308,7 +308,7 @@ class Page(BasePage):
         matrix, reference, z = self.matrix, self.reference, self.intent.z
         assert matrix is not None
         self.plane = None
-        self.panel.readout.setText(f"reading plane {z} …")
+        self.panel.show_reading(f"Reading plane {z} …")
 
         def failed(words: str) -> None:
             self.context.message.emit(words)

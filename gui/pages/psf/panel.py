@@ -256,6 +256,12 @@ class PSFPanel(QWidget):
         self.expected.setData([], [])
         self.aperture_text.setText("fitting the aperture …")
 
+    def show_reading(self, words: str) -> None:
+        """Say in the pictures that are empty what is read for them."""
+        self.readout.setText(words)
+        for view in (self.main_view, self.linked_view, self.sum_view, self.profile):
+            view.blank.wait(words)
+
     def show_no_plane(self, words: str) -> None:
         """Show no picture, and why: a plane that cannot be read must not have those of another."""
         for view in (self.main_view, self.linked_view, self.sum_view):

@@ -200,6 +200,7 @@ class Page(BasePage):
         if ready is not None and ready[0] == path:
             self._loaded(*ready)
         elif path:
+            self.panel.light_field.blank.wait(f"Opening {Path(path).name} …")
             self.context.jobs.load(
                 "reconstruct load",
                 lambda: light_field(path),
@@ -221,6 +222,7 @@ class Page(BasePage):
         self.panel.file.setText(f"{Path(path).name}{size}" if path else "none yet")
 
     def _not_loaded(self, words: str) -> None:
+        self.panel.light_field.blank.wait("")
         self.panel.file.setText(words)
         self.context.message.emit(words)
 
@@ -247,6 +249,7 @@ class Page(BasePage):
             path = ask_target(self, "Light field to make", str(name), "TIFF (*.tif)")
         if path:
             self.panel.file.setText(f"making {Path(path).name} …")
+            self.panel.light_field.blank.wait(f"Making {Path(path).name} …")
             begun = self.context.project.begun
             self.context.jobs.compute(
                 "reconstruct make",

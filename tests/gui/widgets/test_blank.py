@@ -58,3 +58,22 @@ def test_numbers_come_with_the_data_and_go_with_them(qtbot: QtBot) -> None:
     assert image.blank.isVisible() and plot.blank.isVisible() and not image.bar.isVisible()
     assert numbers(image) == [] == numbers(plot)
     frame._jobs.close()
+
+
+def test_it_says_what_is_under_way_until_there_is_a_picture(qtbot: QtBot) -> None:
+    """Four pictures said "Nothing to show yet." while a plane was read for them."""
+    view = ImageView()
+    qtbot.addWidget(view)
+    view.show()
+    view.blank.words = "Open a light field."
+    view.blank.wait("Making lf.tif …")
+    assert view.blank.text() == "Making lf.tif …"
+    view.blank.wait("")
+    assert view.blank.text() == "Open a light field."
+    view.blank.wait("Making lf.tif …")
+    view.set_image(np.eye(5))
+    view.set_image(None)
+    assert view.blank.text() == "Open a light field."
+    view.blank.wait("Making lf.tif …")
+    view.blank.words = "It failed."
+    assert view.blank.text() == "It failed."

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 from PySide6.QtCore import QEvent, QPointF
 from pytestqt.qtbot import QtBot
@@ -42,3 +45,46 @@ def test_a_frame_that_is_taken_away_is_not_drawn_late(context: Context, qtbot: Q
     view.set_frame(None, (0, 1))
     idle(context.jobs, qtbot)
     assert view.item.image is None
+
+
+def test_a_cutout_comes_with_the_picture_of_its_frame(qtbot: QtBot) -> None:
+    """Frames came faster than they were drawn: the cutout of one lay over the light of another."""
+    jobs = Held()
+    view = FrameView(jobs, "frame")  # type: ignore[arg-type]
+    qtbot.addWidget(view)
+    for k in range(3):
+        frame = np.zeros((40, 40), np.uint16)
+        frame[10 * k, 5] = 100
+        view.set_frame(frame, (0, 100), lambda k=k: view.set_cutout(10 * k, 5, (1, 1), (10.0 * k, 5.0)))  # type: ignore[misc]
+    drawn = []
+    while jobs.asked:
+        jobs.answer()
+        top = float(view.cutout.getData()[1][0]) + 0.5
+        drawn.append((int(np.argmax(view.item.image.max(axis=1))), top))
+    assert drawn == [(0, 0.0), (20, 20.0)], "a late picture with its own cutout, then the newest"
+
+
+def test_a_late_picture_without_a_cutout_is_dropped(qtbot: QtBot) -> None:
+    jobs = Held()
+    view = FrameView(jobs, "frame")  # type: ignore[arg-type]
+    qtbot.addWidget(view)
+    for k in range(2):
+        view.set_frame(np.full((40, 40), k, np.uint16), (0, 1))
+    jobs.answer()
+    assert view.item.image is None
+    jobs.answer()
+    assert view.item.image is not None and not jobs.asked
+
+
+class Held:
+    """Computes when it is asked to."""
+
+    def __init__(self) -> None:
+        self.asked: list[tuple[Callable[[], Any], Callable[[Any], None]]] = []
+
+    def compute(self, _: str, work: Callable[[], Any], done: Callable[[Any], None], *others: Any) -> None:
+        self.asked.append((work, done))
+
+    def answer(self) -> None:
+        work, done = self.asked.pop(0)
+        done(work())

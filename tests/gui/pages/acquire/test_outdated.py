@@ -64,8 +64,11 @@ def test_a_simulator_of_another_camera_is_let_go(page: Page, context: Context, q
     assert "connect again" in devices.reason.text() and page.panel.setup.view.measured() is None
     connect(page, qtbot)
     assert page.setup.station is not None
+    said: list[str] = []
+    context.message.connect(said.append)
+    page.hide()
     context.project.undo()
-    assert page.setup.station is None
+    assert page.setup.station is None and said == [], "on another page it is of no use"
 
 
 def test_devices_that_are_not_those_chosen_are_let_go(page: Page, context: Context, qtbot: QtBot) -> None:

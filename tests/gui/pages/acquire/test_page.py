@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ from lfcal.camera import preset
 from lfcal.psf import open_psf
 from tests.acquire.rigs import small_plan
 from tests.gui.conftest import OpenPage
-from tests.gui.waiting import GUARD_MS
+from tests.gui.waiting import GUARD_MS, idle
 
 PLAN = small_plan((3, 4), 2, settle_s=0.0)
 
@@ -116,6 +117,74 @@ def test_live_view_moves_and_numbers(page: Page, qtbot: QtBot, context: Context)
     panel.live.setChecked(False)
     qtbot.mouseClick(panel.devices.button, Qt.MouseButton.LeftButton)
     assert page.setup.station is None and not panel.live.isEnabled()
+
+
+class Slow:
+    """A stage that is on its way until it is stopped, 1 µm further whenever it is read."""
+
+    def __init__(self, stage: Any) -> None:
+        self._stage, self._z, self._stopped = stage, 0.0, False
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stage, name)
+
+    def move(self, target: Any) -> None:
+        self._stage.move((0.0, 0.0, 50.0))
+
+    def moving(self) -> bool:
+        threading.Event().wait(0.005)
+        return not self._stopped
+
+    def stop(self) -> None:
+        self._stopped = True
+
+    def position(self) -> tuple[float, float, float]:
+        self._z += 1.0
+        return (0.0, 0.0, 50.0 if self._stopped else self._z)
+
+
+def test_a_move_is_followed_and_a_frame_of_the_old_place_says_so(page: Page, qtbot: QtBot, context: Context) -> None:
+    """Coordinates stood still and then jumped, over a frame of the old depth."""
+    panel = page.panel.setup
+    connect(page, qtbot)
+    qtbot.waitUntil(lambda: panel.age.text().endswith("s old"), timeout=GUARD_MS)
+    panel.live.setChecked(False)
+    station = page.setup.station
+    assert station is not None
+    qtbot.waitUntil(lambda: not context.jobs.computing, timeout=GUARD_MS)
+    station.rig = replace(station.rig, stage=Slow(station.rig.stage))
+    panel.stage.target.setText("0, 0, 50")
+    panel.stage.move.click()
+    assert panel.stage.motion.text() == "waiting for the frame under way …"
+    qtbot.waitUntil(lambda: panel.stage.motion.text() == "moving …", timeout=GUARD_MS)
+    seen: set[str] = set()
+
+    def several() -> bool:
+        seen.add(panel.stage.values[2].text())
+        return len(seen) > 2
+
+    qtbot.waitUntil(several, timeout=GUARD_MS)
+    qtbot.waitUntil(lambda: LIGHT.bad in panel.age.text(), timeout=GUARD_MS)
+    panel.stage.stop.click()
+    qtbot.waitUntil(lambda: panel.stage.motion.text() == "", timeout=GUARD_MS)
+    assert panel.stage.values[2].text() == "50.00 µm" and "from x 0.0, y 0.0, z 0.0 µm" in panel.age.text()
+    station.rig = replace(station.rig, stage=station.rig.stage._stage)
+    panel.live.setChecked(True)
+    qtbot.waitUntil(lambda: LIGHT.bad not in panel.age.text(), timeout=GUARD_MS)
+    panel.live.setChecked(False)
+
+
+def test_overlays_are_switched_without_another_frame(page: Page, qtbot: QtBot, context: Context) -> None:
+    panel = page.panel.setup
+    connect(page, qtbot)
+    qtbot.waitUntil(lambda: not panel._waiting, timeout=GUARD_MS)
+    panel.live.setChecked(False)
+    idle(context.jobs, qtbot)
+    assert len(panel.view.cutout.getData()[0]) == 5
+    panel.cutout.setChecked(False)
+    panel.lattice.setChecked(True)
+    assert len(panel.view.cutout.getData()[0]) == 0
+    assert sum(len(points.data) for points in panel.view.lattice) > 0
 
 
 def test_the_stage_goes_to_a_typed_position(page: Page, qtbot: QtBot, context: Context) -> None:

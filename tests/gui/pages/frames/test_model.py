@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from gui.pages.frames.assembly import iter_assembly
-from gui.pages.frames.model import FrameSettings, Opened, open_imported
+from gui.pages.frames.model import FrameSettings, Opened, open_imported, positions_words
 from gui.pages.frames.model_frame import load_frame
 from gui.pages.plan.model import default_plan
 from lfcal.camera import preset
@@ -64,3 +64,17 @@ def test_interpolation_reaches_the_assembly(tmp_path: Path) -> None:
         report = drain(iter_assembly(opened, str(tmp_path / "H.h5")))
     with report.matrix as H:
         assert H.provenance["cutout"]["interpolation"] == "cubic"
+
+
+def test_what_tells_the_positions_is_said(tmp_path: Path) -> None:
+    """After an import by log.csv the page still said "manifest.csv in the folder"."""
+    assert positions_words(str(tmp_path), FrameSettings()) == "none: the files say where they are"
+    (tmp_path / "log.csv").write_text("file;x;y;z\n")
+    for frames in (tmp_path, tmp_path / "log.csv"):
+        assert positions_words(str(frames), FrameSettings()) == "log.csv, found with the frames"
+    (tmp_path / "manifest.csv").write_text("file,z,y,x\n")
+    assert positions_words(str(tmp_path), FrameSettings()).startswith("manifest.csv")
+    assert "file names" in positions_words(str(tmp_path), FrameSettings(pattern="a{y}_{x}.tif"))
+    assert "serpentine order" in positions_words(str(tmp_path), FrameSettings(order="serpentine"))
+    (tmp_path / "session.json").write_text("{}")
+    assert "session" in positions_words(str(tmp_path), FrameSettings())
