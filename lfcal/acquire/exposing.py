@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 
 from lfcal.acquire.combining import average, merge
 from lfcal.acquire.control import Control
-from lfcal.devices.errors import CameraError, IncompleteFrame, StaleFrame, WrongFrame, driver_errors
-from lfcal.devices.protocols import CameraDevice, Frame, Rig, Roi
+from lfcal.devices.checked import CheckedCamera
+from lfcal.devices.errors import CameraError, IncompleteFrame, StaleFrame, WrongFrame
+from lfcal.devices.protocols import Frame, Roi
+from lfcal.devices.rig import Rig
 
 __all__ = ["ExposedFrame", "Exposer", "check_frame"]
 
@@ -53,9 +55,8 @@ class Exposer:
     def __init__(
         self, rig: Rig, control: Control, bracket: tuple[float, ...], black_level: float, timeout_s: float
     ) -> None:
-        self._camera: CameraDevice = rig.camera
-        self._name = rig.camera.name
-        self._grabber, self._control = rig.grabber, control
+        self._camera = CheckedCamera.of(rig.camera)
+        self._control = control
         self._bracket, self._black, self._timeout = bracket, black_level, timeout_s
         self._max = rig.camera.max_value
         self._dtype = np.dtype(np.uint8 if rig.camera.bit_depth <= 8 else np.uint16)
@@ -72,8 +73,7 @@ class Exposer:
         # setting a region restarts many cameras: only where it changes
         if roi == self._wanted_roi:
             return
-        with driver_errors(self._name):
-            actual = self._camera.set_roi(roi).actual
+        actual = self._camera.set_roi(roi).actual
         if not actual.holds(roi):
             raise CameraError.expected("camera region", f"at least {roi}", actual, "reset the camera's region")
         self._wanted_roi, self.roi = roi, actual
@@ -109,15 +109,11 @@ class Exposer:
         whole = factor == 1.0
         exposure_s *= factor
         if self._requested != exposure_s:
-            with driver_errors(self._name):
-                self._actual = self._camera.set_exposure(exposure_s).actual
+            self._actual = self._camera.set_exposure(exposure_s).actual
             self._requested = exposure_s
         self._control.check()
         try:
-            with driver_errors(self._name):
-                frame: Frame | None = self._grabber.grab(
-                    self._camera, self._timeout + exposure_s, lambda: self._control.aborting
-                )
+            frame = self._camera.grab(self._timeout + exposure_s, lambda: self._control.aborting)
         except CameraError:
             self._requested = None  # what the camera still holds is unknown: set the exposure again
             raise

@@ -12,7 +12,7 @@ import numpy as np
 
 from lfcal.acquire.frame_plan import FramePlan, scan_of
 from lfcal.acquire.lighting import check_light
-from lfcal.acquire.motion import check_limits, limits_of
+from lfcal.acquire.motion import check_limits
 from lfcal.acquire.options import Options
 from lfcal.acquire.recording.records import RECORD, Kind
 from lfcal.acquire.schedule import Schedule
@@ -20,7 +20,7 @@ from lfcal.acquire.session import check_devices
 from lfcal.acquire.session_file import frame_dtype
 from lfcal.camera import Forecast, ScanPlan
 from lfcal.camera.forecast import readout_hours
-from lfcal.devices.protocols import Rig
+from lfcal.devices.rig import Rig
 from lfcal.files import require_space, storage_errors
 from lfcal.frames.source import Position
 
@@ -97,7 +97,7 @@ def forecast(
     else:
         schedule = Schedule.of_frames(plan, options)
     moved = schedule.targets[schedule.kinds != Kind.DARK]
-    check_limits(moved, limits_of(rig.stage), options.motion(scan).overshoot_um)
+    check_limits(moved, rig.stage.limits, options.motion(scan).overshoot_um)
     dark = schedule.kinds == Kind.DARK
     if dark.any():
         check_light(rig)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from contextlib import suppress
 
 from lfcal.acquire.control import Control
-from lfcal.devices.errors import driver_errors
-from lfcal.devices.protocols import Rig
+from lfcal.devices.checked import CheckedLight
+from lfcal.devices.rig import Rig
 from lfcal.errors import InputError
 
 __all__ = ["Lighting", "check_light"]
@@ -35,7 +35,8 @@ class Lighting:
     """
 
     def __init__(self, rig: Rig, control: Control, settle_s: float) -> None:
-        self._light, self._time, self._control, self._settle = rig.light, rig.time, control, settle_s
+        self._light = None if rig.light is None else CheckedLight.of(rig.light)
+        self._time, self._control, self._settle = rig.time, control, settle_s
         self._off = False
 
     def switch(self, on: bool) -> None:
@@ -43,14 +44,13 @@ class Lighting:
         if self._light is None or on != self._off:
             return
         self._off = True  # also while it is being switched: after a fault it may be either
-        with driver_errors("light"):
-            self._light.switch(on)
+        self._light.switch(on)
         self._off = not on
         self._control.sleep(self._settle, self._time)
 
     def restore(self) -> None:
         """Switch the light on again, as far as it still answers; raises nothing."""
-        if self._light is not None and self._off:
+        if self._light is not None and self._off and not self._light.hangs:
             with suppress(Exception):
                 self._light.switch(True)
                 self._off = False

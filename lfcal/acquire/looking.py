@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 
 from lfcal.acquire.control import Control
 from lfcal.acquire.exposing import Exposer
-from lfcal.acquire.motion import Mover, check_limits, limits_of
+from lfcal.acquire.motion import Mover, check_limits
 from lfcal.acquire.options import Options
 from lfcal.acquire.spots import find_spot
 from lfcal.camera import ScanPlan
 from lfcal.devices.errors import LimitError
-from lfcal.devices.protocols import Point, Rig, Roi
+from lfcal.devices.protocols import Point, Roi
+from lfcal.devices.rig import Rig
 from lfcal.errors import InputError
 
 __all__ = ["Looker"]
@@ -56,7 +57,7 @@ class Looker:
     ) -> None:
         motion, sensor = options.motion(plan), plan.camera.sensor
         # before anything moves: a limit met halfway would leave the stage anywhere
-        check_limits(targets, limits_of(rig.stage), motion.overshoot_um)
+        check_limits(targets, rig.stage.limits, motion.overshoot_um)
         self._time, self._stage = rig.time, rig.stage
         self._mover = Mover(rig.stage, rig.time, motion, control)
         self._exposer = Exposer(rig, control, bracket, sensor.black_level, options.grab_timeout_s)

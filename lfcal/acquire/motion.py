@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from lfcal.acquire.control import Control
 from lfcal.checks import check_number
-from lfcal.devices.errors import LimitError, NotInPosition, StageError, driver_errors
+from lfcal.devices.checked import CheckedStage
+from lfcal.devices.errors import LimitError, NotInPosition, StageError
 from lfcal.devices.protocols import Limits, Point, StageDevice, TimeSource
 
-__all__ = ["Motion", "Mover", "check_limits", "limits_of"]
+__all__ = ["Motion", "Mover", "check_limits"]
 
 AXES = "xyz"
 FIRST_POLL_S = 0.0005
@@ -64,12 +65,6 @@ def check_limits(targets: NDArray[np.float64], limits: Limits, overshoot_um: tup
             )
 
 
-def limits_of(stage: StageDevice) -> Limits:
-    """Return the travel of ``stage`` (µm); raises `DeviceError` with its name where the driver fails."""
-    with driver_errors(stage.name):
-        return stage.limits
-
-
 class Mover:
     """Drive one stage along targets; remembers from which side it stands.
 
@@ -84,8 +79,8 @@ class Mover:
     """
 
     def __init__(self, stage: StageDevice, time: TimeSource, motion: Motion, control: Control) -> None:
-        self._stage, self._time, self._motion, self._control = stage, time, motion, control
-        self._limits, self._name = limits_of(stage), stage.name
+        self._stage, self._time, self._motion, self._control = CheckedStage.of(stage), time, motion, control
+        self._limits = self._stage.limits
         self._last: Point | None = None
 
     def forget(self) -> None:
@@ -134,8 +129,7 @@ class Mover:
 
     def position(self) -> Point:
         """Return the read-back, wherever the stage stands (µm)."""
-        with driver_errors(self._name):
-            return self._stage.position()
+        return self._stage.position()
 
     def _before(self, target: Point) -> Point:
         """Return where to go first so that every axis arrives in the positive sense."""
@@ -147,13 +141,12 @@ class Mover:
 
     def _travel(self, target: Point) -> None:
         self._control.check()
-        with driver_errors(self._name):
-            self._stage.move(target)
+        self._stage.move(target, seconds=self._motion.timeout_s, cancelled=self._aborting)
+        self._control.check()
         time, deadline, pause = self._time, self._time.monotonic() + self._motion.timeout_s, FIRST_POLL_S
-        while self._moving():
+        while self._stage.moving(self._aborting):
             if time.monotonic() > deadline:
-                with driver_errors(self._name):
-                    self._stage.stop()
+                self._stage.stop()
                 raise StageError.expected(
                     "stage",
                     f"arrival within {self._motion.timeout_s:g} s",
@@ -165,6 +158,5 @@ class Mover:
             # short moves are polled closely, long ones without loading the controller
             pause = min(pause * 1.5, LAST_POLL_S)
 
-    def _moving(self) -> bool:
-        with driver_errors(self._name):
-            return self._stage.moving()
+    def _aborting(self) -> bool:
+        return self._control.aborting

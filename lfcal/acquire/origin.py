@@ -13,7 +13,7 @@ from lfcal.acquire.options import Options
 from lfcal.acquire.schedule import Schedule
 from lfcal.acquire.spots import image_shift
 from lfcal.camera import ScanPlan
-from lfcal.devices.protocols import Rig
+from lfcal.devices.rig import Rig
 from lfcal.errors import InputError
 
 __all__ = ["check_origin"]

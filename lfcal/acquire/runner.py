@@ -18,7 +18,7 @@ from lfcal.acquire.guard.content import ContentGuard
 from lfcal.acquire.guard.neighbours import Sensor
 from lfcal.acquire.known import Known
 from lfcal.acquire.lighting import check_light
-from lfcal.acquire.motion import check_limits, limits_of
+from lfcal.acquire.motion import check_limits
 from lfcal.acquire.options import Options
 from lfcal.acquire.preview import LiveFrame, Preview
 from lfcal.acquire.recording.records import Kind, Note
@@ -26,7 +26,8 @@ from lfcal.acquire.recording.writer import Acknowledged, Sink, Writer
 from lfcal.acquire.schedule import Schedule, Step
 from lfcal.acquire.taking import Taker
 from lfcal.camera import ScanPlan
-from lfcal.devices.protocols import Rig, Roi
+from lfcal.devices.protocols import Roi
+from lfcal.devices.rig import Rig
 from lfcal.errors import LfcalError
 from lfcal.frames.source import Position
 from lfcal.progress import Progress, Work
@@ -112,7 +113,7 @@ class Runner:
         motion = options.motion(plan)
         # dark frames are taken wherever the stage stands
         moved = schedule.kinds != Kind.DARK
-        check_limits(schedule.targets[moved], limits_of(rig.stage), motion.overshoot_um)
+        check_limits(schedule.targets[moved], rig.stage.limits, motion.overshoot_um)
         if bool((todo & ~moved).any()):
             check_light(rig)
         sensor = Sensor(rig.camera.max_value, plan.camera.sensor.electrons_per_count)
@@ -171,7 +172,9 @@ class Runner:
             writer.close()
         yield self._progress()
         seconds = self._rig.time.monotonic() - self._since
-        how = "aborted" if self.control.aborting else "stopped" if self.control.stopping else "complete"
+        how = "aborted" if self.control.aborting else "stopped"
+        if not self.control.stopping and self._done == self._total:
+            how = "complete"
         return Outcome(how, self._done, self._total, seconds)
 
     def _progress(self, note: str = "") -> Progress:

@@ -31,7 +31,7 @@ from lfcal.acquire.schedule import Schedule
 from lfcal.acquire.session_file import Devices, Run, SessionFile, frame_dtype
 from lfcal.acquire.suspending import Suspender
 from lfcal.camera import ScanPlan
-from lfcal.devices.protocols import Rig
+from lfcal.devices.rig import Rig
 from lfcal.errors import InputError, LfcalError, StorageError
 from lfcal.files import storage_errors
 from lfcal.frames.source import Position

@@ -16,7 +16,7 @@ from lfcal.acquire.recording.records import Kind, file_name
 from lfcal.acquire.schedule import Schedule
 from lfcal.camera import ScanPlan
 from lfcal.camera.description import build
-from lfcal.devices.protocols import Rig
+from lfcal.devices.rig import Rig
 from lfcal.errors import FileFormatError, InputError, StorageError
 from lfcal.files import read_text, replace_whole
 from lfcal.frames.source import Position

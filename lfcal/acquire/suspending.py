@@ -10,11 +10,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Real
 from pathlib import Path
 
-from lfcal.devices.errors import DeviceError, driver_errors
+from lfcal.devices.calling import Caller
+from lfcal.devices.errors import DeviceError
 from lfcal.devices.gauges import FileGauge
-from lfcal.devices.protocols import Gauge, Rig
+from lfcal.devices.protocols import Gauge
+from lfcal.devices.rig import Rig
 from lfcal.errors import InputError
 
 __all__ = ["Bound", "Suspender", "gauge_of"]
@@ -116,7 +119,8 @@ class Suspender:
     """
 
     def __init__(self, rig: Rig, bounds: Sequence[Bound], steady_s: float) -> None:
-        self._gauges = [(bound, gauge_of(rig, bound.gauge)) for bound in bounds]
+        found = [(bound, gauge_of(rig, bound.gauge)) for bound in bounds]
+        self._gauges = [(bound, gauge, Caller(gauge, gauge.name)) for bound, gauge in found]
         self._time, self._steady = rig.time, steady_s
         self._next = -math.inf
         self._good_since: float | None = -math.inf
@@ -128,7 +132,7 @@ class Suspender:
         if not self._gauges or now < self._next:
             return self._why
         self._next = now + EVERY_S
-        troubles = [words for bound, gauge in self._gauges if (words := _trouble(bound, gauge))]
+        troubles = [words for one in self._gauges if (words := _trouble(*one))]
         if troubles:
             self._good_since = None
             self._why = "suspended: " + "; ".join(troubles)
@@ -140,11 +144,12 @@ class Suspender:
         return self._why
 
 
-def _trouble(bound: Bound, gauge: Gauge) -> str:
+def _trouble(bound: Bound, gauge: Gauge, caller: Caller) -> str:
     """Return why a reading stops a session; one that cannot be had does, too."""
     try:
-        with driver_errors(gauge.name):
-            value = gauge.read()
+        value = caller.call("read", gauge.read)
     except DeviceError as error:
         return str(error)
+    if not isinstance(value, Real):
+        return f"{gauge.name}: expected a number, got {value!r}; correct its driver"
     return "" if bound.holds(value) else bound.words(value, gauge.unit)

@@ -17,7 +17,8 @@ from lfcal.acquire.options import Options
 from lfcal.acquire.recording.records import Kind, Note
 from lfcal.acquire.schedule import Schedule, Step
 from lfcal.camera import ScanPlan
-from lfcal.devices.protocols import Point, Rig, Roi
+from lfcal.devices.protocols import Point, Roi
+from lfcal.devices.rig import Rig
 
 __all__ = ["Taken", "Taker"]
 

@@ -24,7 +24,7 @@ from lfcal.acquire.session_file import SessionFile
 from lfcal.camera import ScanPlan
 from lfcal.campaign.patterns import iter_session_patterns
 from lfcal.campaign.steps import FEWEST, Adapted, AdaptiveStep, Goal
-from lfcal.devices.protocols import Rig
+from lfcal.devices.rig import Rig
 from lfcal.errors import InputError
 from lfcal.fit import Fit, Measured, iter_fit_camera
 from lfcal.fit.design import Design, iter_next_positions

@@ -20,7 +20,7 @@ from lfcal.acquire.runner import Observer, Outcome
 from lfcal.acquire.session import check_new, iter_record
 from lfcal.acquire.session_file import NAME
 from lfcal.camera import RegionPlan
-from lfcal.devices.protocols import Rig
+from lfcal.devices.rig import Rig
 from lfcal.errors import InputError
 from lfcal.files import read_text, replace_whole, storage_errors
 from lfcal.progress import Work

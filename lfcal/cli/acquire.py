@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from lfcal.acquire.runner import Outcome
     from lfcal.camera import RegionPlan, ScanPlan
     from lfcal.campaign import Adapted, Goal
-    from lfcal.devices.protocols import Rig
+    from lfcal.devices.rig import Rig
     from lfcal.progress import Work
     from lfcal.targets import TargetPlan
 
@@ -354,6 +354,8 @@ def _stoppable(control: Control, *, at_once: bool = False) -> Iterator[list[int]
 
 class _Cover:
     """A person who covers the lens, in place of a light that can be switched."""
+
+    waits = False  # no driver: a person may take any time
 
     def switch(self, on: bool) -> None:
         """Ask for it and wait for the Enter key."""

@@ -10,7 +10,7 @@ import typer
 if TYPE_CHECKING:
     from lfcal.acquire.redo import RedoList
     from lfcal.acquire.runner import Outcome
-    from lfcal.devices.protocols import Rig
+    from lfcal.devices.rig import Rig
 
 __all__ = ["finish", "list_suspects", "show_outcome", "simulated_optics", "simulated_words"]
 

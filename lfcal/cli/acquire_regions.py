@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from lfcal.acquire.options import Options
     from lfcal.acquire.runner import Outcome
     from lfcal.camera import RegionPlan
-    from lfcal.devices.protocols import Rig
+    from lfcal.devices.rig import Rig
 
 __all__ = ["check_region_options", "finish_regions", "forecast_regions", "record_regions"]
 

@@ -22,7 +22,6 @@ from lfcal.devices.protocols import (
     Light,
     Limits,
     Point,
-    Rig,
     Roi,
     Setting,
     StageDevice,
@@ -30,6 +29,7 @@ from lfcal.devices.protocols import (
     TimeSource,
 )
 from lfcal.devices.registry import Backend, Finding, find_backends, get_backend, open_rig
+from lfcal.devices.rig import Rig
 from lfcal.devices.simulated.backend import simulated_rig
 
 __all__ = [

@@ -81,9 +81,9 @@ class driver_errors:
         """Begin to watch the driver."""
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        """Raise `DeviceError` instead of the driver's own error; lfcal's errors and interrupts pass."""
+        """Raise `DeviceError` instead of the driver's own error, an exit included; lfcal's errors and Ctrl-C pass."""
         if isinstance(error, StorageError):
             raise DeviceError(f"{self._device}: {error}") from error
-        if isinstance(error, Exception) and not isinstance(error, LfcalError):
+        if isinstance(error, Exception | SystemExit | GeneratorExit) and not isinstance(error, LfcalError):
             what = f"{type(error).__name__}: {error}"
             raise DeviceError(f"{self._device}: {what}; check its driver, cable and power") from error

@@ -8,15 +8,10 @@ session in order, as the device's.
 from __future__ import annotations
 
 import time
-from contextlib import ExitStack
-from dataclasses import dataclass, field
-from types import TracebackType
+from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
 
 from numpy.typing import NDArray
-
-from lfcal.devices.errors import driver_errors
-from lfcal.devices.grabbing import Grabber
 
 __all__ = [
     "CameraDevice",
@@ -25,7 +20,6 @@ __all__ = [
     "Light",
     "Limits",
     "Point",
-    "Rig",
     "Roi",
     "Setting",
     "StageDevice",
@@ -287,63 +281,3 @@ class SystemTime:
     def wall(self) -> float:
         """Return `time.time`."""
         return time.time()
-
-
-@dataclass(frozen=True, slots=True)
-class Rig:
-    """A camera, a stage, and a light where it can be switched; closes them as a context manager.
-
-    ``others`` are devices that had to be opened along with these and are closed with them; ``grabber`` waits for the
-    camera's frames. ``gauges`` tell how the lab is, where there are any. ``switches`` says that points of a display are
-    switched with the stage's moves, as a simulator does.
-
-    Examples
-    --------
-    >>> from lfcal.camera import ScanPlan, preset
-    >>> from lfcal.devices import Rig, simulated_rig
-    >>> plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=21)
-    >>> rig: Rig
-    >>> with simulated_rig(plan) as rig:  # camera and stage are released at its end
-    ...     rig.stage.move((100.0, -50.0, 0.0))
-    ...     rig.time.sleep(10.0)
-    ...     print([round(um) for um in rig.stage.position()])
-    [100, -50, 0]
-    """
-
-    camera: CameraDevice
-    stage: StageDevice
-    light: Light | None = None
-    time: TimeSource = field(default_factory=SystemTime)
-    others: tuple[CameraDevice | StageDevice, ...] = ()
-    grabber: Grabber = field(default_factory=Grabber, compare=False)
-    gauges: tuple[Gauge, ...] = ()
-    switches: bool = False
-
-    def close(self) -> None:
-        """Release all devices, each even if another fails; a camera whose driver still hangs is left to the system.
-
-        Raises
-        ------
-        DeviceError
-            If a device could not be released.
-        """
-        # under a call that hangs, closing would hang too
-        camera = () if self.grabber.hangs else (self.camera,)
-        with ExitStack() as stack:
-            for device in (*camera, *self.others, self.stage):
-                stack.callback(_release, device)
-
-    def __enter__(self) -> Rig:
-        """Return the rig."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close the rig."""
-        self.close()
-
-
-def _release(device: CameraDevice | StageDevice) -> None:
-    with driver_errors(device.name):
-        device.close()

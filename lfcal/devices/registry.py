@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 from lfcal.camera import ScanPlan
-from lfcal.devices.errors import DeviceMissing, driver_errors
-from lfcal.devices.protocols import Rig
+from lfcal.devices.errors import DeviceError, DeviceMissing, driver_errors
+from lfcal.devices.rig import Rig
 from lfcal.errors import InputError, LfcalError
 from lfcal.registry import Registry
 
@@ -134,7 +134,7 @@ def _probed(backend: Backend) -> Finding:
         return Finding(backend.name, backend.title, backend.probe(), "")
     except LfcalError as error:
         return Finding(backend.name, backend.title, "", str(error))
-    except Exception as error:  # a foreign package may fail in any way
+    except (Exception, SystemExit) as error:  # a foreign package may fail in any way
         return Finding(backend.name, backend.title, "", f"{type(error).__name__}: {error}")
 
 
@@ -200,7 +200,11 @@ def _open(backend: Backend, plan: ScanPlan, options: Mapping[str, str]) -> Rig:
     # a foreign package may fail in any way
     with driver_errors(f"backend {backend.name}"):
         backend.probe()
-        return backend.open(plan, options)
+        found: object = backend.open(plan, options)
+    if not isinstance(found, Rig):
+        remedy = "update or remove the package that brings it"
+        raise DeviceError.expected(f"devices of {backend.name}", "a Rig", type(found).__name__, remedy)
+    return found
 
 
 def _split(options: Mapping[str, str], stage: str) -> tuple[dict[str, str], dict[str, str]]:

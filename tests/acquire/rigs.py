@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from lfcal.acquire.options import Options
 from lfcal.acquire.recording.source import RecordingSource
 from lfcal.camera import ScanPlan, preset
-from lfcal.devices.protocols import Rig
+from lfcal.devices.rig import Rig
 from lfcal.devices.simulated.backend import simulated_rig
 from lfcal.devices.simulated.faults import Fault
 

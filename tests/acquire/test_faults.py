@@ -212,7 +212,7 @@ def test_errors_of_a_driver_are_the_devices_and_not_the_disks(
     options = replace(CAREFUL, darks=2, dark_every=9)
     rig = rig_for(PLAN)
     calls = 0
-    works = getattr(getattr(rig, device), call)
+    works = getattr(getattr(rig, device).device, call)
 
     def failing(*arguments: Any) -> Any:
         nonlocal calls
@@ -221,7 +221,7 @@ def test_errors_of_a_driver_are_the_devices_and_not_the_disks(
             raise error
         return works(*arguments)
 
-    setattr(getattr(rig, device), call, failing)
+    setattr(getattr(rig, device).device, call, failing)
     with pytest.raises(AcquisitionStopped, match=rf"by the device: {named}: {type(error).__name__}: ") as caught:
         record(tmp_path, PLAN, rig, options)
     assert isinstance(caught.value.cause, DeviceError)
@@ -237,6 +237,6 @@ def test_a_device_that_cannot_write_its_own_file_is_not_the_recordings_disk(tmp_
     def full(_timeout_s: float) -> Any:
         raise StorageError("/elsewhere/request.json: no space left; free some space")
 
-    rig.camera.grab = full  # type: ignore[method-assign]
+    rig.camera.device.grab = full  # type: ignore[attr-defined]
     with pytest.raises(AcquisitionStopped, match="by the device: simulated camera: /elsewhere"):
         record(tmp_path, PLAN, rig, CAREFUL)

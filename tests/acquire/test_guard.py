@@ -16,8 +16,9 @@ from lfcal.acquire.recording.source import RecordingSource
 from lfcal.acquire.schedule import Schedule
 from lfcal.acquire.session import record
 from lfcal.camera import ScanPlan, preset
-from lfcal.devices.protocols import Rig, Roi
+from lfcal.devices.protocols import Roi
 from lfcal.devices.registry import open_rig
+from lfcal.devices.rig import Rig
 from lfcal.devices.simulated.faults import Fault
 from lfcal.devices.simulated.optics import PatternRenderer
 from lfcal.devices.simulated.stage import StageModel
@@ -209,7 +210,7 @@ def test_a_frame_that_an_earlier_run_kept_is_known_after_a_resume(tmp_path: Path
     schedule = Schedule.of(PLAN, CAREFUL)
     step = list(schedule.steps())[43]
     rig = rig_for(PLAN)
-    works, calls = rig.camera.grab, 0
+    works, calls = rig.camera.device.grab, 0  # type: ignore[attr-defined]
 
     def from_before(timeout_s: float) -> Any:
         nonlocal calls
@@ -219,7 +220,7 @@ def test_a_frame_that_an_earlier_run_kept_is_known_after_a_resume(tmp_path: Path
             frame.data[Roi(step.row, step.column, *old.shape).within(schedule.roi)] = old
         return frame
 
-    rig.camera.grab = from_before  # type: ignore[method-assign]
+    rig.camera.device.grab = from_before  # type: ignore[attr-defined]
     with pytest.raises(AcquisitionStopped, match=r"got that of \(z, y, x\) = \(0, 0, 0\) again"):
         record(tmp_path, PLAN, rig, CAREFUL, resume=True)
 

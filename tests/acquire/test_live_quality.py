@@ -83,7 +83,7 @@ def test_a_lamp_that_fades_and_one_that_fails_are_told(tmp_path: Path) -> None:
             renderer._rate = bright * max(0.05, 1 - 0.01 * rig.time.monotonic())
             return renderer.render(*args)
 
-    rig.camera._renderer = Fading()  # type: ignore[attr-defined]
+    rig.camera.device._renderer = Fading()  # type: ignore[attr-defined]
     state = watched(tmp_path, PLAN, rig, count=200, reference_every=25)
     assert "lamp" in {alarm.what for alarm in state.alarms}
 
@@ -118,7 +118,7 @@ class _Ramp:
 @pytest.mark.parametrize("reference_every", [0, 25])
 def test_a_lamp_that_fades_slowly_is_told_with_references_and_without(tmp_path: Path, reference_every: int) -> None:
     rig = rig_for(PLAN)
-    rig.camera._renderer = _Ramp(rig.camera._renderer, PLAN.n_positions)  # type: ignore[attr-defined]
+    rig.camera.device._renderer = _Ramp(rig.camera._renderer, PLAN.n_positions)  # type: ignore[attr-defined]
     state = watched(tmp_path, PLAN, rig, reference_every=reference_every)
     lamp = next(alarm for alarm in state.alarms if alarm.what == "lamp")
     # without references, what is lost over one of the two planes
@@ -133,7 +133,7 @@ def test_a_steady_lamp_without_references_raises_no_alarm(tmp_path: Path, plan: 
 def test_a_level_that_creeps_is_told(tmp_path: Path) -> None:
     """Sixty counts over the session: no frame differs from the one before, so the guard has nothing to say."""
     rig = rig_for(PLAN)
-    works, frames = rig.camera.grab, 0
+    works, frames = rig.camera.device.grab, 0  # type: ignore[attr-defined]
 
     def warmer(timeout_s: float) -> Any:
         nonlocal frames
@@ -142,6 +142,6 @@ def test_a_level_that_creeps_is_told(tmp_path: Path) -> None:
         frame.data[...] += np.uint16(60 * frames / PLAN.n_positions)
         return frame
 
-    rig.camera.grab = warmer  # type: ignore[method-assign]
+    rig.camera.device.grab = warmer  # type: ignore[attr-defined]
     state = watched(tmp_path, PLAN, rig, reference_every=50)
     assert {alarm.what for alarm in state.alarms} == {"dark"}

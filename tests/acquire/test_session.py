@@ -24,7 +24,8 @@ from lfcal.acquire.session_file import SessionFile
 from lfcal.acquire.setup.levels import levels
 from lfcal.camera import StageAxes
 from lfcal.devices.errors import DeviceLost, LimitError
-from lfcal.devices.protocols import Frame, Point, Rig, Roi, Setting
+from lfcal.devices.protocols import Frame, Point, Roi, Setting
+from lfcal.devices.rig import Rig
 from lfcal.devices.simulated.camera import Patch, Renderer
 from lfcal.devices.simulated.optics import PatternRenderer
 from lfcal.errors import FileFormatError, InputError, StorageError
@@ -352,8 +353,8 @@ def test_darks_have_the_region_and_every_exposure_of_the_positions(tmp_path: Pat
     camera = Watched(rig)
     rig = replace(rig, camera=camera)
     switched: list[bool] = []
-    switch = rig.light.switch  # type: ignore[union-attr]
-    rig.light.switch = lambda on: (switched.append(on), switch(on))[1]  # type: ignore[union-attr, method-assign]
+    switch = rig.light.device.switch  # type: ignore[union-attr]
+    rig.light.device.switch = lambda on: (switched.append(on), switch(on))[1]  # type: ignore[union-attr, method-assign]
     record(tmp_path, plan, rig, replace(CAREFUL, darks=3, bracket=(1.0, 0.5)))
     assert sorted(seconds for seconds, _ in set(camera.dark)) == [0.005, 0.01, 0.02, 0.04]
     assert set(camera.dark) == camera.lit
@@ -380,7 +381,7 @@ def test_a_dark_frame_is_the_mean_of_as_many_as_were_asked_for(tmp_path: Path, c
 @pytest.mark.parametrize("how", ["stop", "abort", "fault"])
 def test_the_light_is_on_again_however_a_session_ends(tmp_path: Path, how: str) -> None:
     control, rig = Control(), rig_for(PLAN)
-    grab, grabbed = rig.camera.grab, []
+    grab, grabbed = rig.camera.device.grab, []  # type: ignore[attr-defined]
 
     def interrupted(timeout_s: float) -> Frame:
         grabbed.append(rig.light.on)  # type: ignore[union-attr]
@@ -390,7 +391,7 @@ def test_the_light_is_on_again_however_a_session_ends(tmp_path: Path, how: str) 
             getattr(control, how)()
         return grab(timeout_s)
 
-    rig.camera.grab = interrupted  # type: ignore[method-assign]
+    rig.camera.device.grab = interrupted  # type: ignore[attr-defined]
     with suppress(AcquisitionStopped):
         record(tmp_path, PLAN, rig, replace(CAREFUL, darks=8), control=control)
     assert not any(grabbed[:3])
@@ -422,7 +423,7 @@ def test_averaging_and_bracketing_record_floats(tmp_path: Path) -> None:
     bright = small_plan((2, 2), 1, exposure_s=0.1)
     rig = rig_for(bright, optics=None)
     dim = rig_for(one)
-    rig.camera._renderer = dim.camera._renderer  # type: ignore[attr-defined]
+    rig.camera.device._renderer = dim.camera._renderer  # type: ignore[attr-defined]
     record(tmp_path / "hdr", bright, rig, replace(CAREFUL, bracket=(1.0, 0.1)))
     merged = frames_of(tmp_path / "hdr")[0, 0, 0]
     assert merged.max() > 1.5 * 4095

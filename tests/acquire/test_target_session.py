@@ -21,7 +21,7 @@ from lfcal.acquire.session_file import SessionFile
 from lfcal.acquire.suspects import read_suspects
 from lfcal.axes import Position
 from lfcal.camera import ScanPlan
-from lfcal.devices.protocols import Rig
+from lfcal.devices.rig import Rig
 from lfcal.devices.simulated.backend import simulated_rig
 from lfcal.devices.simulated.faults import Fault
 from lfcal.devices.simulated.targets import SwitchedRenderer, TargetPattern

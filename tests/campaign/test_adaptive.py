@@ -23,8 +23,8 @@ from lfcal.campaign import Adapted, AdaptiveStep, Goal, adaptive, iter_adaptive
 from lfcal.campaign.adaptive import _gained_nothing
 from lfcal.campaign.patterns import iter_session_patterns
 from lfcal.campaign.steps import FEWEST
-from lfcal.devices.protocols import Rig
 from lfcal.devices.registry import open_rig
+from lfcal.devices.rig import Rig
 from lfcal.errors import InputError
 from lfcal.fit.design import CurvePoint, Design
 from lfcal.fit.judge import ModelError

@@ -20,8 +20,9 @@ from lfcal.acquire.recording.source import RecordingSource
 from lfcal.acquire.session import record
 from lfcal.camera import ScanPlan
 from lfcal.devices.errors import CameraError, DeviceLost, DeviceMissing, StageError
-from lfcal.devices.protocols import CameraDevice, Rig, Roi, StageDevice
+from lfcal.devices.protocols import CameraDevice, Roi, StageDevice
 from lfcal.devices.registry import find_backends, open_rig
+from lfcal.devices.rig import Rig
 from lfcal.errors import InputError
 from tests.acquire.rigs import CAREFUL, small_plan
 

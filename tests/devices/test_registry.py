@@ -17,8 +17,9 @@ from lfcal.camera import ScanPlan, preset
 from lfcal.devices import registry
 from lfcal.devices.backends import _aravis_lib
 from lfcal.devices.errors import DeviceMissing
-from lfcal.devices.protocols import CameraDevice, Light, Rig, StageDevice
+from lfcal.devices.protocols import CameraDevice, Light, StageDevice
 from lfcal.devices.registry import Backend, find_backends, get_backend, open_rig
+from lfcal.devices.rig import Rig
 from lfcal.devices.simulated.camera import SimCamera
 from lfcal.errors import InputError
 from tests.acquire.rigs import rig_for, small_plan
@@ -170,7 +171,8 @@ def test_stage_of_another_backend_and_its_options() -> None:
         assert rig.stage.name == "simulated stage"
         assert rig.camera.name.startswith("files")
         assert len(rig.others) == 2
-        unused = next(device for device in rig.others if isinstance(device, SimCamera))
+        others = [getattr(device, "device", device) for device in rig.others]
+        unused = next(device for device in others if isinstance(device, SimCamera))
         assert unused.optics == "pattern", "no optics are computed for a camera that takes no frames"
     with pytest.raises(InputError, match="option of folder"):
         open_rig(PLAN, "folder", {"path": ".", "nonsense": "1"}, stage="sim")

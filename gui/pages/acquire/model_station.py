@@ -18,7 +18,8 @@ from lfcal.acquire.preview import LiveFrame, Preview
 from lfcal.acquire.setup.live import LiveState, iter_live
 from lfcal.camera import ScanPlan
 from lfcal.devices.errors import LimitError, StageError
-from lfcal.devices.protocols import Limits, Point, Rig
+from lfcal.devices.protocols import Limits, Point
+from lfcal.devices.rig import Rig
 from lfcal.devices.simulated.faults import Fault
 from lfcal.errors import InputError
 from lfcal.progress import Work

@@ -12,7 +12,7 @@ from lfcal.acquire.looking import Looker
 from lfcal.acquire.options import Options
 from lfcal.acquire.schedule import Schedule
 from lfcal.camera import ScanPlan
-from lfcal.devices.protocols import Rig
+from lfcal.devices.rig import Rig
 from lfcal.errors import InputError
 from lfcal.progress import Clock, Work
 

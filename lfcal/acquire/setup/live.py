@@ -12,8 +12,10 @@ from lfcal.acquire.preview import LiveFrame, Preview
 from lfcal.acquire.setup.levels import Levels, levels
 from lfcal.acquire.spots import Spot, find_spot
 from lfcal.camera import ScanPlan
-from lfcal.devices.errors import FrameTimeout, IncompleteFrame, driver_errors
-from lfcal.devices.protocols import Frame, Point, Rig, Roi
+from lfcal.devices.checked import CheckedCamera
+from lfcal.devices.errors import FrameTimeout, IncompleteFrame
+from lfcal.devices.protocols import Point, Roi
+from lfcal.devices.rig import Rig
 from lfcal.errors import InputError
 
 __all__ = ["LiveState", "iter_live", "predicted_image"]
@@ -104,17 +106,14 @@ def iter_live(
     0 saturated pixels, spot expected at (159.5, 159.5)
     >>> live.close()
     """
-    camera, watched = rig.camera, driver_errors(rig.camera.name)
-    with watched:
-        roi = camera.set_roi(Roi(0, 0, *camera.sensor_shape)).actual
-        seconds = camera.set_exposure(exposure_s).actual
+    camera = CheckedCamera.of(rig.camera)
+    roi = camera.set_roi(Roi(0, 0, *camera.sensor_shape)).actual
+    seconds = camera.set_exposure(exposure_s).actual
     while not control.stopping:
-        with driver_errors(rig.stage.name):
-            stage = rig.stage.position()
+        stage = rig.stage.position()
         expected = None if plan is None else predicted_image(plan, stage)
         try:
-            with watched:
-                frame: Frame | None = rig.grabber.grab(camera, timeout_s + seconds, lambda: control.stopping)
+            frame = camera.grab(timeout_s + seconds, lambda: control.stopping)
             if frame is None:
                 break
             if frame.status != "complete":
@@ -134,5 +133,4 @@ def iter_live(
             wanted = yield LiveState(counts, spot, stage, expected)
         # only where it changes: some cameras restart their stream for it
         if wanted is not None:
-            with watched:
-                seconds = camera.set_exposure(wanted).actual
+            seconds = camera.set_exposure(wanted).actual

@@ -15,7 +15,7 @@ from lfcal.acquire.control import Control
 from lfcal.acquire.looking import Looker
 from lfcal.acquire.options import Options
 from lfcal.camera import ScanPlan, StageAxes
-from lfcal.devices.protocols import Rig
+from lfcal.devices.rig import Rig
 from lfcal.errors import InputError
 from lfcal.frames.orientation import AS_IS, nearest_orientation
 from lfcal.progress import Clock, Work

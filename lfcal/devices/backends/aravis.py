@@ -18,7 +18,8 @@ from lfcal.devices.backends._camera import CameraFacts
 from lfcal.devices.backends._fixed_stage import NoStage
 from lfcal.devices.errors import CameraError, DeviceLost, DeviceMissing, FrameTimeout
 from lfcal.devices.options import number_option
-from lfcal.devices.protocols import Frame, Rig, Roi, Setting
+from lfcal.devices.protocols import Frame, Roi, Setting
+from lfcal.devices.rig import Rig
 from lfcal.errors import InputError
 
 __all__ = ["BACKEND", "AravisBackend"]

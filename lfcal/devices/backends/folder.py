@@ -21,7 +21,8 @@ from lfcal.devices.backends._camera import CameraFacts
 from lfcal.devices.backends._fixed_stage import MovedElsewhere
 from lfcal.devices.errors import DeviceLost, FrameTimeout, IncompleteFrame
 from lfcal.devices.options import number_option
-from lfcal.devices.protocols import Frame, Rig, Roi, Setting
+from lfcal.devices.protocols import Frame, Roi, Setting
+from lfcal.devices.rig import Rig
 from lfcal.errors import InputError, LfcalError
 from lfcal.files import replace_whole
 from lfcal.frames.formats.opening import image_suffixes, read_image

@@ -17,7 +17,8 @@ from lfcal.camera import ScanPlan
 from lfcal.devices.backends._camera import CameraFacts
 from lfcal.devices.errors import CameraError, DeviceError, DeviceLost, DeviceMissing, FrameTimeout, StageError
 from lfcal.devices.options import limits_option
-from lfcal.devices.protocols import Frame, Limits, Point, Rig, Roi, Setting
+from lfcal.devices.protocols import Frame, Limits, Point, Roi, Setting
+from lfcal.devices.rig import Rig
 from lfcal.errors import InputError
 
 __all__ = ["BACKEND", "MicroManagerBackend"]

@@ -9,7 +9,8 @@ from lfcal import __version__
 from lfcal.camera import ScanPlan, StageAxes
 from lfcal.checks import check_choice
 from lfcal.devices.options import limits_option, number_option
-from lfcal.devices.protocols import Rig, SystemTime, TimeSource
+from lfcal.devices.protocols import SystemTime, TimeSource
+from lfcal.devices.rig import Rig
 from lfcal.devices.simulated.camera import Renderer, SimCamera, SimLight
 from lfcal.devices.simulated.faults import Fault, parse_faults
 from lfcal.devices.simulated.gauges import SimGauge, simulated_gauges
@@ -84,7 +85,7 @@ def inject(rig: Rig, fault: Fault) -> None:
     InputError
         If the device that it is a fault of is not simulated.
     """
-    for device in (rig.camera, rig.stage, *rig.gauges):
+    for device in (getattr(rig.camera, "device", rig.camera), getattr(rig.stage, "device", rig.stage), *rig.gauges):
         if isinstance(device, SimCamera | SimStage | SimGauge) and fault.kind in device.faults.kinds:
             device.faults.inject(fault)
             return

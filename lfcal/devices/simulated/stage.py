@@ -116,6 +116,11 @@ class SimStage:
         self.moves = 0
 
     @property
+    def waits(self) -> bool:
+        """Whether its moves take real time."""
+        return not isinstance(self._time, VirtualTime)
+
+    @property
     def limits(self) -> Limits:
         """Travel of each axis (µm)."""
         return self.model.limits

@@ -30,7 +30,7 @@ def test_the_stated_variance_is_that_of_the_corrected_frames(tmp_path: Path, cou
     """One recorded dark is the mean of as many exposures as were asked for: its noise is divided by them."""
     plan = small_plan((6, 6), 2)
     rig = rig_for(plan)
-    rig.camera._renderer = Steps()  # type: ignore[attr-defined]
+    rig.camera.device._renderer = Steps()  # type: ignore[attr-defined]
     record(tmp_path, plan, rig, replace(CAREFUL, darks=count))
     squares = {LIGHT: np.zeros(2), 0.0: np.zeros(2)}
     with RecordingSource(tmp_path) as recording:

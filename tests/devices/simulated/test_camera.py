@@ -26,7 +26,7 @@ class Even:
 
 
 def camera_of(counts: float) -> SimCamera:
-    camera = rig_for(PLAN).camera
+    camera = rig_for(PLAN).camera.device  # type: ignore[attr-defined]
     assert isinstance(camera, SimCamera)
     camera._renderer = Even(counts)
     return camera

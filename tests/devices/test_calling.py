@@ -17,10 +17,11 @@ from lfcal.acquire.control import Control
 from lfcal.acquire.preview import Preview
 from lfcal.acquire.session import iter_record, record
 from lfcal.acquire.setup.live import iter_live
-from lfcal.devices import grabbing
+from lfcal.devices import calling
+from lfcal.devices.calling import Caller
 from lfcal.devices.errors import DeviceError, DeviceLost, FrameTimeout
-from lfcal.devices.grabbing import Grabber
-from lfcal.devices.protocols import Frame, Rig
+from lfcal.devices.protocols import Frame
+from lfcal.devices.rig import Rig
 from tests.acquire.rigs import CAREFUL, assert_same_frames, frames_of, rig_for, small_plan
 
 PLAN = small_plan()
@@ -55,7 +56,7 @@ class Hanging:
 
 def hanging_rig(at: int) -> tuple[Rig, Hanging]:
     rig = rig_for(PLAN)
-    camera = Hanging(rig.camera, at)
+    camera = Hanging(rig.camera.device, at)  # type: ignore[attr-defined]
     return Rig(camera, rig.stage, rig.light, rig.time), camera
 
 
@@ -79,7 +80,7 @@ def test_an_abort_ends_a_session_whose_driver_hangs_and_the_late_frame_is_droppe
     assert outcome.how == "aborted"
     assert len(frames_of(tmp_path / "s")) == outcome.acknowledged == 8
     assert not rig.stage.moving()
-    assert rig.grabber.hangs
+    assert rig.camera.hangs  # type: ignore[attr-defined]
     camera.free.set()
     # with the same camera: the frame of the abandoned call comes first and must not be taken for a new one
     assert record(tmp_path / "s", PLAN, rig, CAREFUL, resume=True).how == "complete"
@@ -89,11 +90,12 @@ def test_an_abort_ends_a_session_whose_driver_hangs_and_the_late_frame_is_droppe
 
 
 def test_a_driver_that_never_comes_back_is_lost_and_left_to_the_system(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(grabbing, "SLICE_S", 0.001)
+    monkeypatch.setattr(calling, "SLICE_S", 0.001)
+    monkeypatch.setattr(calling, "ANSWER_S", 0.003)
     rig, camera = hanging_rig(1)
-    assert rig.grabber.grab(rig.camera, 5.0, lambda: camera.inside.is_set()) is None
+    assert rig.camera.grab(5.0, camera.inside.is_set) is None  # type: ignore[call-arg]
     with pytest.raises(DeviceLost, match="simulated camera: still hangs"):
-        rig.grabber.grab(rig.camera, 0.003, lambda: False)
+        rig.camera.grab(0.003)
     rig.close()
     assert not camera.closed
     camera.free.set()
@@ -111,19 +113,19 @@ def test_what_the_driver_raises_comes_through_and_a_camera_that_never_waits_is_c
     for waits in (True, False):
         camera.waits = waits
         with pytest.raises(FrameTimeout, match="in 2 s"):
-            rig.grabber.grab(rig.camera, 2.0, lambda: False)
+            rig.camera.grab(2.0)
     assert threads[0] is not threading.current_thread()
     assert threads[1] is threading.current_thread()
 
 
 def test_the_thread_ends_with_its_rig() -> None:
-    grabber = Grabber()
     _, camera = hanging_rig(0)
-    grabber.grab(camera, 1.0, lambda: False)
-    thread, gone = grabber._thread, weakref.ref(grabber)
+    caller = Caller(camera, "camera")
+    caller.call("grab", camera.grab, 1.0)
+    thread, gone = caller._thread, weakref.ref(caller)
     assert thread is not None
     assert thread.daemon
-    del grabber
+    del caller
     assert gone() is None
     thread.join(30)
     assert not thread.is_alive()
@@ -143,7 +145,7 @@ def test_the_live_view_stops_inside_a_call_and_names_the_device() -> None:
     def failing(_seconds: float) -> Any:
         raise RuntimeError("bus reset")
 
-    rig.camera.set_exposure = failing  # type: ignore[method-assign]
+    rig.camera.device.set_exposure = failing  # type: ignore[attr-defined]
     with pytest.raises(DeviceError, match="simulated camera: RuntimeError: bus reset"):
         next(iter_live(rig, Preview(), Control(), 0.01))
 
@@ -155,7 +157,7 @@ def test_a_device_that_cannot_be_released_is_named_and_the_others_are_released()
     def failing() -> None:
         raise OSError("gone")
 
-    rig.stage.close = failing  # type: ignore[method-assign]
+    rig.stage.device.close = failing  # type: ignore[attr-defined]
     camera.close = lambda: released.append("camera")  # type: ignore[method-assign]
     with pytest.raises(DeviceError, match="simulated stage: OSError: gone"):
         rig.close()
@@ -164,10 +166,10 @@ def test_a_device_that_cannot_be_released_is_named_and_the_others_are_released()
 
 def test_a_program_ends_although_a_driver_hangs(tmp_path: Path) -> None:
     code = """
-from tests.devices.test_grabbing import hanging_rig
+from tests.devices.test_calling import hanging_rig
 rig, camera = hanging_rig(1)
 with rig:
-    assert rig.grabber.grab(camera, 5.0, camera.inside.is_set) is None
+    assert rig.camera.grab(5.0, camera.inside.is_set) is None
 print("ended")
 """
     root = Path(__file__).parents[2]

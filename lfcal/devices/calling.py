@@ -1,0 +1,158 @@
+"""Calls of a driver with a time limit: a driver that hangs is named, and never holds up the program."""
+
+from __future__ import annotations
+
+import threading
+import time
+import weakref
+from collections.abc import Callable
+from queue import Empty, SimpleQueue
+from typing import Any, NamedTuple
+
+from lfcal.devices.errors import DeviceLost, driver_errors
+
+__all__ = ["ANSWER_S", "CANCELLED", "Caller"]
+
+SLICE_S = 0.05
+
+ANSWER_S = 5.0
+"""Longest wait for a driver beyond the time that a call may take (s)."""
+
+CANCELLED = object()
+"""What a call gives that was cancelled."""
+
+
+def never() -> bool:
+    """Cancel nothing."""
+    return False
+
+
+class _Call(NamedTuple):
+    """A call, and where its answer or error goes; nothing reads it once the call is abandoned."""
+
+    function: Callable[..., Any]
+    arguments: tuple[Any, ...]
+    answer: SimpleQueue[Any]
+
+
+class Caller:
+    """Calls the driver of one device in one thread, always the same.
+
+    A driver may hang in any call. The call is then abandoned: what it returns later is dropped, and no other call
+    begins before it has returned. The thread does not keep the program from ending.
+
+    Parameters
+    ----------
+    device
+        Where it has an attribute ``waits`` that is False it never waits, and is called directly.
+    name
+        For messages.
+    """
+
+    def __init__(self, device: object, name: str) -> None:
+        self._device, self._watched = device, driver_errors(name)
+        self.name = name
+        self._calls: SimpleQueue[_Call | None] = SimpleQueue()
+        self._abandoned: SimpleQueue[Any] | None = None
+        self._hanging = ""
+        self._thread: threading.Thread | None = None
+
+    @property
+    def hangs(self) -> bool:
+        """Whether the driver still is in a call that was abandoned."""
+        if self._abandoned is not None and not self._abandoned.empty():
+            self._abandoned = None
+        return self._abandoned is not None
+
+    def call(
+        self,
+        what: str,
+        function: Callable[..., Any],
+        *arguments: Any,
+        seconds: float = 0.0,
+        cancelled: Callable[[], bool] = never,
+    ) -> Any:
+        """Return what ``function(*arguments)`` returns; `CANCELLED` once ``cancelled`` is true.
+
+        Parameters
+        ----------
+        what
+            Name of the call, for messages.
+        function, arguments
+            The driver's.
+        seconds
+            How long it may take; the wait ends `ANSWER_S` later.
+        cancelled
+            Asked while the driver is waited for.
+
+        Raises
+        ------
+        DeviceLost
+            If the driver does not return in time, or still hangs in an earlier call.
+        DeviceError
+            What the driver raises: one of lfcal's errors, or any other exception with the device's name.
+        """
+        if not getattr(self._device, "waits", True):
+            with self._watched:
+                return function(*arguments)
+        limit = seconds + ANSWER_S
+        if self.hangs and not self._returned(limit, cancelled):
+            if cancelled():
+                return CANCELLED
+            raise DeviceLost(f"{self.name}: still hangs in an earlier {self._hanging}; switch it off and on")
+        call = _Call(function, arguments, SimpleQueue())
+        self._running().put(call)
+        # until an answer is there: an interrupt may end the wait, too
+        self._abandoned, self._hanging = call.answer, what
+        answer = _taken(call.answer, limit, cancelled)
+        if answer is CANCELLED:
+            return CANCELLED
+        if answer is None:
+            raise DeviceLost(
+                f"{self.name}: no answer to {what} within {limit:g} s; check cable and power, switch it off and on"
+            )
+        self._abandoned = None
+        found, error = answer
+        if isinstance(error, KeyboardInterrupt):  # not the user's: that one reaches the main thread alone
+            error = RuntimeError("KeyboardInterrupt")
+        if error is not None:
+            with self._watched:
+                raise error
+        return found
+
+    def _returned(self, seconds: float, cancelled: Callable[[], bool]) -> bool:
+        """Wait for an abandoned call, drop its answer, and return whether it came."""
+        assert self._abandoned is not None
+        if _taken(self._abandoned, seconds, cancelled) in (None, CANCELLED):
+            return False
+        self._abandoned = None
+        return True
+
+    def _running(self) -> SimpleQueue[_Call | None]:
+        """Return the queue of the thread, which begins with the first call and ends with this object."""
+        if self._thread is None:
+            self._thread = threading.Thread(target=_work, args=(self._calls,), name=self.name, daemon=True)
+            self._thread.start()
+            weakref.finalize(self, self._calls.put, None)
+        return self._calls
+
+
+def _taken(answer: SimpleQueue[Any], seconds: float, cancelled: Callable[[], bool]) -> Any:
+    """Return the answer; None after so many seconds, `CANCELLED` where nobody waits any more."""
+    end = time.monotonic() + seconds
+    while True:
+        try:
+            return answer.get(timeout=SLICE_S)
+        except Empty:
+            if cancelled():
+                return CANCELLED
+            if time.monotonic() > end:
+                return None
+
+
+def _work(calls: SimpleQueue[_Call | None]) -> None:
+    while (call := calls.get()) is not None:
+        try:
+            call.answer.put((call.function(*call.arguments), None))
+        except BaseException as error:  # it belongs to the thread that asked
+            call.answer.put((None, error))

@@ -1,0 +1,283 @@
+"""Camera, stage and light as lfcal calls them: each call has a time limit, each answer is checked once, here."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import cached_property
+from numbers import Integral, Real
+from typing import Any
+
+import numpy as np
+
+from lfcal.devices.calling import CANCELLED, Caller, never
+from lfcal.devices.errors import CameraError, DeviceError, StageError, driver_errors
+from lfcal.devices.protocols import CameraDevice, Frame, Light, Limits, Point, Roi, Setting, StageDevice
+
+__all__ = ["CheckedCamera", "CheckedLight", "CheckedStage"]
+
+SETTING_S, LIGHT_S, MOVE_S = 10.0, 30.0, 60.0
+"""How long a setting of the camera, a switch of the light and a move may take (s)."""
+
+REMEDY = "the driver is wrong: correct or update it"
+
+
+def _name(device: object, usual: str) -> str:
+    """Return the name of a device that has not been checked yet."""
+    with driver_errors(usual):
+        name = getattr(device, "name", None)
+    if not isinstance(name, str) or not name.strip():
+        raise DeviceError.expected(f"name of the {usual}", "a text", repr(name), REMEDY)
+    return name
+
+
+def _whole(value: object, low: int) -> bool:
+    return isinstance(value, Integral) and not isinstance(value, bool) and int(value) >= low
+
+
+def _number(value: object) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool)
+
+
+class CheckedCamera:
+    """A camera whose calls have a time limit and whose answers are checked.
+
+    Parameters
+    ----------
+    device
+        The camera; what else it has is reached through this object.
+
+    Raises
+    ------
+    CameraError
+        From every call, where the answer is none that the protocol allows.
+    DeviceLost
+        From every call, where the driver does not return.
+    """
+
+    def __init__(self, device: CameraDevice) -> None:
+        self.device = device
+        self.name = _name(device, "camera")
+        self._caller = Caller(device, self.name)
+
+    def __getattr__(self, name: str) -> Any:
+        """Return what the device has beyond the protocol."""
+        if name == "device":  # while this object is copied it has none yet
+            raise AttributeError(name)
+        return getattr(self.device, name)
+
+    @classmethod
+    def of(cls, device: CameraDevice) -> CheckedCamera:
+        """Return the camera, checked once however often this is asked."""
+        return device if isinstance(device, cls) else cls(device)
+
+    @property
+    def hangs(self) -> bool:
+        """Whether the driver still is in a call that was abandoned."""
+        return self._caller.hangs
+
+    @cached_property
+    def sensor_shape(self) -> tuple[int, int]:
+        """Rows and columns of the whole sensor."""
+        shape = self._ask("sensor_shape")
+        if not (isinstance(shape, tuple | list) and len(shape) == 2 and all(_whole(n, 1) for n in shape)):
+            raise self._wrong("sensor_shape", "rows and columns", shape)
+        return int(shape[0]), int(shape[1])
+
+    @cached_property
+    def bit_depth(self) -> int:
+        """Bits per sample."""
+        bits = self._ask("bit_depth")
+        if not _whole(bits, 1) or bits > 16:
+            raise self._wrong("bit_depth", "1 to 16", bits)
+        return int(bits)
+
+    @cached_property
+    def max_value(self) -> int:
+        """Sample value of a saturated pixel."""
+        value = self._ask("max_value")
+        if not _whole(value, 1) or value > 65535:
+            raise self._wrong("max_value", "1 to 65535", value)
+        return int(value)
+
+    def set_exposure(self, seconds: float) -> Setting[float]:
+        """Set the exposure time; return it with the value the camera took (s)."""
+        found = self._caller.call("set_exposure", self.device.set_exposure, seconds, seconds=SETTING_S)
+        if not (isinstance(found, Setting) and _number(found.actual) and 0 < found.actual < math.inf):
+            raise self._wrong("set_exposure", "a Setting with an exposure above 0 s", found)
+        return found
+
+    def set_roi(self, roi: Roi) -> Setting[Roi]:
+        """Read only ``roi`` from now on; the camera may take a larger one and says so."""
+        found = self._caller.call("set_roi", self.device.set_roi, roi, seconds=SETTING_S)
+        if not (isinstance(found, Setting) and isinstance(found.actual, Roi) and _is_region(found.actual)):
+            raise self._wrong("set_roi", "a Setting with a Roi", found)
+        return found
+
+    def grab(self, timeout_s: float, cancelled: Callable[[], bool] = never) -> Frame | None:
+        """Return a frame whose exposure started after this call; None once ``cancelled`` is true."""
+        frame = self._caller.call("grab", self.device.grab, timeout_s, seconds=timeout_s, cancelled=cancelled)
+        if frame is CANCELLED:
+            return None
+        wrong = _wrong_frame(frame)
+        if wrong:
+            raise self._wrong("grab", *wrong)
+        return frame  # type: ignore[no-any-return]
+
+    def close(self) -> None:
+        """Release the camera; one whose driver hangs is left to the system, for closing would hang, too."""
+        if not self.hangs:
+            self._caller.call("close", self.device.close)
+
+    def _ask(self, name: str) -> Any:
+        return self._caller.call(name, getattr, self.device, name)
+
+    def _wrong(self, what: str, wanted: str, got: object) -> CameraError:
+        return CameraError.expected(f"{self.name}: {what}", wanted, _words(got), REMEDY)
+
+
+def _words(got: object) -> str:
+    """Return a value for a message; of an object that cannot say what it is, its type."""
+    try:
+        return repr(got)
+    except Exception:  # a driver's own type
+        return type(got).__name__
+
+
+def _is_region(roi: Roi) -> bool:
+    return all(_whole(n, 0) for n in (roi.row, roi.column)) and all(_whole(n, 1) for n in roi.shape)
+
+
+def _wrong_frame(frame: object) -> tuple[str, object] | None:
+    """Return what is expected of a frame's wrong part, and that part; None where all is right."""
+    if not isinstance(frame, Frame):
+        return "a Frame", frame
+    data = frame.data
+    if not (isinstance(data, np.ndarray) and data.ndim == 2 and data.dtype.kind in "uif"):
+        shape = (getattr(data, "shape", None), str(getattr(data, "dtype", "")))
+        return "data: an array of rows and columns", f"{type(data).__name__} {shape}"
+    if not _whole(frame.number, 0):
+        return "number: a whole number", frame.number
+    if not _number(frame.exposure_s) or not 0 <= frame.exposure_s < math.inf:
+        return "exposure_s: seconds", frame.exposure_s
+    if frame.started_s is not None and not (_number(frame.started_s) and math.isfinite(frame.started_s)):
+        return "started_s: seconds, or None", frame.started_s
+    return None if isinstance(frame.status, str) else ("status: a text", frame.status)
+
+
+class CheckedStage:
+    """A stage whose calls have a time limit and whose answers are checked.
+
+    Parameters
+    ----------
+    device
+        The stage; what else it has is reached through this object.
+
+    Raises
+    ------
+    StageError
+        From every call, where the answer is none that the protocol allows.
+    DeviceLost
+        From every call, where the driver does not return.
+    """
+
+    def __init__(self, device: StageDevice) -> None:
+        self.device = device
+        self.name = _name(device, "stage")
+        self._caller = Caller(device, self.name)
+
+    def __getattr__(self, name: str) -> Any:
+        """Return what the device has beyond the protocol."""
+        if name == "device":
+            raise AttributeError(name)
+        return getattr(self.device, name)
+
+    @classmethod
+    def of(cls, device: StageDevice) -> CheckedStage:
+        """Return the stage, checked once however often this is asked."""
+        return device if isinstance(device, cls) else cls(device)
+
+    @property
+    def hangs(self) -> bool:
+        """Whether the driver still is in a call that was abandoned."""
+        return self._caller.hangs
+
+    @property
+    def limits(self) -> Limits:
+        """Travel of each axis (µm)."""
+        found = self._caller.call("limits", getattr, self.device, "limits")
+        try:
+            axes = tuple((float(low), float(high)) for low, high in found)
+        except (TypeError, ValueError):
+            axes = ()
+        if len(axes) != 3 or not all(low <= high for low, high in axes):
+            raise self._wrong("limits", "lowest and highest µm of three axes", found)
+        return axes
+
+    def move(self, target: Point, *, seconds: float = MOVE_S, cancelled: Callable[[], bool] = never) -> None:
+        """Begin to move to ``target`` (µm); a driver that waits for the arrival has so many ``seconds`` for it."""
+        self._caller.call("move", self.device.move, target, seconds=seconds, cancelled=cancelled)
+
+    def moving(self, cancelled: Callable[[], bool] = never) -> bool:
+        """Return whether any axis is on its way; False once ``cancelled`` is true."""
+        found = self._caller.call("moving", self.device.moving, cancelled=cancelled)
+        if found is CANCELLED:
+            return False
+        if not isinstance(found, bool | np.bool_ | Integral):
+            raise self._wrong("moving", "True or False", found)
+        return bool(found)
+
+    def position(self) -> Point:
+        """Return the position read back from the device (µm)."""
+        found = self._caller.call("position", self.device.position)
+        if isinstance(found, np.ndarray):
+            found = tuple(found.tolist())
+        if not (isinstance(found, tuple | list) and len(found) == 3 and all(_number(value) for value in found)):
+            raise self._wrong("position", "x, y, z in µm", found)
+        x, y, z = found
+        return float(x), float(y), float(z)
+
+    def stop(self) -> None:
+        """Stop all axes at once; a stage whose driver hangs hears nothing."""
+        if not self.hangs:
+            self._caller.call("stop", self.device.stop)
+
+    def home(self) -> None:
+        """Begin to move to the reference switches and return."""
+        self._caller.call("home", self.device.home)
+
+    def close(self) -> None:
+        """Release the stage; one whose driver hangs is left to the system."""
+        if not self.hangs:
+            self._caller.call("close", self.device.close)
+
+    def _wrong(self, what: str, wanted: str, got: object) -> StageError:
+        return StageError.expected(f"{self.name}: {what}", wanted, _words(got), REMEDY)
+
+
+class CheckedLight:
+    """A light whose calls have a time limit."""
+
+    def __init__(self, device: Light) -> None:
+        self.device = device
+        self._caller = Caller(device, "light")
+
+    def __getattr__(self, name: str) -> Any:
+        """Return what the device has beyond the protocol."""
+        if name == "device":
+            raise AttributeError(name)
+        return getattr(self.device, name)
+
+    @classmethod
+    def of(cls, device: Light) -> CheckedLight:
+        """Return the light, checked once however often this is asked."""
+        return device if isinstance(device, cls) else cls(device)
+
+    @property
+    def hangs(self) -> bool:
+        """Whether the driver still is in a call that was abandoned."""
+        return self._caller.hangs
+
+    def switch(self, on: bool) -> None:
+        """Switch the light on or off and return when it is."""
+        self._caller.call("switch", self.device.switch, on, seconds=LIGHT_S)

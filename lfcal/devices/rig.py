@@ -1,0 +1,78 @@
+"""The devices of a session: camera, stage, light, clock and gauges."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from types import TracebackType
+
+from lfcal.devices.checked import CheckedCamera, CheckedLight, CheckedStage
+from lfcal.devices.errors import driver_errors
+from lfcal.devices.protocols import CameraDevice, Gauge, Light, StageDevice, SystemTime, TimeSource
+
+__all__ = ["Rig"]
+
+
+@dataclass(frozen=True, slots=True)
+class Rig:
+    """A camera, a stage, and a light where it can be switched; closes them as a context manager.
+
+    Every call of camera, stage and light has a time limit, and every answer is checked; see `lfcal.devices.checked`.
+    ``others`` are devices that had to be opened along with these and are closed with them. ``gauges`` measure the
+    conditions in the lab, where there are any. ``switches`` says that points of a display are switched with the
+    stage's moves, as a simulator does.
+
+    Examples
+    --------
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.devices import Rig, simulated_rig
+    >>> plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=21)
+    >>> rig: Rig
+    >>> with simulated_rig(plan) as rig:  # camera and stage are released at its end
+    ...     rig.stage.move((100.0, -50.0, 0.0))
+    ...     rig.time.sleep(10.0)
+    ...     print([round(um) for um in rig.stage.position()])
+    [100, -50, 0]
+    """
+
+    camera: CameraDevice
+    stage: StageDevice
+    light: Light | None = None
+    time: TimeSource = field(default_factory=SystemTime)
+    others: tuple[CameraDevice | StageDevice, ...] = ()
+    gauges: tuple[Gauge, ...] = ()
+    switches: bool = False
+
+    def __post_init__(self) -> None:
+        """Put the checks between the devices and everything that uses them."""
+        object.__setattr__(self, "camera", CheckedCamera.of(self.camera))
+        object.__setattr__(self, "stage", CheckedStage.of(self.stage))
+        if self.light is not None:
+            object.__setattr__(self, "light", CheckedLight.of(self.light))
+
+    def close(self) -> None:
+        """Release all devices, each even if another fails; one whose driver still hangs is left to the system.
+
+        Raises
+        ------
+        DeviceError
+            If a device could not be released.
+        """
+        with ExitStack() as stack:
+            for device in (self.camera, *self.others, self.stage):
+                stack.callback(_release, device)
+
+    def __enter__(self) -> Rig:
+        """Return the rig."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the rig."""
+        self.close()
+
+
+def _release(device: CameraDevice | StageDevice) -> None:
+    with driver_errors(device.name):
+        device.close()
