@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +13,8 @@ from lfcal.acquire.frame_plan import FramePlan, scan_of
 from lfcal.acquire.lighting import check_light
 from lfcal.acquire.motion import check_limits
 from lfcal.acquire.options import Options
-from lfcal.acquire.recording.records import RECORD, Kind
+from lfcal.acquire.recording.records import Kind
+from lfcal.acquire.recording.store import recording_bytes
 from lfcal.acquire.schedule import Schedule
 from lfcal.acquire.session import check_devices
 from lfcal.acquire.session_file import frame_dtype
@@ -102,9 +102,8 @@ def forecast(
     if dark.any():
         check_light(rig)
     positions = schedule.count(Kind.POSITION)
-    size = _recording_bytes(schedule, frame_dtype(scan, options, devices).itemsize)
-    # the recording is reserved at once, and the session holds below its reserve
-    require_space(folder, size + options.keep_free_bytes, what="the recording and its reserve")
+    size = recording_bytes(schedule, frame_dtype(scan, options, devices))
+    require_space(folder, size + options.reserve(size), what="the recording and its reserve")
     place = folder.absolute()
     while not place.exists():
         place = place.parent
@@ -121,12 +120,6 @@ def forecast(
         devices.stage,
         None if reading is None else 3600 * reading,
     )
-
-
-def _recording_bytes(schedule: Schedule, sample_bytes: int) -> int:
-    darks = schedule.count(Kind.DARK)
-    lit = (len(schedule) - darks) * math.prod(schedule.window) * sample_bytes
-    return lit + darks * math.prod(schedule.roi.shape) * 4 + len(schedule) * RECORD.itemsize
 
 
 def _exposures(plan: ScanPlan, options: Options, schedule: Schedule) -> int:

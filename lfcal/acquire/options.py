@@ -17,6 +17,7 @@ __all__ = ["ORDERS", "POLICIES", "Options"]
 
 ORDERS = ("plan", "coarse")
 POLICIES = ("stop", "flag")
+LEAST_RESERVE = 16 << 20
 _RESHAPING = ("bracket", "margin_px", "darks", "dark_every", "reference_every", "controls")
 
 
@@ -51,7 +52,8 @@ class Options:
         Longest waits for arrival and (beyond the exposure) for a frame, and the wait after the light
         is switched (s).
     keep_free_bytes
-        The session holds while the disk has less than this free.
+        The session is refused, and holds, while the disk has less than this free in addition to the recording; None:
+        a tenth of the recording, at least 16 MiB.
     origin_tolerance_px
         On resume the last position is taken again; a larger shift of the image says that the stage's
         origin is lost (pixels). None leaves the check out.
@@ -83,7 +85,7 @@ class Options:
     move_timeout_s: float = 60.0
     grab_timeout_s: float = 5.0
     light_settle_s: float = 0.5
-    keep_free_bytes: int = 1 << 30
+    keep_free_bytes: int | None = None
     origin_tolerance_px: float | None = 0.5
     on_suspect: str = "stop"
     suspend: tuple[str, ...] = ()
@@ -102,8 +104,10 @@ class Options:
             check_number("exposure factor", factor, above=0, at_most=1e4)
         if self.margin_px is not None:
             check_number("margin (px)", self.margin_px, at_least=0, integer=True)
-        for name in ("darks", "dark_every", "reference_every", "controls", "retries", "keep_free_bytes"):
+        for name in ("darks", "dark_every", "reference_every", "controls", "retries"):
             check_number(name.replace("_", " "), getattr(self, name), at_least=0, integer=True)
+        if self.keep_free_bytes is not None:
+            check_number("keep free (bytes)", self.keep_free_bytes, at_least=0, integer=True)
         for name in ("move_timeout_s", "grab_timeout_s"):
             check_number(name.replace("_", " "), getattr(self, name), above=0, at_most=86_400)
         check_number("steady s", self.steady_s, at_least=0, at_most=86_400)
@@ -120,6 +124,10 @@ class Options:
     def plain(self) -> bool:
         """Whether one exposure makes one frame (unless the plan averages)."""
         return len(self.bracket) == 1
+
+    def reserve(self, recording_bytes: int) -> int:
+        """Return the bytes that stay free beyond a recording of this size."""
+        return max(recording_bytes // 10, LEAST_RESERVE) if self.keep_free_bytes is None else self.keep_free_bytes
 
     @property
     def bounds(self) -> tuple[Bound, ...]:

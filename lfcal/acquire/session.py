@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ from lfcal.acquire.recording.durable import DiskGuard, FolderLock
 from lfcal.acquire.recording.reader import RecordingFile
 from lfcal.acquire.recording.records import Kind, file_name
 from lfcal.acquire.recording.repair import iter_repair
-from lfcal.acquire.recording.store import Store
+from lfcal.acquire.recording.store import Store, recording_bytes
 from lfcal.acquire.recording.verify import SessionReport, iter_verify
 from lfcal.acquire.runner import Observer, Outcome, Runner
 from lfcal.acquire.schedule import Schedule
@@ -38,6 +38,8 @@ from lfcal.frames.source import Position
 from lfcal.progress import Work, drain
 
 __all__ = ["check_devices", "check_new", "iter_record", "record"]
+
+R = TypeVar("R")
 
 
 def iter_record(
@@ -112,8 +114,8 @@ def iter_record(
     options = options or (earlier.options if earlier else Options())
     if earlier:
         earlier.check_same(plan, options, devices)  # before the lock, for the clearer message
-    trouble = _trouble(folder, rig, options)  # a gauge that is not there is told before anything is made
-    with _locked(folder):
+    gauges = Suspender(rig, options.bounds, options.steady_s)  # a missing one is reported before anything is made
+    with _locked(folder) as lock:
         target = None if isinstance(plan, ScanPlan) else plan
         new = _new(SessionFile(uuid.uuid4().hex, scan, options, devices, target=target), only, kept_aside)
         file, first = _prepare(folder, rig, new, resume=resume, redo=redo)
@@ -123,8 +125,9 @@ def iter_record(
             file = yield from _repaired(folder, file, rig, options, found)
         outcome = Outcome("complete", 0, 0, 0.0)
         for run in range(first, len(file.recordings)):
-            watching = _Watching(control, preview, observers, trouble)
-            file, outcome = yield from _record_one(folder, file, run, rig, options, watching, found)
+            watching = _Watching(control, preview, observers, gauges)
+            work = _record_one(folder, file, run, rig, options, watching, found)
+            file, outcome = yield from _noted_holds(work, lock, control)
             if outcome.how != "complete":
                 break
         return replace(outcome, damaged=0 if found is None else found.lost)
@@ -257,7 +260,8 @@ def _create(folder: Path, file: SessionFile, run: int, rig: Rig, options: Option
     # limits and light are checked before anything is made
     Runner(rig, file.plan, options, schedule, _Nowhere(), np.ones(len(schedule), np.bool_))
     dtype = frame_dtype(file.plan, file.options, file.devices)
-    Store.create(folder, run, schedule, dtype, file.attributes(run, schedule)).close()
+    reserve = options.reserve(recording_bytes(schedule, dtype))
+    Store.create(folder, run, schedule, dtype, file.attributes(run, schedule), reserve=reserve).close()
     try:
         file.write(folder)
     except BaseException:
@@ -277,13 +281,13 @@ class _Watching(NamedTuple):
 
 
 @contextmanager
-def _locked(folder: Path) -> Iterator[None]:
+def _locked(folder: Path) -> Iterator[FolderLock]:
     """Make the session's folder and keep other programs out of it; a refused session leaves nothing behind."""
     with storage_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
     lock = FolderLock(folder)
     try:
-        yield
+        yield lock
     finally:
         lock.release()
         if not (folder / "session.json").exists():
@@ -310,6 +314,9 @@ def _record_one(
         if not store.writable:  # packed, so it was complete
             count = schedule.count(Kind.POSITION)
             return file, Outcome("complete", count, count, 0.0)
+        full = DiskGuard(folder, options.reserve(recording_bytes(schedule, dtype)))
+        if todo.any() and (why := full()):
+            raise StorageError(f"{folder}: {why}, or give --keep-free")
         runner = Runner(
             rig,
             file.plan,
@@ -317,7 +324,10 @@ def _record_one(
             schedule,
             store,
             todo,
-            **watching._asdict(),
+            control=watching.control,
+            preview=watching.preview,
+            observers=watching.observers,
+            trouble=lambda: full() or watching.trouble(),
             elapsed_s=store.elapsed_s,
             known=_known(folder, file, schedule, todo) if not todo.all() or run else (),
             recorded={crc: schedule.position(flat) for crc, flat in store.checksums().items()},
@@ -332,10 +342,21 @@ def _record_one(
         store.close()
 
 
-def _trouble(folder: Path, rig: Rig, options: Options) -> Callable[[], str]:
-    """Return what says why the session should hold."""
-    full, suspended = DiskGuard(folder, options.keep_free_bytes), Suspender(rig, options.bounds, options.steady_s)
-    return lambda: full() or suspended()
+def _noted_holds(work: Work[R], lock: FolderLock, control: Control) -> Work[R]:
+    """Pass on ``work``, and note in the folder's lock why the session holds, for other programs to read."""
+    held = ""
+    try:
+        while True:
+            record = next(work)
+            if control.held != held:
+                held = control.held
+                lock.note(held)
+            yield record
+    except StopIteration as stop:
+        found: R = stop.value
+        return found
+    finally:
+        work.close()
 
 
 def _check_origin(

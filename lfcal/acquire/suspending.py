@@ -152,4 +152,5 @@ def _trouble(bound: Bound, gauge: Gauge, caller: Caller) -> str:
         return str(error)
     if not isinstance(value, Real):
         return f"{gauge.name}: expected a number, got {value!r}; correct its driver"
-    return "" if bound.holds(value) else bound.words(value, gauge.unit)
+    reading = float(value)
+    return "" if bound.holds(reading) else bound.words(reading, gauge.unit)

@@ -89,6 +89,9 @@ def command(
     overshoot: str | None = typer.Option(
         None, "--overshoot", help="Approach from one side, X,Y,Z (µm); 0,0,0 for none."
     ),
+    keep_free: float | None = typer.Option(
+        None, "--keep-free", min=0, help="Disk space that stays free (GB); by default a tenth of the recording."
+    ),
     origin: str = typer.Option("", "--origin", help="Stage coordinates of the sensor's centre X,Y,Z (µm)."),
     check_stage: bool = typer.Option(True, help="Measure sign, scale and rotation of the stage first."),
     check_origin: bool = typer.Option(True, help="On resume, compare the last position with its frame."),
@@ -164,6 +167,7 @@ def command(
         "steady_s": steady,
         "tolerance_um": numbers(tolerance, "--tolerance"),
         "overshoot_um": numbers(overshoot, "--overshoot"),
+        "keep_free_bytes": None if keep_free is None else int(1e9 * keep_free),
     }
     # A session that goes on keeps the options it began with; those given now replace single ones.
     options = options_of(out if resume or redo is not None else None, given, check_origin)
@@ -304,10 +308,11 @@ def _adapted(task: _Task, rig: Rig, control: Control, quality: LiveQuality | Liv
 
 
 def _watched(work: Work[R], quality: LiveQuality | LiveCoverage) -> Work[R]:
-    """Yield the progress of ``work``, and report every alarm once while there is time to act on it."""
+    """Yield the progress of ``work``; report every hold and its end, and every alarm once, to act on them in time."""
     from lfcal.cli.console import report
 
     reported: set[str] = set()
+    held = ""
     look = time.monotonic() + ALARM_EVERY_S
     while True:
         try:
@@ -321,6 +326,9 @@ def _watched(work: Work[R], quality: LiveQuality | LiveCoverage) -> Work[R]:
                 if alarm.what not in reported:
                     reported.add(alarm.what)
                     report(f"{alarm.what}: {alarm.value:.3g} (limit {alarm.limit:g}): {alarm.advice}")
+        if record.note.partition(":")[0] != held.partition(":")[0]:
+            report(f"on hold: {record.note}" if record.note else "recording again")
+            held = record.note
         yield record
 
 

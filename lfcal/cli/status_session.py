@@ -33,11 +33,16 @@ def tell_session(folder: Path, *, json: bool) -> None:
         return
     what = "frames of a target" if session.target is not None else "positions"
     ended = f"; the last run: {facts['how']}" if facts["how"] else ""
+    if facts["recording"]:
+        ended = "; on hold: " + facts["held"] if facts["held"] else "; being recorded"
+        ended += f" (process {facts['process']})" if facts["process"] else ""
     typer.echo(f"{folder}: {facts['done']} of {facts['total']} {what} are safe on the disk{ended}")
     if session.target is not None:
         from lfcal.cli.acquire_target import show_coverage
 
         show_coverage(facts["shown"])
+    if facts["recording"]:
+        return
     if facts["done"] < facts["total"]:
         typer.echo("  lfcal acquire with its plan and --resume goes on")
     elif session.target is not None:
@@ -47,17 +52,23 @@ def tell_session(folder: Path, *, json: bool) -> None:
 
 
 def _facts(folder: Path, session: SessionFile) -> dict[str, Any]:
+    from lfcal.acquire.recording.durable import recorder_of
+
     done = _recorded(folder, session)
     target = session.target
     total = session.positions
     if target is None and session.redo[0]:
         total = len({tuple(at) for part in session.redo for at in part})
+    at_work = recorder_of(folder)
     facts = {
         "path": folder,
         "session": "scan" if target is None else "target",
         "done": done,
         "total": total,
         "how": session.runs[-1].how if session.runs else "",
+        "recording": at_work is not None,
+        "process": None if at_work is None else at_work.process or None,
+        "held": "" if at_work is None else at_work.held,
     }
     if target is None:
         return facts

@@ -7,7 +7,7 @@ import os
 import shutil
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from lfcal.errors import StorageError
 from lfcal.files import read_text, storage_errors
@@ -15,14 +15,16 @@ from lfcal.plain import parse_json
 from lfcal.system import OPEN_FLAGS, lock, write_at
 from lfcal.units import format_bytes
 
-__all__ = ["DiskGuard", "FolderLock"]
+__all__ = ["DiskGuard", "FolderLock", "Recorder", "recorder_of"]
+
+LOCK = "session.lock"
 
 
 class FolderLock:
     """Keep a second program out of a session folder; gone with the process, however it ends."""
 
     def __init__(self, folder: Path) -> None:
-        self.path = folder / "session.lock"
+        self.path = folder / LOCK
         with storage_errors(self.path):
             self._descriptor: int | None = os.open(self.path, os.O_RDWR | os.O_CREAT | OPEN_FLAGS, 0o644)
         try:
@@ -36,21 +38,55 @@ class FolderLock:
                 f"open in {holder}",
                 "end the other program, or choose another folder",
             ) from error
-        os.ftruncate(self._descriptor, 0)
-        write_at(self._descriptor, json.dumps({"pid": os.getpid()}).encode(), 0)
+        self.note("")
+
+    def note(self, held: str) -> None:
+        """Write into the lock who records, and why the session holds, empty where it does not."""
+        assert self._descriptor is not None
+        with storage_errors(self.path):
+            os.ftruncate(self._descriptor, 0)
+            write_at(self._descriptor, json.dumps({"pid": os.getpid(), "held": held}).encode(), 0)
 
     def _holder(self) -> str:
-        try:
-            note: Any = parse_json(read_text(self.path, limit=1000) or "{}", str(self.path))
-            return f"another program (process {int(note['pid'])})"
-        except (OSError, ValueError, KeyError, TypeError):
-            return "another program"
+        found = _read_lock(self.path)
+        return "another program" + (f" (process {found.process})" if found.process else "")
 
     def release(self) -> None:
         """Let others in; may be called twice."""
         if self._descriptor is not None:
             os.close(self._descriptor)
             self._descriptor = None
+
+
+class Recorder(NamedTuple):
+    """The program that records into a session folder: its process (0: unknown), and why it holds."""
+
+    process: int
+    held: str
+
+
+def recorder_of(folder: Path) -> Recorder | None:
+    """Return who records into ``folder`` now; None where no program does."""
+    path = folder / LOCK
+    try:
+        descriptor = os.open(path, os.O_RDWR | OPEN_FLAGS)
+    except OSError:
+        return None
+    try:
+        lock(descriptor)
+    except OSError:
+        return _read_lock(path)
+    finally:
+        os.close(descriptor)
+    return None
+
+
+def _read_lock(path: Path) -> Recorder:
+    try:
+        note: Any = parse_json(read_text(path, limit=4000) or "{}", str(path))
+        return Recorder(int(note["pid"]), str(note.get("held", "")))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return Recorder(0, "")
 
 
 class DiskGuard:

@@ -16,7 +16,7 @@ from lfcal.acquire.schedule import Schedule, Step
 from lfcal.errors import FileFormatError
 from lfcal.files import require_space
 
-__all__ = ["Store", "files_of"]
+__all__ = ["Store", "files_of", "recording_bytes"]
 
 T = TypeVar("T")
 CHECKS = (Kind.REFERENCE, Kind.CONTROL)
@@ -53,14 +53,18 @@ class Store:
 
     @classmethod
     def create(
-        cls, folder: Path, run: int, schedule: Schedule, dtype: np.dtype[Any], attributes: dict[str, Any]
+        cls,
+        folder: Path,
+        run: int,
+        schedule: Schedule,
+        dtype: np.dtype[Any],
+        attributes: dict[str, Any],
+        *,
+        reserve: int = 0,
     ) -> Store:
-        """Lay out and reserve the files of recording ``run``; ``dtype`` is that of its frames."""
+        """Lay out and reserve the files of recording ``run``, of frames of ``dtype``; ``reserve`` bytes stay free."""
         plans = files_of(schedule, dtype)
-        need = sum(
-            count * (shape[0] * shape[1] * kind.itemsize + RECORD.itemsize) for count, shape, kind in plans.values()
-        )
-        require_space(folder, need, what="the recording")
+        require_space(folder, recording_bytes(schedule, dtype) + reserve, what="the recording and its reserve")
         opened: dict[Kind, Journal] = {}
         try:
             for kind, (count, shape, sample) in plans.items():
@@ -144,6 +148,14 @@ class Store:
         """Close all files."""
         for journal in self._journals.values():
             journal.close()
+
+
+def recording_bytes(schedule: Schedule, dtype: np.dtype[Any]) -> int:
+    """Return the size of a recording of frames of ``dtype`` (bytes)."""
+    return sum(
+        count * (shape[0] * shape[1] * kind.itemsize + RECORD.itemsize)
+        for count, shape, kind in files_of(schedule, dtype).values()
+    )
 
 
 def files_of(schedule: Schedule, dtype: np.dtype[Any]) -> dict[Kind, tuple[int, tuple[int, int], np.dtype[Any]]]:
