@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import functools
 import glob
+import hashlib
 import threading
 import time
-import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -94,6 +94,7 @@ class Kernel(Generic[P, R]):
                 made = numba.njit(**self._options)(self.function)
                 _drop_unreadable_cache(made)
                 _save_code_before_index(made)
+                _drop_unreadable_code(made)
                 _run_without_cache(made)
                 _clock(made)
                 self._compiled = made
@@ -106,7 +107,7 @@ def _drop_unreadable_cache(dispatcher: Any) -> None:
     An index of an earlier version may name a record that was renamed since. numba unpickles it before it looks whether
     the source has changed, and would fail at every call.
     """
-    file = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
+    file = _cache_file(dispatcher)
     if file is None:
         return
     try:
@@ -121,15 +122,17 @@ def _save_code_before_index(dispatcher: Any) -> None:
 
     numba writes the index first and the code after it, under the next free number: until it is there, a process that
     loads the index runs what an earlier version of the source left under that number; and of two processes that save
-    for unlike arguments at once, one may find the other's code under its own. Names of one's own and the other order
-    leave no such moment: at worst an entry is lost, and compiled again.
+    for unlike arguments at once, one may find the other's code under its own. A name that follows from the source and
+    the arguments, and the other order, leave no such moment: at worst an entry is lost, and compiled again.
     """
-    file = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
+    file = _cache_file(dispatcher)
     if file is None:
         return
 
     def save(key: Any, data: Any) -> None:
-        name = file._load_index().get(key) or file._data_name(uuid.uuid4().int >> 64)
+        # the same name for the same code only, whatever else this process does with random numbers
+        digest = hashlib.sha256(repr((file._source_stamp, key)).encode()).digest()
+        name = file._data_name(int.from_bytes(digest[:8], "big"))
         file._save_data(name, data)
         entries = file._load_index()
         if not entries:  # of an earlier version, or none: nothing refers to what lies there
@@ -137,6 +140,29 @@ def _save_code_before_index(dispatcher: Any) -> None:
         file._save_index({**entries, key: name})
 
     file.save = save
+
+
+def _cache_file(dispatcher: Any) -> Any:
+    """Return numba's cache of a kernel on disk; None where it has none."""
+    return getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
+
+
+def _drop_unreadable_code(dispatcher: Any) -> None:
+    """Let a kernel be compiled again where its code on disk does not load, or is that of other arguments."""
+    cache: Any = getattr(dispatcher, "_cache", None)
+    if not hasattr(cache, "load_overload"):
+        return
+    load = cache.load_overload
+
+    def load_if_right(signature: Any, target: Any) -> Any:
+        try:
+            found = load(signature, target)
+        except Exception:  # whatever unpickling damaged code may raise
+            return None
+        arguments = getattr(signature, "args", signature)
+        return found if found is not None and tuple(found.signature.args) == tuple(arguments) else None
+
+    cache.load_overload = load_if_right
 
 
 def _clear(kept: Path) -> None:

@@ -44,12 +44,33 @@ m.first(np.array([7])); m.first(np.array([0.5]))
 """
 
 
+BOTH = "import m, numpy as np; print(m.first(np.array([7])), m.first(np.array([0.5])))"
+HITS = "; print(sum(m.first.compiled().stats.cache_hits.values()))"
+
+
+def test_damaged_code_on_disk_is_compiled_again(tmp_path: Path) -> None:
+    """Tests that fixed random numbers once gave two kernels one file: from then on no session could be recorded."""
+    (tmp_path / "m.py").write_text(KERNEL, encoding="utf-8")
+    fixed = "import uuid, random; one = uuid.UUID(int=7); uuid.uuid4 = lambda: one; random.seed(1)\n"
+    assert run(tmp_path, fixed + BOTH) == "8 1.5"
+    codes = sorted((tmp_path / "__pycache__").glob("*.nbc"))
+    assert len(codes) == 2
+    # the code of the one under the name of the other, and both unreadable
+    data = [path.read_bytes() for path in codes]
+    for path, other in zip(codes, reversed(data), strict=True):
+        path.write_bytes(other)
+    assert run(tmp_path, BOTH) == "8 1.5"
+    assert run(tmp_path, BOTH + HITS) == "8 1.5\n2", "what was compiled again is kept"
+    for path in (tmp_path / "__pycache__").glob("*.nbc"):
+        path.write_bytes(b"damaged")
+    assert run(tmp_path, BOTH) == "8 1.5"
+
+
 @pytest.mark.long
 def test_nobody_runs_code_of_other_arguments(tmp_path: Path) -> None:
     (tmp_path / "m.py").write_text(KERNEL, encoding="utf-8")
-    assert run(tmp_path, TOGETHER) == "8 1.5 1.5"
-    again = "import m, numpy as np; print(m.first(np.array([7])), m.first(np.array([0.5])))"
-    assert run(tmp_path, again) == "8 1.5"
+    assert run(tmp_path, TOGETHER) == "1.5 8 1.5"
+    assert run(tmp_path, BOTH) == "8 1.5"
 
 
 @pytest.mark.long
