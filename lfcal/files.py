@@ -163,7 +163,8 @@ def replace_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
             _sweep(target, alone=alone)
             part = target.with_name(f".{target.name}.{os.getpid()}.part")
             try:
-                part.touch(exist_ok=True)
+                # new, and no link that leads elsewhere: the folder may be one that others write to
+                os.close(os.open(part, os.O_CREAT | os.O_EXCL | os.O_WRONLY | getattr(os, "O_NOFOLLOW", 0), 0o666))
                 yield part
                 sync_file(part)
                 if mode is not None:

@@ -23,6 +23,8 @@ OLD_FORMAT = "lfcal-session"
 FILES = ("frames", "psf", "reference", "recording", "light_field", "volume")
 UNDO_STEPS = 200
 
+LONGEST_PATH = 4095
+
 
 @dataclass(frozen=True)
 class ProjectState:
@@ -83,12 +85,21 @@ class ProjectState:
                 plan=None if data["plan"] is None else ScanPlan.from_dict(data["plan"]),
                 settings=dict(data["settings"]),
                 redo=tuple((int(z), int(y), int(x)) for z, y, x in data["redo"]),
-                **{name: str(data[name]) for name in FILES},
+                **{name: _path(name, data[name]) for name in FILES},
             )
         except (KeyError, TypeError, ValueError) as error:
             if isinstance(error, LfcalError):
                 raise
             raise FileFormatError.expected("project", "every entry", f"{error}", "the file is incomplete") from None
+
+
+def _path(name: str, given: object) -> str:
+    """Return the path of an entry; raise where no file can have it, before anything looks for it."""
+    path = str(given)
+    if "\0" in path or len(path) > LONGEST_PATH or any(len(part) > 255 for part in Path(path).parts):
+        wanted = f"a path of at most {LONGEST_PATH} characters, names of at most 255, without NUL"
+        raise FileFormatError.expected(f"project: {name}", wanted, path, "correct the file")
+    return path
 
 
 def _parsed(text: str) -> dict[str, Any]:

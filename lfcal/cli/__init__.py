@@ -41,6 +41,9 @@ def main() -> None:
     lfcal ...
     exit code 0
     """
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed by a service or by >&-
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))
     try:
         with _signals_clean_up():
             _run()
@@ -83,10 +86,31 @@ def _run() -> None:
         _stop(2, str(error))
     except MemoryError:
         _stop(2, "memory: not enough for this; choose a smaller region, or a machine with more")
-    except BrokenPipeError:
-        # The reader of the pipe has gone (head, less): without this Python's own flush at exit fails once more.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except BrokenPipeError:  # the reader of the pipe has gone (head, less)
+        _drop_output()
         sys.exit(1)
+    except OSError as error:
+        if error.filename is None:
+            _drop_output()
+        _stop(2, _system_words(error))
+
+
+def _drop_output() -> None:
+    """Let nothing go to standard output any more: Python's own flush at exit would fail once more."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _system_words(error: OSError) -> str:
+    """Return what the system refused: a name that is too long, a folder that vanished, output onto a full disk."""
+    from lfcal.errors import StorageError
+
+    if error.filename is not None:
+        where, remedy = os.fsdecode(error.filename) if isinstance(error.filename, str | bytes) else "file", "check it"
+    elif isinstance(error, FileNotFoundError):
+        where, remedy = "the current folder", "change to one that exists"
+    else:
+        where, remedy = "standard output", "check where it is written to"
+    return str(StorageError(f"{where[:200]}: {error.strerror or error}; {remedy}"))
 
 
 def _stop(code: int, message: str) -> None:

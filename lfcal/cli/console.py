@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import typer
@@ -25,7 +26,8 @@ KEPT = "whole units are kept"
 
 def report(message: str) -> None:
     """Print one line to standard error."""
-    print(f"lfcal: {' '.join(message.split())}", file=sys.stderr)
+    with suppress(OSError):  # a full disk behind it must not end the work
+        print(f"lfcal: {' '.join(message.split())}", file=sys.stderr)
 
 
 def run_work(work: Work[R], *, quiet: bool = False) -> R:

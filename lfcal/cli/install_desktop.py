@@ -118,6 +118,8 @@ def _quoted(program: str) -> str:
     Twice, as the specification of desktop entries says: within the quotes, then as a string of the file. ``%`` begins
     a field.
     """
+    if not program.isprintable():  # a line's end would begin another key of the entry
+        raise InputError.expected("path of lfcal-gui", "printable text in UTF-8", program, "install it elsewhere")
     inside = "".join(f"\\{c}" if c in '"`$\\' else c for c in program)
     return f'"{inside}"'.replace("\\", "\\\\").replace("%", "%%")
 

@@ -7,6 +7,7 @@ own. Voxels are the n x n shares of a lenslet.
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -89,15 +90,18 @@ class _Table:
         good = at.ndim == 2 and at.shape[1:] == (4,) and at.dtype.kind in "iu" and light.shape == at.shape[:1]
         if not good or light.dtype.kind != "f" or not np.isfinite(light).all():
             raise _wrong(self._where, wanted, f"shapes {at.shape} and {light.shape}")
-        u, v, s, t = at.astype(np.int64).T
-        if max(int(np.abs(part).max(initial=0)) for part in (u, v, s, t)) > MOST_PIXELS:
+        # of the largest integers neither the absolute value nor the pixel would be right
+        near = at.size == 0 or (int(at.min()) >= -MOST_PIXELS and int(at.max()) <= MOST_PIXELS)
+        u, v, s, t = (at if near else np.zeros((1, 4))).astype(np.int64).T
+        reach = max(int(np.abs(t).max(initial=0)) * self._nv, int(np.abs(s).max(initial=0)) * self._nu)
+        if not near or reach > MOST_PIXELS:
             raise _wrong(self._where, "pixels near their lenslet", "pixels far beyond any sensor")
         return t * self._nv + v, s * self._nu + u, light.astype(np.float32)
 
     def _z_coords(self) -> NDArray[np.float64]:
         given = self._values.get("z_coords")
         numbers = list(given) if isinstance(given, list | tuple | np.ndarray) else []
-        good = bool(numbers) and all(isinstance(v, int | float | np.number) and np.isfinite(v) for v in numbers)
+        good = bool(numbers) and all(_finite(v) for v in numbers)
         if not good or len({float(v) for v in numbers}) < len(numbers):
             raise _wrong(self._where, "z_coords, a depth for each plane", given)
         return np.array(numbers, np.float64)
@@ -113,6 +117,14 @@ class _Table:
         notes = [f"the {share} x {share} voxels of a lenslet were spread over its {self._nv} x {self._nu} pixels"]
         lens = [(self._nv - 1) / 2, (self._nu - 1) / 2]
         return {"imported": path.name, "lens_centre": lens, "notes": notes}
+
+
+def _finite(value: object) -> bool:
+    """Return whether a value is a number that a float holds."""
+    try:
+        return isinstance(value, int | float | np.integer | np.floating) and math.isfinite(value)
+    except OverflowError:
+        return False
 
 
 def _table(values: dict[str, Any], name: str) -> dict[Any, Any]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import pickle
+import pickletools
 from collections.abc import Callable
 from typing import Any
 
@@ -142,7 +143,8 @@ def load_plain(data: bytes, classes: frozenset[str], where: str) -> Any:
         If it is damaged.
     """
     try:
-        return _resolved(_Reader(data, classes).load(), 0)
+        _check_memo(data)
+        return _resolved(_Reader(data, classes).load(), 0, {})
     except _Refused as error:
         raise UnsafeFileError.expected(
             where, "numbers and arrays", f"a pickle that asks for {error}", "take the file from its source again"
@@ -153,19 +155,34 @@ def load_plain(data: bytes, classes: frozenset[str], where: str) -> Any:
         ) from error
 
 
-def _resolved(value: Any, depth: int) -> Any:
-    """Return a value with arrays in place of their stand-ins."""
+def _check_memo(data: bytes) -> None:
+    """Refuse a pickle that numbers its parts beyond its own length: the reader would make room for all of them."""
+    for code, argument, _ in pickletools.genops(data):
+        if code.name in ("PUT", "BINPUT", "LONG_BINPUT") and argument is not None and argument > len(data):
+            raise _Refused(f"part number {argument}")
+
+
+def _resolved(value: Any, depth: int, known: dict[int, Any]) -> Any:
+    """Return a value with arrays in place of their stand-ins; what is referred to often is looked at once."""
+    if isinstance(value, int | float | str | bytes | None):
+        return value
     if depth > 8:
         raise _Refused("tables within tables")
+    if id(value) not in known:
+        known[id(value)] = _made(value, depth + 1, known)
+    return known[id(value)]
+
+
+def _made(value: Any, depth: int, known: dict[int, Any]) -> Any:
     if isinstance(value, _Array):
         return value.array()
     if isinstance(value, Record):
-        value.values = {str(key): _resolved(one, depth + 1) for key, one in value.values.items()}
+        value.values = {str(key): _resolved(one, depth, known) for key, one in value.values.items()}
         return value
     if isinstance(value, dict):
-        return {_resolved(key, depth + 1): _resolved(one, depth + 1) for key, one in value.items()}
+        return {_resolved(key, depth, known): _resolved(one, depth, known) for key, one in value.items()}
     if isinstance(value, list):
-        return [_resolved(one, depth + 1) for one in value]
+        return [_resolved(one, depth, known) for one in value]
     if isinstance(value, tuple):
-        return tuple(_resolved(one, depth + 1) for one in value)
-    return value if isinstance(value, int | float | str | bytes | None) else None
+        return tuple(_resolved(one, depth, known) for one in value)
+    return None

@@ -216,10 +216,10 @@ def read_run(folder: Path, now: float | None = None) -> RunState:
     for record in _records(lines):
         if record["event"] == "begin":
             begun, ended, starts = record, False, {}
-            states = {name: UnitState(name) for name in record["units"]}
+            states = {name: UnitState(name) for name in record["units"] if isinstance(name, str)}
         elif record["event"] in ("end", "stopped"):
             ended = True
-        elif (name := record.get("unit")) in states:
+        elif isinstance(name := record.get("unit"), str) and name in states:
             states[name] = _after(states[name], record, starts)
     if begun is None:
         raise InputError.expected(str(folder), "the folder of a run", "one without a beginning", "begin it again")

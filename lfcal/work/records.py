@@ -12,12 +12,18 @@ import pickle
 from collections.abc import Mapping
 from enum import Enum
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
+
+import numpy as np
 
 from lfcal.errors import FileFormatError, UnsafeFileError
 from lfcal.files import replace_whole, storage_errors
 
 __all__ = ["load_record", "save_record"]
+
+NUMPY_MODULES = frozenset(
+    {"numpy", "numpy.core.multiarray", "numpy._core.multiarray", "numpy.core.numeric", "numpy._core.numeric"}
+)
 
 NUMPY = frozenset({"_reconstruct", "_frombuffer", "scalar", "ndarray", "dtype"})
 """What numpy's arrays and numbers are made by."""
@@ -78,7 +84,15 @@ class _Writer(pickle.Pickler):
         return self._names.get(id(obj))
 
 
-class _Reader(pickle.Unpickler):
+class _Reader(pickle._Unpickler):  # type: ignore[misc]  # the one in Python, whose steps can be restricted
+    """Reads values into records; calls numpy's makers of arrays and enumerations, and nothing else.
+
+    A dataclass or named tuple is made of its values alone: its constructor and its checks are not run. A class is never
+    changed, for a pickle may ask for that, too.
+    """
+
+    dispatch: ClassVar[dict[int, Any]] = dict(pickle._Unpickler.dispatch)
+
     def __init__(self, data: bytes, shared: Mapping[str, object]) -> None:
         super().__init__(io.BytesIO(data))
         self._shared = shared
@@ -91,11 +105,57 @@ class _Reader(pickle.Unpickler):
 
     def find_class(self, module: str, name: str) -> Any:
         """Return a kind of record, or what makes an array."""
-        root = module.partition(".")[0]
-        if root == "numpy" and name in NUMPY:
+        if module in NUMPY_MODULES and name in NUMPY:
             return super().find_class(module, name)
-        found = super().find_class(module, name) if root == "lfcal" and "." not in name else None
-        # a dataclass is restored by its values: its own checks are not run
+        found = super().find_class(module, name) if module.split(".")[0] == "lfcal" and "." not in name else None
         if isinstance(found, type) and (dataclasses.is_dataclass(found) or issubclass(found, tuple | Enum)):
             return found
         raise _Refused(f"{module}.{name}")
+
+    def load_reduce(self) -> None:
+        """Make an array or a member of an enumeration."""
+        arguments, maker = self.stack.pop(), self.stack[-1]
+        if isinstance(maker, type) and not issubclass(maker, Enum | np.ndarray | np.dtype):
+            raise _Refused(f"a call of {maker.__name__}")
+        self.stack[-1] = maker(*arguments)
+
+    def load_newobj(self) -> None:
+        """Make an empty dataclass, or a named tuple of its values."""
+        arguments, kind = self.stack.pop(), self.stack.pop()
+        if not isinstance(kind, type) or issubclass(kind, Enum):
+            raise _Refused("an object of no class")
+        made = tuple.__new__(kind, arguments) if issubclass(kind, tuple) else object.__new__(kind)
+        self.append(made)
+
+    def load_build(self) -> None:
+        """Give a dataclass its values, and an array its content."""
+        state, made = self.stack.pop(), self.stack[-1]
+        if isinstance(made, np.ndarray | np.dtype):
+            made.__setstate__(state)
+            return
+        if isinstance(made, type) or not dataclasses.is_dataclass(made):
+            raise _Refused(f"values for {getattr(made, '__name__', type(made).__name__)}")
+        names = [field.name for field in dataclasses.fields(made)]
+        # with slots it is the values in their order; with other slots of its own a pair, of which one is empty
+        values = dict(zip(names, state, strict=True)) if isinstance(state, list) else _named(state)
+        if not values.keys() <= set(names):
+            raise _Refused(f"other values of {type(made).__name__} than it has")
+        for name, value in values.items():
+            object.__setattr__(made, name, value)
+
+    def refuse(self) -> None:
+        """Refuse the steps that older pickles take to make objects."""
+        raise _Refused("an object made in another way")
+
+    dispatch[pickle.REDUCE[0]] = load_reduce
+    dispatch[pickle.NEWOBJ[0]] = load_newobj
+    dispatch[pickle.BUILD[0]] = load_build
+    for _code in (pickle.INST, pickle.OBJ, pickle.NEWOBJ_EX, pickle.EXT1, pickle.EXT2, pickle.EXT4):
+        dispatch[_code[0]] = refuse
+
+
+def _named(state: Any) -> dict[str, Any]:
+    parts = [part for part in (state if isinstance(state, tuple) else (state,)) if part]
+    if len(parts) > 1 or not all(isinstance(part, dict) for part in parts):
+        raise _Refused("values without names")
+    return parts[0] if parts else {}

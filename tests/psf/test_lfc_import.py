@@ -143,6 +143,19 @@ def test_damaged_pickles_are_one_line(tmp_path: Path, database: type) -> None:
             assert "\n" not in str(error)
 
 
+def test_small_pickles_that_would_take_gigabytes(tmp_path: Path, database: type) -> None:
+    """Lists that refer to one list many times, seven deep; a part with a number that the reader makes room for."""
+    db, nested = psfs(database, 1, [0.0]), [0]
+    for _ in range(6):
+        nested = [nested] * 400  # type: ignore[list-item]
+    db.extra = nested
+    with open_psf(save_lfc(tmp_path / "nested.lfc", db)) as H:
+        assert H.shape[0] == 1
+    raw = b"\x80\x02K\x01r" + (1 << 28).to_bytes(4, "little") + b"."
+    with pytest.raises(UnsafeFileError, match="part number"):
+        open_psf(save_lfc(tmp_path / "memo.lfc", raw=raw))
+
+
 @pytest.mark.parametrize(
     ("name", "value", "words"),
     [
@@ -156,6 +169,10 @@ def test_damaged_pickles_are_one_line(tmp_path: Path, database: type) -> None:
         ("psf_coordinates", {}, "voxel (0, 0, 0)"),
         ("psf_coefficients", {(0, 0, 0): np.full(30, np.nan, "f4")}, "finite coefficient"),
         ("psf_coordinates", {(0, 0, 0): np.full((30, 4), 1 << 20)}, "far beyond"),
+        ("psf_coordinates", {(0, 0, 0): np.full((30, 4), 4096)}, "far beyond"),
+        ("psf_coordinates", {(0, 0, 0): np.full((30, 4), np.iinfo(np.int64).min)}, "far beyond"),
+        ("psf_coordinates", {(0, 0, 0): np.full((30, 4), 1 << 63, np.uint64)}, "far beyond"),
+        ("z_coords", [10**400], "a depth for each plane"),
     ],
 )
 def test_numbers_that_cannot_be_are_refused(tmp_path: Path, database: type, name: str, value: Any, words: str) -> None:

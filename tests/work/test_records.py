@@ -71,3 +71,24 @@ def test_damaged_and_missing_records_are_one_line(tmp_path: Path) -> None:
     save_record(path, path, {"it": path})
     with pytest.raises(UnsafeFileError, match="the object 'it'"):
         load_record(path)
+
+
+def test_a_record_changes_no_class_and_runs_no_constructor(tmp_path: Path) -> None:
+    """Files beside an output may be anybody's: such a one once renamed what lfcal makes until the program ended."""
+    from lfcal.work import Unit
+
+    path, before = tmp_path / "a.record", dict(vars(Unit))
+    unit, suffix = b"clfcal.work\nUnit\n", b"}S'suffix'\nS'.evil'\ns"
+    crafted = {
+        "values for Unit": unit + suffix + b"b.",
+        "a call of Unit": unit + b"(S'n'\nS'm:f'\n}tR.",
+        "an object made in another way": b"(" + unit[1:] + b"o.",
+        "numpy.testing": b"cnumpy.testing\nassert_equal\n.",
+        "other values of Reading": b"clfcal.psf.quality.metric\nReading\n)\x81" + suffix + b"b.",
+    }
+    for words, data in crafted.items():
+        path.write_bytes(data)
+        with pytest.raises((UnsafeFileError, FileFormatError)) as caught:
+            load_record(path)
+        assert words in str(caught.value) or words.startswith("an object"), str(caught.value)
+    assert dict(vars(Unit)) == before

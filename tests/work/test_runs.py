@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from lfcal.errors import InputError, StorageError
+from lfcal.errors import InputError, LfcalError, StorageError
 from lfcal.files import only_writer
 from lfcal.progress import Progress, drain
 from lfcal.work import Unit, iter_run, read_run
@@ -322,3 +322,14 @@ def test_a_run_that_goes_on_computes_as_it_was_begun(folder: Path) -> None:
     assert [note["values"]["how"] for note in read_notes(folder, SETTLED)] == ["first", "second"]
     discard(folder)
     assert drain(iter_run(units("third")[2:], folder, Threads(1)))[0].read_text() == "third"
+
+
+def test_a_journal_of_names_that_are_none_is_read(tmp_path: Path) -> None:
+    begin = '{"event": "begin", "units": [["a"], {"b": 1}, "c"], "host": "h", "process": 1, "executor": "threads",'
+    begin += ' "workers": 1, "title": "t", "place": "", "time": 1.0}'
+    lines = [begin, '{"event": "start", "unit": ["a"], "time": 1.0}']
+    (tmp_path / JOURNAL).write_text("\n".join(lines) + "\n")
+    try:
+        assert [unit.name for unit in read_run(tmp_path).units] == ["c"]
+    except LfcalError as error:  # a record that is none ends the run's journal
+        assert "\n" not in str(error)

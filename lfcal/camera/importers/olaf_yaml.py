@@ -49,12 +49,22 @@ def _read(text: str, source: Path, wanted: Wanted) -> Imported:
         raise FileFormatError(f"{source}: {error}") from None
 
 
+class _Plain(yaml.SafeLoader):
+    """Loads plain entries, without references to each other: a few of those make gigabytes of text."""
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        """Refuse references."""
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.YAMLError("a reference (*name), which a camera's file has no use for")
+        return super().compose_node(parent, index)
+
+
 def _entries(text: str, source: Path) -> Mapping[str, Any]:
     if len(text) > MAX_CHARACTERS:
         raise FileFormatError.expected(str(source), "a configuration of at most 64 kB", "more", "check the path")
     try:
-        data = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        data = yaml.load(text, _Plain)
+    except (yaml.YAMLError, ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
         raise FileFormatError.expected(str(source), "yaml", str(error), "correct the file") from None
     if not isinstance(data, Mapping):
         raise FileFormatError.expected(str(source), "named entries", type(data).__name__, "correct the file")

@@ -34,7 +34,10 @@ def is_plain(path: Path) -> bool:
     if path.suffix.lower() not in TABLE_SUFFIXES:
         return True
     lines = read_text(path, limit=256 << 20, foreign=True).splitlines()[: SAMPLE + 1]
-    rows = list(csv.reader(lines, skipinitialspace=True))
+    try:
+        rows = list(csv.reader(lines, skipinitialspace=True))
+    except csv.Error:  # a list of another kind, whose reader says what is wrong with it
+        return False
     if not rows:
         return path.suffix.lower() == ".csv"
     header = [cell.strip() for cell in rows[0]]

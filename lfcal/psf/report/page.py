@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from lfcal.errors import one_line
 from lfcal.psf.aperture import Aperture
 from lfcal.psf.aperture.shape import KINDS, with_error
 from lfcal.psf.compare import Comparison
@@ -44,7 +45,7 @@ def page(
 
     With ``every`` metrics that do not apply are listed, too.
     """
-    name = Path(H.path).name or "PSF matrix"
+    name = one_line(Path(H.path).name) or "PSF matrix"
     sections = [
         _verdict(quality) if beside is None else _last_word(beside),
         _facts(H, quality, redo_of(quality, beside)),
@@ -291,7 +292,7 @@ def _provenance(H: PSFMatrix) -> str:
     steps = corrections.get("steps", []) if isinstance(corrections, dict) else []
     kinds = ", ".join(str(s.get("kind", "?")) for s in steps if isinstance(s, dict))
     rows = [
-        ("file", H.path or "in memory"),
+        ("file", one_line(H.path) or "in memory"),
         ("camera", _camera(H)),
         ("cutout", f"{H.cutout[0]} × {H.cutout[1]} px, anchor row {H.anchor[0]:g}, column {H.anchor[1]:g} px"),
         ("corrections", kinds or "none recorded"),

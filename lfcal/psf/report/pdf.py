@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lfcal import __version__
+from lfcal.errors import one_line
 from lfcal.figures import COLOURS, figure
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.quality import QualityReport
@@ -125,7 +126,7 @@ def blocks(
     camera = f"; camera {H.camera.name}" if H.camera is not None else ""
     facts = f"{nz} planes, {ends}; {ny} × {nx} positions; cutout {nt} × {ns} pixels{camera}"
     found = [
-        Block(Path(H.path).name or "PSF matrix", 17, bold=True),
+        Block(one_line(Path(H.path).name) or "PSF matrix", 17, bold=True),
         Block(f"PSF quality report, {datetime.now().astimezone():%Y-%m-%d %H:%M}", 9, colour=COLOURS["muted"]),
         Block(quality.verdict if beside is None else beside.verdict, 13, True, COLOURS.get(merit, "#1f2937"), gap=0.2),
         Block(facts, gap=0.06),

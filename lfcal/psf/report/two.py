@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import StorageError
+from lfcal.errors import StorageError, one_line
 from lfcal.figures import draw_image, figure
 from lfcal.files import replace_whole
 from lfcal.plain import plain
@@ -173,9 +173,9 @@ def iter_compared_report(found: Difference, folder: str | os.PathLike[str], seco
 def names(found: Difference) -> tuple[str, str]:
     """Return what both are called: their files, with their folders where the names are the same."""
     paths = [Path(m.path) for m in (found.pair.a, found.pair.b)]
-    told = [path.name or which for path, which in zip(paths, ("first H", "second H"), strict=True)]
+    told = [one_line(path.name) or which for path, which in zip(paths, ("first H", "second H"), strict=True)]
     if told[0] == told[1]:
-        told = [f"{path.parent.name}/{path.name}" for path in paths]
+        told = [one_line(f"{path.parent.name}/{path.name}") for path in paths]
     return told[0], told[1]
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from lfcal.errors import InputError, StorageError
+from lfcal.errors import InputError, StorageError, one_line
 from lfcal.files import replace_whole
 from lfcal.plain import plain
 from lfcal.progress import Clock, Work, drain
@@ -121,7 +121,9 @@ def iter_report(
         yield clock.at(k)
         drawn.append(draw())
     yield clock.at(len(draws))
-    paper = pdf(blocks(H, quality, drawn, beside, every=every), f"{Path(H.path).name or 'PSF matrix'}: PSF quality")
+    paper = pdf(
+        blocks(H, quality, drawn, beside, every=every), f"{one_line(Path(H.path).name) or 'PSF matrix'}: PSF quality"
+    )
     yield clock.at(len(draws) + 1)
     text = page(H, quality, drawn, comparison, other.path if other is not None else "", beside, every=every)
     # the page comes last: where it exists, every file that it links to exists

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from gui.models.project import Hold, Project, ProjectState, RecentProjects
+from gui.models.stamp import stamp_of
 from gui.pages.frames.model import FrameSettings
 from gui.pages.plan.model import default_plan
 from gui.pages.simulate.model import SimulateSettings
@@ -96,6 +97,16 @@ def test_bad_files_get_one_line(text: str, tmp_path: Path) -> None:
         project.open(path)
     assert "\n" not in str(error.value)
     assert project.state == full_state(), "the old project stays"
+
+
+@pytest.mark.parametrize("psf", ["a\0b.h5", "x" * 300, "a/" * 2500 + "H.h5"])
+def test_paths_that_no_file_can_have_are_refused(psf: str) -> None:
+    """A project with one once opened, and every look at its pages raised an error."""
+    data = {**json.loads(full_state().to_json()), "psf": psf}
+    with pytest.raises(FileFormatError, match="project: psf: expected a path of at most 4095") as caught:
+        ProjectState.from_json(json.dumps(data))
+    assert "\n" not in str(caught.value)
+    assert stamp_of(psf) is None
 
 
 def test_undo_redo_and_unsaved() -> None:
