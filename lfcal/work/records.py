@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import io
 import pickle
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from enum import Enum
 from pathlib import Path
 from typing import Any, ClassVar
@@ -84,13 +84,15 @@ class _Writer(pickle.Pickler):
         return self._names.get(id(obj))
 
 
-class _Reader(pickle._Unpickler):  # type: ignore[misc]  # the one in Python, whose steps can be restricted
+class _Reader(pickle._Unpickler):  # the one in Python, whose steps can be restricted
     """Reads values into records; calls numpy's makers of arrays and enumerations, and nothing else.
 
     A dataclass or named tuple is made of its values alone: its constructor and its checks are not run. A class is never
     changed, for a pickle may ask for that, too.
     """
 
+    stack: list[Any]
+    append: Callable[[Any], None]
     dispatch: ClassVar[dict[int, Any]] = dict(pickle._Unpickler.dispatch)
 
     def __init__(self, data: bytes, shared: Mapping[str, object]) -> None:
@@ -131,7 +133,7 @@ class _Reader(pickle._Unpickler):  # type: ignore[misc]  # the one in Python, wh
         """Give a dataclass its values, and an array its content."""
         state, made = self.stack.pop(), self.stack[-1]
         if isinstance(made, np.ndarray | np.dtype):
-            made.__setstate__(state)
+            made.__setstate__(state)  # type: ignore[union-attr]
             return
         if isinstance(made, type) or not dataclasses.is_dataclass(made):
             raise _Refused(f"values for {getattr(made, '__name__', type(made).__name__)}")

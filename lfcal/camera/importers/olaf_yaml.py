@@ -49,7 +49,7 @@ def _read(text: str, source: Path, wanted: Wanted) -> Imported:
         raise FileFormatError(f"{source}: {error}") from None
 
 
-class _Plain(yaml.SafeLoader):
+class _Plain(yaml.SafeLoader):  # type: ignore[misc]  # yaml has no types
     """Loads plain entries, without references to each other: a few of those make gigabytes of text."""
 
     def compose_node(self, parent: Any, index: Any) -> Any:
