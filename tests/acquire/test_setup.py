@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -30,6 +31,7 @@ from lfcal.acquire.setup import (
 )
 from lfcal.camera import ScanPlan, StageAxes, preset
 from lfcal.devices.errors import LimitError
+from lfcal.devices.protocols import Point
 from lfcal.devices.simulated.faults import Fault
 from lfcal.errors import InputError
 from lfcal.progress import drain
@@ -147,13 +149,49 @@ def test_stage_fit_returns_scale_rotation_and_residual() -> None:
     assert fit.rotation_rad == pytest.approx(angle, abs=0.01)
     assert 0.02 < fit.residual_px < 0.1
     assert not fit.mirrored
-    check_stage(fit, PLAN)
+    check_stage(fit, PLAN, cell_px=0.1 * max(PLAN.period))
     with pytest.raises(InputError, match="magnification"):
-        check_stage(fit, PLAN, scale=0.05)
+        check_stage(fit, PLAN)
     with pytest.raises(InputError, match="turn the camera"):
-        check_stage(fit, PLAN, rotation_rad=0.005)
+        check_stage(replace(fit, matrix=((1.0, -angle), (angle, 1.0))), PLAN, cell_px=0.01 * max(PLAN.period))
     with pytest.raises(InputError, match="straight"):
-        check_stage(fit, PLAN, residual_px=0.01)
+        check_stage(fit, PLAN, cell_px=0.1 * max(PLAN.period), residual_px=0.01)
+
+
+class Scaled:
+    """A stage whose controller has another scale sideways than its makers say."""
+
+    waits = False
+
+    def __init__(self, stage: Any, scale: float) -> None:
+        self.stage, self.scale = stage, scale
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.stage, name)
+
+    def move(self, target: Point) -> None:
+        self.stage.move((self.scale * target[0], self.scale * target[1], target[2]))
+
+    def position(self) -> Point:
+        x, y, z = self.stage.position()
+        return x / self.scale, y / self.scale, z
+
+
+@pytest.mark.parametrize(("scale", "refused"), [(1.0, False), (1.005, False), (1.01, True), (1.09, True), (0.98, True)])
+def test_a_scale_that_moves_the_source_by_a_quarter_of_a_pixel_over_the_cell_is_refused(
+    scale: float, refused: bool
+) -> None:
+    """Nine per cent once passed, and H was 28 % off."""
+    plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[4.0])
+    sim = rig_for(plan)
+    rig = replace(sim, stage=Scaled(sim.stage, scale))
+    fit = drain(iter_stage_fit(rig, plan))
+    assert fit.scale == pytest.approx((scale, scale), rel=1e-2)
+    if not refused:
+        check_stage(fit, plan)
+        return
+    with pytest.raises(InputError, match=r"image movement .* px over a period of the lenslets, to 0.25 px, got"):
+        check_stage(fit, plan)
 
 
 def test_stage_fit_refuses_moves_on_a_line_and_images_that_stand_still() -> None:

@@ -147,17 +147,16 @@ def _turned(axis: str) -> str:
     return ("-" if axis[0] == "+" else "+") + axis[1]
 
 
-def check_stage(
-    fit: StageFit, plan: ScanPlan, *, scale: float = 0.1, rotation_rad: float = 0.035, residual_px: float = 2.0
-) -> None:
+def check_stage(fit: StageFit, plan: ScanPlan, *, cell_px: float = 0.25, residual_px: float = 2.0) -> None:
     """Raise `InputError` if the stage does not move the image as the plan says.
 
     Parameters
     ----------
     fit, plan
         What was seen, and what it is held against.
-    scale, rotation_rad, residual_px
-        Largest relative error of the scale, rotation (rad), and RMS residual (pixels).
+    cell_px, residual_px
+        Largest displacement of the source over one period by an error of the scale or the angle, and RMS residual
+        (pixels).
 
     Examples
     --------
@@ -183,18 +182,19 @@ def check_stage(
             f"{new.right}, {new.down} by what the image does{why}",
             "set these in the plan: the scan would run the wrong way",
         )
-    for value, sense in zip(fit.scale, SENSES, strict=True):
-        if abs(value - 1) > scale:
+    for value, sense, period in zip(fit.scale, SENSES, plan.period[::-1], strict=True):
+        if abs(value - 1) * period > cell_px:
             raise InputError.expected(
                 f"image movement to the {sense}" if sense == "right" else "image movement down",
-                f"{1 - scale:g} to {1 + scale:g} px per planned pixel",
-                f"{value:.3f} px",
-                "check magnification and working distance of the plan",
+                f"{period} px over a period of the lenslets, to {cell_px:g} px",
+                f"{value * period:.2f} px, {100 * (value - 1):+.2f} %",
+                "correct the camera's magnification or working distance in the plan, or the stage's scale",
             )
-    if abs(fit.rotation_rad) > rotation_rad:
+    most = cell_px / max(plan.period)
+    if abs(fit.rotation_rad) > most:
         raise InputError.expected(
             "angle between stage and sensor",
-            f"below {math.degrees(rotation_rad):.1f}°",
+            f"below {math.degrees(most):.2f}° ({cell_px:g} px over a period of the lenslets)",
             f"{math.degrees(fit.rotation_rad):.2f}°",
             "turn the camera",
         )
