@@ -23,11 +23,12 @@ __all__ = ["StandIns", "iter_held_beside", "stand_ins", "standing_in"]
 
 F8 = NDArray[np.float64]
 
-WIDER = 8.0
-"""How many times larger the standard deviation of what was found would be, for it to be named."""
+WIDER, BESIDE = 8.0, 3.0
+"""How many times larger the standard deviation of what was found would be, for it to be named: of what was tried, and
+of what nobody asked for."""
 
-BESIDE, COUNTED = 3.0, 1.2
-"""The same for what nobody asked to look at; and from where on it counts in the standard deviations there."""
+COUNTED = 1.2
+"""How many times larger it would be, for what is held to count in it."""
 
 CLEAR = 2.0
 """Standard deviations by which what few patterns say of what is held must differ from it, to count as an error."""
@@ -81,12 +82,12 @@ def standing_in(
     columns: Columns,
     which: NDArray[np.intp],
     times: float = 1.0,
-    limits: tuple[float, float] = (WIDER, WIDER),
+    named: float = WIDER,
 ) -> StandIns:
     """Return what of the unknowns that were tried, but not found, those found at ``which`` stand in for.
 
     The scan may show that something changed without telling which of them did. ``columns`` has the derivatives by all;
-    each pattern stands for ``times`` as many; ``limits`` as of `stand_ins`.
+    each pattern stands for ``times`` as many; ``named`` as of `stand_ins`.
     """
     normal = problem.normal(columns, point, problem.fitted)
     normal = replace(normal, matrix=times * normal.matrix, gradient=times * normal.gradient)
@@ -95,7 +96,7 @@ def standing_in(
     held = np.array([j for j in range(k) if j not in which and normal.matrix[j, j] > 0], np.intp)
     data = eliminated(matrix, k)
     slope = gradient[:k] - matrix[:k, k:] @ np.linalg.pinv(matrix[k:, k:], rcond=1e-13) @ gradient[k:]
-    return stand_ins(problem.vector.unknowns, which, held, data, slope, point.u, limits)
+    return stand_ins(problem.vector.unknowns, which, held, data, slope, point.u, named)
 
 
 def iter_held_beside(problem: Problem, point: Point, columns: Columns, groups: Sequence[str]) -> Work[StandIns]:
@@ -125,7 +126,7 @@ def iter_held_beside(problem: Problem, point: Point, columns: Columns, groups: S
     shared[own] = columns.shared[own][:, keep]
     some = Columns(shared, None if columns.own is None else columns.own[:, keep])
     times = float(problem.fitted.sum() / keep.sum())
-    told = standing_in(part, at, some, which, times, (BESIDE, COUNTED))
+    told = standing_in(part, at, some, which, times, BESIDE)
     # few patterns may tell what was found less well than all do: what is known is how much wider it is
     sure, sigmas = (_sigmas(one, here, its, which) for one, here, its in ((problem, point, columns), (part, at, some)))
     size = np.minimum(1.0, sure / (sigmas * math.sqrt(keep.sum() / problem.fitted.sum())))
@@ -157,15 +158,15 @@ def stand_ins(
     data: F8,
     slope: F8,
     u: F8,
-    limits: tuple[float, float] = (WIDER, WIDER),
+    named: float = WIDER,
 ) -> StandIns:
     """Return which of the unknowns ``held`` stand behind those found at ``which``.
 
     ``data`` ``(k, k)`` and ``slope`` ``(k,)`` are matrix and gradient of the data and priors in scales, ``u`` where the
-    unknowns are. ``limits`` are how many times wider something found would be, for what is held to be named, and to
-    count in its standard deviation; what is `assumed` always counts.
+    unknowns are. ``named`` is how many times wider something found would be, for what is held to be named. What would
+    make it `COUNTED` times wider counts in its standard deviation, found as small as it may be: what was tried and did
+    not help is known as well as the patterns show it, and no better. What is `assumed` always counts.
     """
-    named, counted = limits
     assumed = {group.name for group in GROUPS if group.assumed}
     inner = data[np.ix_(which, which)]
     size = np.sqrt(np.maximum(np.diag(inner), 1e-300))
@@ -180,7 +181,7 @@ def stand_ins(
         if left <= 1e-9 * data[k, k]:
             left = 1e-9 * float(data[k, k])
         wider = np.sqrt(1.0 + np.square(moves / sigmas) / left)
-        if (wider.max() > counted or unknowns[k].group in assumed) and left > VAGUE**-2:
+        if (wider.max() > COUNTED or unknowns[k].group in assumed) and left > VAGUE**-2:
             told.append(k)
         order = [int(j) for j in np.argsort(-wider) if wider[j] > named][:NAMED]
         if not order:

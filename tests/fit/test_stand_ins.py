@@ -57,6 +57,14 @@ def test_what_is_held_is_part_of_the_standard_deviation() -> None:
     assert len(told(same).words) == 1 and not told(same).spread.any()
 
 
+def test_what_is_held_counts_before_it_is_named() -> None:
+    """A gap that would be five times less sure, were the distance found, is off by more than its own noise."""
+    alike = np.array([[100.0, 0, 98], [0, 100, 0], [98, 0, 100]])
+    shown = told(alike)
+    assert shown.words == ()
+    np.testing.assert_allclose(shown.variances(np.diag([0.01, 0.01])), [np.linalg.inv(alike)[0, 0], 0.01], rtol=1e-6)
+
+
 def test_what_is_held_is_looked_at_but_never_added() -> None:
     """Defocus would take the place of the distance, the lens law that of the iris: held they count in the sigmas."""
     _, tried = groups_of("auto")
