@@ -12,6 +12,7 @@ from lfcal.fit import Measured, measured_of
 from lfcal.frames import CorrectionRecipe, corrected_view
 from lfcal.frames.oriented import oriented
 from lfcal.progress import Work
+from lfcal.psf.measured_noise import scan_noise
 from lfcal.psf.picked import iter_pick
 from lfcal.psf.upright import iter_upright
 
@@ -33,7 +34,7 @@ def iter_session_patterns(folder: Path) -> Work[Measured]:
         turn, _ = yield from iter_upright(view, source.plan)
         upright = oriented(view, turn, source.plan.camera.sensor.shape)
         index = np.unique(np.array([source.info(k).position for k in range(len(source))], np.intp), axis=0)
-        matrix = yield from iter_pick(upright, source.plan, index)
+        matrix = yield from iter_pick(upright, source.plan, index, noise=scan_noise(upright, source.plan))
         noise = matrix.facts.noise
         known = None if noise is None else noise[tuple(index.T)]
         if known is None or not np.isfinite(known).all() or (known[:, 0] < 0).any():

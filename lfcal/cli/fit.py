@@ -117,7 +117,15 @@ def command(
     from lfcal.cli.fit_check import Asked, check_h
     from lfcal.cli.fit_field import Regions, fit_regions, names_of
     from lfcal.cli.fit_object import Place, object_dict, object_error, object_words, read_object
-    from lfcal.cli.fit_source import SOME, Reading, is_matrix, open_upright, parse_noise, read_patterns
+    from lfcal.cli.fit_source import (
+        SOME,
+        Reading,
+        check_frame_options,
+        is_matrix,
+        open_upright,
+        parse_noise,
+        read_patterns,
+    )
     from lfcal.cli.fit_target import fit_target
     from lfcal.cli.fit_validate import (
         VALIDATION,
@@ -138,6 +146,11 @@ def command(
     from lfcal.simulate.effects.described import parse_effects
 
     check_choice(orientation)
+    corrections = {"--dark": dark, "--black-level": black_level is not None, "--white": white}
+    # --plan is that of the sources; frames of an object are corrected, but not turned
+    check_frame_options({"--plan": plan}, sources)
+    check_frame_options({"--orientation": orientation != "check"}, [*sources, validate_on])
+    check_frame_options(corrections, [*sources, validate_on, known_object])
     if check is not None:
         given = {
             "--camera": camera,
@@ -154,6 +167,8 @@ def command(
         wrong = [name for name, said in given.items() if said]
         if wrong:
             raise InputError.expected("--check", "frames alone: nothing is fitted or written", wrong[0], "leave it out")
+        if plan is not None and not any(source.is_dir() for source in sources):
+            raise InputError.expected("--plan", "a folder of frames, which it applies to", "files", "leave it out")
         recipe = CorrectionRecipe(dark=dark, black_level=black_level, white=white or "")
         asked = Asked(
             parse_noise(noise),

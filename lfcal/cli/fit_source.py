@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from lfcal.frames import CorrectionRecipe
     from lfcal.psf import PSFMatrix
 
-__all__ = ["Reading", "is_matrix", "open_upright", "own_words", "parse_noise", "read_patterns"]
+__all__ = ["Reading", "check_frame_options", "is_matrix", "open_upright", "own_words", "parse_noise", "read_patterns"]
 
 SOME = 40
 """Positions that are taken of a source that has more."""
@@ -69,6 +69,13 @@ def is_matrix(path: Path) -> bool:
 
     with H5File(path) as file:
         return file.attributes().text("format") == FORMAT
+
+
+def check_frame_options(given: Mapping[str, object], frames: Sequence[Path | None]) -> None:
+    """Raise where options of frames were ``given``, and none of the sources that they apply to holds frames."""
+    option = next((name for name, said in given.items() if said), None)
+    if option is not None and not any(path is not None and not is_matrix(path) for path in frames):
+        raise InputError.expected(option, "frames, which it applies to", "H alone", "leave it out")
 
 
 @contextmanager
@@ -237,6 +244,7 @@ def _picked(
     from lfcal.cli.scan_frames import ScanFrames
     from lfcal.frames import corrected_view
     from lfcal.frames.colour_scan import colours_of
+    from lfcal.psf.measured_noise import scan_noise
     from lfcal.psf.picked import iter_pick
 
     try:
@@ -264,6 +272,7 @@ def _picked(
     if not len(taken):
         raise _none_left(source)
     with own_words():
-        matrix = run_work(iter_pick(view, plan, taken), quiet=quiet)
+        noise = scan_noise(view, plan) if how.noise is None else None
+        matrix = run_work(iter_pick(view, plan, taken, noise=noise), quiet=quiet)
     known = _recorded(source) | {"source": source.name, "corrections": view.metadata.get("corrections", {}), **lie}
     return matrix, known, aside if len(taken) == len(index) else []

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lfcal.errors import FileFormatError, StorageError
 from lfcal.frames.regions import Region
-from lfcal.frames.source import FrameInfo, FrameSource, LeftOut, Position, Samples
+from lfcal.frames.source import FrameInfo, Frames, FrameSource, LeftOut, Position, Samples
 from lfcal.frames.view import SourceView
 from lfcal.progress import Clock, Work
 from lfcal.threads import worker_count
@@ -63,6 +63,10 @@ class SelectedSource(SourceView):
     def samples(self, index: int, region: Region | None = None) -> Samples:
         """Return the source's samples."""
         return self.source.samples(int(self.chosen[index]), region)
+
+    def repeats(self) -> FrameSource | None:
+        """Return the source's repeated frames."""
+        return self.source.repeats() if isinstance(self.source, Frames) else None
 
 
 def iter_undamaged(source: FrameSource, *, workers: int | None = None) -> Work[SelectedSource]:

@@ -78,6 +78,11 @@ class DescribedSource(SourceView):
             return replace(info, exposure_s=self.plan.exposures[info.points[0].z])
         return info
 
+    def repeats(self) -> FrameSource | None:
+        """Return the source's repeated frames, as the plan describes them."""
+        found = self.source.repeats() if isinstance(self.source, Frames) else None
+        return None if found is None else DescribedSource(found, self.plan)
+
     def samples(self, index: int, region: Region | None = None) -> Samples:
         """Return the source's samples; raises `InputError` where they exceed the bit depth that the plan states."""
         if not self._filled:

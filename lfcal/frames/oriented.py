@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from lfcal.errors import InputError
 from lfcal.frames.orientation import AS_IS, Orientation
 from lfcal.frames.regions import Region, check_region
-from lfcal.frames.source import FrameInfo, FrameSource, Samples
+from lfcal.frames.source import FrameInfo, Frames, FrameSource, Samples
 from lfcal.frames.view import SourceView
 
 __all__ = ["OrientedSource", "oriented"]
@@ -81,6 +81,11 @@ class OrientedSource(SourceView):
             valid=None if found.valid is None else self._turned(found.valid),
             noise=None if found.noise is None else found.noise.moved(self._turned),
         )
+
+    def repeats(self) -> FrameSource | None:
+        """Return the source's repeated frames, turned."""
+        found = self.source.repeats() if isinstance(self.source, Frames) else None
+        return None if found is None else OrientedSource(found, self.turn, self.sensor)
 
     def _turned(self, array: NDArray[Any]) -> NDArray[Any]:
         return np.ascontiguousarray(self.turn.apply(array))

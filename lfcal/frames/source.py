@@ -264,6 +264,10 @@ class Frames(ABC):
         mask = self.info(index).mask
         return found if mask is None else masked(found, mask if region is None else mask[region])
 
+    def repeats(self) -> FrameSource | None:
+        """Return further frames of one place, taken again and again with the same settings; None: there are none."""
+        return None
+
     def close(self) -> None:  # noqa: B027  most sources keep nothing open
         """Release what the source keeps open."""
 

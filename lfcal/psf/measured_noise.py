@@ -1,12 +1,13 @@
 """The noise of frames, measured on the frames themselves where no file states it.
 
-Repeated frames of a position differ by their noise alone. Frames of neighbouring positions differ by signal as well.
-At a fixed pixel of the sensor, however, the signal is a smooth function of the position: from one position to the next
-the image moves by a pixel, and under its lenslet by a fraction of one. Fourth differences along both axes of a block of
-5 x 5 positions cancel it and keep the noise. Where the signal is not smooth, at the edges of micro-images, differences
-along one axis alone show it first. They are orthogonal to the others, so leaving such pixels out biases nothing. What
-remains of the signal grows with its square, as flicker of the lamp does: the variance is fitted as
-``floor + slope m + q m²``, and the last term is dropped.
+Repeated frames of a position, and the reference frames of a session, differ by their noise alone. Frames of
+neighbouring positions differ by signal as well. At a fixed pixel of the sensor, however, the signal is a smooth
+function of the position: from one position to the next the image moves by a pixel, and under its lenslet by a fraction
+of one. Fourth differences along both axes of a block of 5 x 5 positions cancel it and keep the noise. Where the signal
+is not smooth, at the edges of micro-images, differences along one axis alone show it first. They are orthogonal to the
+others, so leaving such pixels out biases nothing. What the light and its gradient explain of a difference is the lamp
+and the stage. What remains of the signal grows with its square: the variance is fitted as ``floor + slope m + q m²``,
+and the last term is dropped.
 """
 
 from __future__ import annotations
@@ -17,18 +18,22 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.camera import ScanPlan
+from lfcal.errors import LfcalError
 from lfcal.frames.regions import Region, moved
-from lfcal.psf.gather import Gatherer
+from lfcal.frames.source import Frames, FrameSource
+from lfcal.psf.cutout import Cutout
+from lfcal.psf.gather import Gatherer, by_position
 
-__all__ = ["MeasuredNoise", "measure_noise"]
+__all__ = ["MeasuredNoise", "measure_noise", "scan_noise"]
 
 F8 = NDArray[np.float64]
 
-BLOCKS = 16
-"""Blocks of neighbouring positions that are looked at, at most."""
+FEW_BLOCKS, BLOCKS = 4, 16
+"""Blocks of neighbouring positions that are examined: at least of a small scan, and at most."""
 
 PER_BLOCK = 250
-"""Frames of a scan for each block: measuring reads at most a tenth of the frames once more."""
+"""Frames of a scan for each block: measuring reads a tenth of the frames once more, or 100."""
 
 PAIRS = 32
 """Pairs of repeated frames that are looked at, at most."""
@@ -50,6 +55,10 @@ CERTAIN = 0.25
 
 SMOOTH = 0.5
 """Share of the pixels of like brightness that is kept: those whose signal is smoothest."""
+
+
+ROUGH, TURNS = 2.5, 2
+"""Roughness over the noise up to which a sample is smooth, and how often the noise is measured on such samples."""
 
 
 class MeasuredNoise(NamedTuple):
@@ -83,14 +92,29 @@ class MeasuredNoise(NamedTuple):
 class _Samples(NamedTuple):
     """Means and differences of samples ``(n,)``; ``difference²`` has the variance of one sample as its mean.
 
+    ``around`` is light of about the same brightness, with other noise: of other weights, or of the neighbouring pixels.
     ``roughness`` is what the signal adds to other differences of the same samples. ``own`` is the variance of the mean,
     as a share of that of a sample.
     """
 
     mean: F8
+    around: F8
     difference: F8
     roughness: F8
     own: F8
+
+    def of_those(self, kept: NDArray[np.intp]) -> _Samples:
+        """Return the samples of these numbers."""
+        mean, around, difference, roughness, own = (one[kept] for one in self)
+        return _Samples(mean, around, difference, roughness, own)
+
+    @classmethod
+    def of(cls, mean: F8, around: F8, difference: F8, roughness: F8, own: float, valid: NDArray[np.bool_]) -> _Samples:
+        """Return the valid ones of samples ``(rows, columns)``; those without a brightness ``around`` are left out."""
+        difference = _unexplained(difference, mean, valid)
+        kept = valid & np.isfinite(around)
+        every = np.full(int(kept.sum()), own)
+        return cls(mean[kept], around[kept], difference[kept], roughness[kept], every)
 
 
 def measure_noise(gatherer: Gatherer, order: NDArray[np.int64], counts: NDArray[np.int64]) -> MeasuredNoise | None:
@@ -130,9 +154,20 @@ def measure_noise(gatherer: Gatherer, order: NDArray[np.int64], counts: NDArray[
     return None
 
 
+def scan_noise(source: FrameSource, plan: ScanPlan) -> MeasuredNoise | None:
+    """Return the noise of the corrected frames of a scan, None where too few of them are alike."""
+    infos = tuple(source.info(k) for k in range(len(source)))
+    order, starts = by_position(infos, plan.shape[:3])
+    gatherer = Gatherer(source, infos, Cutout.for_plan(plan, outside="zero"))
+    return measure_noise(gatherer, order, np.diff(starts).reshape(plan.shape[:3]))
+
+
 def _stated(gatherer: Gatherer, order: NDArray[np.int64]) -> MeasuredNoise | None:
     """Return the noise that the frames state of a typical sample, None where they state none."""
-    found = gatherer.cut(int(order[len(order) // 2])).noise
+    try:
+        found = gatherer.cut(int(order[len(order) // 2])).noise
+    except LfcalError:  # a damaged frame is reported when its pattern is made
+        return None
     if found is None:
         return None
     return MeasuredNoise(float(found.constant), float(found.slope), 0.0, "as the camera is described", stated=True)
@@ -141,14 +176,60 @@ def _stated(gatherer: Gatherer, order: NDArray[np.int64]) -> MeasuredNoise | Non
 def _repeated(
     gatherer: Gatherer, order: NDArray[np.int64], first: NDArray[np.int64], counts: NDArray[np.int64]
 ) -> Iterator[_Samples]:
-    """Yield samples of pairs of repeated frames."""
+    """Yield samples of pairs of repeated frames: of positions that were recorded twice, and a session's references."""
     repeated = np.argwhere(counts > 1)
     for at in repeated[:: max(1, len(repeated) // PAIRS)][:PAIRS]:
         k = int(first[tuple(at)])
         numbers = [int(order[k]), int(order[k + 1])]
-        if (values := _values(gatherer, numbers, numbers[0])) is not None:
-            mean = values.mean(axis=0)
-            yield _Samples(mean, (values[0] - values[1]) / np.sqrt(2), np.zeros_like(mean), np.full_like(mean, 0.5))
+        if (found := _values(gatherer, numbers, numbers[0])) is not None:
+            yield _pair(*found)
+    yield from _references(gatherer.source)
+
+
+def _references(source: FrameSource) -> Iterator[_Samples]:
+    """Yield samples of pairs of the frames that a session took of one place again and again."""
+    try:
+        again = source.repeats() if isinstance(source, Frames) else None
+        # each frame is in one pair: the noise of two pairs that share a frame is not independent
+        for k in range(0, min(2 * PAIRS, 0 if again is None else len(again) - 1), 2):
+            assert again is not None
+            if again.info(k).origin != again.info(k + 1).origin:
+                continue
+            one, other = again.samples(k), again.samples(k + 1)
+            values = np.stack([one.values, other.values]).astype(np.float64)
+            valid = np.ones(again.shape, np.bool_)
+            for frame in (one, other):
+                valid &= np.isfinite(frame.values) if frame.valid is None else frame.valid
+            # equal frames are copies
+            if valid.any() and (values[0] != values[1])[valid].any():
+                yield _pair(values, valid)
+    except LfcalError:
+        return  # damaged reference frames: neighbouring positions show the noise, too
+
+
+def _pair(values: F8, valid: NDArray[np.bool_]) -> _Samples:
+    """Return samples of two frames ``(2, rows, columns)`` of the same place."""
+    mean, difference = values.mean(axis=0), (values[0] - values[1]) / np.sqrt(2)
+    padded, there = np.pad(np.where(valid, mean, 0.0), 1), np.pad(valid, 1).astype(np.float64)
+    sides = np.array([(row, column) for row, column in np.ndindex(3, 3) if (row, column) != (1, 1)])
+    height, width = mean.shape
+    total, count = (sum(one[r : r + height, c : c + width] for r, c in sides) for one in (padded, there))
+    around = np.divide(total, count, out=np.full(mean.shape, np.nan), where=np.asarray(count) > 0)
+    return _Samples.of(mean, around, difference, np.zeros(mean.shape), 0.5, valid)
+
+
+def _unexplained(difference: F8, light: F8, valid: NDArray[np.bool_]) -> F8:
+    """Return a difference of frames without what light and its gradient explain: lamp and stage differ a little."""
+    light = np.where(np.isfinite(light), light, 0.0)
+    slopes = np.gradient(light) if min(light.shape) > 1 else []
+    basis = np.stack([one[valid] for one in (light, *slopes)], axis=1)
+    own, sizes, _ = np.linalg.svd(basis, full_matrices=False)
+    own = own[:, sizes > 1e-9 * max(float(sizes.max(initial=0.0)), 1e-300)]
+    apart = difference[valid]
+    out = np.zeros(difference.shape)
+    # what is explained takes a share of the noise with it
+    out[valid] = (apart - own @ (own.T @ apart)) / np.sqrt(np.maximum(1.0 - np.square(own).sum(axis=1), 0.5))
+    return out
 
 
 def _neighbours(
@@ -159,12 +240,15 @@ def _neighbours(
     basis = np.linalg.qr(np.vander(np.arange(side) - side // 2, increasing=True).astype(np.float64))[0].T
     both = np.kron(basis[-1], basis[-1])
     single = np.stack([np.kron(*pair) for one in basis[:-1] for pair in ((basis[-1], one), (one, basis[-1]))])
+    # a mean whose noise is neither that of the other mean nor that of the difference
+    apart = np.linalg.pinv(np.stack([np.ones(side * side), both**2, both])) @ np.array([1.0, 0.0, 0.0])
     for z, y, x in _blocks(counts, side):
         numbers = order[first[z, y : y + side, x : x + side].ravel()].tolist()
-        if (values := _values(gatherer, numbers, numbers[len(numbers) // 2])) is not None:
-            mean = both**2 @ values
-            own = np.full_like(mean, (both**4).sum())
-            yield _Samples(mean, both @ values, ((single @ values) ** 2).sum(axis=0), own)
+        if (found := _values(gatherer, numbers, numbers[len(numbers) // 2])) is not None:
+            values, valid = found
+            mean, around, difference = (np.tensordot(weights, values, axes=1) for weights in (both**2, apart, both))
+            roughness = np.square(np.tensordot(single, values, axes=1)).mean(axis=0)
+            yield _Samples.of(mean, around, difference, roughness, float((both**4).sum()), valid)
 
 
 def _blocks(counts: NDArray[np.int64], side: int) -> Iterator[tuple[int, int, int]]:
@@ -172,24 +256,27 @@ def _blocks(counts: NDArray[np.int64], side: int) -> Iterator[tuple[int, int, in
     nz, ny, nx = counts.shape
     if min(ny, nx) < side:
         return
-    wanted = max(1, min(BLOCKS, int(counts.sum()) // PER_BLOCK))
+    wanted = max(FEW_BLOCKS, min(BLOCKS, int(counts.sum()) // PER_BLOCK))
     ahead = np.pad((counts > 0).astype(np.int64), ((0, 0), (1, 0), (1, 0))).cumsum(1).cumsum(2)
     inside = ahead[:, side:, side:] - ahead[:, :-side, side:] - ahead[:, side:, :-side] + ahead[:, :-side, :-side]
     places = np.argwhere(inside == side * side)
     if not len(places):
         return
+    taken = set[tuple[int, ...]]()
     for k in range(wanted):
         share = (k + 0.5) / wanted
         aim = np.array([min(nz - 1, int(share * nz)), share * (ny - side), share * (nx - side)])
         far = np.abs(places - aim) @ np.array([ny + nx, 1.0, 1.0])
         z, y, x = places[int(far.argmin())].tolist()
-        yield z, y, x
+        if (z, y, x) not in taken:
+            taken.add((z, y, x))
+            yield z, y, x
 
 
-def _values(gatherer: Gatherer, numbers: list[int], middle: int) -> F8 | None:
-    """Return samples ``(frames, pixels)`` of the same pixels of the sensor in some frames, about the ``middle`` one's.
+def _values(gatherer: Gatherer, numbers: list[int], middle: int) -> tuple[F8, NDArray[np.bool_]] | None:
+    """Return samples ``(frames, rows, columns)`` of the same pixels of the sensor, about the ``middle`` frame's.
 
-    Pixels that carry no measurement in one of them are left out; None: they have none in common.
+    With those pixels ``(rows, columns)`` that carry a measurement in all of them; None: they have none in common.
     """
     rows, columns = moved(gatherer.place(middle)[1], gatherer.infos[middle].origin)
     height, width = gatherer.source.shape
@@ -202,10 +289,13 @@ def _values(gatherer: Gatherer, numbers: list[int], middle: int) -> F8 | None:
     values, valid = [], np.ones((row.stop - row.start, column.stop - column.start), np.bool_)
     for k in numbers:
         origin = gatherer.infos[k].origin
-        found = gatherer.source.samples(k, moved(region, (-origin[0], -origin[1])))
+        try:
+            found = gatherer.source.samples(k, moved(region, (-origin[0], -origin[1])))
+        except LfcalError:  # a damaged frame is reported when its pattern is made
+            return None
         values.append(np.asarray(found.values, np.float64))
         valid &= np.isfinite(values[-1]) if found.valid is None else found.valid
-    return np.stack(values)[:, valid]
+    return (np.stack(values), valid) if valid.any() else None
 
 
 def _fitted(samples: _Samples, floor: float | None) -> tuple[float, float, float] | None:
@@ -213,48 +303,71 @@ def _fitted(samples: _Samples, floor: float | None) -> tuple[float, float, float
     # most pixels of a scan of points are dark
     black = float(np.median(samples.mean[samples.mean <= np.median(samples.mean)]))
     black = 0.0 if abs(black) < 3 * float(np.median(np.abs(samples.difference))) else black
-    kept = _smooth(samples)
-    light, square = samples.mean[kept] - black, samples.difference[kept] ** 2
-    top = float(light.max(initial=0.0))
+    kept = samples.of_those(_smooth(samples))
+    top = float((kept.mean - black).max(initial=0.0))
     if top <= 0:
         return None
-    powers = [np.ones_like(light), light / top, (np.maximum(light, 0) / top) ** 2]
-    first = 0 if floor is None else 1
-    own, line = samples.own[kept] / top**2, 1 - first
-    fits = [_likely(np.stack(powers[first:last], axis=1), square, floor or 0.0, own, line) for last in (2, 3)]
-    # a term that the samples do not need would take part of the slope
-    terms, sigmas = fits[1] if fits[1][0][-1] > BETTER * fits[1][1][-1] else fits[0]
-    constant = float(terms[0]) if floor is None else floor
-    slope, sigma = float(terms[1 - first]), float(sigmas[1 - first])
+    samples = samples._replace(
+        mean=(samples.mean - black) / top, around=(samples.around - black) / top, own=samples.own / top**2
+    )
+    kept = samples.of_those(_smooth(samples))
+    terms, sigmas = _terms(kept, floor)
+    for _ in range(TURNS):
+        # the smoothest of bright samples may all be rough: what counts is roughness beyond the noise
+        variance = np.maximum(samples.around, 0.0)[:, None] ** np.arange(2) @ terms[:2]
+        kept = samples.of_those(np.flatnonzero(samples.roughness <= ROUGH * variance))
+        if kept.mean.size < FEWEST:
+            return None
+        terms, sigmas = _terms(kept, floor)
+    constant, slope, sigma = float(terms[0]), float(terms[1]), float(sigmas[1])
     if not slope > 0 or sigma > CERTAIN * slope or constant + slope <= 0:
         return None
     return constant, slope / top, black
 
 
-def _likely(design: F8, square: F8, known: float, own: F8, line: int) -> tuple[F8, F8]:
-    """Return the terms of a variance that make squares of normal differences most likely, and their standard errors.
+def _terms(samples: _Samples, floor: float | None) -> tuple[F8, F8]:
+    """Return the terms of the variance that the samples call for, and their standard errors."""
+    fits = [_likely(samples, floor, count) for count in (2, 3)]
+    # a term that they do not need would take part of the slope
+    return fits[1] if fits[1][0][-1] > BETTER * fits[1][1][-1] else fits[0]
 
-    Each square has the variance as its mean, so brightness may differ from sample to sample. Squares beyond 9 variances
-    count as 9: signal that the differences did not cancel. Noise of the brightness itself, ``own`` variances in column
-    ``line``, would flatten the slope and is taken off.
+
+def _likely(samples: _Samples, floor: float | None, count: int) -> tuple[F8, F8]:
+    """Return ``count`` terms of a variance that is a polynomial of the light, and their standard errors.
+
+    Each squared difference has the variance as its mean, so brightness may differ from sample to sample. Weights and
+    moments are taken by the light of the pixels around, whose noise is not the sample's (instrumental variable). By
+    that of the sample, noise that lowers it would raise its weight: a tenth to a third too much floor in faint light.
+    Squares beyond 9 variances count as 9: signal that the differences did not cancel.
     """
     from scipy.optimize import nnls
 
+    square, known = np.square(samples.difference), floor or 0.0
+    free = slice(0 if floor is None else 1, count)
+    # the square of a mean has its variance in it
+    light = np.stack([np.ones_like(square), samples.mean, samples.mean**2 - samples.own * square], axis=1)[:, free]
+    around = np.maximum(samples.around, 0.0)[:, None] ** np.arange(count)[free]
     variance = np.full(len(square), max(known, float(np.median(square)) / 0.455))
+    seen = variance
     for _ in range(12):
-        target = np.minimum(square, 9 * variance) / CLIPPED - known
-        scaled = design / variance[:, None]
-        normal = scaled.T @ scaled
-        normal[line, line] = max(normal[line, line] - float((own / variance).sum()), 0.05 * normal[line, line])
-        terms, _ = nnls(normal, scaled.T @ (target / variance))
-        model = known + design @ terms
-        variance = np.maximum(model, 0.25 * float(np.median(model)))
-    return terms, np.sqrt(2 * np.abs(np.diag(np.linalg.pinv(normal))))
+        target = np.minimum(square, 9 * seen) / CLIPPED - known
+        moments = around / np.square(variance)[:, None]
+        matrix = moments.T @ light
+        terms, _ = nnls(matrix, moments.T @ target)
+        model = known + around @ terms
+        least = 0.25 * float(np.median(model))
+        variance = np.maximum(model, least)
+        seen = np.maximum(variance, known + light @ terms)
+    inverse = np.linalg.pinv(matrix)
+    sigmas = np.sqrt(2 * np.abs(np.diag(inverse @ (moments.T @ (np.square(variance)[:, None] * moments)) @ inverse.T)))
+    if floor is not None:
+        return np.append(floor, terms), np.append(0.0, sigmas)
+    return terms, sigmas
 
 
 def _smooth(samples: _Samples) -> NDArray[np.intp]:
     """Return the samples whose signal is smoothest among those of like brightness."""
-    order = np.argsort(-samples.mean, kind="stable")
+    order = np.argsort(-samples.around, kind="stable")
     parts = np.array_split(order, max(1, len(order) // ALIKE))
     rough = [samples.roughness[part] for part in parts]
     return np.concatenate([part[own <= np.quantile(own, SMOOTH)] for part, own in zip(parts, rough, strict=True)])

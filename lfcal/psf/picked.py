@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 
 from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
-from lfcal.frames.source import FrameSource
+from lfcal.frames.source import FrameSource, Noise
 from lfcal.progress import Clock, Work
 from lfcal.psf.cutout import Cutout
 from lfcal.psf.facts import Facts, pack_valid, packed_bytes
 from lfcal.psf.gather import Gatherer, by_position
 from lfcal.psf.matrix import PSFMatrix
+from lfcal.psf.measured_noise import MeasuredNoise
 from lfcal.psf.planes import Planes, TransposedPlanes
 
 __all__ = ["PickedPlanes", "iter_pick"]
@@ -49,7 +50,9 @@ class PickedPlanes:
         return TransposedPlanes(self)
 
 
-def iter_pick(source: FrameSource, plan: ScanPlan, positions: NDArray[np.intp]) -> Work[PSFMatrix]:
+def iter_pick(
+    source: FrameSource, plan: ScanPlan, positions: NDArray[np.intp], *, noise: MeasuredNoise | None = None
+) -> Work[PSFMatrix]:
     """Cut out the patterns of some positions; yields progress in positions.
 
     Parameters
@@ -60,6 +63,8 @@ def iter_pick(source: FrameSource, plan: ScanPlan, positions: NDArray[np.intp]) 
         Positions, depths, anchor and cutout. Pixels beyond the frame are marked as not valid.
     positions
         Positions ``(n, 3)`` as (z, y, x).
+    noise
+        Noise of the samples, where the frames state none.
 
     Raises
     ------
@@ -68,10 +73,11 @@ def iter_pick(source: FrameSource, plan: ScanPlan, positions: NDArray[np.intp]) 
     """
     infos = tuple(source.info(k) for k in range(len(source)))
     order, starts = by_position(infos, plan.shape[:3])
-    gatherer = Gatherer(source, infos, Cutout.for_plan(plan, outside="zero"))
+    known = None if noise is None or noise.stated else Noise(noise.floor, noise.slope, noise.black)
+    gatherer = Gatherer(source, infos, Cutout.for_plan(plan, outside="zero"), noise=known)
     shape = plan.shape[:3]
     recorded = np.zeros(shape, np.uint16)
-    noise = np.full((*shape, 2), np.nan, np.float32)
+    variances = np.full((*shape, 2), np.nan, np.float32)
     saturated = np.full(shape, -1, np.int32)
     masks: dict[Place, NDArray[np.uint8]] = {}
     patterns: dict[Place, NDArray[np.float32]] = {}
@@ -85,7 +91,7 @@ def iter_pick(source: FrameSource, plan: ScanPlan, positions: NDArray[np.intp]) 
             raise InputError.expected("position (z, y, x)", "one with a frame", place, "choose another")
         found = gatherer.pattern(own)
         patterns[place] = found.values
-        recorded[place], noise[place], saturated[place] = len(own), found.noise, found.saturated
+        recorded[place], variances[place], saturated[place] = len(own), found.noise, found.saturated
         if found.valid is not None:
             masks[place] = pack_valid(found.valid)
         yield clock.at(done)
@@ -93,12 +99,13 @@ def iter_pick(source: FrameSource, plan: ScanPlan, positions: NDArray[np.intp]) 
     for place, mask in masks.items():
         assert valid is not None
         valid[place] = mask
-    facts = Facts.of(shape, plan.cutout, recorded=recorded, noise=noise, saturated=saturated, valid=valid)
+    facts = Facts.of(shape, plan.cutout, recorded=recorded, noise=variances, saturated=saturated, valid=valid)
     return PSFMatrix(
         PickedPlanes(plan.shape, patterns),
         depths=plan.depths_um,
         camera=plan.camera,
         anchor=plan.anchor,
         facts=facts,
-        provenance={key: source.metadata[key] for key in ("optics",) if key in source.metadata},
+        provenance={key: source.metadata[key] for key in ("optics",) if key in source.metadata}
+        | ({} if noise is None else {"noise": noise.record()}),
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -24,7 +24,8 @@ from lfcal.frames.damage import named
 from lfcal.frames.described import stated_noise
 from lfcal.frames.formats.codecs import codec_fact
 from lfcal.frames.regions import Region, check_region
-from lfcal.frames.source import FrameInfo, Frames, Noise, Position, Samples, check_index
+from lfcal.frames.source import FrameInfo, Frames, FrameSource, Noise, Position, Samples, check_index
+from lfcal.frames.sources.array import ArraySource
 
 __all__ = ["CheckFrame", "RecordingSource", "read_checks"]
 
@@ -208,6 +209,24 @@ class RecordingSource(Frames):
         noise = self.metadata.get("noise")
         return Samples(self.read(index, region), noise=noise, saturated=int(self.record(index)["saturated"]))
 
+    def repeats(self) -> FrameSource | None:
+        """Return the reference frames of the newest recording that has two or more, None without one."""
+        for run in reversed(range(len(self.session.recordings))):
+            found = [
+                (record, frame) for record, frame in _checks(self._folder, run) if record["kind"] == Kind.REFERENCE
+            ]
+            if len(found) > 1:
+                records, frames = zip(*found, strict=True)
+                return ArraySource(
+                    np.stack(frames),
+                    [(0, 0, 0)] * len(frames),
+                    exposures_s=[float(one["exposure_s"]) for one in records],
+                    origins=[(int(one["row"]), int(one["column"])) for one in records],
+                    metadata={"saturation": float(self.session.devices.max_value)} if self.dtype.kind != "f" else {},
+                    name="reference frames",
+                )
+        return None
+
     def close(self) -> None:
         """Close the files; may be called twice."""
         self._finalizer()
@@ -251,24 +270,27 @@ def read_checks(folder: Path) -> list[CheckFrame]:
     8 frames of the first position again, to see lamp and stage
     """
     session = SessionFile.read(folder)
-    found = []
-    for run in range(len(session.recordings)):
-        path = folder / file_name(Kind.REFERENCE, run)
-        if not path.exists():
-            continue
-        with RecordingFile(path) as file:
-            slots = np.flatnonzero(file.taken)
-            for slot in slots[np.argsort(file.records["sequence"][slots])].tolist():
-                record = file.records[slot]
-                found.append(
-                    CheckFrame(
-                        Kind(int(record["kind"])),
-                        position_at(int(record["index"]), session.grid[1:]),
-                        (int(record["period_y"]), int(record["period_x"])),
-                        float(record["elapsed_s"]),
-                        float(record["energy"]),
-                        (int(record["row"]), int(record["column"])),
-                        file.read(slot),
-                    )
-                )
-    return found
+    return [
+        CheckFrame(
+            Kind(int(record["kind"])),
+            position_at(int(record["index"]), session.grid[1:]),
+            (int(record["period_y"]), int(record["period_x"])),
+            float(record["elapsed_s"]),
+            float(record["energy"]),
+            (int(record["row"]), int(record["column"])),
+            frame,
+        )
+        for run in range(len(session.recordings))
+        for record, frame in _checks(folder, run)
+    ]
+
+
+def _checks(folder: Path, run: int) -> Iterator[tuple[Any, NDArray[Any]]]:
+    """Yield the records and frames of a recording's reference and control frames, in time order."""
+    path = folder / file_name(Kind.REFERENCE, run)
+    if not path.exists():
+        return
+    with RecordingFile(path) as file:
+        slots = np.flatnonzero(file.taken)
+        for slot in slots[np.argsort(file.records["sequence"][slots])].tolist():
+            yield file.records[slot], file.read(slot)

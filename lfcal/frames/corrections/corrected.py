@@ -13,7 +13,7 @@ from lfcal.frames.corrections.chain import CorrectionChain
 from lfcal.frames.corrections.noise import corrected_noise
 from lfcal.frames.corrections.steps import Exposure, White
 from lfcal.frames.regions import Region, check_region, grow_region, moved, part_of, whole
-from lfcal.frames.source import FrameInfo, FrameSource, Noise, Samples, observed
+from lfcal.frames.source import FrameInfo, Frames, FrameSource, Noise, Samples, observed
 from lfcal.frames.view import SourceView
 
 __all__ = ["CorrectedSource", "corrected"]
@@ -74,6 +74,11 @@ class CorrectedSource(SourceView):
             plain = not any(isinstance(step, White | Exposure) for step in self.chain.steps)
             found["dark_noise"] = {"count": dark.count, "variance": dark.variance if plain else None}
         return found
+
+    def repeats(self) -> FrameSource | None:
+        """Return the source's repeated frames, corrected alike."""
+        found = self.source.repeats() if isinstance(self.source, Frames) else None
+        return None if found is None else CorrectedSource(found, self.chain)
 
     def read(self, index: int, region: Region | None = None) -> NDArray[np.float32]:
         """Return frame ``index``, or a part of it, corrected: equal to that part of the whole corrected frame."""
