@@ -16,6 +16,7 @@ __all__ = [
     "Codec",
     "FrameNoise",
     "codec_of",
+    "light_shares",
     "noise_of",
     "optics_of",
     "origin_of",
@@ -116,6 +117,15 @@ def optics_of(provenance: Mapping[str, Any]) -> str | None:
     """Return which optics the simulator computed the frames with; None: real frames, or unknown."""
     found = provenance.get("optics")
     return found if isinstance(found, str) and found else None
+
+
+def light_shares(provenance: Mapping[str, Any]) -> bool:
+    """Return whether H is computed, so that its values are shares of the light and no counts.
+
+    Simulated frames are counts, and note the seed of their noise.
+    """
+    simulated = provenance.get("simulated")
+    return isinstance(simulated, Mapping) and "seed" not in simulated
 
 
 def simulated_planes(provenance: Mapping[str, Any], planes: int) -> list[dict[str, Any] | None]:

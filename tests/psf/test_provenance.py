@@ -17,9 +17,11 @@ from lfcal.camera import ScanPlan
 from lfcal.frames import ArraySource
 from lfcal.progress import drain
 from lfcal.psf import Cutout, PSFMatrix, assemble, open_psf, save, save_regions
-from lfcal.psf.provenance import Codec, FrameNoise, codec_of, noise_of, optics_of, simulated_planes
+from lfcal.psf.assemble_plan import assemble_plan
+from lfcal.psf.provenance import Codec, FrameNoise, codec_of, light_shares, noise_of, optics_of, simulated_planes
 from lfcal.psf.transpose_file import iter_transpose_file
-from lfcal.simulate import simulate_psf
+from lfcal.simulate import SimulatedCamera, simulate_psf
+from lfcal.simulate.effects import Quantisation
 from lfcal.simulate.progressive import iter_refine_psf
 from lfcal.simulate.units import iter_simulate_units
 from lfcal.work import RunChoice
@@ -132,3 +134,13 @@ def test_the_commit_is_read_from_a_checkout_of_any_form(tmp_path: Path) -> None:
     (git / "worktrees" / "w" / "HEAD").write_text("ref: refs/heads/main\n")
     assert version._checked_out(tmp_path / "tree") == commit[::-1]
     assert version._checked_out(tmp_path) == "", "no checkout"
+
+
+def test_simulated_frames_give_counts_and_a_computed_h_shares_of_the_light() -> None:
+    """H of frames of a simulated session was labelled as shares of the light."""
+    plan = replace(small_plan(), period=(1, 2))
+    assert light_shares(simulate_psf(plan.camera, plan, (), "geometric").provenance)
+    frames = SimulatedCamera(plan, (Quantisation(),), level="geometric")
+    found = assemble_plan(frames, plan).matrix
+    assert "simulated" in found.provenance and found[0, 0, 0].max() > 1 and not light_shares(found.provenance)
+    assert not light_shares({}) and not light_shares({"simulated": 3})

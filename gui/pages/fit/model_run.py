@@ -18,6 +18,7 @@ from lfcal.fit.drawing import leftover_of
 from lfcal.fit.model import Fineness, predict
 from lfcal.progress import Progress, Work
 from lfcal.psf import PSFMatrix
+from lfcal.psf.provenance import light_shares
 
 __all__ = ["Found", "Kept", "Place", "Question", "asked_of", "iter_fit", "iter_taken"]
 
@@ -191,7 +192,7 @@ def _read(asked: Question, places: list[Place] | None = None) -> tuple[Measured,
         else:
             aside = _kept_aside(matrix, places)
             measured = measured_of(matrix, camera, positions=places, left_out=aside, noise=settings.noise)
-        unit = "share of the light" if "simulated" in matrix.provenance else "counts"
+        unit = "share of the light" if light_shares(matrix.provenance) else "counts"
         return measured, unit
 
 

@@ -15,6 +15,7 @@ from lfcal.axes import centre
 from lfcal.camera import Camera
 from lfcal.errors import InputError
 from lfcal.psf import PSFMatrix
+from lfcal.psf.provenance import light_shares
 from lfcal.units import format_length
 
 __all__ = [
@@ -228,7 +229,7 @@ def plane_scale(plane: LoadedPlane, reference: LoadedPlane) -> float:
 # -- words -------------------------------------------------------------------------------------------------
 def unit_of(matrix: PSFMatrix) -> str:
     """Return what the values of H are: a simulated one has no counts."""
-    return "share of the light" if "simulated" in matrix.provenance else "intensity (counts)"
+    return "share of the light" if light_shares(matrix.provenance) else "intensity (counts)"
 
 
 def shown_unit(intent: PSFIntent, matrix: PSFMatrix, reference: PSFMatrix | None) -> str:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +41,9 @@ __all__ = [
     "weight_of",
     "worst_positions",
 ]
+
+SECONDS_0_1 = 10.0
+"""Default limit of version 0.1 (s)."""
 
 CAMERAS = (("fitted", "fitted, else described"), ("own", "as H describes it"))
 """Which camera patterns are compared with; the folder of a fit that was saved stands beside these."""
@@ -87,6 +91,21 @@ class QualitySettings(PageSettings):
     camera: str = "fitted"
     fit: str = ""
     by_number: bool = False
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain JSON types; the limit has another name than in 0.1."""
+        stored = super().to_dict()
+        return {**stored, "most_s": stored.pop("seconds")}
+
+    @classmethod
+    def from_dict(cls, data: object) -> Self:
+        """Return the settings in ``data``, of 0.1 too."""
+        if isinstance(data, Mapping):
+            # 10 s was the default of 0.1, for a part of H; now it ends before H is fully judged
+            old = {} if data.get("seconds") == SECONDS_0_1 else {key: data[key] for key in ("seconds",) if key in data}
+            new = {"seconds": data["most_s"]} if "most_s" in data else old
+            data = {**{key: value for key, value in data.items() if key != "seconds"}, **new}
+        return super().from_dict(data)
 
     def __post_init__(self) -> None:
         """Check every value."""

@@ -270,3 +270,12 @@ def test_another_theme_leaves_what_is_chosen(page: Page, qtbot: QtBot) -> None:
     inspect.table.choose(3)
     page.theme_changed.emit()
     assert inspect.table.chosen() == 3 and inspect.faults.chosen() == -1
+
+
+def test_the_limit_of_an_old_project_is_the_new_default() -> None:
+    """10 s, the default of 0.1, ended before H was fully judged."""
+    assert QualitySettings.from_dict({"seconds": 10.0, "by_number": True}) == QualitySettings(by_number=True)
+    assert QualitySettings.from_dict({"seconds": 0.0}).seconds == 0.0
+    for seconds in (10.0, 60.0):
+        chosen = QualitySettings(seconds=seconds)
+        assert QualitySettings.from_dict(chosen.to_dict()) == chosen
