@@ -257,3 +257,10 @@ def test_positions_just_beyond_the_limit_are_told() -> None:
     y, _ = grid()
     found = faults_of(displaced(*np.random.default_rng(5).normal(0, scatter, (2, *y.shape))))
     assert set(found) == {"jitter"}
+
+
+@pytest.mark.long
+def test_two_dead_columns_of_a_small_microscope_are_named() -> None:
+    """They were 6 % of its light and 25 % of its misfit, and were not named for their small share of the light."""
+    evidence = evidence_of_microscope("two dead columns apart", 0.8)
+    assert "dead_line" in {one.name for one in drain(iter_search(evidence))[0]}

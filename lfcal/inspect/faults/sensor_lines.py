@@ -36,8 +36,8 @@ SEEN = 0.3
 edges of the scanned part, the model itself is off by more than the light there."""
 
 USUAL, PART = 0.02, 0.3
-"""Share of the light that a camera may be off by, and the part of what it is off by beyond that which lines must take
-away besides."""
+"""Share of the light that a camera may be off by, and the part of what it is off by beyond that which lines must
+explain."""
 
 BRIGHT = 2e-4
 """Offset of a line over the brightest light, from which it is worth a word."""
@@ -150,7 +150,7 @@ class DeadLine(Fault):
             if not bad.size or bad.size > 0.1 * told.size:
                 continue
             share = _share(total, axis, bad, np.abs(off[bad]))
-            if share < LITTLE + PART * max(0.0, evidence.misfit - USUAL):
+            if share < LITTLE or not _explain(evidence, axis, bad):
                 continue
             worst = int(bad[np.argmin(off[bad])])
             lost = -float(off[worst])
@@ -308,6 +308,21 @@ def _many(lines: Lines, off: F8) -> bool:
     """Return whether lines scatter as a whole: then it is not single ones that are hot."""
     good = np.isfinite(lines.offset_sigma)
     return 1.4826 * float(np.median(np.abs(off[good]))) > 3 * float(np.median(lines.offset_sigma[good]))
+
+
+def _explain(evidence: Evidence, axis: int, lines: NDArray[np.intp]) -> bool:
+    """Return whether lines explain their part of what the camera is off by: without them it is off by less.
+
+    Their share of the light does not show it: a column through the brightest spots is far more of the misfit.
+    """
+    beyond = evidence.misfit - USUAL
+    if beyond <= 0:
+        return True
+    at = evidence.index[:, 1 + axis, None] + np.arange(evidence.data.shape[1 + axis])
+    bad = np.isin(at, lines)
+    valid = evidence.valid & ~(bad[:, :, None] if axis == 0 else bad[:, None, :])
+    without = evidence.with_data(evidence.data, valid).misfit
+    return bool(evidence.misfit**2 - without**2 > (PART * beyond) ** 2)
 
 
 def _share(total: SensorMap, axis: int, bad: NDArray[np.intp], lost: F8) -> float:
