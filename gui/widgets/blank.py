@@ -16,7 +16,7 @@ NOTHING = "Nothing to show yet."
 class Blank(QLabel):
     """A line in the middle of a plot on ``graphics``; ``words`` may be changed to the next step.
 
-    While what is to be shown is read or made, `wait` says so in the place of the words.
+    While the picture is read or made, `wait` says so in the place of the words.
     """
 
     def __init__(self, graphics: pg.GraphicsLayoutWidget, plot: pg.PlotItem) -> None:

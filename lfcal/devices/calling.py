@@ -138,7 +138,7 @@ class Caller:
 
 
 def _taken(answer: SimpleQueue[Any], seconds: float, cancelled: Callable[[], bool]) -> Any:
-    """Return the answer; None after so many seconds, `CANCELLED` where nobody waits any more."""
+    """Return the answer; None after so many seconds, `CANCELLED` where the wait was cancelled."""
     end = time.monotonic() + seconds
     while True:
         try:

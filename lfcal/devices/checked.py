@@ -238,7 +238,7 @@ class CheckedStage:
         return float(x), float(y), float(z)
 
     def stop(self) -> None:
-        """Stop all axes at once; a stage whose driver hangs hears nothing."""
+        """Stop all axes now; a stage whose driver hangs is not asked."""
         if not self.hangs:
             self._caller.call("stop", self.device.stop)
 

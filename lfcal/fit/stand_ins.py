@@ -25,7 +25,7 @@ F8 = NDArray[np.float64]
 
 WIDER, BESIDE = 8.0, 3.0
 """How many times larger the standard deviation of what was found would be, for it to be named: of what was tried, and
-of what nobody asked for."""
+of what was not asked for."""
 
 COUNTED = 1.2
 """How many times larger it would be, for what is held to count in it."""

@@ -129,7 +129,7 @@ class Inspection:
 
     @property
     def doubts(self) -> tuple[Metric, ...]:
-        """The metrics that are not good, no fault stands for and the comparison does not refute."""
+        """The metrics that are not good, no fault causes and the comparison does not refute."""
         return tuple(m for m in self._left if m.merit in ("bad", "fair"))
 
     @property

@@ -326,7 +326,7 @@ def _fitted(samples: _Samples, floor: float | None) -> tuple[float, float, float
 
 
 def _terms(samples: _Samples, floor: float | None) -> tuple[F8, F8]:
-    """Return the terms of the variance that the samples call for, and their standard errors."""
+    """Return the terms of the variance that the samples need, and their standard errors."""
     fits = [_likely(samples, floor, count) for count in (2, 3)]
     # a term that they do not need would take part of the slope
     return fits[1] if fits[1][0][-1] > BETTER * fits[1][1][-1] else fits[0]

@@ -163,7 +163,7 @@ def _check_memo(data: bytes) -> None:
 
 
 def _resolved(value: Any, depth: int, known: dict[int, Any]) -> Any:
-    """Return a value with arrays in place of their stand-ins; what is referred to often is looked at once."""
+    """Return a value with arrays in place of their stand-ins; shared parts are converted one time."""
     if isinstance(value, int | float | str | bytes | None):
         return value
     if depth > 8:

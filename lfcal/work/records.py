@@ -138,7 +138,7 @@ class _Reader(pickle._Unpickler):  # the one in Python, whose steps can be restr
         if isinstance(made, type) or not dataclasses.is_dataclass(made):
             raise _Refused(f"values for {getattr(made, '__name__', type(made).__name__)}")
         names = [field.name for field in dataclasses.fields(made)]
-        # with slots it is the values in their order; with other slots of its own a pair, of which one is empty
+        # with slots it is the values in their order; without fields in slots a pair, of which one part is empty
         values = dict(zip(names, state, strict=True)) if isinstance(state, list) else _named(state)
         if not values.keys() <= set(names):
             raise _Refused(f"other values of {type(made).__name__} than it has")

@@ -59,7 +59,7 @@ class PlaneSum:
     light
         ``(rows, columns)`` (counts).
     read, total, damaged
-        Frames that are read, that are to be read, and that cannot be.
+        Frames that are read, that exist, and that cannot be read.
     ended
         Whether no more are read.
     """
@@ -112,15 +112,15 @@ class _Frames:
 
 
 class EarlierFrames:
-    """Tells ``quality`` what earlier runs recorded, and adds up the frames of the plane that is looked at.
+    """Gives ``quality`` what earlier runs recorded, and adds up the frames of the plane in view.
 
-    Records are read at once; frames of a plane for `SECONDS` at most, in an order that is spread over the period. Of
+    Records are read first; frames of a plane for `SECONDS` at most, in an order that is spread over the period. Of
     the sums `MEMORY` is kept. `want` is called in the window's thread, `read` in another.
 
     Parameters
     ----------
     folder, quality
-        The session, and what is told.
+        The session, and what its records and frames go to.
     known
         What earlier runs recorded; None: nothing.
     seconds, clock
@@ -143,7 +143,7 @@ class EarlierFrames:
         self._sums: dict[int, PlaneSum] = {}
 
     def want(self, z: int) -> bool:
-        """Return whether something of plane ``z`` is to be read that was not asked for; another plane ends."""
+        """Return whether reading plane ``z`` adds anything to what was asked for; reading of another plane ends."""
         before, self._wanted = self._wanted, z
         if before == z or self._known is None or not self._known.flat.size:
             return False
@@ -178,7 +178,7 @@ class EarlierFrames:
                 self._add_up(z, self._quality, frames, wanted)
 
     def _tell(self, frames: _Frames, most: int, wanted: Callable[[], bool]) -> None:
-        """Tell what the records say, with a background that a few frames of each plane are read for."""
+        """Pass on the records, with a background that a few frames of each plane are read for."""
         records, levels = frames.records, np.zeros(len(frames.records))
         level_of = _border_level if isinstance(self._quality, LiveQuality) else _frame_level
         planes = np.unique(frames.planes)

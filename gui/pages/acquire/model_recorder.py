@@ -177,7 +177,7 @@ class FolderState:
     recordings: tuple[str, ...] = ()
 
     def known(self, but: Sequence[Position] = ()) -> Known | None:
-        """Return what is acknowledged, without positions that are to be recorded again; None: nothing is."""
+        """Return what is acknowledged, without positions to record again; None: nothing is."""
         if self.there is None or self.plan is None:
             return None
         if self.target is None:

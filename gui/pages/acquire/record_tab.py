@@ -321,7 +321,7 @@ class RecordTab(QObject):
         )
 
     def _read_earlier(self, made: Recorder, z: int) -> None:
-        """Read what earlier runs recorded, where somebody looks at it."""
+        """Read what earlier runs recorded, while this tab is visible."""
         jobs = self.context.jobs
         if not jobs.loading(EARLIER):
             self.read_timer.stop()

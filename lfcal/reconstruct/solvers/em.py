@@ -356,7 +356,7 @@ def _shortened(
 def _ratio(
     volume: NDArray[Any], model: NDArray[Any], floor: float, part: _Part, data: Measurement, options: EmOptions
 ) -> NDArray[Any]:
-    """Return by what the image of a volume is to be multiplied to be the frame ``(Y, X)``."""
+    """Return the factor from the image of a volume to the frame ``(Y, X)``."""
     if options.model_noise is not None:
         return options.model_noise.ratio(volume, model, part.mask, data, floor)
     found: NDArray[Any] = np.divide(data.image, model, out=np.zeros_like(model), where=model > floor)
