@@ -36,7 +36,7 @@ def dialogs(stage: Stage) -> Iterator[Shot]:
         stage.settle()
         yield Shot(f"dialog_{name}", dialog)
         dialog.close()
-    palette = Palette(window, doable(window.menuBar(), window.stack.currentWidget(), "Page"))
+    palette = Palette(window, doable(window.menuBar(), window.stack.currentWidget(), "Camera"))
     palette.open()
     stage.turn()
     yield Shot("dialog_palette", palette)

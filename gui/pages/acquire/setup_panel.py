@@ -17,6 +17,7 @@ from gui.pages.acquire.model_stills import KINDS
 from gui.pages.acquire.stage_panel import StagePanel
 from gui.theme import current_theme
 from gui.widgets.axis_arrows import AxisArrows
+from gui.widgets.blank import NOTHING
 from gui.widgets.cards import card, column_area, heading, line
 from gui.widgets.frame_view import FrameView
 from gui.widgets.image_view import ImageView
@@ -262,6 +263,7 @@ class SetupPanel(QWidget):
         self.view.set_lattice(plan.camera if self.lattice.isChecked() else None)
         self.seen.set_image(picture.seen, name="seen")
         self.predicted.set_image(picture.predicted, name="predicted")
+        self.predicted.blank.words = "No prediction for this place."
         words = expected_words(picture, plan)
         self.correlation.setText(f"{words}; {note}" if note else words)
 
@@ -304,6 +306,7 @@ class SetupPanel(QWidget):
         self.histogram.clear()
         for view in (self.seen, self.predicted):
             view.set_image(None)
+        self.predicted.blank.words = NOTHING
         self.numbers.setText("–")
         self.spot.setText("–")
         for label in (self.saturated, self.correlation):

@@ -114,7 +114,7 @@ def positions_words(frames: str, settings: FrameSettings) -> str:
     if settings.order:
         return f"none: frames in {settings.order} order"
     listed = list_of(ImportChoice(frames))
-    return "none: the files say where they are" if listed is None else f"{listed.name}, found with the frames"
+    return "none: the files say where they are" if listed is None else f"{listed.name}, found"
 
 
 @dataclass(frozen=True, eq=False)

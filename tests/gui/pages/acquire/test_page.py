@@ -100,6 +100,7 @@ def test_live_view_moves_and_numbers(page: Page, qtbot: QtBot, context: Context)
     qtbot.waitUntil(lambda: "maximum" in panel.numbers.text(), timeout=GUARD_MS)
     assert panel.live.isChecked(), "the live view starts by itself"
     assert "saturated pixels" in panel.saturated.text() and "centroid" in panel.spot.text()
+    assert "Waiting" not in panel.predicted.blank.text(), "a frame is there, with a pattern to expect or without"
     before = panel.stage.values[0].text()
     panel.stage.step.setValue(50.0)
     for _ in range(3):

@@ -71,7 +71,7 @@ def test_what_tells_the_positions_is_said(tmp_path: Path) -> None:
     assert positions_words(str(tmp_path), FrameSettings()) == "none: the files say where they are"
     (tmp_path / "log.csv").write_text("file;x;y;z\n")
     for frames in (tmp_path, tmp_path / "log.csv"):
-        assert positions_words(str(frames), FrameSettings()) == "log.csv, found with the frames"
+        assert positions_words(str(frames), FrameSettings()) == "log.csv, found"
     (tmp_path / "manifest.csv").write_text("file,z,y,x\n")
     assert positions_words(str(tmp_path), FrameSettings()).startswith("manifest.csv")
     assert "file names" in positions_words(str(tmp_path), FrameSettings(pattern="a{y}_{x}.tif"))
