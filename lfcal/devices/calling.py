@@ -50,7 +50,7 @@ class Caller:
     """
 
     def __init__(self, device: object, name: str) -> None:
-        self._device, self._watched = device, driver_errors(name)
+        self._direct, self._watched = not getattr(device, "waits", True), driver_errors(name)
         self.name = name
         self._calls: SimpleQueue[_Call | None] = SimpleQueue()
         self._abandoned: SimpleQueue[Any] | None = None
@@ -92,7 +92,7 @@ class Caller:
         DeviceError
             What the driver raises: one of lfcal's errors, or any other exception with the device's name.
         """
-        if not getattr(self._device, "waits", True):
+        if self._direct:
             with self._watched:
                 return function(*arguments)
         limit = seconds + ANSWER_S

@@ -32,11 +32,13 @@ def _name(device: object, usual: str) -> str:
 
 
 def _whole(value: object, low: int) -> bool:
+    if type(value) is int:  # asked for every frame: the general question takes a microsecond
+        return value >= low
     return isinstance(value, Integral) and not isinstance(value, bool) and int(value) >= low
 
 
 def _number(value: object) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool)
+    return type(value) is float or (isinstance(value, Real) and not isinstance(value, bool))
 
 
 class CheckedCamera:
@@ -223,7 +225,7 @@ class CheckedStage:
         found = self._caller.call("moving", self.device.moving, cancelled=cancelled)
         if found is CANCELLED:
             return False
-        if not isinstance(found, bool | np.bool_ | Integral):
+        if type(found) is not bool and not isinstance(found, np.bool_ | Integral):
             raise self._wrong("moving", "True or False", found)
         return bool(found)
 

@@ -102,16 +102,17 @@ def test_a_driver_that_never_comes_back_is_lost_and_left_to_the_system(monkeypat
 
 
 def test_what_the_driver_raises_comes_through_and_a_camera_that_never_waits_is_called_at_once() -> None:
-    rig, camera = hanging_rig(0)
     threads: list[threading.Thread] = []
 
     def failing(timeout_s: float) -> Frame:
         threads.append(threading.current_thread())
         raise FrameTimeout(f"no frame in {timeout_s:g} s")
 
-    camera.grab = failing  # type: ignore[method-assign]
     for waits in (True, False):
-        camera.waits = waits
+        sim = rig_for(PLAN)
+        camera = Hanging(sim.camera.device, 0)  # type: ignore[attr-defined]
+        camera.grab, camera.waits = failing, waits  # type: ignore[method-assign]
+        rig = Rig(camera, sim.stage)
         with pytest.raises(FrameTimeout, match="in 2 s"):
             rig.camera.grab(2.0)
     assert threads[0] is not threading.current_thread()
