@@ -52,14 +52,14 @@ def tell_session(folder: Path, *, json: bool) -> None:
 
 
 def _facts(folder: Path, session: SessionFile) -> dict[str, Any]:
-    from lfcal.acquire.recording.durable import recorder_of
+    from lfcal.acquire.recording.durable import holder_of
 
     done = _recorded(folder, session)
     target = session.target
     total = session.positions
     if target is None and session.redo[0]:
         total = len({tuple(at) for part in session.redo for at in part})
-    at_work = recorder_of(folder)
+    at_work = holder_of(folder)
     facts = {
         "path": folder,
         "session": "scan" if target is None else "target",

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from functools import cached_property
 from numbers import Integral, Real
-from typing import Any
+from typing import Any, ClassVar, Generic, Self, TypeVar
 
 import numpy as np
 
@@ -18,6 +18,8 @@ __all__ = ["CheckedCamera", "CheckedLight", "CheckedStage"]
 
 SETTING_S, LIGHT_S, MOVE_S = 10.0, 30.0, 60.0
 """How long a setting of the camera, a switch of the light and a move may take (s)."""
+
+D = TypeVar("D")
 
 REMEDY = "the driver is wrong: correct or update it"
 
@@ -41,7 +43,40 @@ def _number(value: object) -> bool:
     return type(value) is float or (isinstance(value, Real) and not isinstance(value, bool))
 
 
-class CheckedCamera:
+class _Checked(Generic[D]):
+    """A device behind the checks; what it has beyond the protocol is reached through this object."""
+
+    usual: ClassVar[str]
+
+    def __init__(self, device: D) -> None:
+        self.device = device
+        # a light has no name
+        self.name = self.usual if self.usual == "light" else _name(device, self.usual)
+        self._caller = Caller(device, self.name)
+
+    def __getattr__(self, name: str) -> Any:
+        """Return what the device has beyond the protocol."""
+        if name == "device":  # while this object is copied it has none yet
+            raise AttributeError(name)
+        return getattr(self.device, name)
+
+    @classmethod
+    def of(cls, device: D) -> Self:
+        """Return the device behind its checks, which are put there once however often this is asked."""
+        return device if isinstance(device, cls) else cls(device)
+
+    @property
+    def hangs(self) -> bool:
+        """Whether the driver still is in a call that was abandoned."""
+        return self._caller.hangs
+
+    def close(self) -> None:
+        """Release the device; one whose driver hangs is left to the system, for closing would hang, too."""
+        if not self.hangs:
+            self._caller.call("close", self.device.close)  # type: ignore[attr-defined]  # a light is not closed
+
+
+class CheckedCamera(_Checked[CameraDevice]):
     """A camera whose calls have a time limit and whose answers are checked.
 
     Parameters
@@ -57,26 +92,7 @@ class CheckedCamera:
         From every call, where the driver does not return.
     """
 
-    def __init__(self, device: CameraDevice) -> None:
-        self.device = device
-        self.name = _name(device, "camera")
-        self._caller = Caller(device, self.name)
-
-    def __getattr__(self, name: str) -> Any:
-        """Return what the device has beyond the protocol."""
-        if name == "device":  # while this object is copied it has none yet
-            raise AttributeError(name)
-        return getattr(self.device, name)
-
-    @classmethod
-    def of(cls, device: CameraDevice) -> CheckedCamera:
-        """Return the camera, checked once however often this is asked."""
-        return device if isinstance(device, cls) else cls(device)
-
-    @property
-    def hangs(self) -> bool:
-        """Whether the driver still is in a call that was abandoned."""
-        return self._caller.hangs
+    usual = "camera"
 
     @cached_property
     def sensor_shape(self) -> tuple[int, int]:
@@ -126,11 +142,6 @@ class CheckedCamera:
             raise self._wrong("grab", *wrong)
         return frame  # type: ignore[no-any-return]
 
-    def close(self) -> None:
-        """Release the camera; one whose driver hangs is left to the system, for closing would hang, too."""
-        if not self.hangs:
-            self._caller.call("close", self.device.close)
-
     def _ask(self, name: str) -> Any:
         return self._caller.call(name, getattr, self.device, name)
 
@@ -167,7 +178,7 @@ def _wrong_frame(frame: object) -> tuple[str, object] | None:
     return None if isinstance(frame.status, str) else ("status: a text", frame.status)
 
 
-class CheckedStage:
+class CheckedStage(_Checked[StageDevice]):
     """A stage whose calls have a time limit and whose answers are checked.
 
     Parameters
@@ -183,26 +194,7 @@ class CheckedStage:
         From every call, where the driver does not return.
     """
 
-    def __init__(self, device: StageDevice) -> None:
-        self.device = device
-        self.name = _name(device, "stage")
-        self._caller = Caller(device, self.name)
-
-    def __getattr__(self, name: str) -> Any:
-        """Return what the device has beyond the protocol."""
-        if name == "device":
-            raise AttributeError(name)
-        return getattr(self.device, name)
-
-    @classmethod
-    def of(cls, device: StageDevice) -> CheckedStage:
-        """Return the stage, checked once however often this is asked."""
-        return device if isinstance(device, cls) else cls(device)
-
-    @property
-    def hangs(self) -> bool:
-        """Whether the driver still is in a call that was abandoned."""
-        return self._caller.hangs
+    usual = "stage"
 
     @property
     def limits(self) -> Limits:
@@ -248,37 +240,14 @@ class CheckedStage:
         """Begin to move to the reference switches and return."""
         self._caller.call("home", self.device.home)
 
-    def close(self) -> None:
-        """Release the stage; one whose driver hangs is left to the system."""
-        if not self.hangs:
-            self._caller.call("close", self.device.close)
-
     def _wrong(self, what: str, wanted: str, got: object) -> StageError:
         return StageError.expected(f"{self.name}: {what}", wanted, _words(got), REMEDY)
 
 
-class CheckedLight:
+class CheckedLight(_Checked[Light]):
     """A light whose calls have a time limit."""
 
-    def __init__(self, device: Light) -> None:
-        self.device = device
-        self._caller = Caller(device, "light")
-
-    def __getattr__(self, name: str) -> Any:
-        """Return what the device has beyond the protocol."""
-        if name == "device":
-            raise AttributeError(name)
-        return getattr(self.device, name)
-
-    @classmethod
-    def of(cls, device: Light) -> CheckedLight:
-        """Return the light, checked once however often this is asked."""
-        return device if isinstance(device, cls) else cls(device)
-
-    @property
-    def hangs(self) -> bool:
-        """Whether the driver still is in a call that was abandoned."""
-        return self._caller.hangs
+    usual = "light"
 
     def switch(self, on: bool) -> None:
         """Switch the light on or off and return when it is."""

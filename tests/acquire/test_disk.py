@@ -13,7 +13,7 @@ import pytest
 
 from lfcal.acquire.forecast import forecast
 from lfcal.acquire.options import LEAST_RESERVE, Options
-from lfcal.acquire.recording.durable import DiskGuard, FolderLock, recorder_of
+from lfcal.acquire.recording.durable import DiskGuard, FolderLock, holder_of
 from lfcal.acquire.session import record
 from lfcal.errors import StorageError
 from tests.acquire.rigs import frames_of, rig_for, small_plan
@@ -83,7 +83,7 @@ def holding(monkeypatch: pytest.MonkeyPatch, seen: list[Any], folder: Path) -> N
         nonlocal looks
         looks += 1
         if looks > 6:
-            seen.append(recorder_of(folder))
+            seen.append(holder_of(folder))
         return "disk low: 1 MB free, 2 MB wanted; free some space" if 4 < looks <= 7 else ""
 
     monkeypatch.setattr(DiskGuard, "__call__", short)
@@ -103,7 +103,7 @@ def test_holds_are_lines_on_stderr_and_in_the_status(
     assert any("recording again" in line for line in lines[start:]), done.err
     held = [one for one in seen if one is not None and one.held]
     assert held and held[0].held.startswith("disk low") and held[0].process > 0
-    assert recorder_of(folder) is None and "complete" in lfcal("status", folder).out
+    assert holder_of(folder) is None and "complete" in lfcal("status", folder).out
 
 
 def test_the_status_names_who_records_and_why_it_holds(tmp_path: Path, lfcal: Lfcal) -> None:

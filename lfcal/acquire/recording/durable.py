@@ -15,7 +15,7 @@ from lfcal.plain import parse_json
 from lfcal.system import OPEN_FLAGS, lock, write_at
 from lfcal.units import format_bytes
 
-__all__ = ["DiskGuard", "FolderLock", "Recorder", "recorder_of"]
+__all__ = ["DiskGuard", "FolderLock", "Holder", "holder_of"]
 
 LOCK = "session.lock"
 
@@ -58,14 +58,14 @@ class FolderLock:
             self._descriptor = None
 
 
-class Recorder(NamedTuple):
+class Holder(NamedTuple):
     """The program that records into a session folder: its process (0: unknown), and why it holds."""
 
     process: int
     held: str
 
 
-def recorder_of(folder: Path) -> Recorder | None:
+def holder_of(folder: Path) -> Holder | None:
     """Return who records into ``folder`` now; None where no program does."""
     path = folder / LOCK
     try:
@@ -81,12 +81,12 @@ def recorder_of(folder: Path) -> Recorder | None:
     return None
 
 
-def _read_lock(path: Path) -> Recorder:
+def _read_lock(path: Path) -> Holder:
     try:
         note: Any = parse_json(read_text(path, limit=4000) or "{}", str(path))
-        return Recorder(int(note["pid"]), str(note.get("held", "")))
+        return Holder(int(note["pid"]), str(note.get("held", "")))
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        return Recorder(0, "")
+        return Holder(0, "")
 
 
 class DiskGuard:
