@@ -15,7 +15,7 @@ import typer
 
 from lfcal.cli.acquire_outcome import list_suspects, show_outcome, simulated_optics, simulated_words
 from lfcal.cli.acquire_until import adapted_facts, parse_goal, show_adapted, tell_step
-from lfcal.cli.acquire_words import numbers, options_of, pairs, read_plan
+from lfcal.cli.acquire_words import numbers, options_of, pairs, read_plan, reported_holds
 from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
 from lfcal.cli.plan_pace import WITHOUT_READOUT, FrameRateOption
 
@@ -281,7 +281,7 @@ def _record(task: _Task, rig: Rig, control: Control) -> tuple[Outcome | Adapted,
         control=control,
         observers=(quality,),
     )
-    outcome = run_work(_watched(work, quality), quiet=task.quiet)
+    outcome = run_work(_watched(reported_holds(work, control), quality), quiet=task.quiet)
     state = quality.state()
     more = {} if isinstance(state, QualityState) else {"shown": coverage_facts(state)}
     return outcome, {"alarms": state.alarms, **more}
@@ -304,15 +304,14 @@ def _adapted(task: _Task, rig: Rig, control: Control, quality: LiveQuality | Liv
         observers=(quality,),
         seen=(lambda _: None) if task.quiet else tell_step,
     )
-    return run_work(_watched(work, quality), quiet=task.quiet)
+    return run_work(_watched(reported_holds(work, control), quality), quiet=task.quiet)
 
 
 def _watched(work: Work[R], quality: LiveQuality | LiveCoverage) -> Work[R]:
-    """Yield the progress of ``work``; report every hold and its end, and every alarm once, to act on them in time."""
+    """Yield the progress of ``work``, and report every alarm once while there is time to act on it."""
     from lfcal.cli.console import report
 
     reported: set[str] = set()
-    held = ""
     look = time.monotonic() + ALARM_EVERY_S
     while True:
         try:
@@ -326,9 +325,6 @@ def _watched(work: Work[R], quality: LiveQuality | LiveCoverage) -> Work[R]:
                 if alarm.what not in reported:
                     reported.add(alarm.what)
                     report(f"{alarm.what}: {alarm.value:.3g} (limit {alarm.limit:g}): {alarm.advice}")
-        if record.note.partition(":")[0] != held.partition(":")[0]:
-            report(f"on hold: {record.note}" if record.note else "recording again")
-            held = record.note
         yield record
 
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from lfcal.cli.acquire_words import reported_holds
 from lfcal.cli.console import run_work
 from lfcal.errors import InputError
 
@@ -43,7 +44,7 @@ def record_regions(
         return (seen[k],)
 
     work = iter_record_regions(out, plan, rig, options, resume=resume, control=control, observers=watching)
-    outcome = run_work(work, quiet=quiet)
+    outcome = run_work(reported_holds(work, control), quiet=quiet)
     alarms = [
         replace(alarm, advice=f"{alarm.advice} (region {plan.names[k]})")
         for k, quality in seen.items()

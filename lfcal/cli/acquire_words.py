@@ -1,17 +1,21 @@
-"""What the options of ``lfcal acquire`` say: plan, numbers, NAME=VALUE, and the options of a session."""
+"""What the options of ``lfcal acquire`` say: plan, numbers, NAME=VALUE, options of a session; and holds in words."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
+    from lfcal.acquire.control import Control
     from lfcal.acquire.options import Options
     from lfcal.camera import RegionPlan, ScanPlan
+    from lfcal.progress import Work
     from lfcal.targets import TargetPlan
 
-__all__ = ["numbers", "options_of", "pairs", "read_plan"]
+__all__ = ["numbers", "options_of", "pairs", "read_plan", "reported_holds"]
+
+R = TypeVar("R")
 
 
 def read_plan(path: Path, origin: str) -> ScanPlan | TargetPlan | RegionPlan:
@@ -49,6 +53,26 @@ def options_of(session: Path | None, given: dict[str, Any], check_origin: bool) 
     base = SessionFile.read(session).options if session is not None else Options()
     options = replace(base, **{k: v for k, v in given.items() if v is not None})
     return options if check_origin else replace(options, origin_tolerance_px=None)
+
+
+def reported_holds(work: Work[R], control: Control) -> Work[R]:
+    """Pass on a recording; each hold of it and its end is a line on standard error."""
+    from lfcal.cli.console import report
+
+    held = ""
+    try:
+        while True:
+            record = next(work)
+            # of a wait that counts down the words before the figures stay
+            if control.held.partition(":")[0] != held.partition(":")[0]:
+                report(f"on hold: {control.held}" if control.held else "recording again")
+                held = control.held
+            yield record
+    except StopIteration as stop:
+        found: R = stop.value
+        return found
+    finally:
+        work.close()
 
 
 def numbers(text: str | None, what: str) -> tuple[float, ...] | None:

@@ -15,6 +15,7 @@ from lfcal.acquire.forecast import forecast
 from lfcal.acquire.options import LEAST_RESERVE, Options
 from lfcal.acquire.recording.durable import DiskGuard, FolderLock, holder_of
 from lfcal.acquire.session import record
+from lfcal.camera import RegionPlan
 from lfcal.errors import StorageError
 from tests.acquire.rigs import frames_of, rig_for, small_plan
 from tests.cli.conftest import Run, lfcal
@@ -89,12 +90,15 @@ def holding(monkeypatch: pytest.MonkeyPatch, seen: list[Any], folder: Path) -> N
     monkeypatch.setattr(DiskGuard, "__call__", short)
 
 
+@pytest.mark.parametrize("regions", [False, True])
 def test_holds_are_lines_on_stderr_and_in_the_status(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lfcal: Lfcal
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lfcal: Lfcal, regions: bool
 ) -> None:
-    (tmp_path / "plan.json").write_text(PLAN.to_json())
+    plan = RegionPlan.spread(PLAN, (1, 2)) if regions else PLAN
+    (tmp_path / "plan.json").write_text(plan.to_json())
     folder, seen = tmp_path / "s", list[Any]()
-    holding(monkeypatch, seen, folder)
+    own = folder / plan.names[0] if isinstance(plan, RegionPlan) else folder
+    holding(monkeypatch, seen, own)
     words = ("--darks", 0, "--reference-every", 0, "--no-check-stage", "--option", "optics=pattern")
     done = lfcal("acquire", tmp_path / "plan.json", "--out", folder, *words)
     assert done.code == 0, done.err
@@ -103,7 +107,7 @@ def test_holds_are_lines_on_stderr_and_in_the_status(
     assert any("recording again" in line for line in lines[start:]), done.err
     held = [one for one in seen if one is not None and one.held]
     assert held and held[0].held.startswith("disk low") and held[0].process > 0
-    assert holder_of(folder) is None and "complete" in lfcal("status", folder).out
+    assert holder_of(own) is None and "complete" in lfcal("status", own).out
 
 
 def test_the_status_names_who_records_and_why_it_holds(tmp_path: Path, lfcal: Lfcal) -> None:
