@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -10,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.errors import InputError
-from lfcal.fit.judge import covariance, eliminated
+from lfcal.fit.judge import eliminated
 from lfcal.fit.normal import Columns
 from lfcal.fit.parameters import GROUPS, Unknown, Vector
 from lfcal.fit.problem import Point, Problem
@@ -29,9 +28,6 @@ of what was not asked for."""
 
 COUNTED = 1.2
 """How many times larger it would be, for what is held to count in it."""
-
-CLEAR = 2.0
-"""Standard deviations by which what few patterns say of what is held must differ from it, to count as an error."""
 
 NAMED = 3
 """Parameters that are named of what one unknown would change."""
@@ -55,11 +51,14 @@ class StandIns:
         Covariance ``(k, k)`` that the errors of what is held add.
     shift
         By how much ``(k,)`` the unknowns would move, were it found too: what they may be off by already.
+    counted
+        Numbers of those held that are in both.
     """
 
     words: tuple[str, ...]
     spread: F8
     shift: F8
+    counted: tuple[int, ...] = ()
 
     def with_others(self, others: StandIns) -> StandIns:
         """Return both as one."""
@@ -102,36 +101,37 @@ def standing_in(
 def iter_held_beside(problem: Problem, point: Point, columns: Columns, groups: Sequence[str]) -> Work[StandIns]:
     """Return what of the camera's other unknowns those of ``groups``, that were asked for by name, stand in for.
 
-    By a few patterns, each of which stands for several: enough for the spread, but what they say of the others' values
-    is less than all patterns do, so that of the shift only what is clear of their noise counts. Groups of which each
-    pattern takes many runs are not looked at. Yields progress in derivatives.
+    A few patterns show which of them matter, and all patterns what these would be. Groups of which each pattern takes
+    many runs are not looked at. Yields progress in derivatives.
     """
-    measured, keep = problem.measured, _some(problem)
     others = [group.name for group in GROUPS if not group.late and group.name not in groups]
-    old = problem.vector
+    old, few = problem.vector, _some(problem)
     vector = Vector(old.setup, old.frame, [*(group.name for group in old.groups), *others])
-    part = Problem(measured.of(keep), vector, problem.workers)
-    own = np.arange(len(old))
-    levels = replace(point.levels, lamps=point.levels.lamps[keep])
-    local = replace(point.local, offsets_px=point.local.offsets_px[keep])
-    u, which = np.concatenate([point.u, np.zeros(len(vector) - len(old))]), old.of_groups(groups)
-    at = Point(u, local, point.model[keep], levels, point.seen.of(keep), point.sampling, point.doubtful)
-    held = range(len(old), len(vector))
+    which, held = old.of_groups(groups), range(len(old), len(vector))
     try:
-        found = yield from part.columns(at, held, "what else may have changed", own=False)
+        some = yield from _iter_with(problem, point, columns, vector, few, held)
+        first = standing_in(*some, which, float(problem.fitted.sum() / few.sum()), BESIDE)
+        if not first.counted:
+            return first
+        every = yield from _iter_with(problem, point, columns, vector, problem.fitted, first.counted)
     except (InputError, EnergyError):
         # a camera that cannot have them all at once has been found all the same
         return StandIns((), np.zeros((len(which), len(which))), np.zeros(len(which)))
-    shared = found.shared
-    shared[own] = columns.shared[own][:, keep]
-    some = Columns(shared, None if columns.own is None else columns.own[:, keep])
-    times = float(problem.fitted.sum() / keep.sum())
-    told = standing_in(part, at, some, which, times, BESIDE)
-    # few patterns may tell what was found less well than all do: what is known is how much wider it is
-    sure, sigmas = (_sigmas(one, here, its, which) for one, here, its in ((problem, point, columns), (part, at, some)))
-    size = np.minimum(1.0, sure / (sigmas * math.sqrt(keep.sum() / problem.fitted.sum())))
-    clear = np.maximum(np.square(told.shift) - CLEAR**2 * times * np.diag(told.spread), 0.0)
-    return StandIns(told.words, told.spread * np.outer(size, size), np.copysign(np.sqrt(clear), told.shift))
+    return replace(standing_in(*every, which), words=first.words)
+
+
+def _iter_with(
+    problem: Problem, point: Point, columns: Columns, vector: Vector, keep: NDArray[np.bool_], held: Sequence[int]
+) -> Work[tuple[Problem, Point, Columns]]:
+    """Return the patterns ``keep`` with the further unknowns ``held`` of ``vector``, which are where they were held."""
+    part = Problem(problem.measured.of(keep), vector, problem.workers)
+    levels = replace(point.levels, lamps=point.levels.lamps[keep])
+    local = replace(point.local, offsets_px=point.local.offsets_px[keep])
+    u = np.concatenate([point.u, np.zeros(len(vector) - len(point.u))])
+    at = Point(u, local, point.model[keep], levels, point.seen.of(keep), point.sampling, point.doubtful)
+    shared = (yield from part.columns(at, held, "what else may have changed", own=False)).shared
+    shared[: len(point.u)] = columns.shared[:, keep]
+    return part, at, Columns(shared, None if columns.own is None else columns.own[:, keep])
 
 
 def _some(problem: Problem) -> NDArray[np.bool_]:
@@ -142,13 +142,6 @@ def _some(problem: Problem) -> NDArray[np.bool_]:
         few = min(len(own), max(LEAST, min(FEW // len(parts), len(own) // 4)))
         keep[own[spread_out(measured.index[own], few, plan.period)]] = True
     return keep
-
-
-def _sigmas(problem: Problem, point: Point, columns: Columns, which: NDArray[np.intp]) -> F8:
-    """Return the standard deviations, in scales, of the unknowns found at ``which`` with all else held."""
-    spread, _ = covariance(problem, point, columns, which)
-    found: F8 = np.sqrt(np.maximum(np.diag(spread)[: len(which)], 1e-300))
-    return found
 
 
 def stand_ins(
@@ -195,7 +188,7 @@ def stand_ins(
         value = f"{own.value(float(u[k])):.6g} {own.unit}".rstrip()
         found.append((float(wider[order[0]]), f"{own.name}, held at {value}, with {', '.join(parts)}"))
     words = tuple(words for _, words in sorted(found, reverse=True))
-    return StandIns(words, *_allowed(which, np.array(told, np.intp), data, slope, spread))
+    return StandIns(words, *_allowed(which, np.array(told, np.intp), data, slope, spread), tuple(told))
 
 
 def _allowed(which: NDArray[np.intp], held: NDArray[np.intp], data: F8, slope: F8, spread: F8) -> tuple[F8, F8]:

@@ -53,8 +53,7 @@ def test_a_source_that_is_elsewhere_is_in_the_errors_of_what_it_looks_like() -> 
     pulls = {name: (one.value - truth.values[name]) / one.sigma for name, one in fit.parameters.items()}
     held = {name: (one.value - truth.values[name]) / one.sigma_held for name, one in fit.parameters.items()}
     assert abs(held["gap_um"]) > 20, "by noise alone it would be certain"
-    assert max(abs(pulls[name]) for name in ("gap_um", "f_number", "focal_0_um", "focal_1_um")) < 3
-    assert max(map(abs, pulls.values())) < 10
+    assert max(map(abs, pulls.values())) < 3
     assert any(one.startswith("distance_um, held at 0 µm, with gap_um") for one in fit.unidentified)
 
 
