@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from lfcal.errors import InputError
+from lfcal.psf import Facts, PSFMatrix
 from lfcal.reconstruct import Projector
 from lfcal.reconstruct.memory import room_for_projections, run_memory
 from lfcal.reconstruct.solvers import penalty
@@ -61,6 +62,16 @@ def test_planes_that_are_not_kept_count_as_they_are_used():
     assert whole.matrix == H.values.nbytes
     assert run_memory(tight, SolverChoice()).matrix == 0
     assert foretold_over_taken(tight, SolverChoice(iterations=2)) == pytest.approx(1, abs=0.2)
+
+
+def test_a_plane_whose_noise_is_reduced_counts_twice_while_it_is_read():
+    noise = np.tile([1.0, 1.0], (*H.shape[:3], 1))
+    costs = [
+        Projector(PSFMatrix(H.values, facts=facts), SHAPE, workers=1).forecast().options
+        for facts in (None, Facts.of(H.shape[:3], H.shape[3:], noise=noise))
+    ]
+    more = [noisy.prepare_bytes - exact.prepare_bytes for exact, noisy in zip(*costs, strict=True)]
+    assert len(more) > 1 and set(more) == {H.values[0].nbytes}
 
 
 def test_what_is_left_for_projections():

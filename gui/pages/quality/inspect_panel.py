@@ -78,11 +78,12 @@ class InspectPanel(QWidget):
         self.folder_button.setToolTip("Compare with the camera of a fit that was saved")
         self.folder_button.clicked.connect(lambda: self.folder_asked.emit())
         self._form_at.addWidget(self.form)
+        self._form_at.addStretch()
         row = QHBoxLayout()
         row.setSpacing(12)
         row.addLayout(words, 1)
         row.addLayout(self._form_at)
-        row.addWidget(self.folder_button, 0, Qt.AlignmentFlag.AlignBottom)
+        row.addWidget(self.folder_button, 0, Qt.AlignmentFlag.AlignTop)
         return row
 
     def _make_form(self, settings: QualitySettings) -> Form:

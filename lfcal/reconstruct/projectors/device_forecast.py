@@ -159,7 +159,7 @@ def _placed(
     kept = option.operand_bytes + option.least_bytes <= free
     there = option.operand_bytes if kept else 2 * once
     room = max(option.least_bytes, min(MOST_ROOM, (free - there) // 2))
-    scratch, prepare = 3 * problem.image_bytes, problem.plane_bytes + once
+    scratch, prepare = 3 * problem.image_bytes, problem.read_bytes + once
     images = 2 * problem.planes * problem.image_bytes / rates.moved
     moving = 0.0 if kept else option.operand_bytes / rates.moved
     here = 0 if kept else option.operand_bytes

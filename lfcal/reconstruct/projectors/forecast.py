@@ -75,6 +75,8 @@ class Problem:
         Spacing of nodes to the share of entries that H reduced to them keeps; empty where no tolerance is given.
     tiles
         Where they are given.
+    noisy
+        Whether H states its noise, which a reconstruction reduces as it reads a plane.
     """
 
     grid: Grid
@@ -86,6 +88,7 @@ class Problem:
     read_s: float = 0.0
     kept: Mapping[float, float] = field(default_factory=dict)
     tiles: Tiles | None = None
+    noisy: bool = False
 
     def tile_plans(self) -> list[TilePlan]:
         """Return those worth trying, or the one that is given."""
@@ -97,6 +100,11 @@ class Problem:
     def plane_bytes(self) -> int:
         """Bytes of one plane of H as it is used."""
         return self.grid.phases * self.grid.cutout[0] * self.grid.cutout[1] * self.dtype.itemsize
+
+    @property
+    def read_bytes(self) -> int:
+        """Most bytes held while a plane is read: the plane, and what it is without noise."""
+        return (1 + self.noisy) * self.plane_bytes
 
     @property
     def image_bytes(self) -> int:
@@ -234,15 +242,15 @@ def _fft(problem: Problem) -> Cost:
     copies = 2 * rows * columns / rates.copy_rate(problem.dtype.str, 1)
     pair = problem.planes * grid.phases * (2 * one + copies)
     scratch = 8 * rows * columns * problem.dtype.itemsize
-    operand, once = problem.planes * problem.plane_bytes, problem.plane_bytes
-    return Cost("fft", problem.planes * problem.read_s, pair, pair, operand, scratch, once)
+    operand = problem.planes * problem.plane_bytes
+    return Cost("fft", problem.planes * problem.read_s, pair, pair, operand, scratch, problem.read_bytes)
 
 
 def _direct(problem: Problem) -> Cost:
     forward, adjoint = _direct_seconds(problem, problem.grid.period)
     each, planes, once = problem.planes * problem.read_s, problem.planes, problem.plane_bytes
     scratch = _direct_scratch(problem, problem.grid, problem.grid.period)
-    return Cost("direct", each, planes * forward, planes * adjoint, planes * once, scratch, once)
+    return Cost("direct", each, planes * forward, planes * adjoint, planes * once, scratch, problem.read_bytes)
 
 
 def _direct_scratch(problem: Problem, grid: Grid, sources: tuple[int, int]) -> int:
@@ -301,7 +309,7 @@ def _reduced(problem: Problem) -> Cost:
     scratch = max(_direct_scratch(problem, wide, nodes) + problem.image_bytes, _sparse_scratch(problem))
     back, forward = planes * (back + beside), planes * (forward + beside)
     # beside the plane what it leaves over
-    return Cost(REDUCED, planes * prepare, forward, back, operand, scratch, 2 * once)
+    return Cost(REDUCED, planes * prepare, forward, back, operand, scratch, once + problem.read_bytes)
 
 
 def _sparse(problem: Problem) -> Cost:
@@ -311,7 +319,7 @@ def _sparse(problem: Problem) -> Cost:
     sorting = grid.phases * grid.cutout[0] * grid.cutout[1] * (3e-9 + problem.density * 35e-9)
     operand = int(problem.planes * entries * 2 * (4 + problem.dtype.itemsize))
     prepare = problem.planes * (problem.read_s + sorting)
-    return Cost("sparse", prepare, once, once, operand, _sparse_scratch(problem), problem.plane_bytes)
+    return Cost("sparse", prepare, once, once, operand, _sparse_scratch(problem), problem.read_bytes)
 
 
 def _sparse_scratch(problem: Problem) -> int:
@@ -365,7 +373,7 @@ def _polyphase(problem: Problem, limit: int) -> list[Option]:
         operand = problem.planes * plan.spectrum_bytes(complex_type.itemsize, problem.pixels)
         taps_bytes = taps * grid.phases * problem.pixels // max(1, grid.phases // 64) * complex_type.itemsize
         cost = Cost(
-            "polyphase", problem.planes * prepare, forward, adjoint, operand, scratch, problem.plane_bytes + taps_bytes
+            "polyphase", problem.planes * prepare, forward, adjoint, operand, scratch, problem.read_bytes + taps_bytes
         )
         options.append((_resident(cost, problem, limit), plan, band))
     return options

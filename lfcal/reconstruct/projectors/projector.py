@@ -315,7 +315,8 @@ class Projector:
         nz = self._reader.shape[0]
         kept = self._reader.reduced(self._tolerance, SPACINGS) if self._tolerance > 0 else {}
         read_s = reading_seconds(self._reader)
-        return Problem(self._grid, nz, pixels, self.dtype, self._workers, density, read_s, kept, tiles)
+        noisy = self.noise is not None
+        return Problem(self._grid, nz, pixels, self.dtype, self._workers, density, read_s, kept, tiles, noisy)
 
     def _build(self) -> Engine:
         chosen = self._forecast
