@@ -16,7 +16,7 @@ from lfcal.acquire.options import Options
 from lfcal.acquire.recording.records import Kind
 from lfcal.acquire.recording.store import recording_bytes
 from lfcal.acquire.schedule import Schedule
-from lfcal.acquire.session import check_devices
+from lfcal.acquire.session import check_devices, check_fixed
 from lfcal.acquire.session_file import frame_dtype
 from lfcal.camera import Forecast, ScanPlan
 from lfcal.camera.forecast import readout_hours
@@ -92,6 +92,7 @@ def forecast(
     """
     scan = scan_of(plan)
     devices = check_devices(scan, rig)
+    check_fixed(devices, options)
     if isinstance(plan, ScanPlan):
         schedule = Schedule.of(plan, options, only=only)
     else:

@@ -60,6 +60,8 @@ class Options:
     on_suspect
         What becomes of a frame whose content stays suspicious after it was taken again: ``"stop"`` the session, or
         ``"flag"`` the position, to be recorded again later.
+    allow_automatic
+        Record although the camera changes samples automatically: automatic exposure, gain or black level, or a gamma.
     suspend, steady_s
         Bounds of gauges as `Bound.parse` reads them, such as ``"temperature=20:22"``: the session holds while one is
         outside, and goes on when all have been within for so long (s).
@@ -90,6 +92,7 @@ class Options:
     on_suspect: str = "stop"
     suspend: tuple[str, ...] = ()
     steady_s: float = 30.0
+    allow_automatic: bool = False
 
     def __post_init__(self) -> None:
         """Check every value."""

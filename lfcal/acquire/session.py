@@ -37,7 +37,7 @@ from lfcal.files import storage_errors
 from lfcal.frames.source import Position
 from lfcal.progress import Work, drain
 
-__all__ = ["check_devices", "check_new", "iter_record", "record"]
+__all__ = ["check_devices", "check_fixed", "check_new", "iter_record", "record"]
 
 R = TypeVar("R")
 
@@ -114,6 +114,7 @@ def iter_record(
     options = options or (earlier.options if earlier else Options())
     if earlier:
         earlier.check_same(plan, options, devices)  # before the lock, for the clearer message
+    check_fixed(devices, options)
     gauges = Suspender(rig, options.bounds, options.steady_s)  # a missing one is reported before anything is made
     with _locked(folder) as lock:
         target = None if isinstance(plan, ScanPlan) else plan
@@ -199,6 +200,17 @@ def check_devices(plan: ScanPlan, rig: Rig) -> Devices:
             "correct the plan's camera, or choose the right one",
         )
     return devices
+
+
+def check_fixed(devices: Devices, options: Options) -> None:
+    """Raise `InputError` if the camera changes samples automatically, unless the options allow it."""
+    if devices.automatic and not options.allow_automatic:
+        raise InputError.expected(
+            f"settings of {devices.camera}",
+            "frames proportional to light",
+            devices.automatic_words,
+            "switch this off with the program of the camera's maker; --allow-automatic records all the same",
+        )
 
 
 def check_new(folder: Path) -> None:

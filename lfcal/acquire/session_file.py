@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +16,14 @@ from lfcal.acquire.recording.records import Kind, file_name
 from lfcal.acquire.schedule import Schedule
 from lfcal.camera import ScanPlan
 from lfcal.camera.description import build
+from lfcal.devices.checked import CheckedCamera
 from lfcal.devices.rig import Rig
 from lfcal.errors import FileFormatError, InputError, StorageError
 from lfcal.files import read_text, replace_whole
 from lfcal.frames.source import Position
 from lfcal.plain import parse_json
 
-__all__ = ["Devices", "Run", "SessionFile", "frame_dtype"]
+__all__ = ["Devices", "Run", "SessionFile", "frame_dtype", "optics_of"]
 
 FORMAT = "lfcal-session"
 VERSION = 1
@@ -31,12 +32,20 @@ TARGET_VERSION = 2
 NAME = "session.json"
 
 
+def optics_of(rig: Rig) -> str:
+    """Return how frames of the simulator are computed; empty for real ones."""
+    return str(getattr(rig.camera, "optics", ""))
+
+
 @dataclass(frozen=True, slots=True)
 class Devices:
     """The devices of a session, as they name themselves, and what the camera reads.
 
     ``optics`` says how frames of the simulator were computed: ``"pattern"``, or a level of `lfcal.simulate`. It is
     empty for real frames, and for sessions of older versions.
+
+    ``settings`` are those by which the camera may change samples, as it gave them at the start: name and value.
+    ``automatic`` names those that did not have the value that leaves samples proportional to light.
     """
 
     camera: str
@@ -45,13 +54,36 @@ class Devices:
     bit_depth: int
     max_value: int
     optics: str = ""
+    settings: Mapping[str, str] = field(default_factory=dict)
+    automatic: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check the settings, which may come from a file."""
+        texts = isinstance(self.settings, Mapping) and all(isinstance(value, str) for value in self.settings.values())
+        if not texts or not set(self.automatic) <= set(self.settings):
+            remedy = "restore the file"
+            raise FileFormatError.expected("devices.settings", "names, each with a text", self.settings, remedy)
+
+    @property
+    def automatic_words(self) -> str:
+        """Name and value of each setting by which the camera changes samples; empty: of none."""
+        return ", ".join(f"{name} = {self.settings[name]}" for name in self.automatic)
 
     @classmethod
     def of(cls, rig: Rig) -> Devices:
         """Return what the devices of ``rig`` say."""
-        camera = rig.camera
-        optics = str(getattr(camera, "optics", ""))
-        return cls(camera.name, rig.stage.name, camera.sensor_shape, camera.bit_depth, camera.max_value, optics)
+        camera = CheckedCamera.of(rig.camera)
+        found = camera.fixed_settings()
+        return cls(
+            camera.name,
+            rig.stage.name,
+            camera.sensor_shape,
+            camera.bit_depth,
+            camera.max_value,
+            optics_of(rig),
+            {name: str(setting.actual) for name, setting in found.items()},
+            tuple(name for name, setting in found.items() if setting.requested not in (None, setting.actual)),
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,7 +224,7 @@ class SessionFile:
             body["plan"] = ScanPlan.from_dict(body["plan"])
             body["options"] = Options.from_dict(body["options"])
             if isinstance(body["devices"], Mapping):
-                body["devices"] = {"optics": "", **body["devices"]}
+                body["devices"] = {"optics": "", "settings": {}, "automatic": [], **body["devices"]}
             if body["target"] is not None:
                 body["target"] = read_frame_plan(body["target"])
                 if body["target"].scan != body["plan"]:
@@ -212,6 +244,17 @@ class SessionFile:
             kept_aside=tuple(tuple(int(v) for v in p) for p in session.kept_aside),
         )
 
+    def _comparable(self, devices: Devices) -> Devices:
+        """Return ``devices`` of now, without what the session's did not note, or what they change automatically."""
+        noted = self.devices
+        if not noted.optics:  # an older version did not note them
+            devices = replace(devices, optics="")
+        if not noted.settings:
+            return replace(devices, settings={}, automatic=())
+        if noted.automatic and noted.automatic == devices.automatic:
+            return replace(devices, settings=noted.settings)
+        return devices
+
     def check_same(self, plan: ScanPlan | FramePlan, options: Options, devices: Devices) -> None:
         """Raise `InputError` unless a resumed run records the same thing with the same devices."""
         found = _difference((self.target or self.plan).to_dict(), plan.to_dict(), "plan")
@@ -221,9 +264,7 @@ class SessionFile:
                 name = names[0]
                 found = f"option {name}", getattr(self.options, name), getattr(options, name)
         if found is None:
-            # an older version did not note the optics
-            now = devices if self.devices.optics else replace(devices, optics="")
-            found = _difference(asdict(self.devices), asdict(now), "devices")
+            found = _difference(asdict(self.devices), asdict(self._comparable(devices)), "devices")
         if found is not None:
             what, expected, got = found
             raise InputError.expected(
@@ -235,9 +276,9 @@ class SessionFile:
 
 
 def _noted(devices: Devices) -> dict[str, Any]:
-    """Return what ``session.json`` says of the devices: of real ones what older versions read, too."""
-    noted = asdict(devices)
-    return noted if devices.optics else {key: value for key, value in noted.items() if key != "optics"}
+    """Return what ``session.json`` says of the devices: without what is empty, older versions read it, too."""
+    late = ("optics", "settings", "automatic")
+    return {key: value for key, value in asdict(devices).items() if value or key not in late}
 
 
 def _runs(runs: Any, recordings: Any) -> Any:

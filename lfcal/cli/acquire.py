@@ -77,6 +77,11 @@ def command(
     on_suspect: str | None = typer.Option(
         None, "--on-suspect", help="Frames whose content stays suspicious: stop (default), or flag the position."
     ),
+    allow_automatic: bool = typer.Option(
+        False,
+        "--allow-automatic",
+        help="Record although the camera's exposure, gain or black level stays automatic, or its gamma on.",
+    ),
     suspend: list[str] = typer.Option(
         [],
         "--suspend",
@@ -163,6 +168,7 @@ def command(
         "controls": controls,
         "retries": retries,
         "on_suspect": on_suspect,
+        "allow_automatic": allow_automatic or None,
         "suspend": tuple(suspend) or None,
         "steady_s": steady,
         "tolerance_um": numbers(tolerance, "--tolerance"),
@@ -235,7 +241,9 @@ def _run(task: _Task, rig: Rig, check_stage: bool) -> tuple[Outcome | Adapted, d
     """Check light and stage, then record until the end or a signal; return what came of it and was seen, the signal."""
     from lfcal.acquire.control import Control
     from lfcal.acquire.lighting import check_light
+    from lfcal.cli.acquire_words import tell_automatic
 
+    tell_automatic(task.plan, rig, task.options, goes_on=task.resume)
     # A session that goes on has its darks already, and its positions are compared with the frames themselves.
     if task.options.darks and not task.resume and task.redo is None:
         check_light(rig)

@@ -20,9 +20,9 @@ SHOWN = 10
 
 def simulated_optics(rig: Rig) -> dict[str, str]:
     """Return how frames of the simulator are computed, as the session records it; nothing for real devices."""
-    from lfcal.acquire.session_file import Devices
+    from lfcal.acquire.session_file import optics_of
 
-    optics = Devices.of(rig).optics
+    optics = optics_of(rig)
     return {"optics": optics} if optics else {}
 
 

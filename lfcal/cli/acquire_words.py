@@ -10,10 +10,11 @@ if TYPE_CHECKING:
     from lfcal.acquire.control import Control
     from lfcal.acquire.options import Options
     from lfcal.camera import RegionPlan, ScanPlan
+    from lfcal.devices.rig import Rig
     from lfcal.progress import Work
     from lfcal.targets import TargetPlan
 
-__all__ = ["numbers", "options_of", "pairs", "read_plan", "reported_holds"]
+__all__ = ["numbers", "options_of", "pairs", "read_plan", "reported_holds", "tell_automatic"]
 
 R = TypeVar("R")
 
@@ -53,6 +54,22 @@ def options_of(session: Path | None, given: dict[str, Any], check_origin: bool) 
     base = SessionFile.read(session).options if session is not None else Options()
     options = replace(base, **{k: v for k, v in given.items() if v is not None})
     return options if check_origin else replace(options, origin_tolerance_px=None)
+
+
+def tell_automatic(plan: ScanPlan | TargetPlan | RegionPlan, rig: Rig, options: Options, *, goes_on: bool) -> None:
+    """Refuse a camera that changes samples automatically before anything moves, or report what is allowed to stay so.
+
+    A session that continues is compared with its own camera settings first, which gives the clearer message.
+    """
+    from lfcal.acquire.frame_plan import scan_of
+    from lfcal.acquire.session import check_devices, check_fixed
+    from lfcal.cli.console import report
+
+    devices = check_devices(scan_of(plan), rig)
+    if not goes_on:
+        check_fixed(devices, options)
+    if devices.automatic and options.allow_automatic:
+        report(f"note: {devices.automatic_words}: frames may not be proportional to light, and H with them")
 
 
 def reported_holds(work: Work[R], control: Control) -> Work[R]:

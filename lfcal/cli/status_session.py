@@ -41,6 +41,8 @@ def tell_session(folder: Path, *, json: bool) -> None:
         from lfcal.cli.acquire_target import show_coverage
 
         show_coverage(facts["shown"])
+    if session.devices.automatic:
+        typer.echo(f"  camera: {session.devices.automatic_words}: frames may not be proportional to light")
     if facts["recording"]:
         return
     if facts["done"] < facts["total"]:
@@ -60,7 +62,7 @@ def _facts(folder: Path, session: SessionFile) -> dict[str, Any]:
     if target is None and session.redo[0]:
         total = len({tuple(at) for part in session.redo for at in part})
     at_work = holder_of(folder)
-    facts = {
+    facts: dict[str, Any] = {
         "path": folder,
         "session": "scan" if target is None else "target",
         "done": done,
@@ -70,6 +72,8 @@ def _facts(folder: Path, session: SessionFile) -> dict[str, Any]:
         "process": None if at_work is None else at_work.process or None,
         "held": "" if at_work is None else at_work.held,
     }
+    if session.devices.automatic:
+        facts["automatic"] = {name: session.devices.settings[name] for name in session.devices.automatic}
     if target is None:
         return facts
     from lfcal.cli.acquire_target import coverage_facts, recorded_before

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from numbers import Integral, Real
 from typing import Any, ClassVar, Generic, Self, TypeVar
@@ -132,6 +132,16 @@ class CheckedCamera(_Checked[CameraDevice]):
             raise self._wrong("set_roi", "a Setting with a Roi", found)
         return found
 
+    def fixed_settings(self) -> dict[str, Setting[str | None]]:
+        """Return the settings by which the camera may change samples, as asked for and as they are; {}: not known."""
+        method = self._caller.call("fixed_settings", getattr, self.device, "fixed_settings", None)
+        if method is None:
+            return {}
+        found = self._caller.call("fixed_settings", method, seconds=SETTING_S)
+        if not (isinstance(found, Mapping) and all(map(_is_fixed_setting, found.items()))):
+            raise self._wrong("fixed_settings", "names, each with a Setting of texts", found)
+        return dict(found)
+
     def grab(self, timeout_s: float, cancelled: Callable[[], bool] = never) -> Frame | None:
         """Return a frame whose exposure started after this call; None once ``cancelled`` is true."""
         frame = self._caller.call("grab", self.device.grab, timeout_s, seconds=timeout_s, cancelled=cancelled)
@@ -155,6 +165,13 @@ def _words(got: object) -> str:
         return repr(got)
     except Exception:  # a driver's own type
         return type(got).__name__
+
+
+def _is_fixed_setting(named: tuple[object, object]) -> bool:
+    name, setting = named
+    if not (isinstance(name, str) and isinstance(setting, Setting)):
+        return False
+    return isinstance(setting.actual, str) and isinstance(setting.requested, str | None)
 
 
 def _is_region(roi: Roi) -> bool:

@@ -130,7 +130,13 @@ class Frame:
 
 @runtime_checkable
 class CameraDevice(Protocol):
-    """A camera that exposes when asked."""
+    """A camera that exposes when asked.
+
+    A camera that can change samples automatically (exposure, gain, black level, gamma) has a further method,
+    ``fixed_settings()``. It returns a mapping of the settings' names to `Setting`: the value that leaves samples
+    proportional to light, such as ``"Off"``, and the one read back, both texts. The first is None for a setting that is
+    only recorded, such as the gain. The driver switches them off when the camera is opened.
+    """
 
     @property
     def name(self) -> str:

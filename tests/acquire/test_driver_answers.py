@@ -66,6 +66,10 @@ CAMERA: dict[str, list[Answer]] = {
     "sensor_shape": list(map(plain, (None, 96, "96x96", (96,), (0, 96), ("a", "b"), (96.5, 96)))),
     "bit_depth": list(map(plain, (None, "12", 0, 64, 12.5))),
     "max_value": list(map(plain, (None, "4095", 0, 1 << 20, NAN))),
+    "fixed_settings": [
+        *map(plain, (None, "Off", ["GainAuto"], {"GainAuto": "Off"}, {7: Setting("Off", "Off")})),
+        *(plain({"Gain": setting}) for setting in (Setting(None, 6.0), Setting(1, "1"), Setting("Off", None))),
+    ],
     "name": list(map(plain, (None, "", 5))),
 }
 STAGE: dict[str, list[Answer]] = {
@@ -83,6 +87,7 @@ TABLE = [
 RAISED = (RuntimeError("bus reset"), OSError(5, "I/O"), SystemExit(3), GeneratorExit(), KeyboardInterrupt())
 CALLS = [
     *(("camera", call) for call in ("grab", "set_exposure", "set_roi", "sensor_shape", "bit_depth", "max_value")),
+    ("camera", "fixed_settings"),
     *(("stage", call) for call in ("move", "moving", "position", "limits")),
     ("light", "switch"),
 ]

@@ -139,10 +139,11 @@ ARAVIS = needs("aravis", FAKE_REASON)
 
 
 @contextmanager
-def fake_camera(lost_per_thousand: int = 0) -> Iterator[subprocess.Popen[bytes]]:
-    """Run Aravis's GigE Vision camera on the loopback interface."""
+def fake_camera(lost_per_thousand: int = 0, description: Path | None = None) -> Iterator[subprocess.Popen[bytes]]:
+    """Run Aravis's GigE Vision camera on the loopback interface, with features of its own or as described."""
     assert FAKE is not None
     command = [FAKE, "-i", ADDRESS, "-s", "TEST", "-r", str(lost_per_thousand)]
+    command += [] if description is None else ["-g", str(description)]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         time.sleep(0.2)
@@ -210,7 +211,7 @@ def test_aravis_says_what_is_missing() -> None:
     with pytest.raises(DeviceMissing, match="check power, cable and address"):
         aravis(plan, camera="127.0.0.99")
     with fake_camera():
-        with pytest.raises(InputError, match="unpacked Mono or Bayer"):
+        with pytest.raises(InputError, match=r"expected Mono or Bayer.* 12Packed, got R"):
             aravis(plan, format="RGB8")
         with pytest.raises(InputError, match="name its backend"):
             open_rig(plan, "aravis", {"camera": ADDRESS})
@@ -243,7 +244,7 @@ def test_gentl_says_what_is_missing() -> None:
         open_rig(plan, "gentl", {"cti": "/nowhere.cti"}, stage="sim")
     with pytest.raises(DeviceMissing, match="0 to 2"):
         open_rig(plan, "gentl", {**GENTL_OPTIONS, "camera": "77"}, stage="sim")
-    with pytest.raises(InputError, match="unpacked Mono or Bayer"):
+    with pytest.raises(InputError, match=r"expected Mono or Bayer.* 12Packed, got R"):
         open_rig(plan, "gentl", {**GENTL_OPTIONS, "format": "RGBa8"}, stage="sim")
     with pytest.raises(CameraError, match="check the feature"):
         open_rig(plan, "gentl", {**GENTL_OPTIONS, "set": "NoSuchFeature=1"}, stage="sim")

@@ -19,7 +19,7 @@ from gui.pages.acquire.model_station import Station, open_station
 from gui.pages.acquire.moves import StageMoves
 from gui.pages.acquire.setup_panel import SetupPanel
 from gui.workers import start_thread, wait_for
-from lfcal.acquire.session_file import Devices
+from lfcal.acquire.session_file import optics_of
 from lfcal.devices.simulated.faults import Fault
 from lfcal.errors import LfcalError
 from lfcal.psf import PSFMatrix
@@ -229,7 +229,7 @@ class SetupTab(QObject):
         plan = self.context.state.plan
         if plan is None:
             return
-        quick = self.station is not None and Devices.of(self.station.rig).optics == "pattern"
+        quick = self.station is not None and optics_of(self.station.rig) == "pattern"
         self.panel.show_live(picture, plan, QUICK if quick else "")
         seen = picture.stage_um if self.station is None else self.station.seen or picture.stage_um
         self.panel.stage.set_position(seen)

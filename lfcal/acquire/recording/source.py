@@ -16,7 +16,7 @@ from lfcal.acquire.recording.darks import read_darks
 from lfcal.acquire.recording.reader import RecordingFile
 from lfcal.acquire.recording.recorded import RecordedFile
 from lfcal.acquire.recording.records import Kind, Suspicion, file_name, suspicions
-from lfcal.acquire.session_file import SessionFile, frame_dtype
+from lfcal.acquire.session_file import Devices, SessionFile, frame_dtype
 from lfcal.axes import position_at
 from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
@@ -126,7 +126,7 @@ class RecordingSource(Frames):
         known: dict[str, Any] = {
             "bit_depth": devices.bit_depth,
             "saturation": float(devices.max_value),
-            "devices": {"camera": devices.camera, "stage": devices.stage},
+            "devices": _devices(devices),
             "session": self.session.identity,
             "plan": self.plan,
             "plan_shape": self.plan.shape[:3],
@@ -294,3 +294,9 @@ def _checks(folder: Path, run: int) -> Iterator[tuple[Any, NDArray[Any]]]:
         slots = np.flatnonzero(file.taken)
         for slot in slots[np.argsort(file.records["sequence"][slots])].tolist():
             yield file.records[slot], file.read(slot)
+
+
+def _devices(devices: Devices) -> dict[str, Any]:
+    """Return what H says of the devices: their names, and the settings of the camera where it gave any."""
+    more = {"settings": dict(devices.settings), "automatic": list(devices.automatic)}
+    return {"camera": devices.camera, "stage": devices.stage} | {key: value for key, value in more.items() if value}

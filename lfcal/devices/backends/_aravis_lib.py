@@ -47,11 +47,14 @@ _PLAIN: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "buffer_get_image_width": (_I, (_P,)),
     "buffer_get_image_height": (_I, (_P,)),
     "buffer_get_image_pixel_format": (c.c_uint32, (_P,)),
+    "buffer_get_image_padding": (None, (_P, c.POINTER(_I), c.POINTER(_I))),
     "buffer_get_frame_id": (c.c_uint64, (_P,)),
     "stream_push_buffer": (None, (_P, _P)),
     "stream_try_pop_buffer": (_P, (_P,)),
     "stream_timeout_pop_buffer": (_P, (_P, c.c_uint64)),
     "camera_is_gv_device": (_I, (_P,)),
+    "camera_get_device": (_P, (_P,)),
+    "device_get_feature": (_P, (_P, _S)),
 }
 """Functions that cannot fail: result and arguments."""
 
@@ -81,6 +84,9 @@ _FAILING: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "camera_start_acquisition": (None, (_P,)),
     "camera_stop_acquisition": (None, (_P,)),
     "camera_gv_set_packet_size": (None, (_P, _I)),
+    "camera_is_feature_available": (_I, (_P, _S)),
+    "gc_feature_node_get_value_as_string": (_S, (_P,)),
+    "gc_feature_node_set_value_from_string": (None, (_P, _S)),
 }
 """Functions that report through a ``GError``: result and arguments before it."""
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import ctypes as c
-import re
 import time
 from collections.abc import Mapping
 from typing import Any
@@ -16,6 +15,8 @@ from lfcal.camera import ScanPlan
 from lfcal.devices.backends._aravis_lib import STATUS, AravisError, Library, library
 from lfcal.devices.backends._camera import CameraFacts
 from lfcal.devices.backends._fixed_stage import NoStage
+from lfcal.devices.backends._pixels import PixelFormat
+from lfcal.devices.backends._settings import GENICAM, NOTED, UNREADABLE, read_settings, switch_off
 from lfcal.devices.errors import CameraError, DeviceLost, DeviceMissing, FrameTimeout
 from lfcal.devices.options import number_option
 from lfcal.devices.protocols import Frame, Roi, Setting
@@ -37,7 +38,7 @@ class AravisBackend:
     has_stage = False
     options: Mapping[str, str] = {
         "camera": "its id, or its network address; the only one found by default",
-        "format": "pixel format, e.g. Mono8, Mono12, BayerRG16 (unpacked); the camera's by default",
+        "format": "pixel format, e.g. Mono8, Mono12p, BayerRG16; the camera's by default",
         "trigger": "software or none; software where the camera has it by default",
         "packet_size": "bytes per network packet (GigE Vision)",
         "fake": "1 looks for Aravis's built-in fake camera too",
@@ -103,13 +104,8 @@ class _Camera(CameraFacts):
         if pixel_format:
             lib.camera_set_pixel_format_from_string(camera, pixel_format.encode())
         name = lib.camera_get_pixel_format_as_string(camera).decode()
-        match = re.fullmatch(r"(Mono|Bayer[A-Z]{2})(8|10|12|14|16)", name)
-        if match is None:
-            raise InputError.expected(
-                f"pixel format of {self.name}", "unpacked Mono or Bayer", name, "set option format"
-            )
-        self._bits = int(match[2])
-        self._dtype = np.dtype(np.uint8 if self._bits == 8 else np.uint16)
+        self._format = PixelFormat.named(name, self.name)
+        self._bits = self._format.bits
         width, height = c.c_int(), c.c_int()
         lib.camera_get_sensor_size(camera, c.byref(width), c.byref(height))
         self._shape = height.value, width.value
@@ -123,6 +119,7 @@ class _Camera(CameraFacts):
             lib.camera_set_trigger(camera, b"Software")
         else:
             lib.camera_clear_triggers(camera)
+        switch_off(GENICAM, self._read, self._write)
         self._exposure = float(lib.camera_get_exposure_time(camera)) / 1e6
         self._number = 0
         self._dirty = False
@@ -185,11 +182,18 @@ class _Camera(CameraFacts):
         try:
             status = lib.buffer_get_status(buffer)
             text = STATUS[status] if 0 <= status < len(STATUS) else "unknown"
-            data = self._copy(buffer) if status == 0 else np.zeros((0, 0), self._dtype)
+            data = self._copy(buffer) if status == 0 else np.zeros((0, 0), self._format.dtype)
         finally:
             lib.stream_push_buffer(self._stream, buffer)
         self._number += 1
         return Frame(data, self._number, self._exposure, started if self._triggered else None, text)
+
+    def fixed_settings(self) -> dict[str, Setting[str | None]]:
+        """Return the settings that change samples, read back."""
+        try:
+            return read_settings(GENICAM, NOTED, self._read)
+        except AravisError as error:
+            raise self._explained(error) from error
 
     def close(self) -> None:
         """Stop and release the camera."""
@@ -233,12 +237,44 @@ class _Camera(CameraFacts):
         lib, size = self._lib, c.c_size_t()
         address = lib.buffer_get_image_data(buffer, c.byref(size))
         shape = int(lib.buffer_get_image_height(buffer)), int(lib.buffer_get_image_width(buffer))
+        padding, below = c.c_int(), c.c_int()
+        lib.buffer_get_image_padding(buffer, c.byref(padding), c.byref(below))
+        # the PFNC number of a format holds the bits that a pixel takes
         bits = lib.buffer_get_image_pixel_format(buffer) >> 16 & 0xFF
-        if bits != self._dtype.itemsize * 8 or size.value < shape[0] * shape[1] * self._dtype.itemsize:
-            raise CameraError(f"{self.name}: {size.value} bytes of {bits} bits for {shape}; check the pixel format")
+        if bits != self._format.stored_bits:
+            got = f"{bits} bits a pixel"
+            raise CameraError.expected(f"{self.name}: frame", self._format.name, got, "set option format")
         raw = memoryview((c.c_char * size.value).from_address(address)).cast("B")
-        flat: NDArray[Any] = np.frombuffer(raw, self._dtype, shape[0] * shape[1])
-        return flat.reshape(shape).copy()  # the buffer goes back to the stream
+        try:
+            # new arrays: the buffer goes back to the stream
+            return self._format.samples(np.frombuffer(raw, np.uint8), shape, padding.value)
+        except ValueError as error:
+            raise CameraError(f"{self.name}: {error}; check the pixel format") from error
+
+    # -- features --------------------------------------------------------------------------------------
+    def _read(self, name: str) -> str | None:
+        """Return a feature as text; None where the camera has none of that name."""
+        lib = self._lib
+        if not lib.camera_is_feature_available(self._camera, name.encode()):
+            return None
+        try:
+            text = lib.gc_feature_node_get_value_as_string(self._node(name))
+        except AravisError as error:
+            if error.silent:
+                raise
+            return UNREADABLE
+        return UNREADABLE if text is None else str(text.decode(errors="replace"))
+
+    def _write(self, name: str, text: str) -> None:
+        """Set a feature, where the camera allows it."""
+        try:
+            self._lib.gc_feature_node_set_value_from_string(self._node(name), text.encode())
+        except AravisError as error:
+            if error.silent:
+                raise
+
+    def _node(self, name: str) -> Any:
+        return self._lib.device_get_feature(self._lib.camera_get_device(self._camera), name.encode())
 
     def _check_there(self) -> None:
         """Raise `DeviceLost` unless the camera answers."""

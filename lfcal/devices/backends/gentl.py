@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
-import re
 import time
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lfcal.camera import ScanPlan
 from lfcal.devices.backends._camera import CameraFacts
 from lfcal.devices.backends._fixed_stage import NoStage
+from lfcal.devices.backends._pixels import PixelFormat
+from lfcal.devices.backends._settings import GENICAM, NOTED, UNREADABLE, read_settings, switch_off
 from lfcal.devices.errors import CameraError, DeviceLost, DeviceMissing, FrameTimeout
 from lfcal.devices.protocols import Frame, Roi, Setting
 from lfcal.devices.rig import Rig
@@ -21,6 +24,8 @@ from lfcal.errors import InputError
 __all__ = ["BACKEND", "GenTLBackend"]
 
 FREE_RUNNING_DISCARD = 2
+NOT_AVAILABLE, WRITE_ONLY = 1, 2
+"""Access modes of GenApi; features with lower ones are not there, with higher ones can be read."""
 INSTALL = "uv pip install 'lfcal[acquire]'"
 
 
@@ -33,7 +38,7 @@ class GenTLBackend:
     options: Mapping[str, str] = {
         "cti": "GenTL producer file (.cti) of the maker; 'virtual' for the one that comes with genicam",
         "camera": "number of the device in the producer's list, from 0; or its serial number",
-        "format": "pixel format, e.g. Mono8, Mono12, BayerRG16 (unpacked); the camera's by default",
+        "format": "pixel format, e.g. Mono8, Mono12p, BayerRG16; the camera's by default",
         "set": "Feature=value separated by ';', set before the session",
         "trigger": "software or none; software where the camera has it by default",
     }
@@ -85,32 +90,37 @@ def _chosen(harvester: Any, wanted: str) -> int:
     )
 
 
+def _said(source: Any, name: str, otherwise: Any) -> Any:
+    """Return what a producer says of a buffer; producers need not know everything, and raise then."""
+    try:
+        return getattr(source, name)
+    except Exception:  # kinds of GenTL's own
+        return otherwise
+
+
 class _Camera(CameraFacts):
     """One device of a producer; triggered by software, or free-running and flushed."""
 
     def __init__(self, harvester: Any, number: int, options: Mapping[str, str]) -> None:
         from genicam.gentl import TimeoutException
+        from harvesters.util.pfnc import dict_by_ints
 
-        self._timeout_error = TimeoutException
+        self._timeout_error, self._format_names = TimeoutException, dict_by_ints
         self._harvester = harvester
         info = harvester.device_info_list[number]
         self.name = f"{info.vendor} {info.model} {info.serial_number}"
         self._device = harvester.create(number)
         self._nodes = self._device.remote_device.node_map
-        for entry in filter(None, options.get("set", "").split(";")):
-            key, _, value = entry.partition("=")
+        given = [entry.partition("=") for entry in options.get("set", "").split(";") if entry]
+        for key, _, value in given:
             self._set(key.strip(), value.strip())
+        # what the user set explicitly stays
+        chosen = {key.strip() for key, _, _ in given}
+        switch_off({key: value for key, value in GENICAM.items() if key not in chosen}, self._read, self._write)
         if options.get("format"):
             self._set("PixelFormat", options["format"])
-        pixel_format = str(self._nodes.PixelFormat.value)
-        # packed formats share bytes between pixels and would need unpacking
-        match = re.fullmatch(r"(Mono|Bayer[A-Z]{2})(8|10|12|14|16)", pixel_format)
-        if match is None:
-            raise InputError.expected(
-                f"pixel format of {self.name}", "unpacked Mono or Bayer", pixel_format, "set option format"
-            )
-        self._bits = int(match[2])
-        self._dtype = np.dtype(np.uint8 if self._bits == 8 else np.uint16)
+        self._format = PixelFormat.named(str(self._nodes.PixelFormat.value), self.name)
+        self._bits = self._format.bits
         self._shape = self._size("HeightMax", "Height"), self._size("WidthMax", "Width")
         self._number = 0
         self._exposure = self._read_exposure()
@@ -146,6 +156,10 @@ class _Camera(CameraFacts):
         exposure = self._exposure if self._exposure > 0 else 0.0
         return Frame(data, self._number, exposure, started if self._triggered else None, status)
 
+    def fixed_settings(self) -> dict[str, Setting[str | None]]:
+        """Return the features that change samples, read back."""
+        return read_settings(GENICAM, NOTED, self._read)
+
     def close(self) -> None:
         """Stop and release the device and the producer."""
         if self._device is not None:
@@ -156,22 +170,68 @@ class _Camera(CameraFacts):
             finally:
                 self._harvester.reset()
 
-    # -- features --------------------------------------------------------------------------------------
+    # -- frames ----------------------------------------------------------------------------------------
     def _fetch(self, timeout_s: float) -> tuple[Any, str]:
         """Return the next frame as its own array, and what is wrong with its buffer."""
         try:
-            buffer = self._device.fetch(timeout=timeout_s)
+            # raw: harvesters unpacks no lines with padding or of an odd number of pixels
+            buffer = self._device.fetch(timeout=timeout_s, is_raw=True)
         except self._timeout_error:
             raise FrameTimeout(f"{self.name}: no frame in {timeout_s:g} s; check trigger, light and cable") from None
         except Exception as error:
             raise DeviceLost(f"{self.name}: {type(error).__name__}: {error}; check power and cable") from error
-        with buffer:
-            if not buffer.module.is_complete():
-                return np.zeros((0, 0), self._dtype), "parts are missing"
-            component = buffer.payload.components[0]
-            data = np.asarray(component.data).reshape(component.height, component.width)
-            # copied, because the buffer goes back to the driver at the end of the block
-            return data.astype(self._dtype, copy=True), "complete"
+        try:
+            if not buffer.is_complete():
+                return np.zeros((0, 0), self._format.dtype), "parts are missing"
+            return self._samples(buffer), "complete"
+        finally:
+            buffer.parent.queue_buffer(buffer)
+
+    def _samples(self, buffer: Any) -> NDArray[Any]:
+        """Return the samples of a buffer, or of its first part, as a new array: the buffer goes back to the driver."""
+        part = next(iter(_said(buffer, "parts", ())), None)
+        if part is None:
+            names = ("pixel_format", "image_offset", "data_size", "padding_x")
+        else:
+            names = ("data_format", "data_offset", "data_size", "x_padding")
+        source = buffer if part is None else part
+        number, first, size, padding = (int(_said(source, name, 0)) for name in names)
+        shape = tuple(int(_said(source, name.lower(), 0)) or self._size(name) for name in ("Height", "Width"))
+        raw = np.frombuffer(buffer.raw_buffer, np.uint8)
+        data = raw[first : first + (size or int(_said(buffer, "size_filled", 0)) or len(raw))]
+        try:
+            return self._format_of(number).samples(data, (shape[0], shape[1]), padding)
+        except ValueError as error:
+            raise CameraError(f"{self.name}: {error}; check the pixel format") from error
+
+    def _format_of(self, number: int) -> PixelFormat:
+        """Return the format of a buffer by its PFNC number (0: not given), which a frame grabber may have changed."""
+        name = self._format_names.get(number)
+        found = self._format if name is None else PixelFormat.named(name, self.name)
+        if found.bits != self._bits or (number and number >> 16 & 0xFF != found.stored_bits):
+            raise CameraError.expected(
+                f"{self.name}: frame", self._format.name, name or f"format {number:#x}", "set option format"
+            )
+        return found
+
+    # -- features --------------------------------------------------------------------------------------
+    def _read(self, name: str) -> str | None:
+        """Return a feature as text; None where the camera has none of that name, or not now."""
+        if not self._nodes.has_node(name):
+            return None
+        node = self._nodes.get_node(name)
+        mode = node.get_access_mode()
+        if mode <= NOT_AVAILABLE:
+            return None
+        try:
+            return UNREADABLE if mode == WRITE_ONLY else str(node.to_string())
+        except Exception:  # kinds of GenApi's own; a camera that is lost fails in the next frame
+            return UNREADABLE
+
+    def _write(self, name: str, text: str) -> None:
+        """Set a feature, where the camera allows it."""
+        with contextlib.suppress(CameraError):
+            self._set(name, text)
 
     def _set(self, name: str, value: Any) -> None:
         try:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import os
+import re
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from concurrent.futures import TimeoutError as FutureTimeout
 from pathlib import Path
@@ -15,6 +17,7 @@ import numpy as np
 
 from lfcal.camera import ScanPlan
 from lfcal.devices.backends._camera import CameraFacts
+from lfcal.devices.backends._settings import off_value, read_settings, switch_off
 from lfcal.devices.errors import CameraError, DeviceError, DeviceLost, DeviceMissing, FrameTimeout, StageError
 from lfcal.devices.options import limits_option
 from lfcal.devices.protocols import Frame, Limits, Point, Roi, Setting
@@ -24,6 +27,11 @@ from lfcal.errors import InputError
 __all__ = ["BACKEND", "MicroManagerBackend"]
 
 T = TypeVar("T")
+AUTOMATIC = re.compile(r"exposure|shutter|gain|brightness|black.?level|offset|white.?balance|balance.?white|gamma")
+CURVES = re.compile(r"(gamma|lut|sharpening|denoise).?enabled?|black.?level.?clamping.*")
+NOTED = re.compile(r"(analog.|digital.|pre.?amp.)?gain|offset|black.?level|gamma|pixel.?type|binning")
+"""Names of properties, which differ between drivers: what is automatic, what bends the response, what is recorded."""
+
 INSTALL = "uv pip install 'lfcal[acquire]', and Micro-Manager for its drivers"
 
 
@@ -67,10 +75,12 @@ class MicroManagerBackend:
             core.setDeviceAdapterSearchPaths([folder])
         try:
             core.loadSystemConfiguration(config)
+            chosen = set()
             for entry in filter(None, options.get("set", "").split(";")):
                 label, _, rest = entry.partition(".")
                 key, _, value = rest.partition("=")
                 core.setProperty(label.strip(), key.strip(), value.strip())
+                chosen.add((label.strip(), key.strip()))
             # the session switches the light itself; an automatic shutter would light dark frames
             core.setAutoShutter(False)
             labels = {
@@ -88,7 +98,8 @@ class MicroManagerBackend:
                     )
             core.setCameraDevice(labels["camera"])
             light = _Shutter(core, options["light"]) if options.get("light") else None
-            return Rig(_Camera(core, labels["camera"]), _Stage(core, labels["xy"], labels["z"], limits), light)
+            own = {key for label, key in chosen if label == labels["camera"]}
+            return Rig(_Camera(core, labels["camera"], own), _Stage(core, labels["xy"], labels["z"], limits), light)
         except RuntimeError as error:
             core.reset()
             raise DeviceError(f"Micro-Manager: {error}; check the configuration {config}") from error
@@ -117,11 +128,14 @@ def _config(options: Mapping[str, str]) -> tuple[str, str]:
 class _Camera(CameraFacts):
     """The camera of a core; snapping starts the exposure, so a frame is never stale."""
 
-    def __init__(self, core: Any, label: str) -> None:
-        self._core = core
+    def __init__(self, core: Any, label: str, chosen: Collection[str] = ()) -> None:
+        self._core, self._label = core, label
         library, device = core.getDeviceLibrary(label), core.getDeviceName(label)
         serial = _property(core, label, "SerialNumber") or _property(core, label, "Serial Number")
         self.name = " ".join(filter(None, ("Micro-Manager", library, device, label, serial)))
+        self._off, self._noted = _settings_of(core, label)
+        # what the user set explicitly stays
+        switch_off({key: value for key, value in self._off.items() if key not in chosen}, self._read, self._write)
         core.clearROI()
         self._shape = int(core.getImageHeight()), int(core.getImageWidth())
         self._bits = int(core.getImageBitDepth())
@@ -163,12 +177,23 @@ class _Camera(CameraFacts):
         self._number += 1
         return Frame(data, self._number, exposure, started)
 
+    def fixed_settings(self) -> dict[str, Setting[str | None]]:
+        """Return the properties that change samples, read back."""
+        return read_settings(self._off, self._noted, self._read)
+
     def close(self) -> None:
         """Unload all devices of the core."""
         self._pool.shutdown(wait=False, cancel_futures=True)
         # resetting under a frame that hangs would hang here too
         if self._pending is None or self._pending.done():
             self._core.reset()
+
+    def _read(self, key: str) -> str | None:
+        return str(self._call(self._core.getProperty, self._label, key))
+
+    def _write(self, key: str, value: str) -> None:
+        with contextlib.suppress(RuntimeError):  # read-only now
+            self._core.setProperty(self._label, key, value)
 
     def _snap(self) -> tuple[Any, float]:
         self._core.snapImage()
@@ -239,6 +264,23 @@ class _Shutter:
             self._core.waitForDevice(self._label)
         except RuntimeError as error:
             raise DeviceError(f"shutter {self._label}: {error}; check it") from error
+
+
+def _settings_of(core: Any, label: str) -> tuple[dict[str, str], list[str]]:
+    """Return the properties of a camera that change samples with their value for off, and those only to be recorded."""
+    wanted: dict[str, str] = {}
+    noted = []
+    for key in core.getDevicePropertyNames(label):
+        name = key.lower()
+        off = off_value(core.getAllowedPropertyValues(label, key))
+        if off is not None and (CURVES.fullmatch(name) or ("auto" in name and AUTOMATIC.search(name))):
+            wanted[key] = off
+        elif name == "gamma" and core.hasPropertyLimits(label, key) and core.getPropertyUpperLimit(label, key) <= 10:
+            wanted[key] = "1"  # other drivers have other scales, such as percent
+        elif NOTED.fullmatch(name):
+            noted.append(key)
+    # a switch of gamma comes before its value, which is of no effect then
+    return dict(sorted(wanted.items(), key=lambda pair: pair[0].lower() == "gamma")), noted
 
 
 def _property(core: Any, label: str, key: str) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 
 from lfcal import __version__
@@ -11,7 +11,7 @@ from lfcal.checks import check_choice
 from lfcal.devices.options import limits_option, number_option
 from lfcal.devices.protocols import SystemTime, TimeSource
 from lfcal.devices.rig import Rig
-from lfcal.devices.simulated.camera import Renderer, SimCamera, SimLight
+from lfcal.devices.simulated.camera import AUTOMATIC, Renderer, SimCamera, SimLight
 from lfcal.devices.simulated.faults import Fault, parse_faults
 from lfcal.devices.simulated.gauges import SimGauge, simulated_gauges
 from lfcal.devices.simulated.optics import FramesRenderer, PatternRenderer, simulated_optics
@@ -33,6 +33,7 @@ def simulated_rig(
     axes: StageAxes | None = None,
     optics: Renderer | FrameSource | None = None,
     time: TimeSource | None = None,
+    automatic: Collection[str] = (),
     seed: int = 0,
 ) -> Rig:
     """Return a simulated rig for ``plan``.
@@ -50,6 +51,8 @@ def simulated_rig(
         by default a light, quick pattern.
     time
         By default virtual: waits pass at once.
+    automatic
+        Settings that the camera keeps automatic, of ``"ExposureAuto"``, ``"GainAuto"`` and ``"Gamma"``.
     seed
         Of the camera's noise.
 
@@ -73,7 +76,17 @@ def simulated_rig(
         renderer: Renderer = PatternRenderer(plan)
     else:
         renderer = FramesRenderer(plan, optics) if isinstance(optics, FrameSource) else optics
-    camera = SimCamera(plan.camera, axes or plan.stage, stage, clock, light, renderer, faults=faults, seed=seed)
+    camera = SimCamera(
+        plan.camera,
+        axes or plan.stage,
+        stage,
+        clock,
+        light,
+        renderer,
+        faults=faults,
+        automatic=automatic,
+        seed=seed,
+    )
     return Rig(camera, stage, light, clock, gauges=simulated_gauges(faults), switches=True)
 
 
@@ -110,6 +123,7 @@ class SimBackend:
         "limits": "travel x0:x1,y0:y1,z0:z1 (µm)",
         "axes": "how the stage really moves the image, e.g. -x,+y,+z (right,down,away)",
         "faults": "kind@call[*times] separated by ';', e.g. 'times out@5*2;stale@9'",
+        "automatic": "settings of the camera that cannot be switched off, of ExposureAuto, GainAuto, Gamma",
         "seed": "of the camera's noise",
         "target": "JSON file of a target, or of a target's plan, that stands before the camera instead of a point",
         "brightness": "relative spread of the brightness of the target's holes, e.g. 0.1",
@@ -132,6 +146,7 @@ class SimBackend:
             faults=parse_faults(options.get("faults", "")),
             axes=_axes(plan, options.get("axes")),
             optics=_target(plan, level, options) or _optics(plan, level, options.get("effects", "")),
+            automatic=_automatic(options.get("automatic", "")),
             seed=int(number_option(options, "seed", 0, low=0)),
             time=SystemTime() if clock == "real" else VirtualTime(),
         )
@@ -169,6 +184,13 @@ def _optics(plan: ScanPlan, level: str, effects: str) -> Renderer | None:
     if effects:
         raise InputError.expected("option effects", "a level of the simulator", "optics pattern", "give optics=auto")
     return None
+
+
+def _automatic(text: str) -> list[str]:
+    names = [name.strip() for name in text.split(",") if name.strip()]
+    for name in names:
+        check_choice("option automatic", name, tuple(AUTOMATIC))
+    return names
 
 
 def _stage_model(plan: ScanPlan, options: Mapping[str, str]) -> StageModel:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -17,7 +17,7 @@ from lfcal.devices.protocols import Frame, Point, Roi, Setting, TimeSource
 from lfcal.devices.simulated.faults import CAMERA_FAULTS, Fault, FaultBook
 from lfcal.devices.simulated.stage import SimStage, VirtualTime
 
-__all__ = ["Patch", "Renderer", "SimCamera", "SimLight"]
+__all__ = ["AUTOMATIC", "Patch", "Renderer", "SimCamera", "SimLight"]
 
 BUMP_UM = (15.0, -15.0, 0.0)
 """How far a stage that is bumped during an exposure moves (µm)."""
@@ -29,6 +29,12 @@ WARM = 60 / 4095
 DIMMED = 0.7
 CLAMPED = 0.1
 """What is left of the lamp's light, and of an exposure."""
+
+FIXED = {"ExposureAuto": "Off", "GainAuto": "Off", "Gamma": "1"}
+AUTOMATIC = {"ExposureAuto": "Continuous", "GainAuto": "Continuous", "Gamma": "2.2"}
+"""Settings of the camera under which samples are proportional to light, and their values where they stay automatic."""
+PEAK = 0.7
+"""Brightest pixel that automatic exposure and gain lead to (of the range above black)."""
 
 SPREAD = 64
 """Rows and columns that the noise field has more than the region: every row of every frame has its own part."""
@@ -104,6 +110,8 @@ class SimCamera:
         The simulated stage, clock and lamp.
     renderer
         The optics.
+    automatic
+        Settings that cannot be switched off, of `AUTOMATIC`: every frame then has the same peak, or a gamma.
     seed
         Of the noise.
     """
@@ -120,8 +128,10 @@ class SimCamera:
         renderer: Renderer,
         *,
         faults: Iterable[Fault] = (),
+        automatic: Collection[str] = (),
         seed: int = 0,
     ) -> None:
+        self._automatic = frozenset(automatic)
         self._sensor = description.sensor
         self._axes, self._stage, self._time, self._light, self._renderer = axes, stage, time, light, renderer
         self._matrix, self._origin = axes.matrix().tolist(), axes.origin_um
@@ -166,6 +176,12 @@ class SimCamera:
         self._asked = min(max(round(seconds * 1e6), 10), 60_000_000) / 1e6
         self._exposure = self._taken(self.faults.coming())
         return Setting(seconds, self._exposure)
+
+    def fixed_settings(self) -> dict[str, Setting[str | None]]:
+        """Return exposure, gain and gamma as a camera of the GenICam standard does."""
+        wrong = {name: AUTOMATIC[name] for name in self._automatic}
+        wanted: dict[str, str | None] = {**FIXED, "Gain": None}
+        return {name: Setting(value, wrong.get(name, value or "0")) for name, value in wanted.items()}
 
     def set_roi(self, roi: Roi) -> Setting[Roi]:
         """Take the region, clipped to the sensor."""
@@ -263,10 +279,22 @@ class SimCamera:
             offset = [p - o for p, o in zip(place, self._origin, strict=True)]
             source = tuple(sum(offset[k] * self._matrix[k][j] for k in range(3)) for j in range(3))
             patch = self._renderer.render((source[0], source[1], source[2]), self._exposure, self._roi)
+            if self._automatic:
+                patch = patch._replace(counts=self._by_itself(patch.counts))
             if dimmed:
                 patch = patch._replace(counts=patch.counts * np.float32(DIMMED))
             self._add(frame, patch, grains)
         return frame
+
+    def _by_itself(self, counts: NDArray[Any]) -> NDArray[Any]:
+        """Return light as the settings that stay automatic change it: scaled to the same peak, bent by gamma."""
+        peak = float(counts.max(initial=0.0))
+        full = self._sensor.max_value - self._sensor.black_level
+        if self._automatic - {"Gamma"} and peak > 0:
+            counts = counts * np.float32(PEAK * full / peak)
+        if "Gamma" in self._automatic:
+            counts = np.float32(full) * np.clip(counts / np.float32(full), 0, 1) ** np.float32(1 / 2.2)
+        return np.asarray(counts, np.float32)
 
     def _add(self, frame: NDArray[Any], patch: Patch, grains: tuple[_Grain, _Grain]) -> None:
         """Enter what the sensor shows of the light of ``patch`` into ``frame``, in place."""

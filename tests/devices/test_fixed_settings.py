@@ -1,0 +1,387 @@
+"""Settings by which a camera changes samples: switched off, read back, and told, whatever the driver calls them."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from lfcal.devices.backends._pixels import PixelFormat
+from lfcal.devices.backends._settings import UNREADABLE
+from lfcal.devices.backends.micromanager import _Camera as MicroManagerCamera
+from lfcal.devices.errors import CameraError, DeviceLost
+from lfcal.devices.protocols import Setting
+from tests.devices.test_pixels import as_array, packed
+from tests.devices.test_real_devices import ADDRESS, ARAVIS, GENTL, aravis, fake_camera, plan_for
+
+
+def stays(settings: Mapping[str, Setting[str | None]]) -> dict[str, str | None]:
+    """Return the settings that do not have the value asked for."""
+    return {name: found.actual for name, found in settings.items() if found.requested not in (None, found.actual)}
+
+
+# -- GenTL, with features and buffers of a camera that is not there ---------------------------------------
+class Node:
+    """A feature with its access mode (4: read and write, 3: read, 2: write, 1: not available)."""
+
+    def __init__(self, value: str, mode: int = 4, stuck: str = "", broken: bool = False) -> None:
+        self.value, self._mode, self._stuck, self._broken = value, mode, stuck, broken
+
+    def get_access_mode(self) -> int:
+        return self._mode
+
+    def to_string(self) -> str:
+        if self._broken:
+            raise RuntimeError("register not answered")
+        return self.value
+
+    def from_string(self, text: str) -> None:
+        if self._mode != 4:
+            raise RuntimeError("not writable")
+        self.value = self._stuck or text
+
+
+class NodeMap:
+    def __init__(self, nodes: dict[str, Node]) -> None:
+        self.nodes = nodes
+
+    def has_node(self, name: str) -> bool:
+        return name in self.nodes
+
+    def get_node(self, name: str) -> Node:
+        return self.nodes[name]
+
+    def __getattr__(self, name: str) -> Node:
+        return self.nodes[name]
+
+
+class Buffer:
+    """A buffer of a producer, which need not say everything."""
+
+    def __init__(self, data: bytes, **said: Any) -> None:
+        self.raw_buffer, self.said = data, said
+        self.parent = SimpleNamespace(queue_buffer=self.queue)
+        self.queued = 0
+
+    def queue(self, _: object) -> None:
+        self.queued += 1
+
+    def is_complete(self) -> bool:
+        return True
+
+    def __getattr__(self, name: str) -> Any:
+        try:
+            return self.said[name]
+        except KeyError:
+            raise RuntimeError(f"{name}: not implemented") from None
+
+
+def gentl(nodes: dict[str, Node], buffer: Buffer | None = None, **options: str) -> Any:
+    from lfcal.devices.backends.gentl import _Camera
+
+    whole = {"PixelFormat": Node("Mono12p"), "Height": Node("3"), "Width": Node("5"), **nodes}
+    device = SimpleNamespace(
+        remote_device=SimpleNamespace(node_map=NodeMap(whole)),
+        num_holding_filled_buffers=0,
+        start=lambda: None,
+        fetch=lambda timeout, is_raw: buffer,
+    )
+    info = SimpleNamespace(vendor="Maker", model="M1", serial_number="7")
+    return _Camera(SimpleNamespace(device_info_list=[info], create=lambda _: device), 0, options)
+
+
+@GENTL
+def test_gentl_switches_off_what_it_can_and_reads_back() -> None:
+    nodes = {
+        "ExposureAuto": Node("Continuous"),
+        "GainAuto": Node("Once", stuck="Continuous"),  # comes back
+        "BlackLevelAuto": Node("Continuous", mode=3),  # read-only
+        "BalanceWhiteAuto": Node("Continuous", mode=1),  # of a mono camera
+        "Gamma": Node("0.4545"),
+        "LUTEnable": Node("1"),
+        "DenoiseEnable": Node("0", mode=3),
+        "SharpeningEnable": Node("1", broken=True),
+        "Gain": Node("6.02"),
+    }
+    settings = gentl(nodes).fixed_settings()
+    assert stays(settings) == {
+        "GainAuto": "Continuous",
+        "BlackLevelAuto": "Continuous",
+        "SharpeningEnable": UNREADABLE,
+    }
+    assert settings["Gamma"] == Setting("1", "1")
+    assert settings["LUTEnable"] == settings["DenoiseEnable"] == Setting("False", "False")
+    assert settings["Gain"] == Setting(None, "6.02")
+    assert "BalanceWhiteAuto" not in settings
+
+
+@GENTL
+def test_gentl_leaves_what_the_user_set_and_tells_it() -> None:
+    nodes = {"GainAuto": Node("Off"), "ExposureAuto": Node("Continuous")}
+    camera = gentl(nodes, set="GainAuto=Continuous")
+    assert stays(camera.fixed_settings()) == {"GainAuto": "Continuous"}
+    nodes["ExposureAuto"].value = "Continuous"  # comes back later
+    assert stays(camera.fixed_settings()) == {"GainAuto": "Continuous", "ExposureAuto": "Continuous"}
+
+
+@GENTL
+@pytest.mark.parametrize(
+    ("nodes", "gamma"),
+    [
+        ({"GammaEnable": Node("1"), "Gamma": Node("2.2")}, "2.2"),  # of no effect once it is switched off
+        ({"Gamma": Node("100")}, "100"),  # a straight line, in percent: 1 would not be one
+    ],
+)
+def test_gamma_is_left_alone_where_it_bends_nothing_or_has_another_scale(nodes: dict[str, Node], gamma: str) -> None:
+    settings = gentl(nodes).fixed_settings()
+    assert not stays(settings)
+    assert settings["Gamma"] == Setting(None, gamma)
+
+
+SAMPLES = np.array([[0, 4095, 1, 2048, 77], [5, 6, 7, 8, 9], [4094, 16, 256, 255, 3]], np.uint16)
+PFNC = {"12p": 0x010C0047, "12Packed": 0x010C0006, "": 0x01100005}
+
+
+def buffer_of(layout: str, padding: int = 0, start: bytes = b"") -> bytes:
+    lines = [bytes(packed(row, layout)) for row in SAMPLES] if padding else [bytes(packed(SAMPLES, layout))]
+    return start + b"".join(line + b"\xff" * padding for line in lines)
+
+
+@GENTL
+@pytest.mark.parametrize("layout", ["12p", "12Packed"])
+@pytest.mark.parametrize(
+    ("padding", "start", "said"),
+    [(0, b"", {}), (4, b"", {"padding_x": 4}), (0, b"head", {"image_offset": 4, "size_filled": 999})],
+)
+def test_gentl_unpacks_buffers(layout: str, padding: int, start: bytes, said: dict[str, int]) -> None:
+    data = buffer_of(layout, padding, start)
+    said = {"pixel_format": PFNC[layout], "width": 5, "height": 3, "data_size": len(data) - len(start), **said}
+    buffer = Buffer(data + b"chunk data", **said)
+    camera = gentl({"PixelFormat": Node(f"Mono{layout}")}, buffer)
+    frame = camera.grab(1.0)
+    np.testing.assert_array_equal(frame.data, SAMPLES)
+    assert (camera.bit_depth, camera.max_value, frame.data.dtype) == (12, 4095, np.uint16)
+    assert buffer.queued  # it goes back to the producer
+
+
+@GENTL
+def test_gentl_unpacks_the_first_part_and_buffers_that_say_nothing_of_themselves() -> None:
+    data = buffer_of("12p")
+    part = SimpleNamespace(data_format=PFNC["12p"], data_offset=3, data_size=len(data), x_padding=0, width=5, height=3)
+    for buffer in (Buffer(b"abc" + data, parts=(part,)), Buffer(data)):
+        np.testing.assert_array_equal(gentl({}, buffer).grab(1.0).data, SAMPLES)
+
+
+@GENTL
+def test_gentl_follows_a_grabber_that_unpacks_and_refuses_one_that_changes_the_depth() -> None:
+    plain = SAMPLES.astype("<u2").tobytes()
+    unpacked = Buffer(plain, pixel_format=PFNC[""])
+    np.testing.assert_array_equal(gentl({}, unpacked).grab(1.0).data, SAMPLES)
+    for number, named in ((0x01100007, "Mono16"), (0x01080001, "Mono8"), (0x81100001, "0x81100001")):
+        buffer = Buffer(plain, pixel_format=number)
+        with pytest.raises(CameraError, match=f"frame: expected Mono12p, got .*{named}; set option format"):
+            gentl({}, buffer).grab(1.0)
+        assert buffer.queued
+    with pytest.raises(CameraError, match="22 bytes of Mono12p for 3 x 5 pixels, which take 23"):
+        gentl({}, Buffer(buffer_of("12p")[:22])).grab(1.0)
+
+
+# -- Aravis: its own library, and a fake camera with further features --------------------------------------
+def entry(name: str, value: int) -> str:
+    return f'<EnumEntry Name="{name}" NameSpace="Standard"><Value>{value}</Value></EnumEntry>'
+
+
+FEATURES = f"""
+<Enumeration Name="ExposureAuto" NameSpace="Standard">{entry("Off", 0)}{entry("Continuous", 2)}<pValue>Two</pValue>
+</Enumeration>
+<IntSwissKnife Name="Two"><Formula>2</Formula></IntSwissKnife>
+<Float Name="Gamma" NameSpace="Standard"><Value>2.2</Value><Min>0</Min><Max>4</Max></Float>
+<Boolean Name="LUTEnable" NameSpace="Standard"><Value>true</Value></Boolean>
+"""
+"""Automatic exposure that cannot be switched off, gamma and table that can."""
+
+
+@contextmanager
+def camera_with_features(folder: Path) -> Iterator[None]:
+    """Run Aravis's camera with its own description and more."""
+    from lfcal.devices.backends._aravis_lib import NAMES, library
+
+    lib = library()
+    whole = ctypes.CDLL(NAMES[0])
+    whole.arv_device_get_genicam_xml.restype = ctypes.c_void_p
+    with fake_camera():
+        camera, size = lib.camera_new(ADDRESS.encode()), ctypes.c_size_t()
+        device = ctypes.c_void_p(lib.camera_get_device(camera))
+        text = ctypes.string_at(whole.arv_device_get_genicam_xml(device, ctypes.byref(size)), size.value).decode()
+        lib.unref(camera)
+    formats = entry("Mono12p", PFNC["12p"]) + entry("Mono12Packed", PFNC["12Packed"])
+    text = text.replace('<EnumEntry Name="Mono16"', f'{formats}<EnumEntry Name="Mono16"')
+    path = folder / "camera.xml"
+    path.write_text(text.replace('<Enumeration Name="GainAuto"', f'{FEATURES}<Enumeration Name="GainAuto"'))
+    with fake_camera(description=path):
+        yield
+
+
+@ARAVIS
+def test_aravis_switches_off_what_it_can_and_takes_packed_frames(tmp_path: Path) -> None:
+    plan = plan_for((2048, 2048), 12)
+    with camera_with_features(tmp_path):
+        for layout in ("Mono12p", "Mono12Packed"):
+            with aravis(plan, format=layout) as rig:
+                camera: Any = rig.camera
+                settings = camera.fixed_settings()
+                assert stays(settings) == {"ExposureAuto": "Continuous"}
+                assert settings["GainAuto"] == Setting("Off", "Off")
+                assert settings["Gamma"] == Setting("1", "1")
+                assert settings["LUTEnable"] == Setting("False", "False")
+                assert settings["GainRaw"] == Setting(None, "0")
+                assert (camera.bit_depth, camera.max_value) == (12, 4095)
+                frame = camera.grab(5.0)
+                assert (frame.data.shape, frame.data.dtype, frame.status) == ((512, 512), np.uint16, "complete")
+                camera.device._write("GainAuto", "Continuous")  # another program
+                assert stays(camera.fixed_settings()) == {"ExposureAuto": "Continuous", "GainAuto": "Continuous"}
+
+
+class Memory:
+    """Functions of libaravis for one buffer in memory."""
+
+    def __init__(self, data: NDArray[np.uint8], shape: tuple[int, int], number: int, padding: int) -> None:
+        self._data, self._shape, self._number, self._padding = data, shape, number, padding
+
+    def buffer_get_image_data(self, _: object, size: Any) -> int:
+        size._obj.value = len(self._data)
+        return int(self._data.ctypes.data)
+
+    def buffer_get_image_padding(self, _: object, x: Any, y: Any) -> None:
+        x._obj.value, y._obj.value = self._padding, 0
+
+    def buffer_get_image_width(self, _: object) -> int:
+        return self._shape[1]
+
+    def buffer_get_image_height(self, _: object) -> int:
+        return self._shape[0]
+
+    def buffer_get_image_pixel_format(self, _: object) -> int:
+        return self._number
+
+
+@pytest.mark.parametrize("layout", ["12p", "12Packed"])
+@pytest.mark.parametrize("padding", [0, 2])
+def test_aravis_unpacks_buffers(layout: str, padding: int) -> None:
+    from lfcal.devices.backends.aravis import _Camera
+
+    camera: Any = object.__new__(_Camera)
+    camera.name, camera._format = "camera", PixelFormat.named(f"Mono{layout}", "camera")
+    data = as_array(buffer_of(layout, padding))
+    camera._lib = Memory(data, SAMPLES.shape, PFNC[layout], padding)
+    np.testing.assert_array_equal(camera._copy(None), SAMPLES)
+    camera._lib = Memory(data[:20], SAMPLES.shape, PFNC[layout], padding)
+    with pytest.raises(CameraError, match="camera: 20 bytes of Mono12"):
+        camera._copy(None)
+    camera._lib = Memory(data, SAMPLES.shape, 0x01100007, padding)
+    with pytest.raises(CameraError, match=f"frame: expected Mono{layout}, got 16 bits a pixel; set option format"):
+        camera._copy(None)
+
+
+def test_aravis_takes_no_camera_that_is_lost_for_one_without_settings() -> None:
+    from lfcal.devices.backends._aravis_lib import AravisError
+    from lfcal.devices.backends.aravis import _Camera
+
+    def silent(*_: object) -> None:
+        raise AravisError("timeout", silent=True)
+
+    camera: Any = object.__new__(_Camera)
+    camera.name, camera._camera = "camera", None
+    camera._lib = SimpleNamespace(camera_is_feature_available=silent)
+    with pytest.raises(DeviceLost, match=r"camera: no answer \(timeout\)"):
+        camera.fixed_settings()
+
+
+# -- Micro-Manager, whose drivers have names of their own --------------------------------------------------
+class Core:
+    """What a camera needs of a core; properties with their allowed values, and those that cannot be changed."""
+
+    def __init__(self, properties: dict[str, tuple[str, tuple[str, ...]]], fixed: tuple[str, ...] = ()) -> None:
+        self.values = {key: value for key, (value, _) in properties.items()}
+        self._allowed = {key: allowed for key, (_, allowed) in properties.items()}
+        self._fixed = fixed
+
+    def getDevicePropertyNames(self, _: str) -> tuple[str, ...]:
+        return tuple(self.values)
+
+    def getAllowedPropertyValues(self, _: str, key: str) -> tuple[str, ...]:
+        return self._allowed[key]
+
+    def hasProperty(self, _: str, key: str) -> bool:
+        return key in self.values
+
+    def getProperty(self, _: str, key: str) -> str:
+        return self.values[key]
+
+    def setProperty(self, _: str, key: str, value: str) -> None:
+        if key in self._fixed:
+            raise RuntimeError("read-only")
+        self.values[key] = value
+
+    def hasPropertyLimits(self, _: str, key: str) -> bool:
+        return key == "Gamma"
+
+    def getPropertyUpperLimit(self, *_: str) -> float:
+        return 4.0
+
+    def getImageHeight(self) -> int:
+        return 8
+
+    getImageWidth = getImageBitDepth = getImageHeight
+
+    def getNumberOfComponents(self) -> int:
+        return 1
+
+    def getDeviceLibrary(self, _: str) -> str:
+        return "Driver"
+
+    getDeviceName = getDeviceLibrary
+
+    def clearROI(self) -> None: ...
+
+    def reset(self) -> None: ...
+
+
+def test_micromanager_finds_the_properties_of_many_drivers() -> None:
+    core = Core(
+        {
+            "Exposure Auto": ("Continuous", ("Continuous", "Off", "Once")),
+            "AutoGain": ("1", ("0", "1")),
+            "Auto White Balance": ("On", ("On", "Off")),
+            "Gamma Enabled": ("1", ("0", "1")),
+            "Gamma": ("2.2", ()),
+            "Exposure Auto Upper Limit": ("15000", ()),
+            "AutoFocus": ("On", ("On", "Off")),
+            "Gain": ("3", ()),
+            "CCDTemperature": ("-10.3", ()),
+        },
+        fixed=("Auto White Balance",),
+    )
+    camera = MicroManagerCamera(core, "Camera")
+    settings = camera.fixed_settings()
+    assert stays(settings) == {"Auto White Balance": "On"}
+    assert core.values["AutoGain"] == core.values["Gamma Enabled"] == "0"
+    assert core.values["AutoFocus"] == "On"
+    assert {name for name, found in settings.items() if found.requested is None} == {"Gamma", "Gain"}
+    assert "Exposure Auto Upper Limit" not in settings
+    camera.close()
+
+
+def test_micromanager_straightens_gamma_and_leaves_what_the_user_set() -> None:
+    properties: dict[str, tuple[str, tuple[str, ...]]] = {"Gamma": ("2.2", ()), "GainAuto": ("On", ("On", "Off"))}
+    camera = MicroManagerCamera(Core(properties), "Camera", {"GainAuto"})
+    assert stays(camera.fixed_settings()) == {"GainAuto": "On"}
+    assert camera.fixed_settings()["Gamma"] == Setting("1", "1")
+    camera.close()
