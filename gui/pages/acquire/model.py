@@ -90,6 +90,13 @@ FIELDS = (
         "displaced, too light or dark): the session stops, or the frame is kept and its position named",
     ),
     Field(
+        "allow_automatic",
+        "Allow automatic",
+        kind="bool",
+        tip="Record although the camera's exposure, gain or black level stays automatic, or its gamma on: frames and H "
+        "are then not proportional to light",
+    ),
+    Field(
         "suspend",
         "Hold unless",
         "",
@@ -156,8 +163,8 @@ class AcquireSettings(PageSettings):
         ``"whole"``: every position; ``"error"``: until H is known to this relative error, or so many are recorded.
     suspend
         Bounds of gauges separated by ``;``, each as `lfcal.acquire.Bound.parse` reads it.
-    bracket, darks, dark_every, reference_every, controls, retries, on_suspect, steady_s, margin_px, tolerance_um,
-    overshoot_um
+    bracket, darks, dark_every, reference_every, controls, retries, on_suspect, allow_automatic, steady_s, margin_px,
+    tolerance_um, overshoot_um
         As in `lfcal.acquire.options.Options`; an empty tolerance is the default.
     """
 
@@ -178,6 +185,7 @@ class AcquireSettings(PageSettings):
     controls: int = DEFAULTS.controls
     retries: int = DEFAULTS.retries
     on_suspect: str = DEFAULTS.on_suspect
+    allow_automatic: bool = DEFAULTS.allow_automatic
     suspend: str = ""
     steady_s: float = DEFAULTS.steady_s
     margin_px: int | None = DEFAULTS.margin_px
@@ -209,6 +217,7 @@ class AcquireSettings(PageSettings):
             self.tolerance_um or None,
             self.overshoot_um,
             on_suspect=self.on_suspect,
+            allow_automatic=self.allow_automatic,
             suspend=tuple(part.strip() for part in self.suspend.split(";") if part.strip()),
             steady_s=self.steady_s,
         )

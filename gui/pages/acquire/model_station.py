@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from lfcal.acquire.control import Control
 from lfcal.acquire.preview import LiveFrame, Preview
+from lfcal.acquire.session_file import Devices
 from lfcal.acquire.setup.live import LiveState, iter_live
 from lfcal.camera import ScanPlan
 from lfcal.devices.errors import LimitError, StageError
@@ -61,10 +62,15 @@ class Station:
         Of the backend, for people.
     plan, choice
         The plan the devices were opened for; options of the backend, and the backend of the stage.
+    devices
+        What they said of themselves when they were opened; None: ask them now.
     """
 
-    def __init__(self, rig: Rig, name: str, plan: ScanPlan, choice: Choice = ({}, "")) -> None:
+    def __init__(
+        self, rig: Rig, name: str, plan: ScanPlan, choice: Choice = ({}, ""), devices: Devices | None = None
+    ) -> None:
         self.rig, self.name = rig, name
+        self.devices = devices or Devices.of(rig)
         self._opened_for, self._choice = plan, (dict(choice[0]), choice[1])
         self._lock = threading.Lock()
         self._live: Generator[LiveState, float | None, None] | None = None
@@ -87,7 +93,9 @@ class Station:
         """Camera and stage as they name themselves."""
         camera = self.rig.camera
         rows, columns = camera.sensor_shape
-        return f"{camera.name}, {columns} × {rows} px, {camera.bit_depth} bits; {self.rig.stage.name}"
+        title = f"{camera.name}, {columns} × {rows} px, {camera.bit_depth} bits; {self.rig.stage.name}"
+        automatic = self.devices.automatic_words
+        return f"{title}. The camera changes frames automatically: {automatic}" if automatic else title
 
     def outdated(self, plan: ScanPlan, name: str, options: Mapping[str, str], stage: str) -> str:
         """Return in words why these are not the devices for ``plan`` and the choice that stands; empty: they are."""
@@ -214,11 +222,11 @@ def open_station(plan: ScanPlan, backend: str, options: Mapping[str, str], stage
 
     rig = open_rig(plan, backend, options, stage=stage)
     try:
-        check_devices(plan, rig)
+        devices = check_devices(plan, rig)
     except BaseException:
         rig.close()
         raise
-    return Station(rig, backend, plan, (options, stage))
+    return Station(rig, backend, plan, (options, stage), devices)
 
 
 def read_target(words: str, limits: Limits) -> tuple[float | None, ...]:

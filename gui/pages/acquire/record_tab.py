@@ -12,7 +12,7 @@ from PySide6.QtCore import QObject, QTimer, Signal
 from gui.context import Context
 from gui.jobs import Job
 from gui.models.project import Hold, ProjectState
-from gui.models.words import plane_words
+from gui.models.words import plane_words, said_in_window
 from gui.pages.acquire.after import Afterwards
 from gui.pages.acquire.folder_choice import FolderChoice
 from gui.pages.acquire.model import AcquireSettings
@@ -22,9 +22,10 @@ from gui.pages.acquire.model_target import picture_of, places_px
 from gui.pages.acquire.model_until import check_goal, error_curve
 from gui.pages.acquire.record_panel import RecordPanel
 from gui.pages.acquire.setup_tab import SetupTab
-from gui.pages.acquire.status import advice_words, asked_words, end_words, progress_words
+from gui.pages.acquire.status import advice_words, asked_words, automatic_words, end_words, progress_words
 from gui.pages.acquire.step import step
 from gui.pages.acquire.target_choice import TargetChoice
+from lfcal.acquire.session import check_fixed
 from lfcal.errors import LfcalError, StorageError
 from lfcal.frames.source import Position
 from lfcal.units import format_length
@@ -184,6 +185,9 @@ class RecordTab(QObject):
         backend = AcquireSettings.of(state).backend if self.setup.station is None else ""
         measured = "stage" in self.setup.measuring.found
         words = advice_words(self.folder, recording=recording, backend=backend, measured=measured)
+        station = self.setup.station
+        if station is not None and not (recording or there):
+            words = automatic_words(station.devices, AcquireSettings.of(state).options()) or words
         self.panel.why.setText(words)
         self.shown.emit()
 
@@ -230,6 +234,8 @@ class RecordTab(QObject):
             options = now.options or AcquireSettings.of(state).options()
             plan = self.target.to_record(state.plan, now)
             resume = now.there is not None and not redo
+            if not resume:
+                check_fixed(station.devices, options)
             goal = None if redo else AcquireSettings.of(state).goal()
             if goal is not None:
                 check_goal(state.plan, options, now)
@@ -237,7 +243,7 @@ class RecordTab(QObject):
             known = now.known([Position(*p) for p in again])
             recorder = Recorder(folder, plan, options, resume=resume, redo=again, goal=goal, known=known)
         except LfcalError as error:
-            self._refuse(str(error))
+            self._refuse(said_in_window(str(error)))
             return
         self.recorder = recorder
         recorded = partial(step, state, str(folder), resume=resume, redo=again)

@@ -6,10 +6,12 @@ from gui.jobs import Job, JobState
 from gui.pages.acquire.model_recorder import FolderState, Recorder
 from gui.pages.acquire.model_until import until_words
 from lfcal.acquire.control import Control
+from lfcal.acquire.options import Options
+from lfcal.acquire.session_file import Devices
 from lfcal.progress import Progress
 from lfcal.units import format_seconds
 
-__all__ = ["advice_words", "asked_words", "end_words", "progress_words"]
+__all__ = ["advice_words", "asked_words", "automatic_words", "end_words", "progress_words"]
 
 
 def progress_words(recorder: Recorder, record: Progress, lamp: str) -> tuple[str, str, float | None]:
@@ -45,6 +47,16 @@ def end_words(job: Job, ended: str, counted: str = "positions") -> tuple[str, fl
         return words, found.acknowledged / max(1, found.total)
     words = {JobState.FAILED: "Stopped by a fault.", JobState.CANCELLED: "Interrupted."}.get(job.state, "")
     return words, job.progress.fraction if job.progress is not None else 0.0
+
+
+def automatic_words(devices: Devices, options: Options) -> str:
+    """Return what to do about settings by which the camera changes frames; empty: there are none, or they may be."""
+    if not devices.automatic or options.allow_automatic:
+        return ""
+    return (
+        f"The camera changes frames automatically: {devices.automatic_words}. Switch this off in the program of its "
+        "maker and connect again, or tick Allow automatic."
+    )
 
 
 def _joined(*parts: str) -> str:

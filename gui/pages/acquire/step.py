@@ -43,6 +43,7 @@ def step(
         ("--controls", options.controls if single else None),
         ("--retries", options.retries),
         ("--on-suspect", options.on_suspect),
+        ("--allow-automatic", options.allow_automatic),
         *(("--suspend", text) for text in options.suspend),
         ("--steady", options.steady_s if options.suspend else None),
         ("--tolerance", ",".join(f"{v!r}" for v in options.tolerance_um or ())),

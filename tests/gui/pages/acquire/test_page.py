@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QApplication, QFileDialog, QLineEdit, QWidget
+from PySide6.QtWidgets import QApplication, QCheckBox, QFileDialog, QLineEdit, QWidget
 from pytestqt.qtbot import QtBot
 
 from gui.context import Context
@@ -17,9 +17,11 @@ from gui.models.project import ProjectState
 from gui.pages.acquire.model import AcquireSettings
 from gui.pages.acquire.model_recorder import folder_state
 from gui.pages.acquire.page import Page
+from gui.pages.acquire.step import step
 from gui.theme import DARK, LIGHT, apply_theme
 from lfcal.acquire import Options
 from lfcal.acquire.recording.source import RecordingSource
+from lfcal.acquire.session_file import SessionFile
 from lfcal.camera import preset
 from lfcal.psf import open_psf
 from tests.acquire.rigs import small_plan
@@ -342,6 +344,33 @@ def test_a_fault_stops_safely_and_is_said(page: Page, context: Context, qtbot: Q
     assert "resume" in page.panel.record.detail.text()
     there = page.record.folder.there
     assert there is not None and 0 < there.sum() < 24
+
+
+def test_a_camera_that_stays_automatic_is_named_and_recorded_once_that_is_allowed(
+    page: Page, context: Context, qtbot: QtBot, tmp_path: Path
+) -> None:
+    page.setup._devices_edited("sim", (("optics", "pattern"), ("automatic", "GainAuto")), "")
+    connect(page, qtbot)
+    named = "The camera changes frames automatically: GainAuto = Continuous"
+    assert named in page.panel.setup.devices.reason.text()
+    context.project.update("folder", recording=str(tmp_path / "s"))
+    page.panel.setup.live.setChecked(False)
+    record = page.panel.record
+    assert record.why.text().startswith(named) and "tick Allow automatic" in record.why.text()
+    page.record.start()
+    qtbot.waitUntil(lambda: "Cannot begin" in record.status.text(), timeout=GUARD_MS)
+    assert "got GainAuto = Continuous; switch this off" in record.detail.text() and "--" not in record.detail.text()
+    assert not (tmp_path / "s").exists()
+    allow = record.form.editor("allow_automatic")
+    assert isinstance(allow, QCheckBox)
+    allow.setChecked(True)
+    assert AcquireSettings.of(context.state).options().allow_automatic
+    qtbot.waitUntil(lambda: named not in record.why.text(), timeout=GUARD_MS)
+    assert "--allow-automatic" in step(context.state).arguments
+    page.record.start()
+    qtbot.waitUntil(lambda: page.record.folder.there is not None, timeout=GUARD_MS)
+    qtbot.waitUntil(lambda: not page.record.recording, timeout=GUARD_MS)
+    assert SessionFile.read(tmp_path / "s").devices.automatic == ("GainAuto",)
 
 
 def test_a_dropped_session_that_is_damaged_is_refused(
