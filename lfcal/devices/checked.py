@@ -21,6 +21,9 @@ SETTING_S, LIGHT_S, MOVE_S = 10.0, 30.0, 60.0
 
 D = TypeVar("D")
 
+POINT = [float, float, float]
+"""Types of a position as most drivers give it; it is asked for twice a frame."""
+
 REMEDY = "the driver is wrong: correct or update it"
 
 
@@ -232,15 +235,19 @@ class CheckedStage(_Checked[StageDevice]):
     def moving(self, cancelled: Callable[[], bool] = never) -> bool:
         """Return whether any axis is on its way; False once ``cancelled`` is true."""
         found = self._caller.call("moving", self.device.moving, cancelled=cancelled)
+        if found is True or found is False:  # the usual answers, asked for several times a frame
+            return found
         if found is CANCELLED:
             return False
-        if type(found) is not bool and not isinstance(found, np.bool_ | Integral):
+        if not isinstance(found, np.bool_ | Integral):
             raise self._wrong("moving", "True or False", found)
         return bool(found)
 
     def position(self) -> Point:
         """Return the position read back from the device (µm)."""
         found = self._caller.call("position", self.device.position)
+        if type(found) is tuple and [*map(type, found)] == POINT:
+            return found
         if isinstance(found, np.ndarray):
             found = tuple(found.tolist())
         if not (isinstance(found, tuple | list) and len(found) == 3 and all(_number(value) for value in found)):
