@@ -164,6 +164,14 @@ class ProjectFiles(QObject):
         self._hold(lock)
         self.project.start(state, path, saved)
         self.rescue.keep()
+        if state.left_out:
+            named, more = state.left_out[0][:200], len(state.left_out) - 1
+            others = f" and {more} more" if more else ""
+            self._refuse(
+                "Open project",
+                f"not taken from the project: {named}{others}; a path on a network share makes this computer log on at "
+                "that server: choose the file again if you know it, or give the share a drive letter",
+            )
 
     # -- locks -----------------------------------------------------------------------------------------
     def _claim(self, path: Path) -> FileLock | None:

@@ -16,6 +16,7 @@ __all__ = [
     "MAX_SAMPLE",
     "as_sensor_frame",
     "check_choice",
+    "check_length",
     "check_number",
     "check_tuple",
     "check_type",
@@ -57,6 +58,14 @@ def check_number(
     ]
     wanted = " ".join([("a whole number" if integer else "a number"), " and ".join(bounds)]).strip()
     raise InputError.expected(what, wanted, repr(value), remedy)
+
+
+def check_length(what: str, value_um: object, **bounds: Any) -> None:
+    """Raise `InputError` unless ``value_um`` is a length that optics can have (µm), within the ``bounds`` given.
+
+    Beyond these limits, far outside everything that is built, squares of lengths and of their ratios overflow.
+    """
+    check_number(what, value_um, **{"at_most": 1e15, **(bounds or {"at_least": 1e-9})})
 
 
 def check_wavelength(value_um: object) -> None:

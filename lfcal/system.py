@@ -25,6 +25,7 @@ __all__ = [
     "lock",
     "memory_in_use",
     "name_refused",
+    "on_network",
     "peak_memory",
     "processors",
     "read_at",
@@ -171,6 +172,13 @@ def name_refused(path: Path) -> str:
         if bad := [c for c in part if c in _NOT_IN_NAMES or ord(c) < 32]:
             return f"{bad[0]!r} may not be in the name of a file on Windows"
     return ""
+
+
+def on_network(path: str) -> bool:
+    """Return whether Windows would look for a path on another computer, and log on there: ``//server/share/x``."""
+    start = path.replace("/", "\\")
+    local = start[:4] in ("\\\\?\\", "\\\\.\\", "\\??\\") and start[5:6] == ":"
+    return start.startswith(("\\\\", "\\??\\")) and not local
 
 
 def too_long(path: object) -> bool:

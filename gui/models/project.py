@@ -12,6 +12,7 @@ from lfcal.camera import Camera, ScanPlan, preset
 from lfcal.errors import FileFormatError, LfcalError
 from lfcal.files import read_text, replace_whole
 from lfcal.plain import parse_json
+from lfcal.system import on_network
 
 __all__ = ["Hold", "Project", "ProjectState", "RecentProjects", "read_project"]
 
@@ -43,6 +44,9 @@ class ProjectState:
         a light field to reconstruct and its reconstruction. Empty: none yet.
     redo
         Positions (z, y, x) to be recorded again.
+    left_out
+        Paths on network shares that the file of the project named, as ``"psf //server/share/H.h5"``: they are not
+        taken from it, since Windows logs on at any server that a path names. No part of the project.
     """
 
     name: str = "untitled"
@@ -56,17 +60,18 @@ class ProjectState:
     light_field: str = ""
     volume: str = ""
     redo: tuple[tuple[int, int, int], ...] = ()
+    left_out: tuple[str, ...] = ()
 
     def __eq__(self, other: object) -> bool:
         """Return whether all is the same, also where the camera's values come from: a file holds that, too."""
         if not isinstance(other, ProjectState):
             return NotImplemented
-        same = all(getattr(self, f.name) == getattr(other, f.name) for f in fields(self))
+        same = all(getattr(self, name) == getattr(other, name) for name in ENTRIES)
         return same and self.camera.marks == other.camera.marks
 
     def to_json(self) -> str:
         """Return the state as JSON text."""
-        data: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
+        data: dict[str, Any] = {name: getattr(self, name) for name in ENTRIES}
         data["camera"] = self.camera.to_dict()
         data["plan"] = None if self.plan is None else self.plan.to_dict()
         data["settings"] = dict(self.settings)
@@ -79,18 +84,37 @@ class ProjectState:
         try:
             if data["format"] == OLD_FORMAT:
                 data = _modern(data)
+            left_out: list[str] = []
+            files = {name: _local(name, _path(name, data[name]), left_out) for name in FILES}
             return cls(
                 name=str(data["name"]),
                 camera=Camera.from_dict(data["camera"]),
                 plan=None if data["plan"] is None else ScanPlan.from_dict(data["plan"]),
-                settings=dict(data["settings"]),
+                settings=dict(_local("settings", dict(data["settings"]), left_out)),
                 redo=tuple((int(z), int(y), int(x)) for z, y, x in data["redo"]),
-                **{name: _path(name, data[name]) for name in FILES},
+                **files,
+                left_out=tuple(left_out),
             )
         except (KeyError, TypeError, ValueError) as error:
             if isinstance(error, LfcalError):
                 raise
             raise FileFormatError.expected("project", "every entry", f"{error}", "the file is incomplete") from None
+
+
+ENTRIES = tuple(f.name for f in fields(ProjectState) if f.name != "left_out")
+"""What a file of a project holds."""
+
+
+def _local(name: str, value: Any, left_out: list[str]) -> Any:
+    """Return a value without the paths on network shares in it, which are added to ``left_out``."""
+    if isinstance(value, dict):
+        return {key: _local(f"{name}.{key}", part, left_out) for key, part in value.items()}
+    if isinstance(value, list):
+        return [_local(name, part, left_out) for part in value]
+    if isinstance(value, str) and on_network(value):
+        left_out.append(f"{name} {value}")
+        return ""
+    return value
 
 
 def _path(name: str, given: object) -> str:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfcal.camera.cell import Vector, cell_neighbours, cell_size
 from lfcal.camera.distortion import LatticeDistortion
-from lfcal.checks import check_choice, check_number, check_tuple, check_type
+from lfcal.checks import check_choice, check_length, check_number, check_tuple, check_type
 from lfcal.errors import InputError
 
 __all__ = ["LensType", "LensletLattice"]
@@ -47,7 +47,7 @@ class LensType:
 
     def __post_init__(self) -> None:
         """Check every value."""
-        check_number("lenslet focal length (µm)", self.focal_length_um, above=0)
+        check_length("lenslet focal length (µm)", self.focal_length_um)
         if self.depth_range is not None:
             near, far = check_tuple("virtual depths, near and far", self.depth_range, 2)
             object.__setattr__(self, "depth_range", (near, far))
@@ -141,8 +141,8 @@ class LensletLattice:
     def __post_init__(self) -> None:
         """Check every value."""
         check_choice("lenslet lattice", self.kind, ("square", "hexagonal"))
-        check_number("lenslet pitch (µm)", self.pitch_um, above=0)
-        check_number("lenslet-sensor gap (µm)", self.gap_um, above=0)
+        check_length("lenslet pitch (µm)", self.pitch_um)
+        check_length("lenslet-sensor gap (µm)", self.gap_um)
         check_number("lattice rotation (rad)", self.rotation_rad)
         object.__setattr__(self, "offset_um", check_tuple("lattice offset (x, y) (µm)", self.offset_um, 2))
         check_type("lens types", self.types, (tuple, list))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from lfcal.checks import check_number
+from lfcal.checks import check_length, check_number
 
 __all__ = ["MainLens", "Microscope", "Optics"]
 
@@ -46,9 +46,9 @@ class MainLens:
 
     def __post_init__(self) -> None:
         """Check every value."""
-        check_number("main lens focal length (µm)", self.focal_length_um, above=0)
+        check_length("main lens focal length (µm)", self.focal_length_um)
         check_number("main lens f-number", self.f_number, above=0)
-        check_number(
+        check_length(
             "working distance (µm)",
             self.working_distance_um,
             # a working distance at or within the focal length has no real image on the array
@@ -128,7 +128,7 @@ class Microscope:
             below=self.medium_index,
             remedy="the NA is below the index of the medium",
         )
-        check_number("tube lens focal length (µm)", self.tube_length_um, above=0)
+        check_length("tube lens focal length (µm)", self.tube_length_um)
 
     @property
     def telecentric(self) -> bool:

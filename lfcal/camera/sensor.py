@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from lfcal.checks import check_number, check_tuple, check_type
+from lfcal.checks import check_length, check_number, check_tuple, check_type
 from lfcal.errors import InputError
 
 __all__ = ["Sensor"]
@@ -74,7 +74,7 @@ class Sensor:
         """Check every value."""
         shape = check_tuple("sensor shape (rows, columns)", self.shape, 2, at_least=1, at_most=200_000, integer=True)
         object.__setattr__(self, "shape", shape)
-        check_number("pixel pitch (µm)", self.pixel_um, above=0)
+        check_length("pixel pitch (µm)", self.pixel_um)
         check_number("bit depth", self.bit_depth, at_least=1, at_most=16, integer=True)
         check_number("full well (e-)", self.full_well_e, above=0)
         check_number("read noise (e-)", self.read_noise_e, at_least=0)

@@ -47,7 +47,7 @@ class H5Data:
     max_bytes
         Largest size declared (bytes).
     dtype
-        The only compound type accepted; by default plain numbers.
+        The only type accepted, that of the records of a recording; by default plain numbers.
     holes
         Whether chunks may be missing; they read as the fill value.
 
@@ -74,7 +74,9 @@ class H5Data:
         plist = data.id.get_create_plist()
         self._check_inside(plist)
         self.dtype: np.dtype[Any] = np.dtype(data.dtype)
-        if self.dtype.kind not in "iufcb" and (dtype is None or self.dtype != dtype):
+        if dtype is not None and self.dtype != dtype:
+            raise self._unsafe("the records of a recording", f"dtype {self.dtype}", "take it from its source again")
+        if dtype is None and self.dtype.kind not in "iufcb":
             raise self._unsafe("plain numbers", f"dtype {self.dtype}", "store it as numbers")
         if data.shape is None:
             raise FileFormatError.expected(self.where, "numbers", "an empty dataset", "take it from its source again")

@@ -126,7 +126,13 @@ class H5File:
         return found
 
     def values(
-        self, name: str, shape: tuple[int, ...] | None = None, *, kinds: str = "iuf", finite: bool = False
+        self,
+        name: str,
+        shape: tuple[int, ...] | None = None,
+        *,
+        kinds: str = "iuf",
+        finite: bool = False,
+        at_most: float | None = None,
     ) -> NDArray[Any]:
         """Return all of a small dataset (4 GB at most).
 
@@ -140,6 +146,8 @@ class H5File:
             Kinds of numbers accepted, as numpy's ``dtype.kind``.
         finite
             Refuse NaN and infinity.
+        at_most
+            Largest magnitude accepted; refuses NaN, too.
         """
         data = self.dataset(name, max_bytes=1 << 32)
         if data.dtype.kind not in kinds or (shape is not None and data.shape != shape):
@@ -148,6 +156,10 @@ class H5File:
         values = data.read()
         if finite and not np.isfinite(values).all():
             raise self._wrong(name, "finite numbers", "NaN or infinity")
+        if at_most is not None and values.size:
+            most = float(np.abs(values.astype(np.float64, copy=False)).max())
+            if not most <= at_most:
+                raise self._wrong(name, f"numbers up to {at_most:g}", f"{most:g}")
         return values
 
     def _wrong(self, name: str, wanted: str, got: str) -> FileFormatError:

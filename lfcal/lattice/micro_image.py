@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.errors import InputError
 from lfcal.lattice._kernels import Lenslets, Template, fold, lenslet_statistics, register
 from lfcal.threads import chunks, for_each_chunk, worker_count
 
@@ -45,6 +46,11 @@ class MicroImage:
         """Return (x, y) from the lattice point to the point about which the micro-image is most symmetric (px).
 
         The micro-image is fitted to itself turned by 180 degrees; half the shift between the two is the answer.
+
+        Raises
+        ------
+        InputError
+            If the micro-image is dark.
         """
         n = self.table.shape[0]
         places = (np.arange(n) - n // 2) / SAMPLES_PER_PIXEL
@@ -52,6 +58,8 @@ class MicroImage:
         columns = [self.table, np.ones_like(self.table), *self.slopes]
         matrix = np.stack([column[inside] for column in columns], axis=-1)
         answer = np.linalg.lstsq(matrix, self.table[::-1, ::-1][inside], rcond=None)[0]
+        if not answer[0]:
+            raise InputError.expected("white image", "lit micro-images", "dark ones", "record an evenly lit surface")
         # turned image = g T(u - d), d = -answer / g; the centre of symmetry lies at -d/2
         shift: Array = answer[2:] / answer[0] / 2
         return shift

@@ -12,7 +12,7 @@ from lfcal.errors import FileFormatError
 from lfcal.h5.file import H5File
 from lfcal.progress import Clock, Work
 from lfcal.psf.layout import StoredPlane
-from lfcal.psf.opening import facts_in, provenance_of, scaling_of
+from lfcal.psf.opening import depth_sums_of, facts_in, provenance_of, scaling_of
 from lfcal.psf.provenance import simulated_planes
 from lfcal.psf.store import VERSION, PSFWriter
 
@@ -63,7 +63,7 @@ def stored_plane(file: H5File) -> StoredPlane:
     step = file.values("step", shape[:3], kinds="f", finite=True)[0].astype(np.float32) if "step" in file else None
     return StoredPlane(
         data,
-        file.values("depth_sum", (1, *shape[3:]), finite=True)[0].astype(np.float64),
+        depth_sums_of(file, "depth_sum", shape)[0],
         file.values("used_window", (1, 4), kinds="i")[0].astype(np.int32),
         int(file.values("checksum", (1,), kinds="u")[0]),
         float(file.values("error", (1,), kinds="f")[0]),

@@ -196,7 +196,8 @@ class _Reader:
         """Return the depths (µm); None where the file has none, or as many as it has planes of another matrix."""
         if "x3objspace" not in self._file:
             return None
-        values = self._file.values("x3objspace", finite=True).astype(np.float64).ravel() * 1e6  # m to µm
+        # beyond a million kilometres it is no depth of optics, and could overflow
+        values = self._file.values("x3objspace", finite=True, at_most=1e9).astype(np.float64).ravel() * 1e6  # m to µm
         if values.size != nz:
             return None
         if np.unique(values).size < nz:
@@ -231,7 +232,7 @@ class _Reader:
         if name not in self._file:
             return ""
         letters = self._file.values(name, kinds="u").ravel().tolist()
-        order = "".join(map(chr, letters[:16]))
+        order = "".join(chr(letter) if letter < 128 else "?" for letter in letters[:16])
         if order not in (ROWS_FIRST, COLUMNS_FIRST):
             known = f"{COLUMNS_FIRST} or {ROWS_FIRST}"
             raise FileFormatError.expected(f"{self._file.path}: {name}", known, repr(order), "export it again")

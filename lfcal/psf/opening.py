@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from lfcal.axes import AXES, check_psf_shape
 from lfcal.camera import Camera
+from lfcal.checks import MAX_SAMPLE
 from lfcal.errors import FileFormatError, InputError
 from lfcal.h5.attributes import Attributes
 from lfcal.h5.dataset import H5Data
@@ -30,6 +31,7 @@ from lfcal.psf.store import CHECKED_VERSION, FORMAT, REGIONS, STEPPED_VERSION, V
 
 __all__ = [
     "FOREIGN",
+    "depth_sums_of",
     "facts_in",
     "mat_order_of",
     "open_psf",
@@ -210,18 +212,24 @@ def _matrix_of(file: H5File, group: str) -> PSFMatrix:
         offset=offset,
         facts=facts_in(file, prefix, shape, provenance),
         uncertainty=_uncertainty(file, prefix, data),
-        depth_sums=file.values(sums, (shape[0], *shape[3:]), finite=True) if sums in file else None,
+        depth_sums=depth_sums_of(file, sums, shape) if sums in file else None,
         region=attributes.text("region", ""),
         transposed=attributes.text("matrix", "H") == "HT",
         provenance=provenance,
     )
 
 
+def depth_sums_of(file: H5File, name: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Return the sums of the planes of an H file of ``shape``, none larger than its samples can add up to."""
+    most = MAX_SAMPLE * shape[1] * shape[2]
+    return file.values(name, (shape[0], *shape[3:]), finite=True, at_most=most).astype(np.float64)
+
+
 def _depths(file: H5File, prefix: str, planes: int) -> NDArray[np.float64]:
     """Return the depth of each plane (µm), no two the same; not-a-number where none was stated."""
     if file.attributes(f"{prefix}depths").text("unit") == PLANE_NUMBER:
         return np.full(planes, np.nan)
-    depths = file.values(f"{prefix}depths", (planes,), finite=True).astype(np.float64)
+    depths = file.values(f"{prefix}depths", (planes,), finite=True, at_most=1e15).astype(np.float64)
     if np.unique(depths).size < planes:
         raise FileFormatError.expected(
             f"{file.path}:/{prefix}depths", "a depth for each plane", "one twice", "take the file from its source again"

@@ -18,6 +18,7 @@ from typing import Any, TextIO
 from lfcal.checks import check_number
 from lfcal.errors import InputError, LfcalError
 from lfcal.files import read_text, storage_errors
+from lfcal.plain import parse_json
 from lfcal.system import is_alive
 
 __all__ = [
@@ -253,9 +254,9 @@ def _records(lines: list[str]) -> Iterator[dict[str, Any]]:
     """Yield the lines that are whole."""
     for line in lines:
         try:
-            record = json.loads(line)
+            record = parse_json(line, JOURNAL, finite=False)
             check_number("time", record["at"])
-        except (ValueError, KeyError, TypeError, LfcalError):
+        except (KeyError, TypeError, LfcalError):
             continue
         if isinstance(record.get("event"), str) and (record["event"] != "begin" or _whole(record)):
             yield record

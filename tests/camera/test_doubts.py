@@ -51,15 +51,23 @@ def test_an_offset_up_to_the_edge_is_on_the_sensor() -> None:
 
 
 @pytest.mark.parametrize(
-    "camera",
+    ("part", "value"),
     [
-        changed("optics", focal_length_um=1e-320),
-        changed("lattice", pitch_um=1.7e308),
-        changed("sensor", pixel_um=1e-320),
-        replace(preset("lfm_20x05"), optics=Microscope(numerical_aperture=1e-320)),
+        ("optics", {"focal_length_um": 1e-320}),
+        ("optics", {"working_distance_um": 1e308}),
+        ("lattice", {"pitch_um": 1.7e308}),
+        ("lattice", {"gap_um": 1e16}),
+        ("sensor", {"pixel_um": 1e-320}),
     ],
 )
-def test_numbers_beyond_all_are_one_line(camera: Camera) -> None:
+def test_lengths_that_no_optics_have_are_refused(part: str, value: dict[str, float]) -> None:
+    """Products of such lengths were infinite or zero, and their quotients ended the program."""
+    with pytest.raises(InputError, match=r"µm\): expected a number .*≤ 1e\+15, got 1"):
+        changed(part, **value)
+
+
+def test_numbers_beyond_all_are_one_line() -> None:
+    camera = replace(preset("lfm_20x05"), optics=Microscope(numerical_aperture=1e-320))
     for question in (doubts, derived_of):
         with pytest.raises(InputError, match="values of a real camera"):
             question(camera)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -13,20 +14,29 @@ from typer.main import get_command
 
 from lfcal.cli.app import build_app
 from tests.fuzz.guard import Guard, Outcome
+from tests.fuzz.h5_mutators import restructure
 from tests.fuzz.mutators import mutate
 from tests.fuzz.targets import Target
 
 __all__ = ["Workplace", "spoil"]
 
 LONGEST = 500
+STRUCTURED = 0.7
+"""Share of the inputs of HDF5 files that still are such files."""
 OLD = b"what an earlier run left"
+BEFORE = re.compile(r"lfcal: (note|warning): |lfcal: .*memory [\d.]+ [kMG]?B of ")
+"""What a command may say before it finds what is wrong: notes, and how it is going to reconstruct."""
 SESSION_FILES = re.compile(r"(session\.lock|session\.json|(recording|darks|checks)(-\d+)?\.h5)")
 """What a session that goes on may add to its folder: it can be resumed."""
 
 
 def spoil(target: Target, number: int, good: Path) -> bytes:
     """Return input ``number`` for ``target``: the same every time."""
-    return mutate((good / target.file).read_bytes(), target.family, Random(f"{target.name} {number}"))
+    data, rng = (good / target.file).read_bytes(), Random(f"{target.name} {number}")
+    if target.family == "h5" and rng.random() < STRUCTURED:
+        with suppress(Exception):  # a change that HDF5 does not take
+            return restructure(data, rng)
+    return mutate(data, target.family, rng)
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,9 +118,10 @@ def _judge_words(outcome: Outcome) -> str:
     foreign = [line for line in lines if not line.startswith("lfcal: ")]
     if foreign:
         return f"other than a line of lfcal: {foreign[0][:100]!r}"
-    if outcome.code and len(lines) != 1:
-        return f"{len(lines)} lines"
-    longest = max(map(len, lines), default=0)
+    told = [line for line in lines if not BEFORE.match(line)]
+    if outcome.code and (len(told) != 1 or told != lines[-1:]):
+        return f"{len(told)} lines"
+    longest = max(map(len, told), default=0)
     if longest > LONGEST:
         return f"a line of {longest} characters"
     return "a line with control characters" if any(not line.isprintable() for line in lines) else ""

@@ -12,6 +12,7 @@ import sys
 import time
 import traceback
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 
 CPU_S = 30
@@ -30,8 +31,8 @@ def _limit() -> None:
 def _call(arguments: list[str]) -> tuple[int | None, str]:
     """Run one command; return its exit code, None for an exception that no user should see, and where that arose."""
     try:
-        if arguments[0] == "project":
-            _open_project(Path(arguments[1]))
+        if arguments[0] in READERS:
+            _read(READERS[arguments[0]], Path(arguments[1]))
         else:
             from lfcal.cli import main
 
@@ -46,17 +47,32 @@ def _call(arguments: list[str]) -> tuple[int | None, str]:
     return 0, ""
 
 
-def _open_project(path: Path) -> None:
-    """Open a project as the window does; it shows what `LfcalError` says."""
-    from gui.models.project import Project
+def _read(reader: Callable[[Path], object], path: Path) -> None:
+    """Read a file as the program does that says what `LfcalError` says."""
     from lfcal.cli.console import report
     from lfcal.errors import LfcalError
 
     try:
-        Project().open(path)
+        reader(path)
     except LfcalError as error:
         report(str(error))
         sys.exit(2)
+
+
+def _open_project(path: Path) -> None:
+    from gui.models.project import Project
+
+    Project().open(path)
+
+
+def _open_record(path: Path) -> None:
+    from lfcal.work.records import load_record
+
+    load_record(path)
+
+
+READERS = {"project": _open_project, "record": _open_record}
+"""Files that no command reads, or only one that works for long."""
 
 
 def main() -> None:

@@ -160,6 +160,109 @@ def _json_whole(data: bytes, rng: Random) -> bytes:
 JSON: tuple[Mutator, ...] = (*((_json_value,) * 8), *((_json_key,) * 6), _json_whole, _word, _line, _other_encoding)
 
 
+def _json_line(data: bytes, rng: Random) -> bytes:
+    """Spoil one line of a journal."""
+    lines = data.split(b"\n")
+    k = rng.randrange(len(lines))
+    lines[k] = rng.choice(JSON)(lines[k], rng).replace(b"\n", b" ")
+    return b"\n".join(lines)
+
+
+# -- YAML ----------------------------------------------------------------------------------------------
+YAML_VALUES = (
+    *(
+        ".nan",
+        ".inf",
+        "*a",
+        "&a [*a]",
+        "!!python/name:os.system",
+        "!!bool abc",
+        "!!set {a}",
+        "!!binary AAAA",
+        "2024-01-02",
+    ),
+    *("[" * 3000, "{a: " * 3000, "0x7f", "1_000", "1e400", "190:20:30", "!!float x", "!!timestamp x", "? {a: b}\n: 1"),
+    *(
+        "<<: *a",
+        "|\n  long",
+        "~",
+        "[1, [2]]",
+        "{a: 1}",
+        "'",
+        '"\\ud800"',
+        "\t",
+        "%YAML 9",
+        "---\n---",
+        "[" + "1," * 20000 + "1]",
+    ),
+)
+
+
+def _yaml_value(data: bytes, rng: Random) -> bytes:
+    """Replace, delete, double or add an entry."""
+    lines = data.decode("utf-8", "replace").splitlines()
+    k = rng.randrange(len(lines))
+    name = lines[k].partition(":")[0]
+    value = rng.choice((*YAML_VALUES, *RAW))
+    changed = rng.choice(([], [f"{name}: {value}"] * 2, *([[f"{name}: {value}"]] * 8)))
+    return "\n".join([*rng.choice(([], ["b: &a [1, 2]"])), *lines[:k], *changed, *lines[k + 1 :]]).encode()
+
+
+# -- pickles -------------------------------------------------------------------------------------------
+OPCODES = (
+    *(b"N", b"\x88", b"K\x05", b"J\xff\xff\xff\xff", b"G\x7f\xf8" + bytes(6), b")", b"]", b"}", b"(", b"0", b"1", b"2"),
+    *(
+        b"t",
+        b"\x85",
+        b"\x86",
+        b"\x87",
+        b"e",
+        b"a",
+        b"u",
+        b"s",
+        b"R",
+        b"b",
+        b"\x81",
+        b"o",
+        b"\x92",
+        b"Q",
+        b"\x94",
+        b"\x93",
+    ),
+    *(
+        b"cos\nsystem\n",
+        b"cbuiltins\neval\n",
+        b"cnumpy\nload\n",
+        b"clfcal.work\nUnit\n",
+        b"h\x00",
+        b"h\x05",
+        b"\x8c\x01x",
+    ),
+    *(
+        b"r\xff\xff\xff\x0f",
+        b"j\xff\xff\xff\x0f",
+        b"\x8a\x09" + b"\xff" * 8 + b"\x7f",
+        b"\x95" + b"\xff" * 8,
+        b"P0\n",
+        b".",
+    ),
+    *(
+        b"L" + b"9" * 5000 + b"L\n",
+        b"B\xff\xff\xff\x7f",
+        b"\x8e" + b"\xff" * 8,
+        b"\x8d" + b"\xff" * 7 + b"\x7f",
+        b"2" * 300,
+    ),
+)
+
+
+def _opcode(data: bytes, rng: Random) -> bytes:
+    """Put some steps between others, or in their place."""
+    at = _place(data, rng)
+    steps = b"".join(rng.choice(OPCODES) for _ in range(rng.choice((1, 1, 2, 5))))
+    return data[:at] + steps + data[at + rng.choice((0, 0, 1, len(steps))) :]
+
+
 # -- XML -----------------------------------------------------------------------------------------------
 def _xml_element(data: bytes, rng: Random) -> bytes:
     """Drop, double, nest or rename an element."""
@@ -248,6 +351,10 @@ FAMILIES: dict[str, tuple[Mutator, ...]] = {
     "json": (*JSON, *JSON, *BYTES),
     "csv": (*TEXT, *TEXT, *BYTES),
     "xml": (*XML, *BYTES),
+    "lines": (*((_json_line,) * 16), *TEXT, *BYTES),
+    "yaml": (*((_yaml_value,) * 12), *TEXT, *BYTES),
+    "pickle": (*((_opcode,) * 8), *BYTES),
+    "h5": BYTES,
 }
 """Mutators of a kind of file; one named several times is taken as often."""
 

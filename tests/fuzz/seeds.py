@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
+from types import ModuleType
 from unittest import mock
 from uuid import UUID
 
@@ -15,16 +17,23 @@ import tifffile
 from gui.models.project import ProjectState
 from lfcal.acquire import Options, RedoList, iter_finish, record
 from lfcal.acquire.control import Control
+from lfcal.axes import Position
 from lfcal.devices import simulated_rig
 from lfcal.progress import drain
 from lfcal.psf import PSFMatrix, export, save
+from lfcal.psf.facts import Origin
+from lfcal.psf.quality.metric import Reading
 from lfcal.psf.store import save_regions
+from lfcal.work.journal import Journal
+from lfcal.work.records import save_record
 from tests.acquire.rigs import small_plan
+from tests.camera.importers.files import CONFIGURATION, OLAF, napari
 from tests.camera.importers.test_raytrix_xml import xml
 from tests.cli.conftest import ANCHOR, SENSOR, SHAPE, true_frame
 from tests.cli.conftest import small_plan as frames_plan
 from tests.frames.scenes import write_dng
 from tests.lattice.white_frames import draw_white
+from tests.psf.test_lfc_import import psfs, save_lfc
 
 __all__ = ["RECORD", "make"]
 
@@ -39,6 +48,8 @@ def make(folder: Path) -> None:
     _frames(folder)
     _stacks(folder)
     _descriptions(folder)
+    _runs(folder)
+    _splats(folder)
     _sessions(folder)
 
 
@@ -78,6 +89,7 @@ def _frames(folder: Path) -> None:
 def _stacks(folder: Path) -> None:
     stack = np.stack([true_frame(*p) for p in np.ndindex(SHAPE)])
     np.save(folder / "stack.npy", stack)
+    np.savez(folder / "stack.npz", stack=stack)
     with h5py.File(folder / "stack.h5", "w") as file:
         file.create_dataset("frames", data=stack, chunks=(1, *SENSOR), compression="gzip", shuffle=True)
         file["positions"] = np.array(list(np.ndindex(SHAPE)), np.int32)
@@ -114,9 +126,39 @@ def _descriptions(folder: Path) -> None:
     (folder / "camera.json").write_text(RECORD.camera.to_json())
     (folder / "camera.xml").write_text(xml())
     RedoList.of([(0, 0, 1), (1, 1, 2)], ["dim", ""]).write(folder / "redo.json")
+    (folder / "olaf.yaml").write_text(OLAF)
+    (folder / "mm.cfg").write_text(CONFIGURATION)
+    (folder / "napari.json").write_text(napari())
+    summary = {"Width": 512, "Height": 400, "BitDepth": 14, "PixelSize_um": 0.325, "Slices": 3}
+    (folder / "metadata.txt").write_text(json.dumps({"Summary": summary}))
     state = ProjectState(plan=plan, frames="frames", redo=((0, 0, 1),), settings={"frames": {"strict": True}})
     (folder / "work.lfcal").write_text(state.to_json())
     assert ANCHOR == plan.anchor
+
+
+def _runs(folder: Path) -> None:
+    """Write what long runs leave: a journal, and the record of a unit."""
+    parts = folder / "H.h5.parts"
+    parts.mkdir()
+    with Journal.open(parts) as journal:
+        journal.begin("H of 3 planes", [f"plane {z}" for z in range(3)], "processes", 2, "")
+        journal.settle({"workers": 2}, ["a1", "b2"])
+        journal.note("started", unit="plane 0", worker="1")
+        journal.note("done", unit="plane 0", seconds=1.5, file="plane 0.a1.h5", seal="0123")
+        journal.note("failed", unit="plane 1", seconds=0.5, reason="the disk is full")
+        journal.note("joining")
+    image = np.arange(6.0).reshape(2, 3)
+    found = {"reading": Reading(0.5, image, image > 1, "words"), "place": Position(1, 2, 3), "origin": Origin.MODEL}
+    save_record(folder / "unit.record", found)
+
+
+def _splats(folder: Path) -> None:
+    """Write a calibration of napari-LF."""
+    module = ModuleType("lflib.optics")
+    database = type("PsfDatabase", (), {"__module__": "lflib.optics"})
+    module.PsfDatabase = database  # type: ignore[attr-defined]
+    with mock.patch.dict(sys.modules, {"lflib": ModuleType("lflib"), "lflib.optics": module}):
+        save_lfc(folder / "c.lfc", psfs(database, 1, [-3.0, 4.0]))
 
 
 IDENTITIES = {

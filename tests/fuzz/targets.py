@@ -44,7 +44,7 @@ class Target:
         return "-".join([self.kind, words[0], *(w for w in words if w.startswith("out"))]).replace(" ", "_")
 
 
-def _matrix(kind: str, file: str, family: str = "bytes") -> list[Target]:
+def _matrix(kind: str, file: str, family: str = "h5") -> list[Target]:
     commands = {
         "out.npy": ("export", file, "-o", "out.npy"),
         "out.mat": ("export", file, "-o", "out.mat"),
@@ -77,6 +77,10 @@ def _session(kind: str, folder: str, file: str, family: str) -> list[Target]:
     ]
 
 
+def _described(kind: str, file: str, family: str, *options: str) -> list[Target]:
+    return [Target(kind, file, family, ("camera", "import", file, *options, "-o", "out.json"), "out.json")]
+
+
 def _acquire(kind: str, file: str, family: str, *options: str, folder: str = "open") -> Target:
     # the sessions were recorded with the quick pattern
     words = ("acquire", "record.json", "--out", folder, "--option", "optics=pattern", *options)
@@ -91,9 +95,9 @@ TARGETS: tuple[Target, ...] = (
     *_matrix("HT.h5", "HT.h5"),
     *_matrix("mat", "H.mat"),
     *_matrix("npy H", "H.npy", "npy"),
-    Target("H.h5 reference", "Hz.h5", "bytes", ("inspect", "H.h5", "--reference", "Hz.h5", "--seconds", "0.01")),
+    Target("H.h5 reference", "Hz.h5", "h5", ("inspect", "H.h5", "--reference", "Hz.h5", "--seconds", "0.01")),
     _stack("npy stack", "stack.npy", "npy"),
-    _stack("h5 stack", "stack.h5", "bytes"),
+    _stack("h5 stack", "stack.h5", "h5"),
     *(_stack(f"tiff {name}", f"{name}.tif", "tiff") for name in ("plain", "lzw", "deflate", "big", "ome", "imagej")),
     Target("png frame", "frames/z1_y1_x2.png", "png", ("assemble", "frames", *FRAMES), "out.h5"),
     *_image("png", "dark.png", "png"),
@@ -118,14 +122,23 @@ TARGETS: tuple[Target, ...] = (
     Target("camera", "camera.json", "json", ("white", "white.png", "--no-types", "--camera", "camera.json")),
     Target("xml", "camera.xml", "xml", ("plan", "camera.xml", "--virtual-depths", "3", "-o", "out.json"), "out.json"),
     *_session("session.json", "packed", "session.json", "json"),
-    *_session("recording packed", "packed", "recording.h5", "bytes"),
-    *_session("recording in place", "raw", "recording.h5", "bytes")[:1],
-    *_session("checks", "packed", "checks.h5", "bytes"),
-    *_session("darks", "packed", "darks.h5", "bytes")[:1],
+    *_session("recording packed", "packed", "recording.h5", "h5"),
+    *_session("recording in place", "raw", "recording.h5", "h5")[:1],
+    *_session("checks", "packed", "checks.h5", "h5"),
+    *_session("darks", "packed", "darks.h5", "h5")[:1],
     _acquire("session.json resumed", "open/session.json", "json", "--resume"),
-    _acquire("recording resumed", "open/recording.h5", "bytes", "--resume"),
-    _acquire("darks resumed", "open/darks.h5", "bytes", "--resume"),
-    _acquire("checks resumed", "open/checks.h5", "bytes", "--resume"),
+    _acquire("recording resumed", "open/recording.h5", "h5", "--resume"),
+    _acquire("darks resumed", "open/darks.h5", "h5", "--resume"),
+    _acquire("checks resumed", "open/checks.h5", "h5", "--resume"),
     _acquire("redo", "redo.json", "json", "--redo", "redo.json", folder="raw"),
+    *_matrix("lfc", "c.lfc")[:1],
+    *_matrix("lfc", "c.lfc")[3:5],
+    *_described("yaml", "olaf.yaml", "yaml"),
+    *_described("Micro-Manager cfg", "mm.cfg", "csv", "--resolution", "Res10x"),
+    *_described("napari-LF metadata", "napari.json", "json"),
+    *_described("Micro-Manager metadata", "metadata.txt", "json", "--set", "optics.magnification=20"),
+    Target("npz", "stack.npz", "bytes", ("assemble", "stack.npz", "--order", "raster", *FRAMES), "out.h5"),
+    Target("journal", "H.h5.parts/run.jsonl", "lines", ("status", "H.h5.parts")),
+    Target("record", "unit.record", "pickle", ("record", "unit.record")),
     Target("project", "work.lfcal", "json", ("project", "work.lfcal")),
 )

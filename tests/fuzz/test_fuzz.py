@@ -19,8 +19,11 @@ from tests.fuzz.targets import TARGETS
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="processor time and memory are limited by Unix calls")
 
-LONG_INPUTS = 5000
+LONG_INPUTS = 10_000
 """Taken with --long, for all targets; every run takes one for each fifth target, and the corpus."""
+
+FIRST = int(os.environ.get("LFCAL_FUZZ_FIRST", "0"))
+"""Number of the first of them: each number is another input."""
 
 FIFTH = 5
 
@@ -58,7 +61,8 @@ def test_good_files_are_accepted(workplace: Workplace, part: int) -> None:
     quick = {target.kind: target for target in TARGETS if target.arguments[0] != "inspect"}
     for target in list(({target.kind: target for target in TARGETS} | quick).values())[part::3]:
         wrong, outcome = workplace.verdict(target, (workplace.good / target.file).read_bytes())
-        assert not wrong and outcome.code == 0, (target.name, wrong, outcome)
+        refused = target.kind == "npz"  # an archive of several arrays is no stack of frames
+        assert not wrong and outcome.code == (2 if refused else 0), (target.name, wrong, outcome)
 
 
 def test_an_input_of_every_fifth_target(workplace: Workplace) -> None:
@@ -94,7 +98,7 @@ def test_names_and_inputs_are_the_same_every_time(good: Path) -> None:
 
 
 @pytest.mark.long
-def test_five_thousand_inputs(good: Path, tmp_path: Path) -> None:
+def test_ten_thousand_inputs(good: Path, tmp_path: Path) -> None:
     """Two processes at a time; the counts by kind are printed."""
     each = -(-LONG_INPUTS // len(TARGETS))
     ends: dict[str, Counter[str]] = defaultdict(Counter)
@@ -104,7 +108,7 @@ def test_five_thousand_inputs(good: Path, tmp_path: Path) -> None:
         (tmp_path / str(which)).mkdir()
         with _workplace(good, tmp_path / str(which)) as place:
             for target in TARGETS[which::2]:
-                for number in range(each):
+                for number in range(FIRST, FIRST + each):
                     wrong, outcome = place.verdict(target, spoil(target, number, good), old=number % 2 == 0)
                     ends[target.kind][f"code {outcome.code}" if not wrong else "wrong"] += 1
                     if wrong:

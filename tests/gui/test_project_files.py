@@ -230,6 +230,26 @@ def test_a_damaged_project_leaves_the_good_one(
     assert window.project.state.name == "kept"
 
 
+def test_a_path_on_a_network_share_is_named_and_never_touched(
+    window: MainWindow, tmp_path: Path, boxes: list[str], qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    share = "//server/share/H.h5"
+    path = tmp_path / "foreign.lfcal"
+    path.write_text(ProjectState(name="foreign", psf=share, settings={"frames": {"dark": share}}).to_json())
+    touched, stat = [], os.stat
+
+    def noted(name: Any, *args: Any, **more: Any) -> os.stat_result:
+        touched.append(str(name))
+        return stat(name, *args, **more)
+
+    monkeypatch.setattr(os, "stat", noted)
+    window.files.open(path)
+    qtbot.waitUntil(lambda: window.project.state.name == "foreign", timeout=GUARD_MS)
+    idle(window.jobs, qtbot)
+    assert any("psf //server/share/H.h5 and 1 more" in line for line in boxes), boxes
+    assert any(str(path) in name for name in touched) and not any("server" in name for name in touched)
+
+
 def test_a_file_that_changed_on_the_disk_is_asked_about(window: MainWindow, tmp_path: Path, boxes: list[str]) -> None:
     own = tmp_path / "p.lfcal"
     window.project.save(own)

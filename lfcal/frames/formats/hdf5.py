@@ -96,7 +96,7 @@ class Hdf5Image(ImageFile):
             raise FileFormatError.expected(
                 f"{self.path}:/{name}", f"shape {shape}{each}", data.shape, "correct the file"
             )
-        return data.read()
+        return self._file.values(name, kinds="biuf")
 
     def read(self, page: int = 0) -> NDArray[Any]:
         """Return one frame."""

@@ -231,7 +231,8 @@ class TiffImage(ImageFile):
                 "keep frames of one kind in a file",
             )
         if number:  # pages may be compressed in different ways
-            self._codec(page)
+            with decoding(self.path, "TIFF"):
+                self._codec(page)
         skip = number * int(np.prod(self.shape)) * self.dtype.itemsize if self._virtual else 0
         for start, length in zip(starts, lengths, strict=True):
             if start <= 0 or length <= 0 or skip + start + length > self._size:

@@ -109,6 +109,21 @@ def test_paths_that_no_file_can_have_are_refused(psf: str) -> None:
     assert stamp_of(psf) is None
 
 
+@pytest.mark.parametrize("start", ["//", "\\\\", "\\/", "//?/UNC/", "\\??\\UNC\\", "//./pipe/"])
+def test_paths_on_network_shares_are_left_out(start: str) -> None:
+    """Windows logs on at the server of any path that a program looks at."""
+    share = f"{start}server/share/x"
+    data = json.loads(full_state().to_json())
+    data["settings"] = {"frames": {"dark": share, "strict": True, "more": [[share, "dark.tif"]]}}
+    state = ProjectState.from_json(json.dumps({**data, "psf": share, "volume": "//?/C:/volume.tif"}))
+    assert state.psf == "" and state.volume == "//?/C:/volume.tif"
+    assert state.settings["frames"] == {"dark": "", "strict": True, "more": [["", "dark.tif"]]}
+    assert sorted(state.left_out) == sorted(
+        [f"psf {share}", f"settings.frames.dark {share}", f"settings.frames.more {share}"]
+    )
+    assert "left_out" not in state.to_json() and ProjectState.from_json(state.to_json()) == state
+
+
 def test_undo_redo_and_unsaved() -> None:
     project = Project()
     seen: list[tuple[str, str]] = []
