@@ -38,6 +38,12 @@ class Said:
         return f"{datetime.fromtimestamp(self.at):%H:%M:%S}  {self.after:9.2f} s  {self.kind:<8} {self.words}"
 
 
+def _steady() -> Callable[[], float]:
+    """Return a clock that begins with the system's (s since 1970) and runs evenly, also where that one is set."""
+    offset = time.time() - time.monotonic()
+    return lambda: offset + time.monotonic()
+
+
 class JobLog:
     """The lines of one job; written by its thread, read by the window's.
 
@@ -48,13 +54,14 @@ class JobLog:
     command
         The same as a command, empty if there is none.
     now
-        Tells the time (s since 1970).
+        Tells the time (s since 1970); by default that of the system's clock when the job began, and from then on of one
+        that is never set.
     """
 
-    def __init__(self, title: str, command: str = "", now: Callable[[], float] = time.time) -> None:
+    def __init__(self, title: str, command: str = "", now: Callable[[], float] | None = None) -> None:
         self.title = title
-        self._now = now
-        self._begun = now()
+        self._now = now or _steady()
+        self._begun = self._now()
         self._lines: list[Said] = []
         self._dropped = 0
         self._stage: tuple[str, float] | None = None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
@@ -353,8 +354,8 @@ class RecentProjects:
         return [p for p in found if p.is_file()][: self.limit]
 
     def add(self, path: Path) -> None:
-        """Put ``path`` first."""
+        """Put ``path`` first; where the list cannot be written, as on a full disk, it stays as it is."""
         path = path.absolute()
         listed = [str(path), *(str(p) for p in self.paths() if p != path)][: self.limit]
-        with replace_whole(self.store) as part:
+        with suppress(LfcalError), replace_whole(self.store) as part:
             part.write_text(json.dumps(listed), encoding="utf-8")

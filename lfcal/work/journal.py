@@ -228,7 +228,9 @@ def read_run(folder: Path, now: float | None = None) -> RunState:
     for name, state in states.items():
         if state.state == "under way":
             # nobody is at it any longer where the run has ended
-            states[name] = replace(state, seconds=now - starts[name]) if running else replace(state, state="waiting")
+            # a clock that was set back makes no time negative
+            took = max(0.0, now - starts[name])
+            states[name] = replace(state, seconds=took) if running else replace(state, state="waiting")
     fields = (begun["executor"], begun["workers"], begun["place"])
     return RunState(begun["title"], tuple(states.values()), *fields, running)
 
@@ -243,7 +245,7 @@ def _after(state: UnitState, record: dict[str, Any], starts: dict[str, float]) -
     if event == "kept":  # of an earlier run
         return replace(state, state="done")
     said = record.get("seconds")
-    seconds = float(said) if isinstance(said, int | float) else at - starts.get(state.name, at)
+    seconds = max(0.0, float(said) if isinstance(said, int | float) else at - starts.get(state.name, at))
     if event == "done":
         return replace(state, state="done", seconds=seconds, worker=worker)
     reason = str(record.get("reason", ""))

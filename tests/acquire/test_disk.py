@@ -2,25 +2,34 @@
 
 from __future__ import annotations
 
+import datetime
+import errno
 import json
+import os
 import shutil
+import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
 
+from lfcal.acquire.control import Control
 from lfcal.acquire.forecast import forecast
 from lfcal.acquire.options import LEAST_RESERVE, Options
 from lfcal.acquire.recording.durable import DiskGuard, FolderLock, holder_of
-from lfcal.acquire.session import record
+from lfcal.acquire.session import iter_record, record
+from lfcal.acquire.session_file import SessionFile
 from lfcal.camera import RegionPlan
 from lfcal.errors import StorageError
-from tests.acquire.rigs import frames_of, rig_for, small_plan
+from lfcal.system import sync_data
+from tests.acquire.rigs import assert_same_frames, frames_of, rig_for, small_plan
 from tests.cli.conftest import Run, lfcal
+from tests.cli.test_disks import Mount, mount
 
-__all__ = ["lfcal"]
+__all__ = ["lfcal", "mount"]
 
 PLAN = small_plan(planes=1)
 OPTIONS = Options(darks=0, reference_every=0, retries=0)
@@ -59,9 +68,6 @@ def test_a_short_disk_is_refused_before_anything_moves(tmp_path: Path, monkeypat
 
 def test_a_session_that_goes_on_is_refused_on_a_short_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "s"
-    from lfcal.acquire.control import Control
-    from lfcal.acquire.session import iter_record
-
     control = Control()
     for step in iter_record(folder, PLAN, rig_for(PLAN), OPTIONS, control=control):
         if step.stage == "record" and step.done == 4:
@@ -121,3 +127,103 @@ def test_the_status_names_who_records_and_why_it_holds(tmp_path: Path, lfcal: Lf
         assert facts["recording"] and facts["held"] == "disk low: 1 MB free" and facts["process"] > 0
     finally:
         lock.release()
+
+
+def fill(folder: Path, left: int = 0) -> Path:
+    """Take all of a disk but ``left`` bytes; return the file that does."""
+    taken = folder / "filling"
+    with taken.open("wb", buffering=0) as file, suppress(OSError):
+        while True:
+            file.write(bytes(4096))
+    if left:
+        os.truncate(taken, taken.stat().st_size - left)
+    return taken
+
+
+def test_a_disk_that_fills_up_holds_the_session_until_there_is_space(
+    tmp_path: Path, mount: Mount, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A real disk, full to the last byte, on which also the note in the lock is refused."""
+    disk, control, taken, held = mount("size=4m"), Control(), list[Path](), list[str]()
+    monkeypatch.setitem(DiskGuard.__init__.__kwdefaults__, "every_s", 0.0)
+
+    def refused(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    for step in iter_record(disk / "s", PLAN, rig_for(PLAN), replace(OPTIONS, keep_free_bytes=65536), control=control):
+        if step.stage == "record" and step.done == 4 and not taken:
+            taken.append(fill(disk))
+            monkeypatch.setattr("lfcal.acquire.recording.durable.write_at", refused)
+        elif control.held:
+            held.append(control.held)
+            taken[0].unlink(missing_ok=True)
+    assert held and held[0].startswith("disk low: 0 B free, 65.5 kB wanted; free some space")
+    monkeypatch.undo()
+    assert record(tmp_path / "s", PLAN, rig_for(PLAN), OPTIONS).how == "complete"
+    assert_same_frames(frames_of(disk / "s"), frames_of(tmp_path / "s"))
+
+
+@pytest.mark.parametrize("when", [4, PLAN.n_positions])
+def test_a_disk_that_is_full_loses_no_frame_and_the_session_goes_on(tmp_path: Path, mount: Mount, when: int) -> None:
+    """What was reserved is written; how the run ended cannot be noted where no other byte can be written."""
+    disk, taken = mount("size=4m"), list[Path]()
+    options = replace(OPTIONS, keep_free_bytes=0)
+
+    def watch(*_: object) -> None:
+        taken.append(fill(disk) if len(taken) + 1 == when else disk)
+
+    with pytest.raises(StorageError, match=r"session.json: No space left on device; free some space") as caught:
+        record(disk / "s", PLAN, rig_for(PLAN), options, observers=(watch,))
+    assert "\n" not in str(caught.value) and len(frames_of(disk / "s")) == PLAN.n_positions
+    assert not list((disk / "s").glob(".*.part"))
+    (disk / "filling").unlink()
+    assert record(disk / "s", PLAN, rig_for(PLAN), resume=True).how == "complete"
+    assert record(tmp_path / "s", PLAN, rig_for(PLAN), options).how == "complete"
+    assert_same_frames(frames_of(disk / "s"), frames_of(tmp_path / "s"))
+
+
+def test_a_slow_disk_records_the_same_frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    record(tmp_path / "quick", PLAN, rig_for(PLAN), OPTIONS)
+    syncs = list[float]()
+
+    def slow(descriptor: int) -> None:
+        time.sleep(0.05)
+        sync_data(descriptor)
+        syncs.append(time.monotonic())
+
+    monkeypatch.setattr("lfcal.acquire.recording.slots.sync_data", slow)
+    acknowledged = list[float]()
+    watch = lambda *_: acknowledged.append(time.monotonic())  # noqa: E731
+    assert record(tmp_path / "slow", PLAN, rig_for(PLAN), OPTIONS, observers=(watch,)).how == "complete"
+    assert_same_frames(frames_of(tmp_path / "slow"), frames_of(tmp_path / "quick"))
+    # several frames are made safe together, and none is acknowledged before one sync
+    assert len(syncs) < PLAN.n_positions and min(acknowledged) > syncs[0]
+
+
+def test_a_clock_that_is_set_back_between_runs_changes_nothing_but_the_dates(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lfcal: Lfcal
+) -> None:
+    control = Control()
+    for step in iter_record(tmp_path / "s", PLAN, rig_for(PLAN), OPTIONS, control=control):
+        if step.stage == "record" and step.done == 4:
+            control.stop()
+    real = datetime.datetime
+
+    class Back(datetime.datetime):
+        @classmethod
+        def now(cls, tz: datetime.tzinfo | None = None) -> datetime.datetime:
+            return real.now(tz) - datetime.timedelta(hours=1)
+
+    monkeypatch.setattr("lfcal.acquire.session.datetime.datetime", Back)
+    # what an earlier clock wrote lies in the future now
+    future = time.time() + 3600
+    for path in (tmp_path / "s").iterdir():
+        os.utime(path, (future, future))
+    assert record(tmp_path / "s", PLAN, rig_for(PLAN), resume=True).how == "complete"
+    first, second = SessionFile.read(tmp_path / "s").runs
+    assert (first.how, second.how) == ("stopped", "complete") and second.started < first.started
+    assert min(first.seconds, second.seconds) >= 0
+    assert "complete" in lfcal("status", tmp_path / "s").out
+    monkeypatch.undo()
+    record(tmp_path / "whole", PLAN, rig_for(PLAN), OPTIONS)
+    assert_same_frames(frames_of(tmp_path / "s"), frames_of(tmp_path / "whole"))

@@ -17,7 +17,7 @@ from lfcal.work import Unit, iter_run, read_run
 from lfcal.work.executors.base import Event, What
 from lfcal.work.executors.processes import Processes, TaskFailed, WorkerLost
 from lfcal.work.executors.threads import Threads
-from lfcal.work.journal import JOURNAL, SETTLED, read_notes
+from lfcal.work.journal import JOURNAL, SETTLED, Journal, read_notes
 from lfcal.work.numbers import numbered, worker_number
 from lfcal.work.runs import check_begun, discard
 from tests.work.tasks import unit
@@ -76,6 +76,21 @@ def test_a_refusal_ends_the_run_and_keeps_the_rest(folder: Path) -> None:
     assert [u.state for u in state.units] == ["done", "failed", "waiting"]
     assert "open the shutter" in state.units[1].reason
     assert not state.running
+
+
+def test_a_clock_that_is_set_back_makes_no_time_negative(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An hour back while the first unit is done, and again while the second is under way."""
+    folder.mkdir()
+    clock = iter([10_000.0, 10_001.0, 6_401.0, 6_402.0])
+    monkeypatch.setattr("lfcal.work.journal.time.time", lambda: next(clock))
+    with Journal.open(folder) as journal:
+        journal.begin("two", ["a", "b"], "threads", 1, "")
+        journal.note("started", unit="a")
+        journal.note("done", unit="a")
+        journal.note("started", unit="b")
+    state = read_run(folder, now=2_802.0)
+    assert [unit.seconds for unit in state.units] == [0.0, 0.0] and state.running
+    assert state.eta_seconds is not None and state.eta_seconds >= 0
 
 
 def test_a_task_that_writes_nothing_is_a_fault(folder: Path) -> None:

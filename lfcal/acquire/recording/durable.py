@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,6 +19,9 @@ from lfcal.units import format_bytes
 __all__ = ["DiskGuard", "FolderLock", "Holder", "holder_of"]
 
 LOCK = "session.lock"
+
+NOTE_BYTES, LONGEST = 2000, 400
+"""Size of the note in a lock, and the most characters of its reason."""
 
 
 class FolderLock:
@@ -41,11 +45,15 @@ class FolderLock:
         self.note("")
 
     def note(self, held: str) -> None:
-        """Write into the lock who records, and why the session holds, empty where it does not."""
+        """Write into the lock who records, and why the session holds, empty where it does not.
+
+        A note is for people: a disk that is full, of all reasons to hold the most frequent, must not end the session.
+        """
         assert self._descriptor is not None
-        with storage_errors(self.path):
-            os.ftruncate(self._descriptor, 0)
-            write_at(self._descriptor, json.dumps({"pid": os.getpid(), "held": held}).encode(), 0)
+        text = json.dumps({"pid": os.getpid(), "held": held[:LONGEST]}, ensure_ascii=False)
+        with suppress(OSError):
+            # always as long as the first one: what is in its place needs no more of the disk
+            write_at(self._descriptor, text.encode("utf-8", "replace").ljust(NOTE_BYTES), 0)
 
     def _holder(self) -> str:
         found = _read_lock(self.path)

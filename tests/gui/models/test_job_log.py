@@ -75,3 +75,13 @@ def test_warnings_go_to_the_job_of_their_thread() -> None:
 def test_notes_of_a_result() -> None:
     assert notes_of(SimpleNamespace(notes=("12 positions are missing",))) == ("12 positions are missing",)
     assert notes_of(SimpleNamespace(notes={"a": 1})) == () and notes_of(None) == ()
+
+
+def test_times_do_not_follow_a_clock_that_is_set(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = itertools.count(7.0, 2.0)
+    monkeypatch.setattr("gui.models.job_log.time.monotonic", lambda: next(clock))
+    log = JobLog("Assemble H.h5")
+    monkeypatch.setattr("gui.models.job_log.time.time", lambda: 0.0)
+    log.end("done")
+    assert [line.after for line in log.lines()] == pytest.approx([2.0, 4.0])
+    assert log.lines()[0].at > 1e9

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import errno
 import json
 from pathlib import Path
 
@@ -179,6 +180,25 @@ def test_save_and_open(tmp_path: Path) -> None:
         other.save(tmp_path)
     with pytest.raises(LfcalError):
         other.open(tmp_path / "none.lfcal")
+
+
+def full(*_: object) -> None:
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_saving_on_a_full_disk_keeps_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, project, recent = tmp_path / "p.lfcal", Project(full_state()), RecentProjects(tmp_path / "recent.json")
+    project.save(path)
+    recent.add(path)
+    before, listed = path.read_bytes(), recent.paths()
+    project.update("rename", name="later")
+    monkeypatch.setattr("lfcal.files.sync_file", full)
+    with pytest.raises(StorageError, match="No space left on device; free some space or choose another disk"):
+        project.save(path)
+    assert path.read_bytes() == before and project.unsaved
+    recent.add(tmp_path / "another.lfcal")  # once an error in the window, after the project itself was saved
+    assert recent.paths() == listed
+    assert {p.name for p in tmp_path.iterdir()} == {"p.lfcal", "recent.json"}
 
 
 def test_recent_projects(tmp_path: Path) -> None:
