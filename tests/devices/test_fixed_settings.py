@@ -364,6 +364,7 @@ def test_micromanager_finds_the_properties_of_many_drivers() -> None:
             "Gamma": ("2.2", ()),
             "Exposure Auto Upper Limit": ("15000", ()),
             "AutoFocus": ("On", ("On", "Off")),
+            "Auto Shutter": ("On", ("On", "Off")),
             "Gain": ("3", ()),
             "CCDTemperature": ("-10.3", ()),
         },
@@ -373,7 +374,7 @@ def test_micromanager_finds_the_properties_of_many_drivers() -> None:
     settings = camera.fixed_settings()
     assert stays(settings) == {"Auto White Balance": "On"}
     assert core.values["AutoGain"] == core.values["Gamma Enabled"] == "0"
-    assert core.values["AutoFocus"] == "On"
+    assert core.values["AutoFocus"] == core.values["Auto Shutter"] == "On"
     assert {name for name, found in settings.items() if found.requested is None} == {"Gamma", "Gain"}
     assert "Exposure Auto Upper Limit" not in settings
     camera.close()

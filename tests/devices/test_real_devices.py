@@ -20,7 +20,7 @@ from lfcal.acquire.recording.source import RecordingSource
 from lfcal.acquire.session import record
 from lfcal.camera import ScanPlan
 from lfcal.devices.errors import CameraError, DeviceLost, DeviceMissing, StageError
-from lfcal.devices.protocols import CameraDevice, Roi, StageDevice
+from lfcal.devices.protocols import CameraDevice, Roi, Setting, StageDevice
 from lfcal.devices.registry import find_backends, open_rig
 from lfcal.devices.rig import Rig
 from lfcal.errors import InputError
@@ -110,6 +110,7 @@ def test_micromanager_demo_records_27_positions(tmp_path: Path) -> None:
     with micromanager(plan) as rig:
         check_camera(rig, 12)
         assert "DemoCamera" in rig.camera.name
+        assert rig.camera.fixed_settings()["Gain"] == Setting(None, "0")  # type: ignore[attr-defined]
         options = replace(OPTIONS, darks=2, tolerance_um=(1.0, 1.0, 1.0))
         assert record(tmp_path, plan, rig, options).how == "complete"
     check_session(tmp_path, plan)

@@ -27,10 +27,15 @@ from lfcal.errors import InputError
 __all__ = ["BACKEND", "MicroManagerBackend"]
 
 T = TypeVar("T")
-AUTOMATIC = re.compile(r"exposure|shutter|gain|brightness|black.?level|offset|white.?balance|balance.?white|gamma")
+AUTOMATIC = re.compile(
+    r"exposure|(?<!auto)(?<!auto.)shutter|gain|brightness|black.?level|offset|white.?balance|balance.?white|gamma"
+)
 CURVES = re.compile(r"(gamma|lut|sharpening|denoise).?enabled?|black.?level.?clamping.*")
 NOTED = re.compile(r"(analog.|digital.|pre.?amp.)?gain|offset|black.?level|gamma|pixel.?type|binning")
-"""Names of properties, which differ between drivers: what is automatic, what bends the response, what is recorded."""
+"""Names of properties, which differ between drivers: what is automatic, what bends the response, what is recorded.
+
+An automatic shutter is the mechanical one, which opens for each exposure.
+"""
 
 INSTALL = "uv pip install 'lfcal[acquire]', and Micro-Manager for its drivers"
 
