@@ -84,8 +84,10 @@ class Page(BasePage):
         self.panel.setup.stage.type_target()
 
     def entered(self) -> None:
-        """Look for devices the first time."""
+        """Look for devices the first time, and whether another program has recorded into the session's folder."""
         self.setup.entered()
+        if self.context.state.recording and not self.record.recording:
+            self.record.folder_choice.look()
 
     def accept_drop(self, paths: list[str]) -> bool:
         """Take a dropped session folder."""
