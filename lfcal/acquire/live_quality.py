@@ -12,16 +12,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.acquire.recording.records import Kind, Note
+from lfcal.acquire.references import HotPixels, References, light_where
 from lfcal.acquire.schedule import Step
 from lfcal.axes import position_at
 from lfcal.camera import ScanPlan
 
 __all__ = ["Alarm", "LiveQuality", "QualityState"]
 
-LIMITS = {"position": 0.3, "lamp": 0.05, "dark": 0.005, "dim": 0.01, "saturated": 0.0, "follow": 0.5}
+LIMITS = {
+    "position": 0.3,
+    "drift": 0.25,
+    "scatter": 0.25,
+    "lamp": 0.05,
+    "dark": 0.005,
+    "hot": 0.0,
+    "dim": 0.01,
+    "saturated": 0.0,
+    "follow": 0.5,
+}
 FEW = 16
 FEW_CENTROIDS = 8
 FIRST = 200
+UNSURE = 0.25
+"""Part of a change of light by a move of the source that may be wrong."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,9 +44,10 @@ class Alarm:
     Attributes
     ----------
     what
-        ``"position"`` (px rms), ``"lamp"`` (relative change), ``"dark"`` (change of the level without light, share of
-        the range), ``"dim"`` (share of positions), ``"saturated"`` (positions), ``"follow"`` (px the image moves in
-        the cutout per step).
+        ``"position"`` (px rms), ``"drift"`` and ``"scatter"`` (of the light of the reference frames, px and px rms),
+        ``"lamp"`` (relative change), ``"dark"`` (change of the level without light, share of the range), ``"hot"``
+        (pixels that became hot), ``"dim"`` (share of positions), ``"saturated"`` (positions), ``"follow"`` (px the
+        image moves in the cutout per step).
     value, limit
         Numbers in that unit.
     advice
@@ -72,6 +86,8 @@ class QualityState:
     lamp
         ``(n, 2)`` seconds of recording, over all recordings that were followed, and energy of the reference frames
         (counts).
+    places_px
+        ``(n, 2)`` row and column of their light in the cutout (pixels), NaN where it is too faint.
     follow_px
         Movement of the image within the cutout per step: ``((row per y, row per x), (column per y, column
         per x))``; ideally 0. -2 on the diagonal says that an axis runs the wrong way.
@@ -85,6 +101,7 @@ class QualityState:
     saturated: NDArray[np.int64]
     depth_sums: NDArray[np.float64]
     lamp: NDArray[np.float64]
+    places_px: NDArray[np.float64]
     follow_px: NDArray[np.float64]
     alarms: tuple[Alarm, ...]
 
@@ -127,10 +144,10 @@ class LiveQuality:
         self._window = window
         self._sums: dict[int, NDArray[np.float64]] = {}  # of planes with a frame: a sum may be as large as the sensor
         self._levels = np.zeros(shape[0])
-        self._lamp: list[tuple[float, float]] = []
         self._before = self._now = 0.0
-        self._dark: list[float] = []
         self._range = float(plan.camera.sensor.max_value)
+        self._references, self._hot = References(self._range), HotPixels(self._range)
+        self._reference, self._met_s = (0, 0, 0), 0.0
         self._normal = np.zeros((3, 3))
         self._right = np.zeros((3, 2))
         self._rows, self._columns = np.arange(window[0]), np.arange(window[1])
@@ -147,27 +164,29 @@ class LiveQuality:
         self._before += self._now if note.elapsed_s < self._now else 0.0
         self._now = note.elapsed_s
         if step.kind is Kind.DARK:
+            self._hot.learn(note.row, note.column, note.exposure_s, frame)
             return
+        place = position_at(step.flat, self._shape[1:])
         if step.kind is not Kind.POSITION:
             with self._lock:
                 if step.kind is Kind.REFERENCE:
-                    # the same place every time: its border changes with the sensor alone
-                    self._dark.append(float(np.median(frame[self._border])))
-                    seconds, light = self._before + self._now, note.energy - self._dark[-1] * frame.size
-                    self._lamp.append((seconds, light))
+                    self._references.add(self._before + self._now, frame, self._border)
+                    self._reference = place
             return
-        place = position_at(step.flat, self._shape[1:])
+        hot = self._hot.within(note.row, note.column, note.exposure_s, self._window)
         with self._lock:
             if self._done < FIRST or self._done % self._stride == 0:
                 # the border of a cutout shows the background: the spot is in its middle
                 self._level = float(np.median(frame[self._border]))
                 self._follow(place, frame)
-            self._energy[place] = note.energy - self._level * frame.size
+            self._energy[place] = note.energy - hot - self._level * frame.size
             error = [s - t for s, t in zip(note.stage_um, note.target_um, strict=True)]
             # depth errors do not move the image sideways
             error[self._away] = 0.0
             self._residual[place] = float(np.hypot.reduce(error)) / self._step[step.z]
             self._saturated[place] = note.saturated
+            if place == self._reference:
+                self._met_s = self._before + self._now
             if step.z not in self._sums:
                 self._sums[step.z] = np.zeros(self._window)
             self._sums[step.z] += frame
@@ -195,7 +214,7 @@ class LiveQuality:
     def state(self, plane: int | None = None) -> QualityState:
         """Return a copy of what is known now; with ``plane`` the depth sum of that plane only."""
         with self._lock:
-            lamp = np.array(self._lamp).reshape(-1, 2)
+            references = np.array(self._references.seen).reshape(-1, 5)
             follow = self._slopes()
             return QualityState(
                 self._done,
@@ -203,9 +222,10 @@ class LiveQuality:
                 self._residual.copy(),
                 self._saturated.copy(),
                 self._depth_sums(range(self._shape[0]) if plane is None else (plane,)),
-                lamp,
+                references[:, :2],
+                references[:, 2:4],
                 follow,
-                self._alarms(lamp, follow),
+                self._alarms(references, follow),
             )
 
     def _depth_sums(self, planes: Iterable[int]) -> NDArray[np.float64]:
@@ -232,7 +252,7 @@ class LiveQuality:
         solution, *_ = np.linalg.lstsq(self._normal, self._right, rcond=1e-9)
         return np.asarray(solution[1:].T)
 
-    def _alarms(self, lamp: NDArray[np.float64], follow: NDArray[np.float64]) -> tuple[Alarm, ...]:
+    def _alarms(self, references: NDArray[np.float64], follow: NDArray[np.float64]) -> tuple[Alarm, ...]:
         # a few frames say nothing: no alarm from noise
         seen = np.isfinite(self._energy)
         if seen.sum() < FEW:
@@ -245,14 +265,23 @@ class LiveQuality:
 
         rms = float(np.sqrt(np.nanmean(np.square(self._residual))))
         look("position", rms, "the stage misses its targets: check load, speed and tolerance")
-        if len(lamp) > 1 and lamp[0, 1] > 0:
-            change = float(np.abs(lamp[:, 1] / lamp[0, 1] - 1).max())
+        moved, scatter = self._references.moved()
+        again = "record again what was recorded since"
+        if scatter > LIMITS["scatter"]:
+            look("scatter", scatter, f"the stage does not return to a place: check coupling, load and encoder; {again}")
+        else:
+            moved = moved if moved > 3 * scatter else 0.0
+            look("drift", moved, f"the light of one place moved: stage, mount or the camera's region drifts; {again}")
+        lamp, levels = references[:, 1], references[:, 4]
+        if len(lamp) > 1 and lamp[0] > 0:
+            change = self._lamp_change(references, moved)
         else:
             change = max(_seam(plane) for plane in self._energy)
         look("lamp", change, "the lamp drifts: let it warm up, or stabilise it")
-        if len(self._dark) > 1:
-            moved = max(abs(level - self._dark[0]) for level in self._dark) / self._range
-            look("dark", moved, "the level without light moves: let the camera warm up, take darks more often")
+        if len(levels) > 1:
+            off = float(np.abs(levels - levels[0]).max()) / self._range
+            look("dark", off, "the level without light moves: let the camera warm up, take darks more often")
+        look("hot", self._references.hot, "pixels became hot: take darks more often, cool the camera")
         energy = self._energy[seen]
         dim = float((energy < 0.5 * np.median(energy)).mean())
         look("dim", dim, "some positions are much darker than the others: check lamp, shutter and vignetting")
@@ -260,6 +289,20 @@ class LiveQuality:
         worst = float(np.abs(follow).max())
         look("follow", worst, "the image does not move with the cutout: check sign and scale of the stage's axes")
         return tuple(alarms)
+
+    def _lamp_change(self, references: NDArray[np.float64], moved_px: float) -> float:
+        """Return the largest relative change of the light of the reference frames that is the lamp's."""
+        change = references[:, 1] / references[0, 1]
+        if moved_px <= LIMITS["drift"]:
+            return float(np.abs(change - 1).max())
+        # a source that moved is seen through another part of the lenslets; the plane was recorded amid the moves
+        z, y, x = self._reference
+        places, amid = references[:, 2:4], int(np.searchsorted(references[:, 0], self._met_s))
+        light = light_where(self._energy[z], y, x, places - places[max(0, amid - 1) : amid + 1].mean(axis=0))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            moves = light / light[0]
+            off = np.abs(change / moves - 1) - UNSURE * np.abs(moves - 1)
+        return float(np.nanmax(off, initial=0.0))
 
 
 def _seam(energy: NDArray[np.float64]) -> float:

@@ -10,7 +10,7 @@ from lfcal.acquire.motion import Motion
 from lfcal.acquire.suspending import Bound
 from lfcal.camera import ScanPlan
 from lfcal.camera.description import build
-from lfcal.checks import check_choice, check_number
+from lfcal.checks import check_choice, check_number, check_type
 from lfcal.errors import InputError
 
 __all__ = ["ORDERS", "POLICIES", "Options"]
@@ -65,6 +65,9 @@ class Options:
     suspend, steady_s
         Bounds of gauges as `Bound.parse` reads them, such as ``"temperature=20:22"``: the session holds while one is
         outside, and goes on when all have been within for so long (s).
+    check_stage
+        Whether sign, scale, repeatability and depth of the stage are measured before the first frame of each run, with
+        some 16 frames that are not recorded; see `lfcal.acquire.setup.iter_stage_check`.
 
     Examples
     --------
@@ -93,10 +96,12 @@ class Options:
     suspend: tuple[str, ...] = ()
     steady_s: float = 30.0
     allow_automatic: bool = False
+    check_stage: bool = True
 
     def __post_init__(self) -> None:
         """Check every value."""
         check_choice("order", self.order, ORDERS)
+        check_type("check stage", self.check_stage, bool)
         check_choice("on suspect", self.on_suspect, POLICIES)
         # a bracket without 1 has no frame at the plan's exposure to scale the others to
         if not self.bracket or 1.0 not in self.bracket or len(set(self.bracket)) != len(self.bracket):

@@ -45,7 +45,8 @@ Observer = Callable[[Step, Note, NDArray[Any]], None]
 class Outcome:
     """How a run ended: ``"complete"``, ``"stopped"`` or ``"aborted"``; positions acknowledged, of how many.
 
-    ``damaged`` frames of earlier runs were found on resuming, to be taken again.
+    ``damaged`` frames of earlier runs were found on resuming, to be taken again. ``notes`` say what was not checked of
+    the stage, and what is worth knowing of it.
     """
 
     how: str
@@ -53,6 +54,7 @@ class Outcome:
     total: int
     seconds: float
     damaged: int = 0
+    notes: tuple[str, ...] = ()
 
 
 class Runner:

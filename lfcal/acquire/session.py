@@ -29,11 +29,12 @@ from lfcal.acquire.recording.verify import SessionReport, iter_verify
 from lfcal.acquire.runner import Observer, Outcome, Runner
 from lfcal.acquire.schedule import Schedule
 from lfcal.acquire.session_file import Devices, Run, SessionFile, frame_dtype
+from lfcal.acquire.setup.stage_check import iter_stage_check
 from lfcal.acquire.suspending import Suspender
 from lfcal.camera import ScanPlan
 from lfcal.devices.rig import Rig
 from lfcal.errors import InputError, LfcalError, StorageError
-from lfcal.files import storage_errors
+from lfcal.files import require_space, storage_errors
 from lfcal.frames.source import Position
 from lfcal.progress import Work, drain
 
@@ -67,8 +68,8 @@ def iter_record(
         the session that goes on, or `Options()`.
     resume
         Go on where an earlier run was interrupted, after checking that plan, options, devices and the
-        stage's origin are the same. Every frame is checked first, and those that are damaged are taken again: in
-        their place, or, where the recording was packed, in a file of their own.
+        stage's origin and scale are the same. Every frame is checked first, and those that are damaged are taken
+        again: in their place, or, where the recording was packed, in a file of their own.
     redo
         Record these positions of a finished session again, into a file of their own; the later frame counts. Where
         the session has no others they are added to it. Whole frames are named as `lfcal.acquire.frame_plan` says.
@@ -83,6 +84,8 @@ def iter_record(
     ------
     InputError, StorageError
         Before anything moves, and with nothing left behind.
+    InputError, DeviceError, Cancelled
+        From the check of the stage, `lfcal.acquire.setup.iter_stage_check`, after which nothing is left behind, too.
     AcquisitionStopped
         When the session had to end early; it can be resumed.
 
@@ -119,19 +122,25 @@ def iter_record(
     with _locked(folder) as lock:
         target = None if isinstance(plan, ScanPlan) else plan
         new = _new(SessionFile(uuid.uuid4().hex, scan, options, devices, target=target), only, kept_aside)
-        file, first = _prepare(folder, rig, new, resume=resume, redo=redo)
-        found = None
+        file, first = _planned(folder, new, resume=resume, redo=redo)
+        found, seen = None, None
         if resume:
             found = yield from iter_verify(folder)
             file = yield from _repaired(folder, file, rig, options, found)
+        else:
+            _check_possible(folder, file, first, rig, options)
+        if found is None or any(part.whole < part.frames for part in found.files):
+            seen = yield from iter_stage_check(rig, plan, options, control)
+        if not resume:
+            _create(folder, file, first, rig, options)
         outcome = Outcome("complete", 0, 0, 0.0)
         for run in range(first, len(file.recordings)):
-            watching = _Watching(control, preview, observers, gauges)
+            watching = _Watching(control, preview, observers, gauges, "" if seen is None else seen.words)
             work = _record_one(folder, file, run, rig, options, watching, found)
             file, outcome = yield from _noted_holds(work, lock, control)
             if outcome.how != "complete":
                 break
-        return replace(outcome, damaged=0 if found is None else found.lost)
+        return replace(outcome, damaged=0 if found is None else found.lost, notes=() if seen is None else seen.notes)
 
 
 def record(
@@ -232,46 +241,53 @@ def _new(file: SessionFile, only: Sequence[Position] | None, kept_aside: Sequenc
     return replace(file, redo=(positions,), kept_aside=aside)
 
 
-def _prepare(
-    folder: Path, rig: Rig, new: SessionFile, *, resume: bool, redo: Sequence[Position] | None
+def _planned(
+    folder: Path, new: SessionFile, *, resume: bool, redo: Sequence[Position] | None
 ) -> tuple[SessionFile, int]:
-    """Return the session, begun as ``new`` if there is none, and the first recording that is to be worked on."""
+    """Return the session, ``new`` if there is none, and the first recording to work on; makes nothing."""
     if not resume and redo is None:
-        _create(folder, new, 0, rig, new.options)
         return new, 0
     file = SessionFile.read(folder)
     # again: another program may have been at it before the lock
     file.check_same(new.target or new.plan, new.options, new.devices)
     if redo is not None:
         file = replace(file, kept_aside=tuple(dict.fromkeys((*file.kept_aside, *new.kept_aside))))
-        file = _add_recording(folder, file, redo, rig, new.options)
-        return file, len(file.recordings) - 1
+        return _with_recording(file, redo), len(file.recordings)
     return file, 0
 
 
-def _add_recording(
-    folder: Path, file: SessionFile, redo: Sequence[Position], rig: Rig, options: Options
-) -> SessionFile:
-    """Return the session with a further recording, of the positions ``redo``."""
+def _with_recording(file: SessionFile, redo: Sequence[Position]) -> SessionFile:
+    """Return the session with a further recording, of the positions ``redo``; makes nothing."""
     positions = tuple(tuple(map(int, p)) for p in redo)
     name = file_name(Kind.POSITION, len(file.recordings))
-    file = replace(file, recordings=(*file.recordings, name), redo=(*file.redo, positions))
-    _create(folder, file, len(file.recordings) - 1, rig, options)
-    return file
+    return replace(file, recordings=(*file.recordings, name), redo=(*file.redo, positions))
 
 
 def _repaired(folder: Path, file: SessionFile, rig: Rig, options: Options, found: SessionReport) -> Work[SessionFile]:
     """Return the session ready to take its damaged frames again; those of packed recordings get one of their own."""
     again = yield from iter_repair(folder, file, found)
-    return _add_recording(folder, file, again, rig, options) if again else file
+    if not again:
+        return file
+    file = _with_recording(file, again)
+    _create(folder, file, len(file.recordings) - 1, rig, options)
+    return file
+
+
+def _check_possible(
+    folder: Path, file: SessionFile, run: int, rig: Rig, options: Options
+) -> tuple[Schedule, np.dtype[Any]]:
+    """Return the steps of recording ``run`` and the type of its frames, or raise for limits, light or disk."""
+    schedule = file.schedule(run)
+    Runner(rig, file.plan, options, schedule, _Nowhere(), np.ones(len(schedule), np.bool_))
+    dtype = frame_dtype(file.plan, file.options, file.devices)
+    size = recording_bytes(schedule, dtype)
+    require_space(folder, size + options.reserve(size), what="the recording and its reserve")
+    return schedule, dtype
 
 
 def _create(folder: Path, file: SessionFile, run: int, rig: Rig, options: Options) -> None:
     """Lay out recording ``run`` and enter it in ``session.json``, or leave nothing."""
-    schedule = file.schedule(run)
-    # limits and light are checked before anything is made
-    Runner(rig, file.plan, options, schedule, _Nowhere(), np.ones(len(schedule), np.bool_))
-    dtype = frame_dtype(file.plan, file.options, file.devices)
+    schedule, dtype = _check_possible(folder, file, run, rig, options)
     reserve = options.reserve(recording_bytes(schedule, dtype))
     Store.create(folder, run, schedule, dtype, file.attributes(run, schedule), reserve=reserve).close()
     try:
@@ -284,12 +300,13 @@ def _create(folder: Path, file: SessionFile, run: int, rig: Rig, options: Option
 
 
 class _Watching(NamedTuple):
-    """Who steers a run, who sees its frames, and what says why it should hold."""
+    """Who steers a run, who sees its frames, what says why it should hold, and what is known of the stage."""
 
     control: Control
     preview: Preview | None
     observers: tuple[Observer, ...]
     trouble: Callable[[], str]
+    stage: str
 
 
 @contextmanager
@@ -347,7 +364,7 @@ def _record_one(
         )
         if found is not None and todo.any():
             _check_origin(folder, file, rig, options, watching.control, found)
-        file = replace(file, runs=(*file.runs, Run(_now(), recording=run)))
+        file = replace(file, runs=(*file.runs, Run(_now(), recording=run, stage=watching.stage)))
         file.write(folder)  # before the first frame: a crash leaves the run as interrupted
         return (yield from _run_noted(folder, file, runner))
     finally:

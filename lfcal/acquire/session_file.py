@@ -90,7 +90,8 @@ class Devices:
 class Run:
     """One stretch of recording: when (ISO 8601), how it ended, positions safe then, seconds, a message.
 
-    ``recording`` says of which recording; -1: an older version did not note it.
+    ``recording`` says of which recording; -1: an older version did not note it. ``stage`` is what the check of the
+    stage found before it, or why it was left out; empty: an older version did not note it.
     """
 
     started: str
@@ -100,6 +101,7 @@ class Run:
     seconds: float = 0.0
     message: str = ""
     recording: int = -1
+    stage: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,9 +194,11 @@ class SessionFile:
             "redo": self.redo,
             "runs": [asdict(run) for run in self.runs],
         }
-        if len(self.recordings) == 1:  # there is no other
-            for run in data["runs"]:
+        for run in data["runs"]:
+            if len(self.recordings) == 1:  # there is no other
                 del run["recording"]
+            if not run["stage"]:
+                del run["stage"]
         if self.kept_aside:  # sessions without them stay as older versions read them
             data["kept_aside"] = self.kept_aside
         if self.target is not None:  # so an older version does not take whole frames for those of single points
@@ -282,11 +286,11 @@ def _noted(devices: Devices) -> dict[str, Any]:
 
 
 def _runs(runs: Any, recordings: Any) -> Any:
-    """Return the entries of runs, those without their recording with it: the only one, or -1 where it is not known."""
+    """Return the entries of runs with what older ones lack: their recording, the only one or -1, and the stage."""
     only = 0 if isinstance(recordings, list) and len(recordings) == 1 else -1
     if not isinstance(runs, list):
         return runs
-    return [{"recording": only, **run} if isinstance(run, Mapping) else run for run in runs]
+    return [{"recording": only, "stage": "", **run} if isinstance(run, Mapping) else run for run in runs]
 
 
 def frame_dtype(plan: ScanPlan, options: Options, devices: Devices) -> np.dtype[Any]:

@@ -35,6 +35,8 @@ class Spot:
         for any brightness.
     snr
         Peak over the noise of the background.
+    radius
+        RMS distance of the light from its centroid (pixels).
     """
 
     row: float
@@ -43,6 +45,7 @@ class Spot:
     peak: float
     sharpness: float
     snr: float
+    radius: float
 
 
 def find_spot(frame: NDArray[Any]) -> Spot:
@@ -95,14 +98,18 @@ def find_spot(frame: NDArray[Any]) -> Spot:
     light[light < KEEP * peak] = 0.0
     energy = float(light.sum())
     change = float((np.diff(light, axis=0) ** 2).sum() + (np.diff(light, axis=1) ** 2).sum())
-    return Spot(
-        top + float(light.sum(axis=1) @ np.arange(light.shape[0])) / energy,
-        left + float(light.sum(axis=0) @ np.arange(light.shape[1])) / energy,
-        energy,
-        peak,
-        min(4.0, change / float((light**2).sum())),
-        peak / noise,
-    )
+    row, row_variance = _moments(light.sum(axis=1) / energy)
+    column, column_variance = _moments(light.sum(axis=0) / energy)
+    sharpness = min(4.0, change / float((light**2).sum()))
+    radius = math.sqrt(row_variance + column_variance)
+    return Spot(top + row, left + column, energy, peak, sharpness, peak / noise, radius)
+
+
+def _moments(share: NDArray[np.float64]) -> tuple[float, float]:
+    """Return mean and variance of the place in a line of which each pixel has this share of the light (pixels)."""
+    place = np.arange(len(share))
+    mean = float(share @ place)
+    return mean, float(share @ (place - mean) ** 2)
 
 
 def image_shift(before: NDArray[Any], after: NDArray[Any]) -> tuple[float, float, float]:

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from lfcal.camera.description import Camera
 from lfcal.camera.main_lens import Microscope
 
-__all__ = ["cutout_for", "half_extent_px", "shadow_diameter_px"]
+__all__ = ["cutout_for", "half_extent_px", "rms_radius_px", "shadow_diameter_px"]
 
 AIRY_RADII = 3.0
 """Airy radii of a lenslet left as margin: 5.7 % of a spot at the pattern's edge falls beyond, far less of the whole."""
+
+RAYS = 256
 
 
 def _edge_slope(camera: Camera, z_um: float) -> tuple[float, float]:
@@ -48,6 +52,30 @@ def half_extent_px(camera: Camera, z_um: float) -> float:
     bend = max(gap / kind.focal_length_um for kind in camera.lattice.types) * diameter / 2
     airy = 1.22 * camera.wavelength_um * gap / diameter
     return (spread + bend + AIRY_RADII * airy) / camera.sensor.pixel_um
+
+
+def rms_radius_px(camera: Camera, z_um: float) -> float:
+    """Return the RMS distance of the light of a point at depth ``z_um`` from its chief ray (sensor pixels).
+
+    By the rays of `half_extent_px` from a pupil that is evenly lit (of a microscope as the sine condition has it), the
+    lenslets' bends and their diffraction included. It holds for a pattern of several lenslets.
+    """
+    optics, gap = camera.optics, camera.lattice.gap_um
+    share = (np.arange(RAYS) + 0.5) / RAYS  # of the pupil's area
+    if isinstance(optics, Microscope):
+        sine = np.sqrt(share) * optics.numerical_aperture / optics.medium_index
+        aperture = gap * np.sqrt(share) * optics.numerical_aperture / optics.magnification
+        ray = optics.magnification * z_um * sine / np.sqrt(1 - sine**2) + aperture
+    else:
+        shift = camera.image_shift_um(z_um)
+        pupil = np.sqrt(share) * optics.focal_length_um / optics.f_number / 2
+        ray = pupil * (shift - gap) / (optics.image_distance_um + shift)
+    diameter = camera.lattice.clear_diameter_um / camera.lattice_scale
+    bend = np.array([gap / kind.focal_length_um for kind in camera.lattice.types])
+    # over a lenslet: places of its rays are c + e, those on the sensor c + (1 - bend) e
+    lenslet = diameter**2 / (6 if camera.lattice.kind == "square" else 8) * float((bend**2 - 2 * bend).mean())
+    spot = 2 * (0.42 * camera.wavelength_um * gap / diameter) ** 2
+    return math.sqrt(max(float((ray**2).mean()) + lenslet, 0.0) + spot) / camera.sensor.pixel_um
 
 
 def cutout_for(camera: Camera, depths_um: tuple[float, ...]) -> int:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -134,6 +134,7 @@ class _Campaign:
         self._observers, self._workers = observers, workers
         self._most = min(plan.n_positions, goal.most or plan.n_positions)
         self._seconds = 0.0
+        self._notes: tuple[str, ...] = ()
 
     @property
     def ended(self) -> str:
@@ -195,11 +196,14 @@ class _Campaign:
         redo: list[Position] | None = None,
         kept_aside: Sequence[Position] = (),
     ) -> Work[Outcome]:
+        options = self._options
+        if redo is not None:  # the stage was checked with the first positions
+            options = replace(options or SessionFile.read(self._folder).options, check_stage=False)
         outcome = yield from iter_record(
             self._folder,
             self._plan,
             self._rig,
-            self._options,
+            options,
             resume=resume,
             redo=redo,
             only=only,
@@ -209,6 +213,7 @@ class _Campaign:
             observers=self._observers,
         )
         self._seconds += outcome.seconds
+        self._notes += outcome.notes
         return outcome
 
     def fitted(self) -> Work[tuple[Fit, Measured]]:
@@ -257,7 +262,8 @@ class _Campaign:
         there = (self._folder / "session.json").exists()
         count = len(self._recorded()) if there else 0
         damaged = 0 if last is None else last.damaged
-        return Outcome(how, count, count if last is None else max(count, last.total), self._seconds, damaged)
+        total = count if last is None else max(count, last.total)
+        return Outcome(how, count, total, self._seconds, damaged, self._notes)
 
     def stoppable(self, work: Work[R]) -> Work[R | None]:
         """Do work that can be stopped between its reports; None where it was."""

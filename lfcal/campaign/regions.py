@@ -115,6 +115,7 @@ def iter_record_regions(
     control = control or Control()
     _begin(folder, plan, resume=resume)
     count, done, seconds, damaged = plan.scan.n_positions, 0, 0.0, 0
+    notes: tuple[str, ...] = ()
     for k, name in enumerate(plan.names):
         own, there = folder / name, (folder / name / NAME).exists()
         how = options if options is not None or there else Options()
@@ -123,9 +124,10 @@ def iter_record_regions(
         )
         outcome = yield from _shown(work, name, k * count, len(plan) * count)
         done, seconds, damaged = done + outcome.acknowledged, seconds + outcome.seconds, damaged + outcome.damaged
+        notes = tuple(dict.fromkeys((*notes, *outcome.notes)))
         if outcome.how != "complete":
-            return Outcome(outcome.how, done, len(plan) * count, seconds, damaged)
-    return Outcome("complete", done, len(plan) * count, seconds, damaged)
+            break
+    return Outcome(outcome.how, done, len(plan) * count, seconds, damaged, notes)
 
 
 def _begin(folder: Path, plan: RegionPlan, *, resume: bool) -> None:

@@ -98,7 +98,9 @@ def command(
         None, "--keep-free", min=0, help="Disk space that stays free (GB); by default a tenth of the recording."
     ),
     origin: str = typer.Option("", "--origin", help="Stage coordinates of the sensor's centre X,Y,Z (µm)."),
-    check_stage: bool = typer.Option(True, help="Measure sign, scale and rotation of the stage first."),
+    check_stage: bool | None = typer.Option(
+        None, "--check-stage/--no-check-stage", help="Measure sign, scale, scatter and depth of the stage first (on)."
+    ),
     check_origin: bool = typer.Option(True, help="On resume, compare the last position with its frame."),
     assemble: Path | None = typer.Option(None, "--assemble", help="Assemble H into this file at the end (.h5)."),
     pack: bool = typer.Option(True, help="Compress the finished recording."),
@@ -174,6 +176,7 @@ def command(
         "tolerance_um": numbers(tolerance, "--tolerance"),
         "overshoot_um": numbers(overshoot, "--overshoot"),
         "keep_free_bytes": None if keep_free is None else int(1e9 * keep_free),
+        "check_stage": check_stage,
     }
     # A session that goes on keeps the options it began with; those given now replace single ones.
     options = options_of(out if resume or redo is not None else None, given, check_origin)
@@ -187,7 +190,7 @@ def command(
         if dry_run:
             _show_forecast(task, rig, frame_rate)
             return
-        found, seen, ended_by = _run(task, rig, check_stage)
+        found, seen, ended_by = _run(task, rig)
     adapted = None if isinstance(found, Outcome) else found
     outcome = found if isinstance(found, Outcome) else found.outcome
     result: dict[str, Any] = {"session": out, "outcome": outcome, **optics, **seen}
@@ -237,8 +240,8 @@ class _Task:
     quiet: bool
 
 
-def _run(task: _Task, rig: Rig, check_stage: bool) -> tuple[Outcome | Adapted, dict[str, Any], int]:
-    """Check light and stage, then record until the end or a signal; return what came of it and was seen, the signal."""
+def _run(task: _Task, rig: Rig) -> tuple[Outcome | Adapted, dict[str, Any], int]:
+    """Check the light, then record until the end or a signal; return what came of it and was seen, and the signal."""
     from lfcal.acquire.control import Control
     from lfcal.acquire.lighting import check_light
     from lfcal.cli.acquire_words import tell_automatic
@@ -247,10 +250,6 @@ def _run(task: _Task, rig: Rig, check_stage: bool) -> tuple[Outcome | Adapted, d
     # A session that goes on has its darks already, and its positions are compared with the frames themselves.
     if task.options.darks and not task.resume and task.redo is None:
         check_light(rig)
-    if check_stage and not task.resume:
-        control = Control()
-        with _stoppable(control, at_once=True):
-            _check_stage(task, rig, control)
     control = Control()
     with _stoppable(control) as asked:
         outcome, seen = _record(task, rig, control)
@@ -337,18 +336,15 @@ def _watched(work: Work[R], quality: LiveQuality | LiveCoverage) -> Work[R]:
 
 
 @contextmanager
-def _stoppable(control: Control, *, at_once: bool = False) -> Iterator[list[int]]:
-    """Let Ctrl-C, a hang-up and the request to terminate stop in order, and a second one abort; yield those that came.
-
-    With ``at_once`` the first one aborts: where nothing is recorded there is no position to finish.
-    """
+def _stoppable(control: Control) -> Iterator[list[int]]:
+    """Let Ctrl-C, a hang-up and the request to terminate stop in order, a second one abort; yield those that came."""
     from lfcal.cli.console import report
 
     came: list[int] = []
 
     def asked(number: int, _: object) -> None:
         came.append(number)
-        if at_once or control.stopping:
+        if control.stopping:
             control.abort()
         else:
             control.stop()
@@ -378,22 +374,6 @@ class _Cover:
         # End of input: without a person, the frames would be taken of a lens that is not covered.
         if not sys.stdin.readline():
             raise DeviceError("lens cover: nobody answered; run in a terminal, or record without darks (--darks 0)")
-
-
-def _check_stage(task: _Task, rig: Rig, control: Control) -> None:
-    from lfcal.acquire.frame_plan import scan_of
-    from lfcal.acquire.session import check_devices
-    from lfcal.acquire.setup import check_stage, iter_stage_fit
-    from lfcal.camera import RegionPlan, ScanPlan
-    from lfcal.cli.console import report, run_work
-
-    check_devices(scan_of(task.plan), rig)
-    if not isinstance(task.plan, ScanPlan | RegionPlan):
-        report("note: sign and scale of the stage are measured with a single point; they are not checked with a target")
-        return
-    scan = scan_of(task.plan)
-    work = iter_stage_fit(rig, scan, options=task.options, control=control)
-    check_stage(run_work(work, quiet=task.quiet), scan)
 
 
 def _show_forecast(task: _Task, rig: Rig, frame_rate: float | None) -> None:

@@ -73,7 +73,8 @@ def tell_automatic(plan: ScanPlan | TargetPlan | RegionPlan, rig: Rig, options: 
 
 
 def reported_holds(work: Work[R], control: Control) -> Work[R]:
-    """Pass on a recording; each hold of it and its end is a line on standard error."""
+    """Pass on a recording; what was not checked, and each hold of it and its end, is a line on standard error."""
+    from lfcal.acquire.setup.stage_check import STAGE
     from lfcal.cli.console import report
 
     held = ""
@@ -84,6 +85,8 @@ def reported_holds(work: Work[R], control: Control) -> Work[R]:
             if control.held.partition(":")[0] != held.partition(":")[0]:
                 report(f"on hold: {control.held}" if control.held else "recording again")
                 held = control.held
+            if record.stage == STAGE and record.note:
+                report(f"note: {record.note}")
             yield record
     except StopIteration as stop:
         found: R = stop.value

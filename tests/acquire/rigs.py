@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 from lfcal.acquire.options import Options
 from lfcal.acquire.recording.source import RecordingSource
 from lfcal.camera import ScanPlan, preset
+from lfcal.devices.protocols import Point
 from lfcal.devices.rig import Rig
 from lfcal.devices.simulated.backend import simulated_rig
 from lfcal.devices.simulated.faults import Fault
 
-CAREFUL = Options(darks=0, reference_every=0, origin_tolerance_px=0.5, keep_free_bytes=0)
-"""Positions alone, all checks on."""
+CAREFUL = Options(darks=0, reference_every=0, origin_tolerance_px=0.5, keep_free_bytes=0, check_stage=False)
+"""Positions alone, all checks of frames on; that of the stage moves and exposes, which counted faults do not expect."""
 
 
 def small_plan(
@@ -38,6 +39,38 @@ def small_plan(
 
 def rig_for(plan: ScanPlan, *faults: Fault, **options: Any) -> Rig:
     return simulated_rig(plan, faults=faults, **options)
+
+
+class Deceived:
+    """A stage whose encoders do not see where its mechanics put the source; ``true`` is given move and target."""
+
+    waits = False
+
+    def __init__(self, stage: Any, true: Callable[[int, Point], Point]) -> None:
+        self._stage, self._true, self._moves = stage, true, 0
+        self._asked: Point = stage.position()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stage, name)
+
+    def move(self, target: Point) -> None:
+        self._moves += 1
+        self._asked = target
+        self._stage.move(self._true(self._moves, target))
+
+    def position(self) -> Point:
+        return self._asked
+
+
+def deceived_rig(plan: ScanPlan, true: Callable[[int, Point], Point], **options: Any) -> Rig:
+    """Return a simulated rig with such a stage."""
+    rig = rig_for(plan, **options)
+    return replace(rig, stage=Deceived(rig.stage, true))
+
+
+def scaled(x: float, y: float, z: float) -> Callable[[int, Point], Point]:
+    """Return what a stage of other scales makes of a target."""
+    return lambda _, target: (x * target[0], y * target[1], z * target[2])
 
 
 def frames_of(folder: Path) -> dict[tuple[int, int, int], NDArray[Any]]:

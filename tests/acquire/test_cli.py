@@ -235,7 +235,7 @@ def test_fault_resume_redo_and_coarse_order(
     out, calm = tmp_path / "session", tmp_path / "calm"
     start = ("acquire", plan_file, "--out", out, "--no-pack", *QUICK)
     alone = ("--darks", 0, "--reference-every", 0, *QUICK)
-    faults = ("--option", "faults=times out@20*9")
+    faults = ("--option", "faults=times out@31*9")
     assert run(*start, *alone, "--order", "coarse", *faults, monkeypatch=monkeypatch) == 2
     assert "15 of 40 positions are safe" in capsys.readouterr().err
     assert run(*start, monkeypatch=monkeypatch) == 2

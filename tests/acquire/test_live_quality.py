@@ -15,10 +15,11 @@ from lfcal.acquire.finish import iter_assemble_session
 from lfcal.acquire.live_quality import LiveQuality, QualityState
 from lfcal.acquire.session import record
 from lfcal.camera import ScanPlan, StageAxes
+from lfcal.devices.protocols import Point
 from lfcal.devices.simulated.stage import StageModel
 from lfcal.frames.source import Position
 from lfcal.progress import drain
-from tests.acquire.rigs import CAREFUL, rig_for, small_plan
+from tests.acquire.rigs import CAREFUL, deceived_rig, rig_for, small_plan
 
 PLAN = small_plan((11, 19), 2, cutout=(31, 31))
 
@@ -145,3 +146,74 @@ def test_a_level_that_creeps_is_told(tmp_path: Path) -> None:
     rig.camera.device.grab = warmer  # type: ignore[attr-defined]
     state = watched(tmp_path, PLAN, rig, reference_every=50)
     assert {alarm.what for alarm in state.alarms} == {"dark"}
+
+
+STEP = PLAN.step_um(0)[0]
+
+
+def named(state: QualityState) -> set[str]:
+    return {alarm.what for alarm in state.alarms}
+
+
+def drifting(pixels: float) -> Any:
+    """Return a stage that creeps away to the right over the session, which has about a move for each frame."""
+    return lambda move, target: (target[0] + pixels * STEP * move / PLAN.n_positions, target[1], target[2])
+
+
+@pytest.mark.parametrize("pixels", [2.0, 0.6, -1.0])
+def test_a_stage_that_drifts_is_told_from_a_lamp_that_does(tmp_path: Path, pixels: float) -> None:
+    """Two pixels move the light under another part of the lenslets, its amount changes, and the lamp was blamed."""
+    rig = deceived_rig(PLAN, drifting(pixels))
+    state = watched(tmp_path, PLAN, rig, reference_every=25)
+    assert named(state) == {"drift"}
+    moves = rig.stage.device._moves  # type: ignore[attr-defined]
+    assert state.alarms[0].value == pytest.approx(abs(pixels) * moves / PLAN.n_positions, rel=0.2)
+
+
+def test_a_stage_and_a_lamp_that_drift_are_both_told(tmp_path: Path) -> None:
+    rig = deceived_rig(PLAN, drifting(1.0))
+    rig.camera.device._renderer = _Ramp(rig.camera._renderer, PLAN.n_positions)  # type: ignore[attr-defined]
+    assert named(watched(tmp_path, PLAN, rig, reference_every=25)) == {"drift", "lamp"}
+
+
+def test_a_stage_that_scatters_is_told_from_one_that_drifts(tmp_path: Path) -> None:
+    rng = np.random.default_rng(5)
+
+    def scattered(_: int, target: Point) -> Point:
+        x, y = 0.5 * STEP * rng.standard_normal(2)
+        return target[0] + x, target[1] + y, target[2]
+
+    state = watched(tmp_path, PLAN, deceived_rig(PLAN, scattered), reference_every=25, on_suspect="flag")
+    assert "scatter" in named(state) and not named(state) & {"drift", "lamp"}
+    assert state.alarms[0].value == pytest.approx(0.5, rel=0.5)
+
+
+def heated(rig: Any, pixels: list[tuple[int, int]], after: int) -> None:
+    """Let pixels of the sensor be hot from a frame on."""
+    works, frames, roi = rig.camera.device.grab, 0, rig.camera.device
+
+    def hot(timeout_s: float) -> Any:
+        nonlocal frames
+        frames += 1
+        frame = works(timeout_s)
+        for row, column in pixels:
+            if frames > after:
+                frame.data[row - roi._roi.row, column - roi._roi.column] = 2500
+        return frame
+
+    rig.camera.device.grab = hot
+
+
+@pytest.mark.parametrize("reference_every", [0, 25])
+def test_hot_pixels_are_no_lamp(tmp_path: Path, reference_every: int) -> None:
+    """Those of the dark frames, which are subtracted, are in some cutouts and not in others."""
+    rig = rig_for(PLAN)
+    heated(rig, [(40, 34), (41, 60)], 0)
+    assert watched(tmp_path, PLAN, rig, reference_every=reference_every, darks=2).alarms == ()
+
+
+def test_pixels_that_become_hot_are_named(tmp_path: Path) -> None:
+    rig = rig_for(PLAN)
+    heated(rig, [(40, 45), (54, 60)], 250)
+    state = watched(tmp_path, PLAN, rig, reference_every=25, on_suspect="flag", darks=2)
+    assert named(state) == {"hot"} and state.alarms[0].value == 2

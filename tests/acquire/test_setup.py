@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -31,11 +30,10 @@ from lfcal.acquire.setup import (
 )
 from lfcal.camera import ScanPlan, StageAxes, preset
 from lfcal.devices.errors import LimitError
-from lfcal.devices.protocols import Point
 from lfcal.devices.simulated.faults import Fault
 from lfcal.errors import InputError
 from lfcal.progress import drain
-from tests.acquire.rigs import rig_for, small_plan
+from tests.acquire.rigs import deceived_rig, rig_for, scaled, small_plan
 
 PLAN = small_plan((11, 19), 3)
 
@@ -158,34 +156,13 @@ def test_stage_fit_returns_scale_rotation_and_residual() -> None:
         check_stage(fit, PLAN, cell_px=0.1 * max(PLAN.period), residual_px=0.01)
 
 
-class Scaled:
-    """A stage whose controller has another scale sideways than its makers say."""
-
-    waits = False
-
-    def __init__(self, stage: Any, scale: float) -> None:
-        self.stage, self.scale = stage, scale
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.stage, name)
-
-    def move(self, target: Point) -> None:
-        self.stage.move((self.scale * target[0], self.scale * target[1], target[2]))
-
-    def position(self) -> Point:
-        x, y, z = self.stage.position()
-        return x / self.scale, y / self.scale, z
-
-
 @pytest.mark.parametrize(("scale", "refused"), [(1.0, False), (1.005, False), (1.01, True), (1.09, True), (0.98, True)])
 def test_a_scale_that_moves_the_source_by_a_quarter_of_a_pixel_over_the_cell_is_refused(
     scale: float, refused: bool
 ) -> None:
     """Nine per cent once passed, and H was 28 % off."""
     plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[4.0])
-    sim = rig_for(plan)
-    rig = replace(sim, stage=Scaled(sim.stage, scale))
-    fit = drain(iter_stage_fit(rig, plan))
+    fit = drain(iter_stage_fit(deceived_rig(plan, scaled(scale, scale, 1.0)), plan))
     assert fit.scale == pytest.approx((scale, scale), rel=1e-2)
     if not refused:
         check_stage(fit, plan)

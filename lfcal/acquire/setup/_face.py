@@ -6,6 +6,7 @@ from lfcal.acquire.setup.exposure import iter_exposures, suggest_exposure
 from lfcal.acquire.setup.levels import Levels, levels
 from lfcal.acquire.setup.live import LiveState, iter_live, predicted_image
 from lfcal.acquire.setup.optical_axis import OpticalAxis, find_optical_axis, iter_optical_axis
+from lfcal.acquire.setup.stage_check import StageCheck, iter_stage_check
 from lfcal.acquire.setup.stage_fit import StageFit, check_stage, fit_stage, iter_stage_fit
 from lfcal.acquire.spots import Spot, find_spot, image_shift
 
@@ -14,6 +15,7 @@ __all__ = [
     "LiveState",
     "OpticalAxis",
     "Spot",
+    "StageCheck",
     "StageFit",
     "check_stage",
     "find_optical_axis",
@@ -23,6 +25,7 @@ __all__ = [
     "iter_exposures",
     "iter_live",
     "iter_optical_axis",
+    "iter_stage_check",
     "iter_stage_fit",
     "levels",
     "predicted_image",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -125,9 +125,7 @@ def iter_live(
             preview.put(LiveFrame(frame.data, roi, None, None, counts.saturated, "live"))
             try:
                 seen = find_spot(frame.data)
-                spot = Spot(
-                    seen.row + roi.row, seen.column + roi.column, seen.energy, seen.peak, seen.sharpness, seen.snr
-                )
+                spot = replace(seen, row=seen.row + roi.row, column=seen.column + roi.column)
             except InputError:
                 spot = None
             wanted = yield LiveState(counts, spot, stage, expected)

@@ -13,17 +13,35 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfcal.acquire.control import Control
 from lfcal.acquire.looking import Looker
+from lfcal.acquire.motion import check_limits
 from lfcal.acquire.options import Options
 from lfcal.camera import ScanPlan, StageAxes
+from lfcal.devices.errors import LimitError
+from lfcal.devices.protocols import Limits
 from lfcal.devices.rig import Rig
 from lfcal.errors import InputError
 from lfcal.frames.orientation import AS_IS, nearest_orientation
 from lfcal.progress import Clock, Work
 from lfcal.psf.orientation import either_words
 
-__all__ = ["StageFit", "check_stage", "fit_stage", "iter_stage_fit"]
+__all__ = [
+    "CELL_PX",
+    "PHASE",
+    "StageFit",
+    "check_axes",
+    "check_stage",
+    "fit_stage",
+    "iter_stage_fit",
+    "phase_drift",
+    "places_about",
+    "room",
+]
 
 SENSES = ("right", "down")
+CELL_PX = 0.25
+"""Largest displacement of the source over one period by an error of the scale or the angle (pixels)."""
+PHASE = 0.1
+"""Part of a period by which the lenslets' pattern may be displaced between places that are to look the same."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,7 +165,20 @@ def _turned(axis: str) -> str:
     return ("-" if axis[0] == "+" else "+") + axis[1]
 
 
-def check_stage(fit: StageFit, plan: ScanPlan, *, cell_px: float = 0.25, residual_px: float = 2.0) -> None:
+def check_axes(fit: StageFit, plan: ScanPlan) -> None:
+    """Raise `InputError` if an axis of the stage runs the wrong way, or the two sideways ones are swapped."""
+    old, new = plan.stage, fit.axes
+    if (old.right, old.down) != (new.right, new.down):
+        why = "" if fit.orientation == AS_IS else f": {either_words(fit.orientation)}"
+        raise InputError.expected(
+            "stage axes (right, down)",
+            f"{old.right}, {old.down} as in the plan",
+            f"{new.right}, {new.down} by what the image does{why}",
+            "set these in the plan: the scan would run the wrong way",
+        )
+
+
+def check_stage(fit: StageFit, plan: ScanPlan, *, cell_px: float = CELL_PX, residual_px: float = 2.0) -> None:
     """Raise `InputError` if the stage does not move the image as the plan says.
 
     Parameters
@@ -173,20 +204,12 @@ def check_stage(fit: StageFit, plan: ScanPlan, *, cell_px: float = 0.25, residua
     ...     print(str(error).partition(":")[0])
     stage axes (right, down)
     """
-    old, new = plan.stage, fit.axes
-    if (old.right, old.down) != (new.right, new.down):
-        why = "" if fit.orientation == AS_IS else f": {either_words(fit.orientation)}"
-        raise InputError.expected(
-            "stage axes (right, down)",
-            f"{old.right}, {old.down} as in the plan",
-            f"{new.right}, {new.down} by what the image does{why}",
-            "set these in the plan: the scan would run the wrong way",
-        )
+    check_axes(fit, plan)
     for value, sense, period in zip(fit.scale, SENSES, plan.period[::-1], strict=True):
         if abs(value - 1) * period > cell_px:
             raise InputError.expected(
                 f"image movement to the {sense}" if sense == "right" else "image movement down",
-                f"{period} px over a period of the lenslets, to {cell_px:g} px",
+                f"{period} px over a period of the lenslets, to {cell_px:.2g} px",
                 f"{value * period:.2f} px, {100 * (value - 1):+.2f} %",
                 "correct the camera's magnification or working distance in the plan, or the stage's scale",
             )
@@ -210,10 +233,9 @@ def check_stage(fit: StageFit, plan: ScanPlan, *, cell_px: float = 0.25, residua
 def iter_stage_fit(
     rig: Rig, plan: ScanPlan, *, z: int = 0, options: Options | None = None, control: Control | None = None
 ) -> Work[StageFit]:
-    """Move to the corners and the middle of a square about the cell, and fit how the image moves.
+    """Move to the corners and the middle of a rectangle about the cell, and fit how the image moves.
 
-    The square spans two periods or a tenth of the sensor, the larger of the two; over whole periods the
-    lenslets' pattern cancels. Nothing is recorded, and the stage returns to where it was.
+    It spans `places_about`. Nothing is recorded, and the stage returns to where it was.
 
     Examples
     --------
@@ -227,7 +249,7 @@ def iter_stage_fit(
     +x +y [1.0, 1.0]
     """
     options, control = options or Options(), control or Control()
-    targets, _ = _targets(plan, z)
+    targets = places_about(plan, z, rig.stage.limits, options.motion(plan).overshoot_um)
     clock = Clock("stage and image", len(targets))
     stage: list[tuple[float, float, float]] = []
     seen: list[tuple[float, float]] = []
@@ -240,11 +262,55 @@ def iter_stage_fit(
     return fit_stage(plan, z, stage, seen)
 
 
-def _targets(plan: ScanPlan, z: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return stage targets ``(5, 3)`` and the planned image positions ``(5, 2)``."""
-    rows, columns = plan.camera.sensor.shape
-    reach = [max(1, round(n / 10 / period)) for n, period in zip((rows, columns), plan.period, strict=True)]
-    middle = np.array([z, plan.period[0] // 2, plan.period[1] // 2])
-    steps = np.array([[0, 0], [-1, -1], [-1, 1], [1, -1], [1, 1]]) * np.array(reach) * np.array(plan.period)
-    positions = middle + np.pad(steps, ((0, 0), (1, 0)))
-    return plan.stage_um(positions), plan.image_px(positions)
+def phase_drift(plan: ScanPlan) -> NDArray[np.float64]:
+    """Return by which part of itself a period of the plan differs from that of the lenslets ``(y, x)``."""
+    if plan.resample:
+        return np.zeros(2)
+    drift: NDArray[np.float64] = np.array(plan.period_residual_px) / np.array(plan.period)
+    return drift
+
+
+def room(plan: ScanPlan) -> NDArray[np.intp]:
+    """Return by how many periods ``(y, x)`` the cutout of the middle of the cell can move before and after it."""
+    image, factors = plan.image_px([0, *(n // 2 for n in plan.period)]), np.array(plan.resample_factors)
+    half, size = (np.array(plan.cutout) - 1) / 2 / factors, np.array(plan.camera.sensor.shape)
+    periods = np.array(plan.period) / factors
+    return np.array([(image - half) / periods, (size - 1 - image - half) / periods]).clip(0).astype(np.intp)
+
+
+def places_about(
+    plan: ScanPlan, z: int, limits: Limits, overshoot_um: tuple[float, float, float]
+) -> NDArray[np.float64]:
+    """Return five places of the stage ``(5, 3)``: the middle of the cell in plane ``z``, and a rectangle about it (µm).
+
+    Its corners are whole periods from the middle, over which the lenslets' pattern cancels: three, or a tenth of the
+    sensor, and less where the period was rounded, the cutout would leave the sensor, or the stage its travel. Where the
+    sensor has not `room`, they are one period away all the same.
+
+    Raises
+    ------
+    LimitError
+        If the stage cannot move by a period.
+    """
+    middle = np.array([z, *(n // 2 for n in plan.period)])
+    period = np.array(plan.period) / np.array(plan.resample_factors)
+    before, after = room(plan)
+    cut = before + after < 1
+    before[cut], after[cut] = 1, 1
+    reach = np.maximum(3, np.rint(np.array(plan.camera.sensor.shape) / 10 / period).astype(int))
+    # a period of the plan is rounded to whole pixels: so many of them are still about as many of the lenslets
+    drift = np.maximum(np.abs(phase_drift(plan)), 1e-9)
+    reach = np.maximum(1, np.minimum(reach, np.minimum(PHASE / drift, 1e6).astype(int)))
+    while True:
+        low, high = np.minimum(reach, before), np.minimum(reach, after)
+        corners = np.array([[-low[0], -low[1]], [-low[0], high[1]], [high[0], -low[1]], [high[0], high[1]]])
+        moves = np.vstack([[0, 0], corners]) * np.array(plan.period)
+        places = plan.stage_um(middle + np.pad(moves, ((0, 0), (1, 0))))
+        try:
+            check_limits(places, limits, overshoot_um)
+        except LimitError:
+            if (reach <= 1).all():
+                raise
+            reach = np.maximum(reach - 1, 1)
+        else:
+            return places

@@ -45,6 +45,7 @@ class MovedElsewhere:
     """A source that another program or a person moves: its place is taken to be where it was asked to be."""
 
     name = "moved by another program"
+    moved_elsewhere = True
     limits = _ANYWHERE
 
     def __init__(self) -> None:

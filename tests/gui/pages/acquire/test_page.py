@@ -333,7 +333,7 @@ def test_a_session_from_start_to_h(page: Page, context: Context, qtbot: QtBot, t
 
 
 def test_a_fault_stops_safely_and_is_said(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
-    page.setup._devices_edited("sim", (("faults", "vanishes@26"),), "")
+    page.setup._devices_edited("sim", (("faults", "vanishes@42"),), "")
     connect(page, qtbot)
     context.project.update("folder", recording=str(tmp_path / "s"))
     page.panel.setup.live.setChecked(False)

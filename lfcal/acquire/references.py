@@ -1,0 +1,141 @@
+"""Reference frames: what of a place changes with the stage, with the lamp, and with the sensor."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
+
+from lfcal.acquire.spots import find_spot
+from lfcal.errors import InputError
+
+__all__ = ["HotPixels", "References", "light_where"]
+
+CLEAR = 20.0
+"""Peak over noise from which the place of the light is known far better than to a tenth of a pixel."""
+FEW = 5
+"""Frames from which scatter is told from drift."""
+HOT_SIGMAS, HOT_SHARE = 20.0, 0.02
+"""A hot pixel is so many standard deviations, and such a part of the range, above what is dark around it."""
+ALONE, FEW_HOT = 4.0, 16
+"""And it rose so many times more than those around it; of as many as this at once."""
+MANY = 1000
+"""With more of them in a dark frame it is no longer single ones, and nothing is left out."""
+
+
+class References:
+    """Frames of one place, in the order they were recorded.
+
+    Parameters
+    ----------
+    full
+        Largest sample value of the sensor.
+
+    Attributes
+    ----------
+    seen
+        Of each frame: seconds of recording, light above the background (counts), row and column of the light (pixels
+        of the frame; NaN where it is too faint), and background (counts).
+    hot
+        Pixels that became hot after the first frame.
+    """
+
+    def __init__(self, full: float) -> None:
+        self._full = full
+        self._latest: NDArray[np.float64] | None = None
+        self._is_hot = np.zeros((0, 0), np.bool_)
+        self.seen: list[tuple[float, float, float, float, float]] = []
+        self.hot = 0
+
+    def add(self, seconds: float, frame: NDArray[Any], border: NDArray[np.bool_]) -> None:
+        """Take a frame ``(rows, columns)`` into account, whose ``border`` shows the background."""
+        data = frame.astype(np.float64)
+        level, noise = float(np.median(data[border])), float(data[border].std())
+        data -= level
+        if self._latest is None or self._latest.shape != data.shape:
+            self._latest, self._is_hot = data, np.zeros(data.shape, np.bool_)
+        self._is_hot |= _became_hot(self._latest, data, max(HOT_SIGMAS * noise, HOT_SHARE * self._full))
+        self.hot = int(self._is_hot.sum())
+        data[self._is_hot] = 0.0
+        self._latest = data
+        try:
+            spot = find_spot(data)
+            place = (spot.row, spot.column) if spot.snr > CLEAR else (math.nan, math.nan)
+        except InputError:
+            place = math.nan, math.nan
+        self.seen.append((seconds, float(data.sum()), *place, level))
+
+    def moved(self) -> tuple[float, float]:
+        """Return how far the light went from where it was first, and its scatter along an axis (pixels).
+
+        The scatter is that of second differences, which a steady drift and a single jump leave alone.
+        """
+        places = np.array([row[2:4] for row in self.seen]).reshape(-1, 2)
+        places = places[np.isfinite(places).all(axis=1)]
+        if len(places) < 2:
+            return 0.0, 0.0
+        scatter = 0.0
+        if len(places) >= FEW:
+            scatter = 1.4826 * float(np.median(np.abs(np.diff(places, n=2, axis=0)))) / math.sqrt(6)
+        return float(np.hypot(*(places - places[0]).T).max()), scatter
+
+
+def light_where(energy: NDArray[np.float64], y: int, x: int, moves_px: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the light of position ``(y, x)`` after moves of its source ``(n, 2)`` by rows and columns.
+
+    ``energy`` ``(ny, nx)`` is the light of the positions of a plane: a source that is off by a pixel is where the next
+    position should be. NaN where those were not recorded.
+    """
+    places = np.array([[y], [x]]) + moves_px.T
+    there: NDArray[np.float64] = map_coordinates(energy, places, order=1, mode="nearest")
+    return there
+
+
+def _became_hot(before: NDArray[np.float64], data: NDArray[np.float64], limit: float) -> NDArray[np.bool_]:
+    """Return the pixels ``(rows, columns)`` that alone rose by more than ``limit`` between two frames of one place.
+
+    The light of a source that moves appears at one pixel and vanishes beside it, that of a lamp changes everywhere.
+    """
+    total = float(before.sum())
+    change = data - (float(data.sum()) / total if total > 0 else 1.0) * before
+    padded = np.pad(np.abs(change), 1)
+    rows, columns = change.shape
+    others = [(dy, dx) for dy in range(3) for dx in range(3) if (dy, dx) != (1, 1)]
+    near = np.maximum.reduce([padded[dy : dy + rows, dx : dx + columns] for dy, dx in others])
+    found: NDArray[np.bool_] = (change > limit) & (change > ALONE * near)
+    # so many at once are no pixels that became hot
+    return found if found.sum() <= FEW_HOT else np.zeros_like(found)
+
+
+class HotPixels:
+    """Hot pixels of the dark frames, whose light is none of the source's; assembly subtracts them.
+
+    Parameters
+    ----------
+    full
+        Largest sample value of the sensor.
+    """
+
+    def __init__(self, full: float) -> None:
+        self._full = full
+        self._known: dict[float, tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]] = {}
+
+    def learn(self, row: int, column: int, exposure_s: float, frame: NDArray[Any]) -> None:
+        """Find those of a dark frame ``(rows, columns)`` whose first pixel is this one of the sensor."""
+        level = float(np.median(frame))
+        noise = 1.4826 * float(np.median(np.abs(frame - level)))
+        rows, columns = np.nonzero(frame > level + max(HOT_SIGMAS * noise, HOT_SHARE * self._full))
+        if len(rows) > MANY:
+            rows = columns = rows[:0]
+        self._known[exposure_s] = rows + row, columns + column, frame[rows, columns] - level
+
+    def within(self, row: int, column: int, exposure_s: float, shape: tuple[int, int]) -> float:
+        """Return their counts in a frame of this shape and exposure."""
+        rows, columns, counts = self._known.get(exposure_s, (None, None, None))
+        if rows is None or columns is None or counts is None or not len(rows):
+            return 0.0
+        inside = (rows >= row) & (rows < row + shape[0]) & (columns >= column) & (columns < column + shape[1])
+        return float(counts[inside].sum())

@@ -1,0 +1,344 @@
+"""The check of the stage is part of recording: faults are refused, good stages pass, what was not checked is said."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lfcal.acquire.control import Control
+from lfcal.acquire.options import Options
+from lfcal.acquire.runner import Outcome
+from lfcal.acquire.session import iter_record, record
+from lfcal.acquire.session_file import SessionFile
+from lfcal.acquire.setup import StageCheck, iter_stage_check
+from lfcal.camera import RegionPlan, ScanPlan, StageAxes, preset
+from lfcal.campaign import iter_record_regions
+from lfcal.devices.errors import FrameTimeout, LimitError
+from lfcal.devices.protocols import Point
+from lfcal.devices.registry import open_rig
+from lfcal.devices.rig import Rig
+from lfcal.devices.simulated.camera import Patch, Renderer
+from lfcal.devices.simulated.faults import Fault
+from lfcal.devices.simulated.optics import PatternRenderer, simulated_optics
+from lfcal.devices.simulated.stage import StageModel
+from lfcal.errors import Cancelled, InputError
+from lfcal.frames.source import Position
+from lfcal.progress import drain
+from tests.acquire.rigs import CAREFUL, Deceived, deceived_rig, rig_for, scaled, small_plan
+
+PLAN = ScanPlan.for_camera(preset("bench"), virtual_depths=[2.0, 4.0])
+CHECKED = replace(CAREFUL, check_stage=True)
+FEW = [Position(0, 3, 4), Position(1, 5, 6)]
+STEP = PLAN.step_um(0)[0]
+
+
+def jittered(pixels: float, seed: int = 3) -> Callable[[int, Point], Point]:
+    """Return what a stage makes of a target that stops anywhere around it."""
+    rng = np.random.default_rng(seed)
+
+    def true(_: int, target: Point) -> Point:
+        x, y = pixels * STEP * rng.standard_normal(2)
+        return target[0] + x, target[1] + y, target[2]
+
+    return true
+
+
+def turned(degrees: float) -> Callable[[int, Point], Point]:
+    cos, sin = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    return lambda _, at: (cos * at[0] - sin * at[1], sin * at[0] + cos * at[1], at[2])
+
+
+def stuck(_: int, target: Point) -> Point:
+    return target[0], target[1], PLAN.depths_um[0]
+
+
+WRONG: dict[str, tuple[Callable[[int, Point], Point], str]] = {
+    "scale 1.09": (scaled(1.09, 1.09, 1.0), "image movement to the right: expected 33 px over a period"),
+    "scale of one axis": (scaled(1.0, 1.02, 1.0), "image movement down: expected 19 px over a period"),
+    "angle": (turned(0.8), "angle between stage and sensor"),
+    "sign": (scaled(-1.0, 1.0, 1.0), "stage axes .right, down.: expected"),
+    "jitter": (jittered(0.5), "image of one place, visited 5 times: expected within 0.25 px rms"),
+    "depth scale 1.1": (scaled(1.0, 1.0, 1.1), r"depth axis z of the stage: expected a move of 12294.8 µm .* 1.1\d\d"),
+    "depth scale 0.9": (scaled(1.0, 1.0, 0.9), r"depth axis z of the stage: .* got 0.89\d times that"),
+    "depth scale 2": (scaled(1.0, 1.0, 2.0), r"depth axis z of the stage: .* got 2.1\d\d times that"),
+    "depth reversed": (scaled(1.0, 1.0, -1.0), "it runs the wrong way: set the other sense in the plan"),
+    "depth stands still": (stuck, "the image of one plane in both; axis z does not move"),
+}
+
+
+@pytest.mark.parametrize("kind", WRONG)
+def test_a_wrong_stage_is_refused_by_recording_and_leaves_nothing(tmp_path: Path, kind: str) -> None:
+    """Python and the window recorded without the check, and H was up to 28 % off, of a wrong depth in any case."""
+    true, words = WRONG[kind]
+    with pytest.raises(InputError, match=words) as caught:
+        record(tmp_path / "s", PLAN, deceived_rig(PLAN, true), CHECKED, only=FEW)
+    assert "\n" not in str(caught.value) and not list(tmp_path.iterdir())
+
+
+PRESETS: dict[str, dict[str, Any]] = {
+    "r29": {"virtual_depths": (2.0, 5.5)},
+    "bench": {"virtual_depths": (2.0, 4.0)},
+    "lfm_20x05": {"depths_um": (-40.0, 0.0, 40.0)},
+    "lfm_60x12": {"depths_um": (0.0, 4.0)},
+}
+NOTED = {
+    "r29": (),
+    "bench": (),
+    "lfm_20x05": ("sense of the depth axis z of the stage not checked: the camera is telecentric",),
+    "lfm_60x12": ("sense of the depth axis z of the stage not checked: the camera is telecentric",),
+}
+
+
+def checked(rig: Rig, plan: ScanPlan, options: Options = CHECKED) -> StageCheck:
+    return drain(iter_stage_check(rig, plan, options))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", PRESETS)
+def test_a_good_stage_passes_with_the_true_optics_of_every_preset(name: str) -> None:
+    plan = ScanPlan.for_camera(preset(name), **PRESETS[name])
+    with open_rig(plan, "sim") as rig:
+        found = checked(rig, plan)
+    assert found.notes == NOTED[name] and found.frames == 16
+    assert found.depth is not None and found.depth.scale == pytest.approx(1.0, abs=0.02)
+    assert np.abs(np.array(found.fits[0].scale) - 1).max() * max(plan.period) < 0.1
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_a_good_stage_passes_with_the_quick_pattern(name: str) -> None:
+    camera = preset(name)
+    # a part of the large sensors has room enough
+    rows, columns = (min(640, n) for n in camera.sensor.shape)
+    plan = ScanPlan.for_camera(
+        replace(camera, sensor=replace(camera.sensor, shape=(rows, columns))), **PRESETS[name], cutout=101
+    )
+    notes = checked(rig_for(plan), plan).notes
+    assert all("not checked" in note for note in notes) and bool(notes) == name.startswith("lfm")
+
+
+GOOD: dict[str, Callable[[], tuple[ScanPlan, Rig]]] = {
+    "another seed": lambda: (PLAN, rig_for(PLAN, seed=9)),
+    "backlash": lambda: (PLAN, rig_for(PLAN, model=StageModel(backlash_um=(15.0, 15.0, 15.0)))),
+    "scatter of 0.1 px": lambda: (PLAN, deceived_rig(PLAN, jittered(0.1))),
+    "scale off by 0.1 px over the cell": lambda: (PLAN, deceived_rig(PLAN, scaled(1.003, 1.003, 1.0))),
+    "small plan": lambda: (small_plan((3, 3), 3), rig_for(small_plan((3, 3), 3))),
+    "one plane": lambda: (small_plan((11, 19), 1), rig_for(small_plan((11, 19), 1))),
+    "faint": lambda: (PLAN, rig_for(PLAN, optics=PatternRenderer(PLAN, peak=0.03))),
+    "saturated": lambda: (PLAN, rig_for(PLAN, optics=PatternRenderer(PLAN, peak=3.0))),
+    "other axes": lambda: _with_axes(StageAxes("-y", "+z", "+x", (10.0, 20.0, 30.0))),
+    "short travel": lambda: (PLAN, rig_for(PLAN, model=StageModel(limits=((-1500, 1500), (-1500, 1500), (-3e4, 1e3))))),
+}
+
+
+def _with_axes(axes: StageAxes) -> tuple[ScanPlan, Rig]:
+    plan = replace(PLAN, stage=axes)
+    return plan, rig_for(plan)
+
+
+@pytest.mark.parametrize("kind", GOOD)
+def test_a_good_stage_is_never_refused(kind: str) -> None:
+    plan, rig = GOOD[kind]()
+    assert checked(rig, plan).fits
+
+
+@pytest.fixture(scope="module")
+def lenslets() -> Renderer:
+    """Return the plan's camera as it is simulated."""
+    return simulated_optics(PLAN, "auto", "auto")
+
+
+@pytest.mark.hard_case
+@pytest.mark.parametrize("scale", [1.0, 1.1, pytest.param(0.9, marks=pytest.mark.long)])
+def test_the_depth_scale_is_found_with_lenslets_whose_pattern_does_not_follow_the_source(
+    lenslets: Renderer, scale: float
+) -> None:
+    """Between whole periods a centroid moves by two thirds of what the source does: 1.1 looked like 1.06."""
+    rig = deceived_rig(PLAN, scaled(1.0, 1.0, scale), optics=lenslets)
+    if scale == 1.0:
+        found = checked(rig, PLAN)
+        assert found.notes == () and found.frames == 16
+        return
+    with pytest.raises(InputError, match="depth axis z of the stage") as caught:
+        checked(rig, PLAN)
+    got = re.search(r"got ([\d.]+) times", str(caught.value))
+    assert got is not None and float(got[1]) == pytest.approx(scale, abs=0.03)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("scale", "how"), [(1.1, "noted"), (2.0, "refused")])
+def test_the_depth_scale_of_a_microscope_is_found_by_the_spread(scale: float, how: str) -> None:
+    plan = ScanPlan.for_camera(preset("lfm_60x12"), depths_um=(0.0, 4.0))
+    with open_rig(plan, "sim") as rig:
+        wrong = replace(rig, stage=Deceived(rig.stage, scaled(1.0, 1.0, scale)))
+        if how == "noted":
+            assert re.search(r"moves 1.0\d\d ± .* times as far as planned", checked(wrong, plan).notes[-1])
+            return
+        with pytest.raises(InputError, match=r"got (1.9|2.0)\d* times that"):
+            checked(wrong, plan)
+
+
+# -- what cannot be measured --------------------------------------------------------------------------------------
+class _Focused:
+    """Light in two single pixels, as ideal optics make it."""
+
+    def __init__(self, plan: ScanPlan) -> None:
+        self._pattern = PatternRenderer(plan)
+
+    def render(self, *args: Any) -> Patch:
+        patch = self._pattern.render(*args)
+        counts = np.zeros_like(patch.counts)
+        counts[len(counts) // 2, 2::5] = 900
+        return patch._replace(counts=counts)
+
+
+class _Dark(_Focused):
+    def render(self, *args: Any) -> Patch:
+        patch = self._pattern.render(*args)
+        return patch._replace(counts=np.zeros_like(patch.counts))
+
+
+class _Trembling(_Focused):
+    """An image that is never twice at one place, though nothing moves."""
+
+    rng = np.random.default_rng(1)
+
+    def render(self, *args: Any) -> Patch:
+        patch = self._pattern.render(*args)
+        return patch._replace(row=patch.row + int(self.rng.integers(-1, 2)))
+
+
+def elsewhere() -> Rig:
+    rig = rig_for(PLAN)
+    rig.stage.device.moved_elsewhere = True  # type: ignore[attr-defined]
+    return rig
+
+
+def narrow() -> tuple[ScanPlan, Rig]:
+    camera = preset("bench")
+    camera = replace(camera, sensor=replace(camera.sensor, shape=(70, 90)))
+    plan = ScanPlan.for_camera(camera, virtual_depths=[4.0])
+    return plan, rig_for(plan)
+
+
+UNMEASURED: dict[str, tuple[Callable[[], tuple[ScanPlan, Rig]], str]] = {
+    "in focus": (lambda: (PLAN, rig_for(PLAN, optics=_Focused(PLAN))), "stage not checked: source: expected light"),
+    "elsewhere": (lambda: (PLAN, elsewhere()), "stage not checked: another program moves it"),
+    "no room": (narrow, "stage scale checked to 10% only, depth axis not checked: the sensor has no room"),
+    "no travel": (
+        lambda: (PLAN, rig_for(PLAN, model=StageModel(limits=((-600, 600), (-600, 600), (-3e4, 1e3))))),
+        "stage not checked: stage axis x: expected -600 to 600 µm",
+    ),
+    "trembling": (
+        lambda: (PLAN, rig_for(PLAN, optics=_Trembling(PLAN))),
+        "whether the stage returns to a place was not checked: its image scatters by",
+    ),
+    "period": (
+        lambda: (small_plan((11, 19), 2), rig_for(small_plan((11, 19), 2))),
+        "stage scale checked to 10% only, depth axis not checked: the plan's period is not the lenslets'",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", UNMEASURED)
+def test_what_cannot_be_measured_is_said_and_refuses_nothing(tmp_path: Path, kind: str) -> None:
+    plan, rig = UNMEASURED[kind][0]()
+    with rig:
+        outcome = record(tmp_path, plan, rig, replace(CHECKED, on_suspect="flag"), only=FEW[:1])
+    assert outcome.how == "complete"
+    assert any(note.startswith(UNMEASURED[kind][1]) for note in outcome.notes), outcome.notes
+    assert (
+        "not checked" in SessionFile.read(tmp_path).runs[0].stage or "only" in SessionFile.read(tmp_path).runs[0].stage
+    )
+
+
+def test_a_source_without_light_is_refused() -> None:
+    with pytest.raises(InputError, match=r"stage: source: expected light above .* check lamp, exposure and position"):
+        checked(rig_for(PLAN, optics=_Dark(PLAN)), PLAN)
+
+
+# -- sessions -----------------------------------------------------------------------------------------------------
+def test_the_session_says_what_was_found_and_that_it_was_left_out(tmp_path: Path) -> None:
+    record(tmp_path / "on", PLAN, rig_for(PLAN), CHECKED, only=FEW)
+    record(tmp_path / "off", PLAN, rig_for(PLAN), CAREFUL, only=FEW)
+    on, off = (SessionFile.read(tmp_path / name) for name in ("on", "off"))
+    assert re.match(r"checked: scale right 1.0000, .* depth scale 1.0\d\d ± 0.0\d\d$", on.runs[0].stage)
+    assert off.runs[0].stage == "stage not checked: check_stage is off" and not off.options.check_stage
+    with pytest.raises(InputError, match="check stage: expected"):
+        Options(check_stage=1)  # type: ignore[arg-type]
+
+
+def interrupted(folder: Path) -> None:
+    control = Control()
+    record(folder, PLAN, rig_for(PLAN), CHECKED, control=control, observers=(lambda *_: control.stop(),))
+
+
+def test_a_session_that_goes_on_with_another_scale_is_refused_and_stays_as_it_was(tmp_path: Path) -> None:
+    interrupted(tmp_path)
+    before = (tmp_path / "session.json").read_bytes()
+    with pytest.raises(InputError, match="image movement to the right"):
+        record(tmp_path, PLAN, deceived_rig(PLAN, scaled(1.05, 1.05, 1.0)), CHECKED, resume=True)
+    assert (tmp_path / "session.json").read_bytes() == before
+    control = Control()
+    record(tmp_path, PLAN, rig_for(PLAN), CHECKED, resume=True, control=control, observers=(lambda *_: control.stop(),))
+    assert [run.stage[:8] for run in SessionFile.read(tmp_path).runs] == ["checked:"] * 2
+
+
+def test_a_stage_that_was_zeroed_elsewhere_is_named_by_its_origin(tmp_path: Path) -> None:
+    interrupted(tmp_path)
+    with pytest.raises(InputError, match="image of the last recorded position"):
+        off = 3 * STEP
+        rig = deceived_rig(PLAN, lambda _, target: (target[0] + off, target[1], target[2]))
+        record(tmp_path, PLAN, rig, CHECKED, resume=True)
+
+
+def test_a_complete_session_is_resumed_without_a_move(tmp_path: Path) -> None:
+    record(tmp_path, PLAN, rig_for(PLAN), CHECKED, only=FEW)
+    rig = rig_for(PLAN)
+    assert record(tmp_path, PLAN, rig, CHECKED, resume=True).how == "complete"
+    assert rig.stage.moves == 0  # type: ignore[attr-defined]
+
+
+def test_positions_recorded_again_are_checked_and_a_refusal_adds_nothing(tmp_path: Path) -> None:
+    record(tmp_path, PLAN, rig_for(PLAN), CHECKED, only=FEW)
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.suffix in (".json", ".h5")}
+    with pytest.raises(InputError, match="image movement"):
+        record(tmp_path, PLAN, deceived_rig(PLAN, scaled(1.05, 1.05, 1.0)), CHECKED, redo=FEW)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.suffix in (".json", ".h5")} == before
+
+
+def test_limits_are_refused_before_the_check_moves_anything(tmp_path: Path) -> None:
+    rig = rig_for(PLAN, model=StageModel(limits=((-100.0, 100.0), (-1e5, 1e5), (-1e5, 1e5))))
+    with pytest.raises(LimitError):
+        record(tmp_path / "s", PLAN, rig, CHECKED)
+    assert rig.stage.moves == 0 and not list(tmp_path.iterdir())  # type: ignore[attr-defined]
+
+
+def test_a_fault_that_passes_is_met_again_and_one_that_stays_ends_it(tmp_path: Path) -> None:
+    for fault in (Fault("times out", 3), Fault("incomplete", 4, 2), Fault("move fails", 5), Fault("stops short", 7)):
+        assert checked(rig_for(PLAN, fault), PLAN).fits, fault
+    with pytest.raises(FrameTimeout):
+        record(tmp_path / "s", PLAN, rig_for(PLAN, Fault("times out", 3, 99)), CHECKED)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("how", ["stop", "abort"])
+def test_the_check_ends_when_asked_and_leaves_nothing(tmp_path: Path, how: str) -> None:
+    control = Control()
+    with pytest.raises(Cancelled):
+        for progress in iter_record(tmp_path / "s", PLAN, rig_for(PLAN), CHECKED, control=control):
+            if progress.done == 4:
+                getattr(control, how)()
+    assert not list(tmp_path.iterdir())
+
+
+def test_regions_are_each_checked_and_say_a_note_once(tmp_path: Path) -> None:
+    scan = replace(small_plan((1, 2), 1, shape=(320, 320)), anchor=(159.0, 159.0))
+    found: Outcome = drain(iter_record_regions(tmp_path, RegionPlan.spread(scan, (1, 2)), rig_for(scan), CHECKED))
+    assert found.how == "complete" and len(found.notes) == 1
