@@ -1,4 +1,7 @@
-"""Drivers that answer nonsense, raise anything or hang: each fault is named with its device, and never a frame."""
+"""Devices with faults: wrong, missing and late answers, hangs, wrong frames, wrong moves, wrong light.
+
+Each is named with its device, stops the session or makes no difference: none ends in a wrong H that nothing names.
+"""
 
 from __future__ import annotations
 
@@ -13,17 +16,23 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lfcal.acquire.blocks import window_shape
 from lfcal.acquire.control import Control
 from lfcal.acquire.errors import AcquisitionStopped
+from lfcal.acquire.live_quality import LiveQuality
+from lfcal.acquire.options import Options
 from lfcal.acquire.preview import Preview
 from lfcal.acquire.session import record
 from lfcal.acquire.setup.live import iter_live
+from lfcal.acquire.suspects import read_suspects
+from lfcal.camera import ScanPlan, preset
 from lfcal.devices import calling, checked
 from lfcal.devices.errors import DeviceError, DeviceLost
-from lfcal.devices.protocols import Frame, Roi, Setting
+from lfcal.devices.protocols import Frame, Point, Roi, Setting
 from lfcal.devices.rig import Rig
 from lfcal.errors import LfcalError
-from tests.acquire.rigs import CAREFUL, frames_of, rig_for, small_plan
+from lfcal.frames.source import Position
+from tests.acquire.rigs import CAREFUL, assert_same_frames, deceived_rig, frames_of, rig_for, scaled, small_plan
 
 PLAN = small_plan(planes=1)
 OPTIONS = replace(CAREFUL, darks=1, retries=0)
@@ -232,3 +241,226 @@ def test_the_live_view_names_a_wrong_frame() -> None:
     with wrong_rig("camera", "grab", lambda _: None) as rig:
         with pytest.raises(DeviceError, match="simulated camera: grab: expected a Frame, got None"):
             next(iter_live(rig, Preview(), Control(), 0.01))
+
+
+# -- right answers of devices that do something else -------------------------------------------------------------------
+SCAN = ScanPlan.for_camera(preset("bench"), virtual_depths=[2.0, 4.0])
+ONLY = [Position(z, y, x) for z in range(2) for y in range(7, 12) for x in range(11, 19)]
+SEEN = Options(darks=2, reference_every=8, keep_free_bytes=0, retries=1)
+PIXEL_UM = SCAN.step_um(0)[0]
+WRONG_H = 0.05
+"""Error of H (NRMSE against the undisturbed session) that must be named."""
+BEGIN = 50
+"""Exposures before a fault of the camera or the light begins: the first are those of the check and of the darks."""
+Spoil = Callable[[int, np.ndarray, np.ndarray], np.ndarray]
+"""Makes of exposure number, its frame, and the one before what the camera hands out."""
+
+
+def later(spoil: Callable[[np.ndarray, np.ndarray], np.ndarray], times: int = 10**6) -> Spoil:
+    """Return a fault that begins late and lasts for so many exposures."""
+    return lambda k, data, before: spoil(data, before) if BEGIN <= k < BEGIN + times else data
+
+
+def mixed(data: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """Return every other row of each frame."""
+    data = data.copy()
+    data[::2] = before[::2]
+    return data
+
+
+def lost(data: np.ndarray, _: np.ndarray) -> np.ndarray:
+    """Return a frame that lost an eighth of its rows: the others moved up."""
+    rows = len(data) // 8
+    return np.vstack([data[: 3 * rows], data[4 * rows :], data[-rows:]])
+
+
+def stray(share: float) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    return lambda data, _: np.minimum(data + np.uint16(share * 4095), 4095).astype(data.dtype)
+
+
+def gain(factor: float) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    """Return a camera or a lamp that changed its gain."""
+    return lambda data, _: np.clip(64 + factor * (data - 64.0), 0, 4095).astype(data.dtype)
+
+
+CAMERA_DOES: dict[str, Spoil] = {
+    "column moved by a pixel": later(lambda data, _: np.roll(data, 1, axis=1)),
+    "row moved by a pixel": later(lambda data, _: np.roll(data, 1, axis=0)),
+    "moved by three": later(lambda data, _: np.roll(data, (3, -3), (0, 1))),
+    "moved by a pixel once": later(lambda data, _: np.roll(data, 1, axis=1), 1),
+    "frame before": later(lambda _, before: before),
+    "frame before, once": later(lambda _, before: before, 1),
+    "torn": later(lambda data, before: np.vstack([data[: len(data) // 2], before[len(data) // 2 :]])),
+    "torn, once": later(lambda data, before: np.vstack([data[: len(data) // 2], before[len(data) // 2 :]]), 1),
+    "mixed": later(mixed),
+    "rows lost": later(lost),
+    "rows black": later(
+        lambda data, _: np.where(np.arange(len(data))[:, None] % 160 < 150, data, 64).astype(data.dtype)
+    ),
+    "blank": later(lambda data, _: np.full_like(data, 64)),
+    "blank, once": later(lambda data, _: np.full_like(data, 64), 1),
+    "full": later(lambda data, _: np.full_like(data, 4095)),
+    "mirrored": later(lambda data, _: data[:, ::-1].copy()),
+    "turned": later(lambda data, _: data[::-1, ::-1].copy()),
+    "bytes swapped": later(lambda data, _: data.byteswap()),
+    "shifted by four bits": later(lambda data, _: (data << 4).astype(data.dtype)),
+    "stray light": later(stray(0.05)),
+    "gain doubled": later(gain(2.0)),
+    "gain 1.3": later(gain(1.3)),
+    "light 0.7": later(gain(0.7)),
+    "light fades": lambda k, data, _: gain(max(0.4, 1 - k / 400))(data, data),
+    "level creeps": lambda k, data, _: (data + np.uint16(k // 2)).astype(data.dtype),
+    "hot pixel": lambda k, data, _: _lit(data, 160, 160, 4000 if k >= BEGIN else 0),
+}
+
+
+def _lit(data: np.ndarray, row: int, column: int, counts: int) -> np.ndarray:
+    """Return a frame of the whole sensor, or of the region about its middle, with light at one of its pixels."""
+    data = data.copy()
+    at = row - (320 - len(data)) // 2, column - (320 - data.shape[1]) // 2
+    data[at] = max(int(data[at]), counts)
+    return data
+
+
+def jumps(pixels: float) -> Callable[[int, Point], Point]:
+    """Return a stage that lost steps in the middle of the session."""
+    return lambda move, at: (at[0] + pixels * PIXEL_UM * (move > 70), at[1], at[2])
+
+
+def drifts(x: float, y: float, z_um: float = 0.0) -> Callable[[int, Point], Point]:
+    """Return a stage that drifts so far over the session (pixels)."""
+    return lambda move, at: (
+        at[0] + x * PIXEL_UM * move / 130,
+        at[1] + y * PIXEL_UM * move / 130,
+        at[2] + z_um * move / 130,
+    )
+
+
+def jitters(pixels: float) -> Callable[[int, Point], Point]:
+    rng = np.random.default_rng(8)
+
+    def true(_: int, at: Point) -> Point:
+        x, y = pixels * PIXEL_UM * rng.standard_normal(2)
+        return at[0] + x, at[1] + y, at[2]
+
+    return true
+
+
+def stands(after: int) -> Callable[[int, Point], Point]:
+    """Return a stage that no longer moves, though its encoders do."""
+    last: list[Point] = []
+
+    def true(move: int, at: Point) -> Point:
+        last[:] = last if move > after and last else [at]
+        return last[0]
+
+    return true
+
+
+STAGE_DOES: dict[str, Callable[[int, Point], Point]] = {
+    **{f"scale {k}": scaled(k, k, 1.0) for k in (1.01, 1.02, 1.09, 1.5, 0.98, 0.9, 0.5)},
+    "scale of x": scaled(1.03, 1.0, 1.0),
+    "scale of y": scaled(1.0, 0.97, 1.0),
+    **{f"depth scale {k}": scaled(1.0, 1.0, k) for k in (0.5, 0.9, 1.1, 2.0, -1.0)},
+    "x reversed": scaled(-1.0, 1.0, 1.0),
+    "y reversed": scaled(1.0, -1.0, 1.0),
+    "x and y swapped": lambda _, at: (at[1], at[0], at[2]),
+    "x and z swapped": lambda _, at: (at[2], at[1], at[0]),
+    "x stands still": lambda _, at: (0.0, at[1], at[2]),
+    "y stands still": lambda _, at: (at[0], 0.0, at[2]),
+    "z stands still": lambda _, at: (at[0], at[1], SCAN.depths_um[0]),
+    "nothing moves": stands(0),
+    "stands from the middle on": stands(80),
+    **{f"jitter {k}": jitters(k) for k in (0.5, 1.0, 3.0)},
+    **{f"drift {x}, {y}": drifts(x, y) for x, y in ((2.0, 0.0), (0.0, 2.0), (-1.0, 1.0), (8.0, 0.0))},
+    **{f"jump {k}": jumps(k) for k in (1.0, 2.0, -5.0)},
+}
+DOES: dict[str, tuple[str, Any]] = {
+    **{f"camera: {kind}": ("camera", spoil) for kind, spoil in CAMERA_DOES.items()},
+    **{f"stage: {kind}": ("stage", true) for kind, true in STAGE_DOES.items()},
+    "light: stays on": ("light", None),
+}
+QUICKLY = (
+    "camera: column moved by a pixel",
+    "camera: mixed",
+    "camera: light fades",
+    "camera: hot pixel",
+    "stage: scale 1.02",
+    "stage: depth scale 1.1",
+    "stage: x reversed",
+    "stage: z stands still",
+    "stage: jitter 0.5",
+    "stage: drift 2.0, 0.0",
+    "light: stays on",
+)
+"""One of each kind for a plain run."""
+
+
+def rig_that_does(device: str, does: Any) -> Rig:
+    if device == "stage":
+        return deceived_rig(SCAN, does)
+    rig = rig_for(SCAN)
+    if device == "light":
+        rig.light.device.switch = lambda on: None  # type: ignore[union-attr, method-assign]
+        return rig
+    works = rig.camera.device.grab  # type: ignore[attr-defined]
+    count, before = 0, np.zeros((0, 0), np.uint16)
+
+    def grab(timeout_s: float) -> Frame:
+        nonlocal count, before
+        frame = works(timeout_s)
+        before, latest = frame.data, before if before.shape == frame.data.shape else frame.data
+        count += 1
+        return replace(frame, data=does(count, frame.data, latest))
+
+    rig.camera.device.grab = grab  # type: ignore[attr-defined]
+    return rig
+
+
+def told(folder: Path, rig: Rig) -> tuple[list[str], dict[tuple[int, int, int], np.ndarray]]:
+    """Record, and return what the user is told and the frames of a complete session; only lfcal's errors may end it."""
+    quality = LiveQuality(SCAN, window_shape(SCAN, SEEN))
+    try:
+        outcome = record(folder, SCAN, rig, SEEN, only=ONLY, observers=(quality,))
+    except LfcalError as error:
+        assert "\n" not in str(error)
+        return [str(error)], {}
+    frames = frames_of(folder)
+    assert outcome.how == "complete" and len(frames) == outcome.acknowledged == len(ONLY)
+    suspects = read_suspects(folder).reasons
+    return [*outcome.notes, *suspects, *(alarm.what for alarm in quality.state().alarms)], frames
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[int, int, int], np.ndarray]:
+    said, frames = told(tmp_path_factory.mktemp("undisturbed") / "s", rig_for(SCAN))
+    assert said == []
+    return frames
+
+
+def error_of_h(frames: dict[Any, np.ndarray], clean: dict[Any, np.ndarray]) -> float:
+    """Return the relative L2 error of the patterns above black."""
+    ours, theirs = (np.stack([np.asarray(one[at], float) - 64 for at in sorted(clean)]) for one in (frames, clean))
+    return float(np.linalg.norm(ours - theirs) / np.linalg.norm(theirs))
+
+
+@pytest.mark.parametrize(
+    "kind", [kind if kind in QUICKLY else pytest.param(kind, marks=pytest.mark.long) for kind in DOES]
+)
+def test_a_fault_with_a_wrong_h_is_named(
+    tmp_path: Path, undisturbed: dict[tuple[int, int, int], np.ndarray], kind: str
+) -> None:
+    said, frames = told(tmp_path / "s", rig_that_does(*DOES[kind]))
+    assert said or error_of_h(frames, undisturbed) <= WRONG_H
+
+
+@pytest.mark.parametrize(("device", "call"), [*CALLS, ("stage", "stop")])
+def test_a_late_answer_makes_no_difference(tmp_path: Path, device: str, call: str) -> None:
+    def late(right: Callable[[], Any]) -> Any:
+        time.sleep(0.002)
+        return right()
+
+    with wrong_rig(device, call, late) as rig:
+        assert record(tmp_path / "s", PLAN, rig, OPTIONS).how == "complete"
+    record(tmp_path / "clean", PLAN, rig_for(PLAN), OPTIONS)
+    assert_same_frames(frames_of(tmp_path / "s"), frames_of(tmp_path / "clean"))

@@ -90,6 +90,13 @@ FIELDS = (
         "displaced, too light or dark): the session stops, or the frame is kept and its position named",
     ),
     Field(
+        "check_stage",
+        "Check the stage",
+        kind="bool",
+        tip="Sign, scale, scatter and depth of the stage are measured before the first frame, with some 16 frames. "
+        "Without it a wrong stage makes a wrong H that looks right",
+    ),
+    Field(
         "allow_automatic",
         "Allow automatic",
         kind="bool",
@@ -163,8 +170,8 @@ class AcquireSettings(PageSettings):
         ``"whole"``: every position; ``"error"``: until H is known to this relative error, or so many are recorded.
     suspend
         Bounds of gauges separated by ``;``, each as `lfcal.acquire.Bound.parse` reads it.
-    bracket, darks, dark_every, reference_every, controls, retries, on_suspect, allow_automatic, steady_s, margin_px,
-    tolerance_um, overshoot_um
+    bracket, darks, dark_every, reference_every, controls, retries, on_suspect, allow_automatic, check_stage, steady_s,
+    margin_px, tolerance_um, overshoot_um
         As in `lfcal.acquire.options.Options`; an empty tolerance is the default.
     """
 
@@ -186,6 +193,7 @@ class AcquireSettings(PageSettings):
     retries: int = DEFAULTS.retries
     on_suspect: str = DEFAULTS.on_suspect
     allow_automatic: bool = DEFAULTS.allow_automatic
+    check_stage: bool = DEFAULTS.check_stage
     suspend: str = ""
     steady_s: float = DEFAULTS.steady_s
     margin_px: int | None = DEFAULTS.margin_px
@@ -218,6 +226,7 @@ class AcquireSettings(PageSettings):
             self.overshoot_um,
             on_suspect=self.on_suspect,
             allow_automatic=self.allow_automatic,
+            check_stage=self.check_stage,
             suspend=tuple(part.strip() for part in self.suspend.split(";") if part.strip()),
             steady_s=self.steady_s,
         )

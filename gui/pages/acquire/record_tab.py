@@ -389,7 +389,8 @@ class RecordTab(QObject):
     def _recorded(self, outcome: Any) -> None:
         recorder = self.recorder
         counted = "positions" if recorder is None else recorder.counted
-        self.context.message.emit(f"{outcome.how}: {outcome.acknowledged} of {outcome.total} {counted} are safe")
+        said = f"{outcome.how}: {outcome.acknowledged} of {outcome.total} {counted} are safe"
+        self.context.message.emit("; ".join((said, *outcome.notes)))
         own = recorder is not None and recorder.folder == Path(self.context.state.recording)
         if outcome.how == "complete" and recorder is not None and recorder.redo and own:
             self.context.project.update("positions recorded again", redo=())
