@@ -40,6 +40,9 @@ JOURNAL = "run.jsonl"
 SETTLED = "settled"
 """What it says of how units are computed: with the fingerprints of those that were begun so."""
 
+LONGEST_S = 1e10
+"""Seconds of a unit that are believed; 300 years."""
+
 PASS = "pass"
 """What it says when a run of several passes has written one of them whole."""
 
@@ -245,7 +248,9 @@ def _after(state: UnitState, record: dict[str, Any], starts: dict[str, float]) -
     if event == "kept":  # of an earlier run
         return replace(state, state="done")
     said = record.get("seconds")
-    seconds = max(0.0, float(said) if isinstance(said, int | float) else at - starts.get(state.name, at))
+    took = float(said) if isinstance(said, int | float) else at - starts.get(state.name, at)
+    # a journal may be damaged: sums of what is taken from it stay finite
+    seconds = min(max(0.0, took), LONGEST_S)
     if event == "done":
         return replace(state, state="done", seconds=seconds, worker=worker)
     reason = str(record.get("reason", ""))
