@@ -194,10 +194,11 @@ def test_arrays_that_do_not_fit_are_refused():
         P.forward(np.ones((9, 9)))
     with pytest.raises(InputError, match="finite"):
         P.adjoint(np.full((9, 9), np.nan))
-    H = np.ones((1, 3, 3, 5, 5))
-    H[0, 1, 1, 2, 2] = np.nan
-    with pytest.raises(InputError, match="plane 0"):
-        Projector(H, (9, 9)).prepare()
+    for wrong, named in ((np.nan, "got NaN or infinity"), (-3e38, r"up to 1e\+12, got 3e\+38")):
+        H = np.ones((1, 3, 3, 5, 5))
+        H[0, 1, 1, 2, 2] = wrong
+        with pytest.raises(InputError, match=f"plane 0: .*{named}"):
+            Projector(H, (9, 9)).prepare()
 
 
 def test_it_travels_as_what_it_is_made_of(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.axes import check_psf_shape
+from lfcal.checks import MAX_SAMPLE
 from lfcal.errors import InputError
 from lfcal.psf.denoising import denoised
 from lfcal.reconstruct.projectors.reduction import sampled_share
@@ -60,20 +61,21 @@ class PlaneReader:
         Raises
         ------
         InputError
-            If the plane holds NaN or infinity.
+            If the plane holds NaN, infinity, or values that are no counts of light.
         """
         raw = self.H.plane(z) if hasattr(self.H, "plane") else np.asarray(self.H[z])
         copy = True if self.threshold > 0 else None
         plane: NDArray[Any] = np.array(raw, self.dtype, order="C", copy=copy)
         low, high = float(plane.min()), float(plane.max())
-        if not (np.isfinite(low) and np.isfinite(high)):
-            raise InputError.expected(
-                f"PSF matrix, plane {z}", "finite values", "NaN or infinity", "record these positions again"
-            )
+        largest = max(high, -low)
+        if not largest <= MAX_SAMPLE:
+            found = f"{largest:.3g}" if np.isfinite(largest) else "NaN or infinity"
+            expected = f"finite values up to {MAX_SAMPLE:g}"
+            raise InputError.expected(f"PSF matrix, plane {z}", expected, found, "record these positions again")
         if self.denoise:
             plane = denoised(self.H, z, plane)
         if self.threshold > 0:
-            limit = self.dtype.type(self.threshold * max(high, -low))
+            limit = self.dtype.type(self.threshold * largest)
             for row in plane:  # row by row, to bound the scratch memory
                 row[np.abs(row) < limit] = 0
         return plane
