@@ -185,7 +185,10 @@ def test_a_depth_that_others_may_stand_for_has_their_error() -> None:
     depth = fit.parameters["specimen_depth_um"]
     print(f"depth {depth.value:.2f} ± {depth.sigma:.2g} µm ({depth.sigma_held:.2g} with all else held)")
     assert abs(depth.value - 14.0) < 3 * depth.sigma < 9.0
-    # what nothing stands for is as sure as it was
+    # distance, lens law and the lenslets' own waves change the gap a little
     gap = fit.parameters["gap_um"]
     true = IN_WATER.truth.camera.lattice.gap_um
-    assert abs(gap.value - true) < 3.5 * gap.sigma and gap.sigma < 1.5 * gap.sigma_held
+    assert abs(gap.value - true) < 3.5 * gap.sigma and gap.sigma < 4 * gap.sigma_held
+    # what nothing stands for is as sure as it was
+    angle = fit.parameters["rotation_rad"]
+    assert angle.sigma < 1.1 * angle.sigma_held

@@ -109,8 +109,9 @@ def test_a_model_that_does_not_suffice_is_named(kind: str) -> None:
     found, whole = outcome(kind).fit, outcome("none").fit
     assert whole.complete and not found.complete
     assert found.verdict.startswith("model incomplete") and "more patterns do not help" in found.verdict
+    # what is held may be told as anything within its noise: it counts by another draw in each
     for name, one in found.parameters.items():
-        assert one.sigma > whole.parameters[name].sigma, name
+        assert one.sigma_held > 1.05 * whole.parameters[name].sigma_held, name
 
 
 @pytest.mark.parametrize(
