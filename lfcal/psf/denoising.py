@@ -45,7 +45,7 @@ def noise_of_positions(H: Any, z: int) -> NDArray[np.float64] | None:
 
 def mean_noise(H: Any) -> NDArray[np.float64] | None:
     """Return the mean noise of entries of each plane ``(nz, 2)``, as `noise_of_positions`; 0 where it is not known."""
-    planes = [noise_of_positions(H, z) for z in range(len(H))]
+    planes = [noise_of_positions(H, z) for z in range(H.shape[0])]
     if all(noise is None for noise in planes):
         return None
     return np.stack([np.zeros(2) if noise is None else np.nanmean(noise, axis=(0, 1)) for noise in planes])

@@ -207,7 +207,9 @@ def test_a_session_is_resumed_with_the_optics_it_began_with(
     noted = json.loads(path.read_text())
     assert noted["devices"].pop("optics") == "pattern"
     path.write_text(json.dumps(noted))  # as older versions wrote it
-    assert run(*begin, *QUICK, "--resume", monkeypatch=monkeypatch) == 0
+    assert run(*begin, *QUICK, "--resume", "--check-stage", monkeypatch=monkeypatch) == 0
+    checks = [one["stage"] for one in json.loads(path.read_text())["runs"]]
+    assert checks[0] == "stage not checked: check_stage is off" and checks[-1].startswith("checked: scale right 1.0")
 
 
 def test_dry_run_moves_and_writes_nothing(

@@ -344,13 +344,15 @@ def _judged(plan: ScanPlan, looks: list[_Looks], optics: str, notes: list[str], 
     moves = plan.stage.to_object(looks[0].stage)[:, :2] / plan.camera.step_um(plan.depths_um[0])
     # of the slopes of a fit to four corners
     error = max(FLOOR_PX, still, repeat, *(fit.residual_px for fit in fits)) / np.ptp(moves, axis=0)
-    rough = ""
+    rough, seen = "", ROUGH
     if not _has_room(plan):
         rough = "the sensor has no room for a move of the cutout by a period"
     elif (np.abs(phase_drift(plan)) > PHASE).any():
         rough = "the plan's period is not the lenslets'"
+        # a centroid between lenslets is off by up to half a pitch
+        seen = max(ROUGH, plan.camera.pitch_px / 2 / float(np.ptp(moves, axis=0).min()))
     if rough:
-        notes.append(f"stage scale checked to {ROUGH:.0%} only, depth axis not checked: {rough}")
+        notes.append(f"stage scale checked to {seen:.0%} only, depth axis not checked: {rough}")
     depth = None
     if len(fits) == 2 and not rough:
         depth = depth_fit(
@@ -362,5 +364,5 @@ def _judged(plan: ScanPlan, looks: list[_Looks], optics: str, notes: list[str], 
         notes += check_depth(depth, plan)
     most = max(plan.period)
     for fit in fits:
-        check_stage(fit, plan, cell_px=ROUGH * most if rough else max(CELL_PX, 4 * float(error.max()) * most))
+        check_stage(fit, plan, cell_px=seen * most if rough else max(CELL_PX, 4 * float(error.max()) * most))
     return StageCheck(fits, repeat, depth, tuple(notes), frames)
