@@ -17,11 +17,11 @@ __all__ = ["HotPixels", "References", "light_where"]
 CLEAR = 20.0
 """Peak over noise from which the place of the light is known far better than to a tenth of a pixel."""
 FEW = 5
-"""Frames from which scatter is told from drift."""
+"""Fewest frames that distinguish scatter from drift."""
 HOT_SIGMAS, HOT_SHARE = 20.0, 0.02
 """A hot pixel is so many standard deviations, and such a part of the range, above what is dark around it."""
 ALONE, FEW_HOT = 4.0, 16
-"""And it rose so many times more than those around it; of as many as this at once."""
+"""It rose so many times more than its neighbours; at most this many pixels become hot between two frames."""
 MANY = 1000
 """With more of them in a dark frame it is no longer single ones, and nothing is left out."""
 
@@ -97,7 +97,7 @@ def light_where(energy: NDArray[np.float64], y: int, x: int, moves_px: NDArray[n
 def _became_hot(before: NDArray[np.float64], data: NDArray[np.float64], limit: float) -> NDArray[np.bool_]:
     """Return the pixels ``(rows, columns)`` that alone rose by more than ``limit`` between two frames of one place.
 
-    The light of a source that moves appears at one pixel and vanishes beside it, that of a lamp changes everywhere.
+    Light of a source that moves appears at one pixel and vanishes at its neighbour; a lamp changes everywhere.
     """
     total = float(before.sum())
     change = data - (float(data.sum()) / total if total > 0 else 1.0) * before
@@ -106,7 +106,7 @@ def _became_hot(before: NDArray[np.float64], data: NDArray[np.float64], limit: f
     others = [(dy, dx) for dy in range(3) for dx in range(3) if (dy, dx) != (1, 1)]
     near = np.maximum.reduce([padded[dy : dy + rows, dx : dx + columns] for dy, dx in others])
     found: NDArray[np.bool_] = (change > limit) & (change > ALONE * near)
-    # so many at once are no pixels that became hot
+    # more than a few are a change of the light, not hot pixels
     return found if found.sum() <= FEW_HOT else np.zeros_like(found)
 
 

@@ -83,7 +83,7 @@ class StageCheck:
 
     @property
     def words(self) -> str:
-        """All of it in a line, as ``session.json`` keeps it."""
+        """The result as one line, as ``session.json`` stores it."""
         if not self.fits:
             return "; ".join(self.notes) or "stage not checked: check_stage is off"
         right, down = self.fits[0].scale
@@ -132,7 +132,7 @@ def iter_stage_check(
     16 frames: [1.0, 1.0] ()
     """
     options, control = options or Options(), control or Control()
-    if not options.check_stage:  # asked for: nothing to tell
+    if not options.check_stage:  # the user asked for it: no note
         return StageCheck()
     found = None
     if not isinstance(plan, ScanPlan):
@@ -318,7 +318,7 @@ def _has_room(plan: ScanPlan) -> bool:
 
 
 def _check_repeat(repeat: float, still: float, notes: list[str]) -> None:
-    """Raise `InputError` if the stage misses a place, or note that the light is too faint to tell."""
+    """Raise `InputError` if the stage misses a place, or note that the light is too faint to measure it."""
     if repeat <= REPEAT_PX:
         return
     if repeat <= 3 * still:

@@ -18,7 +18,7 @@ from lfcal.errors import InputError
 __all__ = ["DepthFit", "DepthLook", "check_depth", "depth_fit"]
 
 ENOUGH = 0.1
-"""Error of the depth scale up to which the growth of the image tells it."""
+"""Largest error of the depth scale for which the growth of the image is used."""
 GROWTH_OFF, SPREAD_OFF, SPREAD_NOTED = 0.05, 1 / 3, 0.06
 """Depth scales that are refused, by the growth and by the spread, and one of the spread that is noted.
 

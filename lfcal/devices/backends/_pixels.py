@@ -68,8 +68,8 @@ class PixelFormat:
     def samples(self, data: NDArray[np.uint8], shape: tuple[int, int], padding: int = 0) -> NDArray[Any]:
         """Return the samples in ``data``, the bytes of a buffer, as a new array of ``shape`` (rows, columns).
 
-        Packed pixels go on from one line to the next in the middle of a byte. Each line begins with a byte of its own
-        where there are ``padding`` bytes after it, or where the buffer has the size of such lines.
+        A line of packed pixels may begin in the middle of a byte. Each line begins with a new byte where there are
+        ``padding`` bytes after it, or where the buffer has the size of such lines.
 
         Raises
         ------
