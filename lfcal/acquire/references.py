@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 
 from lfcal.acquire.spots import find_spot
 from lfcal.errors import InputError
@@ -89,6 +88,8 @@ def light_where(energy: NDArray[np.float64], y: int, x: int, moves_px: NDArray[n
     ``energy`` ``(ny, nx)`` is the light of the positions of a plane: a source that is off by a pixel is where the next
     position should be. NaN where those were not recorded.
     """
+    from scipy.ndimage import map_coordinates  # the window loads this module at its first look
+
     places = np.array([[y], [x]]) + moves_px.T
     there: NDArray[np.float64] = map_coordinates(energy, places, order=1, mode="nearest")
     return there

@@ -181,13 +181,17 @@ class RecordTab(QObject):
         panel = self.panel
         for widget in (panel.choose_target, panel.form, panel.until, panel.extent, panel.folder):
             widget.setEnabled(not recording)
+        station, settings = self.setup.station, AcquireSettings.of(state)
+        # what has no effect is not shown
+        automatic = station is not None and bool(station.devices.automatic)
+        panel.form.set_shown("allow_automatic", automatic or settings.allow_automatic)
+        panel.form.set_shown("steady_s", bool(settings.suspend))
         self._show_error()
-        backend = AcquireSettings.of(state).backend if self.setup.station is None else ""
+        backend = settings.backend if station is None else ""
         measured = "stage" in self.setup.measuring.found
         words = advice_words(self.folder, recording=recording, backend=backend, measured=measured)
-        station = self.setup.station
         if station is not None and not (recording or there):
-            words = automatic_words(station.devices, AcquireSettings.of(state).options()) or words
+            words = automatic_words(station.devices, settings.options()) or words
         self.panel.why.setText(words)
         self.shown.emit()
 

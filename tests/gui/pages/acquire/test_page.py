@@ -362,7 +362,7 @@ def test_a_camera_that_stays_automatic_is_named_and_recorded_once_that_is_allowe
     assert "got GainAuto = Continuous; switch this off" in record.detail.text() and "--" not in record.detail.text()
     assert not (tmp_path / "s").exists()
     allow = record.form.editor("allow_automatic")
-    assert isinstance(allow, QCheckBox)
+    assert isinstance(allow, QCheckBox) and not allow.isHidden()
     allow.setChecked(True)
     assert AcquireSettings.of(context.state).options().allow_automatic
     qtbot.waitUntil(lambda: named not in record.why.text(), timeout=GUARD_MS)
@@ -371,6 +371,14 @@ def test_a_camera_that_stays_automatic_is_named_and_recorded_once_that_is_allowe
     qtbot.waitUntil(lambda: page.record.folder.there is not None, timeout=GUARD_MS)
     qtbot.waitUntil(lambda: not page.record.recording, timeout=GUARD_MS)
     assert SessionFile.read(tmp_path / "s").devices.automatic == ("GainAuto",)
+
+
+def test_settings_that_have_no_effect_are_not_shown(page: Page, context: Context, qtbot: QtBot) -> None:
+    hidden = {key: page.panel.record.form.editor(key) for key in ("allow_automatic", "steady_s")}
+    connect(page, qtbot)
+    assert all(editor.isHidden() for editor in hidden.values())
+    page.record._field_edited("suspend", "temperature=20:22")
+    assert not hidden["steady_s"].isHidden()
 
 
 def test_a_dropped_session_that_is_damaged_is_refused(
