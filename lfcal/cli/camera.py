@@ -79,6 +79,7 @@ def as_json(camera: Camera) -> dict[str, Any]:
 
 def save_camera(camera: Camera, out: Path | None, *inputs: Path | str | None, force: bool, json: bool) -> None:
     """Write ``camera`` where asked, and say what was taken and what is assumed."""
+    derived_of(camera)  # what nothing can be calculated with is refused before it is written
     if out is not None:
         check_output(out, *inputs, force=force)
         with replace_whole(out) as part:

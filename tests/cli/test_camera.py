@@ -97,6 +97,13 @@ def test_files_of_other_programs(
     assert planned.code == 0 and "measure the array with lfcal camera check c.json WHITE" in planned.err
 
 
+def test_a_camera_with_which_nothing_can_be_calculated_is_not_written(lfcal: Command, tmp_path: Path) -> None:
+    (tmp_path / "lf.json").write_text(napari(objective_magnification=1e308))
+    done = lfcal("camera", "import", tmp_path / "lf.json", "-o", tmp_path / "camera.json")
+    assert done.code == 2 and "numbers too far apart to calculate with" in done.err
+    assert not (tmp_path / "camera.json").exists()
+
+
 def test_the_size_of_the_sensor_comes_from_a_frame(lfcal: Command, tmp_path: Path) -> None:
     (tmp_path / "m.json").write_text(napari())
     tifffile.imwrite(tmp_path / "f.tif", np.zeros((40, 52), np.uint16))

@@ -42,7 +42,7 @@ WRITERS = {
     "plan": Writer("plan bench --virtual-depths 3,4 -o out.json", "out.json", 500),
     "camera new": Writer("camera new --preset r29 --yes -o out.json", "out.json", 500),
     "camera import": Writer("camera import camera.json -o out.json", "out.json", 500),
-    "camera check": Writer("camera check camera.json white.tif -o out.json", "out.json", 500),
+    "camera check": Writer("camera check camera.json white.tif -o out.json --anyway", "out.json", 500),
     "camera sensor": Writer("camera sensor flats.tif darks.tif --camera camera.json -o out.json", "out.json", 500),
     "white": Writer("white white.tif --camera camera.json -o out", "out/camera.json", 200),
     "views": Writer("views white.tif --white white.tif --slopes 2,3 -o out", "out/focal_stack.tif", 2000),
