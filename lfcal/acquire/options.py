@@ -102,6 +102,7 @@ class Options:
         """Check every value."""
         check_choice("order", self.order, ORDERS)
         check_type("check stage", self.check_stage, bool)
+        check_type("allow automatic", self.allow_automatic, bool)
         check_choice("on suspect", self.on_suspect, POLICIES)
         # a bracket without 1 has no frame at the plan's exposure to scale the others to
         if not self.bracket or 1.0 not in self.bracket or len(set(self.bracket)) != len(self.bracket):

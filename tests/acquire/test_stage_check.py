@@ -273,6 +273,8 @@ def test_the_session_says_what_was_found_and_that_it_was_left_out(tmp_path: Path
     assert off.runs[0].stage == "stage not checked: check_stage is off" and not off.options.check_stage
     with pytest.raises(InputError, match="check stage: expected"):
         Options(check_stage=1)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="allow automatic: expected"):
+        Options(allow_automatic="no")  # type: ignore[arg-type]
 
 
 def interrupted(folder: Path) -> None:

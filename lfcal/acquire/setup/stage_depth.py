@@ -97,8 +97,7 @@ def _depth_of(plan: ScanPlan, z: int, spread: NDArray[np.float64]) -> tuple[floa
     Near the focus the spread does not show the depth: it is taken to be the plan's.
     """
     camera, planned = plan.camera, plan.depths_um[z]
-    pitch = camera.lattice.pitch_um / camera.sensor.pixel_um
-    if rms_radius_px(camera, planned) < pitch:
+    if rms_radius_px(camera, planned) < camera.pitch_px:
         return planned, False
     share = np.linspace(0.0, 4.0, 201)
     radii = np.array([rms_radius_px(camera, planned * s) for s in share])
@@ -109,7 +108,8 @@ def _depth_of(plan: ScanPlan, z: int, spread: NDArray[np.float64]) -> tuple[floa
 
 def _correlation(a: NDArray[Any], b: NDArray[Any]) -> float:
     rows, columns = (min(a.shape[k], b.shape[k]) for k in range(2))
-    return float(np.corrcoef(a[:rows, :columns].ravel(), b[:rows, :columns].ravel())[0, 1])
+    with np.errstate(invalid="ignore", divide="ignore"):  # a cutout without any light has no correlation
+        return float(np.corrcoef(a[:rows, :columns].ravel(), b[:rows, :columns].ravel())[0, 1])
 
 
 def check_depth(fit: DepthFit, plan: ScanPlan) -> tuple[str, ...]:
