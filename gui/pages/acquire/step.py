@@ -44,6 +44,7 @@ def step(
         ("--retries", options.retries),
         ("--on-suspect", options.on_suspect),
         ("--allow-automatic", options.allow_automatic),
+        ("--no-check-stage", not options.check_stage),
         *(("--suspend", text) for text in options.suspend),
         ("--steady", options.steady_s if options.suspend else None),
         ("--tolerance", ",".join(f"{v!r}" for v in options.tolerance_um or ())),

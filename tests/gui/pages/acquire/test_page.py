@@ -373,6 +373,13 @@ def test_a_camera_that_stays_automatic_is_named_and_recorded_once_that_is_allowe
     assert SessionFile.read(tmp_path / "s").devices.automatic == ("GainAuto",)
 
 
+def test_the_copied_command_leaves_the_check_of_the_stage_out_too(page: Page, context: Context) -> None:
+    assert not any("check-stage" in word for word in step(context.state).arguments)
+    page.record._field_edited("check_stage", False)
+    assert "--no-check-stage" in step(context.state).arguments
+    assert "'check_stage': False" in step(context.state).python
+
+
 def test_settings_that_have_no_effect_are_not_shown(page: Page, context: Context, qtbot: QtBot) -> None:
     hidden = {key: page.panel.record.form.editor(key) for key in ("allow_automatic", "steady_s")}
     connect(page, qtbot)
