@@ -78,6 +78,8 @@ class H5Data:
             raise self._unsafe("the records of a recording", f"dtype {self.dtype}", "take it from its source again")
         if dtype is None and self.dtype.kind not in "iufcb":
             raise self._unsafe("plain numbers", f"dtype {self.dtype}", "store it as numbers")
+        if dtype is None:
+            self.dtype = np.dtype(self.dtype.str)  # without the names of an enumeration, which NPY files cannot keep
         if data.shape is None:
             raise FileFormatError.expected(self.where, "numbers", "an empty dataset", "take it from its source again")
         self.shape = tuple(int(n) for n in data.shape)

@@ -61,6 +61,17 @@ def test_what_is_there(path: Path) -> None:
         assert file.dataset("numbers").read((1, slice(None, None, 2))).tolist() == [3, 5]
 
 
+def test_an_enumeration_is_read_as_its_numbers(tmp_path: Path) -> None:
+    """Its names stayed in the dtype, of which NumPy warned when the values were written to an NPY file."""
+    with h5py.File(tmp_path / "a.h5", "w") as made:
+        made.create_dataset("data", data=[2, 1], dtype=h5py.enum_dtype({"one": 1, "two": 2}, "i2"))
+    with H5File(tmp_path / "a.h5") as file:
+        data = file.dataset("data")
+        values = data.read()
+    assert data.dtype == values.dtype == np.int16 and values.tolist() == [2, 1]
+    assert data.dtype.metadata is None and values.dtype.metadata is None
+
+
 @pytest.mark.parametrize(
     ("ask", "kind", "words"),
     [
