@@ -16,6 +16,7 @@ __all__ = [
     "MAX_SAMPLE",
     "as_sensor_frame",
     "check_choice",
+    "check_exposure",
     "check_length",
     "check_number",
     "check_tuple",
@@ -66,6 +67,11 @@ def check_length(what: str, value_um: object, **bounds: Any) -> None:
     Beyond these limits, far outside everything that is built, squares of lengths and of their ratios overflow.
     """
     check_number(what, value_um, **{"at_most": 1e15, **(bounds or {"at_least": 1e-9})})
+
+
+def check_exposure(what: str, value_s: object) -> None:
+    """Raise `InputError` unless ``value_s`` is an exposure that a camera can have (s): ratios of others overflow."""
+    check_number(what, value_s, at_least=1e-12, at_most=1e9)
 
 
 def check_wavelength(value_um: object) -> None:

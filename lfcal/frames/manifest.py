@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from lfcal.checks import check_number
+from lfcal.checks import check_exposure, check_number
 from lfcal.errors import FileFormatError, InputError, StorageError, UnsafeFileError
 from lfcal.frames.cfa import check_cfa
 from lfcal.frames.positions import NamePattern, check_plan_shape, natural_key, scan_positions
@@ -66,7 +66,7 @@ class FrameEntry:
             if type(value) is not int or not 0 <= value <= 10**9:  # the message is made only where it is needed
                 check_number(f"{what} of {name}", value, at_least=0, at_most=10**9, integer=True)
         if self.exposure_s is not None:
-            check_number(f"exposure_s of {name}", self.exposure_s, above=0)
+            check_exposure(f"exposure_s of {name}", self.exposure_s)
         for shift, what in ((self.dy, "dy"), (self.dx, "dx")):
             if type(shift) is not float or not math.isfinite(shift):
                 check_number(f"{what} of {name} (px)", shift)

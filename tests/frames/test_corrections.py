@@ -18,6 +18,8 @@ from lfcal.frames import (
     Dark,
     Defects,
     Exposure,
+    FrameEntry,
+    Position,
     White,
     average_frames,
     corrected,
@@ -339,3 +341,16 @@ def test_corrected_is_a_source_again() -> None:
     again = corrected(view, CorrectionChain((Exposure(0.1),)))
     np.testing.assert_allclose(again.read(1), view.read(1) / 2, rtol=1e-6)
     np.testing.assert_array_equal(again.read(1, (slice(0, 5), slice(2, 6))), again.read(1)[:5, 2:6])
+
+
+@pytest.mark.hard_case
+@pytest.mark.parametrize("seconds", [2.1e-314, 0.0, -0.1, float("nan"), float("inf"), 1e300])
+def test_exposures_that_no_camera_has_are_refused(seconds: float) -> None:
+    """Of a damaged file: the ratio of two of them was infinite, and the values of the frames were not numbers."""
+    with pytest.raises(InputError, match="exposure of the frame"):
+        Exposure(0.02).factor(seconds)
+    with pytest.raises(InputError, match="reference exposure"):
+        Exposure(seconds)
+    with pytest.raises(InputError, match=r"exposure_s of a\.png"):
+        FrameEntry("a.png", Position(0, 0, 0), exposure_s=seconds)
+    assert Exposure(1e9).factor(1e-12) == pytest.approx(1e21)

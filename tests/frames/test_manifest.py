@@ -65,7 +65,7 @@ BAD_CSV = {
     "NaN drift": ("file,z,y,x,dy\na.png,0,0,1,nan\n", "m.csv line 2, dy: expected a number, got 'nan'"),
     "no exposure": (
         "file,z,y,x,exposure_s\na.png,0,0,1,0\n",
-        "m.csv line 2: exposure_s of a.png: expected a number > 0",
+        "m.csv line 2: exposure_s of a.png: expected a number ≥ 1e-12 and ≤ 1e+09",
     ),
     "surplus value": ("file,z,y,x\na.png,0,0,1,7,8\n", "unknown 'surplus values'"),
     "empty": ("", "frames of the session: expected at least one, got none"),

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.checks import as_sensor_frame, check_number
+from lfcal.checks import as_sensor_frame, check_exposure, check_number
 from lfcal.errors import InputError
 from lfcal.frames.cfa import phases
 from lfcal.frames.regions import Region, clipped, moved
@@ -327,7 +327,7 @@ class Exposure:
 
     def __post_init__(self) -> None:
         """Check the reference."""
-        check_number("reference exposure (s)", self.reference_s, above=0)
+        check_exposure("reference exposure (s)", self.reference_s)
 
     @property
     def shape(self) -> tuple[int, int] | None:
@@ -340,7 +340,7 @@ class Exposure:
         Raises
         ------
         InputError
-            If the exposure of the frame is not known or not positive.
+            If the exposure of the frame is not known, or none that a camera can have.
         """
         if exposure_s is None:
             raise InputError.expected(
@@ -349,7 +349,7 @@ class Exposure:
                 "none",
                 "add an exposure_s column to the manifest or leave out the exposure correction",
             )
-        check_number("exposure of the frame (s)", exposure_s, above=0)
+        check_exposure("exposure of the frame (s)", exposure_s)
         return self.reference_s / float(exposure_s)
 
     def describe(self) -> dict[str, Any]:
