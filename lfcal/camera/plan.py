@@ -27,6 +27,8 @@ FORMAT = "lfcal-plan"
 VERSION = 1
 # far beyond any recording (25 days at a frame per millisecond): a wrong period or depth list ends here
 MAX_POSITIONS = 1 << 31
+ON_SENSOR: dict[str, float] = {"at_least": -1e6, "at_most": 1e6}
+"""Pixels that an anchor may have: beyond every sensor, and small enough to be calculated with."""
 MAX_TILT_RAD = math.radians(2.0)
 """Beyond this the rectangular period no longer describes the array."""
 
@@ -95,7 +97,7 @@ class ScanPlan:
             value = check_tuple(f"{name} (rows, columns)", getattr(self, name), 2, integer=True, at_least=1)
             object.__setattr__(self, name, value)
         check_cutout(*self.cutout)
-        object.__setattr__(self, "anchor", check_tuple("anchor (row, column)", self.anchor, 2))
+        object.__setattr__(self, "anchor", check_tuple("anchor (row, column)", self.anchor, 2, **ON_SENSOR))
         object.__setattr__(self, "depths_um", checked_depths(self.camera, self.depths_um))
         object.__setattr__(self, "exposure_s", checked_exposures(self.exposure_s, len(self.depths_um)))
         check_choice("scan order", self.order, ("serpentine", "raster"))
@@ -151,6 +153,8 @@ class ScanPlan:
             If no plan can be made of these.
         """
         depths = depths_of(camera, depths_um, virtual_depths)
+        if anchor is not None:
+            check_tuple("anchor (row, column)", anchor, 2, **ON_SENSOR)
         cell = camera.local(camera.sensor.centre_px if anchor is None else anchor)
         ny, nx = (max(1, round(length)) for length in cell.period_px)
         if cutout is None:

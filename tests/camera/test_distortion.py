@@ -73,6 +73,8 @@ def test_the_derivative_is_that_of_small_steps(distortion: LatticeDistortion) ->
 def test_terms_and_points_beyond_all_bounds_end_in_words(distortion: LatticeDistortion) -> None:
     """Overflow is no warning: those are errors here."""
     with pytest.raises(InputError, match="distortion of the lattice: expected one that keeps"):
+        LatticeDistortion("polynomial", (0.0, 0.0), 5000.0, ((1e15,) * 7, (1e15,) * 7))
+    with pytest.raises(InputError, match="terms of the distortion: expected a number ≥ -1e"):
         LatticeDistortion("polynomial", (0.0, 0.0), 5000.0, ((1e308,) * 7, (1e308,) * 7))
     assert np.isfinite(distortion.jacobian([[1e300, 0.0]])).all()
 

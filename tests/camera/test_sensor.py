@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from lfcal.camera import Camera, Sensor, preset
+from lfcal.camera import Camera, ScanPlan, Sensor, preset
 from lfcal.errors import InputError
 
 
@@ -32,3 +32,14 @@ def test_descriptions_of_version_1_open_without_it() -> None:
 def test_values_that_cannot_be_are_refused(values: dict[str, float]) -> None:
     with pytest.raises(InputError):
         Sensor(**values)
+
+
+@pytest.mark.hard_case
+@pytest.mark.parametrize("huge", [1e300, -1e300, 10**400, float("inf")])
+def test_numbers_that_overflow_are_refused(huge: float) -> None:
+    """Of a damaged description: a read noise of 1e300 electrons was an infinite sample value."""
+    for change in ("read_noise_e", "full_well_e", "dark_current_e_s", "dsnu_e", "linearity"):
+        with pytest.raises(InputError, match="expected a number"):
+            Sensor((4, 6), 5.5, **{change: huge})
+    with pytest.raises(InputError, match="anchor"):
+        ScanPlan.for_camera(preset("bench"), virtual_depths=[4.0], anchor=(huge, 10.0))

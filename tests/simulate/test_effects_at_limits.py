@@ -40,14 +40,14 @@ EXTREMES: list[Effect] = [
     *(AngularResponse(a) for a in (0.01, 1.57)),
     *(CoverGlass(*g) for g in ((1e6, 4.0, 0.0), (200.0, 4.0, 0.0), (250.0, 1.5, 1.0))),
     *(ChromaticFocus(r, w) for r, w in ((1e9, 0.1), (-2e4, 0.3))),
-    *(LensletDispersion(v, w) for v, w in ((5.0, 0.4), (1e300, 0.1))),
+    *(LensletDispersion(v, w) for v, w in ((5.0, 0.4), (1e15, 0.1))),
     *(LensletSpherical(w) for w in (-4.0, 1e-300)),
     MissingLenslets(((-1_000_000, 1_000_000, 0.0), (0, 0, 1e-300), (1, 0, 1.0))),
 ]
 
 NOMINAL: dict[str, Effect] = {
     "field_aberrations": FieldAberrations(0.0, 0.0),
-    "field_curvature": FieldCurvature(1e300),
+    "field_curvature": FieldCurvature(1e15),
     "cover_glass": CoverGlass(0.0),
     "distortion": Distortion(0.0),
     "array_tilt": ArrayTilt(0.0, 0.0),
