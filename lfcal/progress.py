@@ -1,7 +1,7 @@
 """Long work as a generator of immutable `Progress` records that anyone can drain or cancel.
 
-Work that takes time is written once as ``iter_work(...) -> Generator[Progress, None, Result]``; the plain
-``work(...)`` drains it. Closing the generator (`Generator.close`) cancels: the work cleans up behind itself.
+Work that takes time is written once as ``iter_work(...) -> Work[Result]``; the plain ``work(...)`` is
+`drained` from it. Closing the generator (`Generator.close`) cancels: the work cleans up behind itself.
 """
 
 from __future__ import annotations
@@ -11,10 +11,13 @@ from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
-from typing import TypeVar
+from functools import wraps
+from inspect import signature
+from typing import ParamSpec, TypeVar
 
-__all__ = ["Clock", "Progress", "Unwanted", "Work", "drain", "leave_if_unwanted", "wanted_while"]
+__all__ = ["Clock", "Progress", "Unwanted", "Work", "drain", "drained", "leave_if_unwanted", "wanted_while"]
 
+P = ParamSpec("P")
 R = TypeVar("R")
 
 
@@ -92,6 +95,28 @@ def drain(work: Work[R], on_progress: Callable[[Progress], None] | None = None) 
     finally:
         # closes the generator also where the caller's own code raised: its files are closed then
         work.close()
+
+
+def drained(work: Callable[P, Work[R]], doc: str = "") -> Callable[P, R]:
+    """Return the plain function of ``iter_work``: ``work = drained(iter_work)`` runs it to its end.
+
+    Parameters, defaults, types and docstring are those of ``iter_work``, so that the two cannot drift apart. It must be
+    annotated as ``Work[...]``; ``doc`` replaces the docstring, for another example.
+    """
+    returned = signature(work).return_annotation
+    if not (isinstance(returned, str) and returned.startswith("Work[")):
+        raise TypeError(f"{work.__qualname__}: expected a result annotated as Work[...], got {returned}")
+
+    @wraps(work)
+    def whole(*args: P.args, **kwargs: P.kwargs) -> R:
+        return drain(work(*args, **kwargs))
+
+    whole.__name__ = work.__name__.replace("iter_", "", 1)
+    whole.__qualname__ = work.__qualname__.removesuffix(work.__name__) + whole.__name__
+    whole.__doc__ = doc or work.__doc__
+    whole.__annotations__ = {**work.__annotations__, "return": returned[5:-1]}
+    whole.__signature__ = signature(work).replace(return_annotation=returned[5:-1])  # type: ignore[attr-defined]
+    return whole
 
 
 class Unwanted(Exception):

@@ -1,12 +1,77 @@
-"""What nobody waits for any more is left."""
+"""Work that is cancelled or drained, and the plain functions made of it."""
 
 from __future__ import annotations
 
+import inspect
+import pickle
 import threading
+from collections.abc import Iterator
+from typing import Any
 
 import pytest
 
-from lfcal.progress import Unwanted, leave_if_unwanted, wanted_while
+from lfcal.progress import Clock, Unwanted, Work, drained, leave_if_unwanted, wanted_while
+
+
+def iter_sum_of(first: int, second: int = 2, *, times: float = 1.0) -> Work[float]:
+    """Return the sum, scaled."""
+    yield Clock("adding", 1).at(1)
+    return (first + second) * times
+
+
+sum_of = drained(iter_sum_of)
+
+
+class Doubled:
+    """A class whose work is drained as well."""
+
+    def __init__(self) -> None:
+        self.closed = False
+
+    def iter_value(self, value: int) -> Work[int]:
+        """Return the value, doubled."""
+        try:
+            yield Clock("doubling", 1).at(1)
+            if value < 0:
+                raise ValueError("negative")
+            return 2 * value
+        finally:
+            self.closed = True
+
+    value = drained(iter_value, "Return the doubled value.")
+
+
+def test_drained_has_the_signature_types_and_docstring_of_its_work() -> None:
+    assert str(inspect.signature(sum_of)) == "(first: 'int', second: 'int' = 2, *, times: 'float' = 1.0) -> 'float'"
+    assert sum_of.__annotations__ == {"first": "int", "second": "int", "times": "float", "return": "float"}
+    assert (sum_of.__name__, sum_of.__module__, sum_of.__doc__) == ("sum_of", __name__, "Return the sum, scaled.")
+    assert pickle.loads(pickle.dumps(sum_of)) is sum_of
+
+
+def test_drained_returns_the_result_and_refuses_other_arguments() -> None:
+    assert sum_of(1) == 3.0 and sum_of(1, 5, times=0.5) == 3.0
+    other: Any = sum_of
+    with pytest.raises(TypeError, match="unexpected keyword argument 'time'"):
+        other(1, time=2)
+
+
+def test_drained_method_is_bound_and_closes_its_work_on_an_error() -> None:
+    doubled = Doubled()
+    assert doubled.value(4) == 8
+    assert (Doubled.value.__qualname__, Doubled.value.__doc__) == ("Doubled.value", "Return the doubled value.")
+    doubled.closed = False
+    with pytest.raises(ValueError, match="negative"):
+        doubled.value(-1)
+    assert doubled.closed
+
+
+def test_drained_refuses_what_is_not_annotated_as_work() -> None:
+    def iter_numbers() -> Iterator[int]:
+        yield 1
+
+    wrong: Any = iter_numbers
+    with pytest.raises(TypeError, match=r"iter_numbers: .* annotated as Work\[...\], got Iterator"):
+        drained(wrong)
 
 
 def test_what_nobody_asks_about_goes_on() -> None:
