@@ -49,16 +49,16 @@ def command(
     from lfcal.psf.pairing import pair
     from lfcal.psf.report.two import (
         COLUMNS,
+        compared_report_files,
         compared_words,
         figure_rows,
         iter_compared_report,
-        report_files,
         verdict,
     )
 
     check_mat_files(mat_order, first, second)
     if report is not None:
-        check_outputs(report_files(report), first, second, force=force)
+        check_outputs(compared_report_files(report), first, second, force=force)
     page, names = None, _regions(region or [])
     with ExitStack() as files:
         pairs = zip((first, second), names, strict=True)

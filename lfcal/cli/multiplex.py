@@ -185,11 +185,11 @@ def show(
 
     Example: `lfcal multiplex show MURA:11 -o mura.png`
     """
-    from lfcal.multiplex.drawing import save_modulator
+    from lfcal.multiplex.drawing import draw_modulator
 
     check_output(out, force=force)
     made = modulator_of(modulator)
-    save_modulator(made, out)
+    draw_modulator(made, out)
     if json:
         print_json(
             {

@@ -123,10 +123,10 @@ def iter_paper_figures(folder: Path, raw: Path | None, marks: Mapping[str, float
 
 
 def _modulator(path: Path, name: str) -> None:
-    from lfcal.multiplex.drawing import save_modulator
+    from lfcal.multiplex.drawing import draw_modulator
     from lfcal.multiplex.naming import modulator_of
 
-    save_modulator(modulator_of(name), path)
+    draw_modulator(modulator_of(name), path)
 
 
 def _figure3(path: Path, raw: Path | None) -> None:

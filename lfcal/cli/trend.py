@@ -61,7 +61,7 @@ def command(
         return
     from lfcal.cli.console import print_json
     from lfcal.cli.outputs import check_output
-    from lfcal.fit.dated import fits_in, read_fit
+    from lfcal.fit.dated import fits_in, read_dated
     from lfcal.fit.trend import draw_trend, trend
     from lfcal.plain import plain
 
@@ -70,7 +70,7 @@ def command(
         check_output(out, *(one / name for one in folders for name in ("fit.json", "camera.json")), force=force)
     # of 2026-05/fit and 2026-06/fit the name alone says nothing
     alike = len({one.name for one in folders}) < len(folders)
-    found = trend([read_fit(one, f"{one.parent.name}/{one.name}" if alike else one.name) for one in folders], sigmas)
+    found = trend([read_dated(one, f"{one.parent.name}/{one.name}" if alike else one.name) for one in folders], sigmas)
     if out is not None:
         draw_trend(found, out)
     if json:

@@ -16,7 +16,7 @@ from lfcal.files import read_text
 from lfcal.fit.files import FORMAT
 from lfcal.plain import parse_json
 
-__all__ = ["Dated", "fits_in", "read_fit"]
+__all__ = ["Dated", "fits_in", "read_dated"]
 
 NAME, CAMERA = "fit.json", "camera.json"
 
@@ -81,7 +81,7 @@ def fits_in(path: str | os.PathLike[str]) -> list[Path]:
     return found
 
 
-def read_fit(folder: str | os.PathLike[str], label: str = "") -> Dated:
+def read_dated(folder: str | os.PathLike[str], label: str = "") -> Dated:
     """Return the fit in a folder; ``label`` is what it is called, its folder's name by default.
 
     Raises

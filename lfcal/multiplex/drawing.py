@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
-__all__ = ["draw_curves", "save_filter_choice", "save_frontier", "save_gain_curves", "save_gain_map", "save_modulator"]
+__all__ = ["draw_curves", "draw_modulator", "save_filter_choice", "save_frontier", "save_gain_curves", "save_gain_map"]
 
 Path = str | os.PathLike[str]
 STYLES = ("-", "--", "-.", ":")
@@ -85,7 +85,7 @@ def save_gain_map(found: GainMap, path: Path) -> None:
         save_figure(fig, path)
 
 
-def save_modulator(modulator: Modulator, path: Path) -> None:
+def draw_modulator(modulator: Modulator, path: Path) -> None:
     """Write a modulator as its pattern, the pattern's spectrum, Sigma and Pi."""
     pattern, spectrum = modulator.pattern(), modulator.pattern_spectrum()
     with figure(12.0, 3.2) as fig:

@@ -107,9 +107,9 @@ def iter_compared(asked: Asked, found: Difference, folder: str) -> Work[Path]:
 
 def compared_files(folder: str) -> list[Path]:
     """Return the files of a comparison's report that somebody may have put into ``folder`` before."""
-    from lfcal.psf.report.two import report_files
+    from lfcal.psf.report.two import compared_report_files
 
-    return [Path(one) for one in report_files(Path(folder))]
+    return [Path(one) for one in compared_report_files(Path(folder))]
 
 
 # -- numbers -----------------------------------------------------------------------------------------------

@@ -24,11 +24,11 @@ from lfcal.units import format_length, format_number, format_plane, format_secon
 
 __all__ = [
     "COLUMNS",
+    "compared_report_files",
     "compared_words",
     "figure_rows",
     "iter_compared_report",
     "map_levels",
-    "report_files",
     "verdict",
 ]
 
@@ -136,7 +136,7 @@ def map_levels(error: NDArray[np.floating]) -> tuple[float, float]:
     return (0.0, top or 1.0) if top - low <= EVEN * top else (low, top)
 
 
-def report_files(folder: Path) -> list[Path]:
+def compared_report_files(folder: Path) -> list[Path]:
     """Return what a report in ``folder`` consists of."""
     return [folder / name for name in (PAGE, NUMBERS, PATTERNS, MAPS)]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from lfcal.simulate.effects.outlook import Outlook
 from lfcal.simulate.engines.base import Sampling
-from lfcal.simulate.engines.extent import MOST_ORDERS, MOST_SAMPLES, MOST_TABLE, SWITCH, Extent
+from lfcal.simulate.engines.extent import MOST_ORDERS, MOST_SAMPLES, MOST_SIDE, SWITCH, Extent
 from lfcal.simulate.scene import Scene
 
 __all__ = [
@@ -190,7 +190,7 @@ def _grid_steps(described: Scene | Outlook, fringes: Fringes) -> tuple[Step, ...
     for step in _every_grid_step(described, fringes):
         per = int(step.sampling.samples_per_px or 4)
         side = extent.side(per, step.sampling.margin_px)
-        fits = side <= MOST_SAMPLES and side + per * max(described.period) <= MOST_TABLE
+        fits = side <= MOST_SAMPLES and side + per * max(described.period) <= MOST_SIDE
         if fits and tilt_orders(described, side / per / 2 * px) <= MOST_ORDERS:
             steps.append(step)
     return tuple(steps)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-__all__ = ["MOST_ORDERS", "MOST_SAMPLES", "MOST_TABLE", "SWITCH", "SWITCH_EXACT", "Extent"]
+__all__ = ["MOST_ORDERS", "MOST_SAMPLES", "MOST_SIDE", "SWITCH", "SWITCH_EXACT", "Extent"]
 
 SWITCH = 12.0
 """Fresnel number of the iris's shadow from which on the E-mode is used (see `lfcal.simulate.engines.field`)."""
@@ -15,7 +15,7 @@ SWITCH_EXACT = 8.0
 MOST_SAMPLES = 4096
 """Largest side of a position's grid."""
 
-MOST_TABLE = 12000
+MOST_SIDE = 12000
 """Largest side of the array's table: 1.2 GB."""
 
 MOST_ORDERS = 16

@@ -24,7 +24,7 @@ from lfcal.progress import leave_if_unwanted
 from lfcal.simulate.engines._binning import bin_light
 from lfcal.simulate.engines._kernels import Aperture, Split, mask_from_disc, mask_from_table
 from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot, Sampling
-from lfcal.simulate.engines.extent import MOST_SAMPLES, MOST_TABLE, SWITCH, Extent
+from lfcal.simulate.engines.extent import MOST_SAMPLES, MOST_SIDE, SWITCH, Extent
 from lfcal.simulate.engines.field import choose_mode, field_spectrum
 from lfcal.simulate.engines.masks import RING, Bend, bent_polygon_table
 from lfcal.simulate.engines.nodes import MANY_ANGLES, conserving_rule, fitted_rule
@@ -157,9 +157,9 @@ class GridPlane:
         """Return what the array lets through of the grids of positions from ``first`` (y, x) on, ``count`` of them."""
         scene, dx, half = self.scene, self._dx, self._half_lenslet
         rows, columns = ((c - 1) * self.per_px + self._n for c in count)
-        if max(rows, columns) > MOST_TABLE:
+        if max(rows, columns) > MOST_SIDE:
             got, remedy = f"{rows} x {columns}", "choose another level"
-            raise InputError.expected("table of the array", f"at most {MOST_TABLE} samples a side", got, remedy)
+            raise InputError.expected("table of the array", f"at most {MOST_SIDE} samples a side", got, remedy)
         top, left = ((f * self.per_px - self._n // 2 + self._between) * dx for f in first)
         array = np.zeros((rows, columns), self._dtype)
         reach = (half + 1) * dx
