@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-from lfcal.registry import Registry
-from lfcal.work.executors.base import ExecutorKind
+from lfcal.work.executors.catalogue import EXECUTORS
 
 __all__ = ["EXECUTORS"]
-
-EXECUTORS: Registry[ExecutorKind] = Registry("executor", "lfcal.work.executors", "EXECUTOR", "lfcal.executors")
-"""All executors by name."""
