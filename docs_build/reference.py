@@ -75,15 +75,19 @@ def _exported(tree: ast.Module) -> list[str] | None:
 
 
 def _defined(tree: ast.Module) -> list[str]:
-    """Return the public classes, functions and documented values that a module defines itself."""
+    """Return the public classes, functions, derived ones too, and documented values that a module defines itself."""
     found = []
     for node, after in zip(tree.body, [*tree.body[1:], None], strict=True):
         if isinstance(node, (ast.FunctionDef, ast.ClassDef)) and not node.name.startswith("_"):
             found.append(node.name)
-        elif isinstance(node, (ast.Assign, ast.AnnAssign)) and _is_text(after):
+        elif isinstance(node, (ast.Assign, ast.AnnAssign)) and (_is_text(after) or _is_drained(node.value)):
             targets = node.targets if isinstance(node, ast.Assign) else [node.target]
             found += [t.id for t in targets if isinstance(t, ast.Name) and not t.id.startswith("_")]
     return list(dict.fromkeys(found))
+
+
+def _is_drained(value: ast.expr | None) -> bool:
+    return isinstance(value, ast.Call) and isinstance(value.func, ast.Name) and value.func.id == "drained"
 
 
 def _is_text(node: ast.stmt | None) -> bool:

@@ -1,19 +1,22 @@
 """Long work as a generator of immutable `Progress` records that anyone can drain or cancel.
 
-Work that takes time is written once as ``iter_work(...) -> Work[Result]``; the plain ``work(...)`` is
-`drained` from it. Closing the generator (`Generator.close`) cancels: the work cleans up behind itself.
+Work that takes time is written once as ``iter_work(...) -> Generator[Progress, None, Result]``; the plain function is
+derived from it: ``work = drained(iter_work)``. Closing the generator (`Generator.close`) cancels: the work cleans up
+behind itself.
 """
 
 from __future__ import annotations
 
+import inspect
+import re
 import time
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
-from functools import wraps
-from inspect import signature
-from typing import ParamSpec, TypeVar
+from functools import update_wrapper
+from types import FunctionType
+from typing import Any, ParamSpec, TypeVar, cast, get_args, get_origin
 
 __all__ = ["Clock", "Progress", "Unwanted", "Work", "drain", "drained", "leave_if_unwanted", "wanted_while"]
 
@@ -97,26 +100,80 @@ def drain(work: Work[R], on_progress: Callable[[Progress], None] | None = None) 
         work.close()
 
 
-def drained(work: Callable[P, Work[R]], doc: str = "") -> Callable[P, R]:
-    """Return the plain function of ``iter_work``: ``work = drained(iter_work)`` runs it to its end.
+STEPS = ("Yields", "Examples")
+"""Sections of a generator's docstring that do not apply to the function derived from it."""
 
-    Parameters, defaults, types and docstring are those of ``iter_work``, so that the two cannot drift apart. It must be
-    annotated as ``Work[...]``; ``doc`` replaces the docstring, for another example.
+_HEADING = re.compile(r"^([A-Z][A-Za-z ]+)\n-{3,}$", re.MULTILINE)
+
+
+def drained(work: Callable[P, Generator[Progress, None, R]], doc: str = "") -> Callable[P, R]:
+    """Return the function that runs ``work`` to its end: of ``iter_assemble`` it is ``assemble``.
+
+    It has the parameters of ``work``, returns its result, and belongs to the same module or class.
+
+    Parameters
+    ----------
+    work
+        A function or method named ``iter_...`` that returns a generator of `Progress`.
+    doc
+        Parts of the docstring that differ from that of ``work``: a summary, sections in numpy style, or both. Yields
+        and Examples of ``work`` are left out.
+
+    Examples
+    --------
+    >>> from lfcal.progress import Clock, Work, drained
+    >>> def iter_add(a: int, b: int = 1) -> Work[int]:
+    ...     yield Clock("add", 1).at(1)
+    ...     return a + b
+    >>> add = drained(iter_add, "Add two numbers.")
+    >>> print(add.__name__, add(2, b=3), add.__doc__)
+    add 5 Add two numbers.
     """
-    returned = signature(work).return_annotation
-    if not (isinstance(returned, str) and returned.startswith("Work[")):
-        raise TypeError(f"{work.__qualname__}: expected a result annotated as Work[...], got {returned}")
+    run = drain
 
-    @wraps(work)
     def whole(*args: P.args, **kwargs: P.kwargs) -> R:
-        return drain(work(*args, **kwargs))
+        return run(work(*args, **kwargs))
 
-    whole.__name__ = work.__name__.replace("iter_", "", 1)
-    whole.__qualname__ = work.__qualname__.removesuffix(work.__name__) + whole.__name__
-    whole.__doc__ = doc or work.__doc__
-    whole.__annotations__ = {**work.__annotations__, "return": returned[5:-1]}
-    whole.__signature__ = signature(work).replace(return_annotation=returned[5:-1])  # type: ignore[attr-defined]
-    return whole
+    # with the globals of the module of ``work``: doctest finds functions by them
+    own = FunctionType(whole.__code__, work.__globals__, closure=whole.__closure__)
+    update_wrapper(own, work)
+    own.__name__ = work.__name__.removeprefix("iter_")
+    own.__qualname__ = work.__qualname__.removesuffix(work.__name__) + own.__name__
+    own.__doc__ = docstring_of(work.__doc__ or "", doc)
+    result = _result_of(work)
+    own.__annotations__ = {**work.__annotations__, "return": result}
+    own.__signature__ = inspect.signature(work).replace(return_annotation=result)  # type: ignore[attr-defined]
+    return cast(Callable[P, R], own)
+
+
+def _result_of(work: Callable[..., Any]) -> Any:
+    """Return the annotation of the result of ``work``: R of ``Work[R]``."""
+    annotation = work.__annotations__.get("return")
+    if isinstance(annotation, str):
+        if annotation.startswith("Work["):
+            return annotation.removeprefix("Work[").removesuffix("]")
+        # an alias of work with its own kind of progress, such as `SolverWork`
+        annotation = work.__globals__.get(annotation, annotation)
+    if get_origin(annotation) is not Generator:
+        raise TypeError(f"{work.__qualname__}: expected a result annotated as Work[...], got {annotation}")
+    return get_args(annotation)[-1]
+
+
+def docstring_of(generator: str, doc: str = "") -> str:
+    """Return the docstring of the function derived from a generator: the generator's, with the parts in ``doc``."""
+    kept = {heading: text for heading, text in _parts_of(generator).items() if heading not in STEPS}
+    merged = kept | {heading: text for heading, text in _parts_of(doc).items() if text}
+    return "\n\n".join(text for text in merged.values() if text)
+
+
+def _parts_of(doc: str) -> dict[str, str]:
+    """Return the parts of a docstring: its summary, its description, and sections with their headings."""
+    head, *rest = _HEADING.split(inspect.cleandoc(doc))
+    summary, _, description = head.strip().partition("\n\n")
+    parts = {"summary": summary, "description": description}
+    for heading, text in zip(rest[::2], rest[1::2], strict=True):
+        parts[heading] = f"{heading}\n{'-' * len(heading)}\n{text.strip()}"
+    return parts
 
 
 class Unwanted(Exception):

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import doctest
 import inspect
 import pickle
+import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from typing import Any
 
 import pytest
 
-from lfcal.progress import Clock, Unwanted, Work, drained, leave_if_unwanted, wanted_while
+from lfcal.progress import Clock, Progress, Unwanted, Work, drained, leave_if_unwanted, wanted_while
 
 
 def iter_sum_of(first: int, second: int = 2, *, times: float = 1.0) -> Work[float]:
@@ -63,6 +65,74 @@ def test_drained_method_is_bound_and_closes_its_work_on_an_error() -> None:
     with pytest.raises(ValueError, match="negative"):
         doubled.value(-1)
     assert doubled.closed
+
+
+Told = Generator[Progress, None, list[int]]
+
+
+def iter_count(most: int) -> Told:
+    """Count.
+
+    From one on.
+
+    Parameters
+    ----------
+    most
+        The last number.
+
+    Yields
+    ------
+    Progress
+        In numbers.
+
+    Raises
+    ------
+    ValueError
+        Never.
+
+    Examples
+    --------
+    >>> next(iter_count(2)).count
+    '1 of 2'
+    """
+    for number in range(1, most + 1):
+        yield Clock("count", most).at(number)
+    return list(range(1, most + 1))
+
+
+count = drained(
+    iter_count,
+    """
+    Raises
+    ------
+    TypeError
+        If it is no number.
+
+    Examples
+    --------
+    >>> count(2)
+    [1, 2]
+    """,
+)
+
+
+def test_drained_leaves_out_what_its_docstring_says_of_steps() -> None:
+    assert count.__doc__ is not None
+    assert count.__doc__.startswith("Count.\n\nFrom one on.\n\nParameters\n----------\nmost\n    The last number.")
+    assert "Yields" not in count.__doc__ and "iter_count" not in count.__doc__ and "ValueError" not in count.__doc__
+    assert count.__doc__.endswith(
+        "Raises\n------\nTypeError\n    If it is no number.\n\nExamples\n--------\n>>> count(2)\n[1, 2]"
+    )
+
+
+def test_drained_gives_the_result_of_an_alias() -> None:
+    assert inspect.signature(count).return_annotation == list[int] and count(2) == [1, 2]
+
+
+def test_drained_is_a_function_of_the_module_of_its_work() -> None:
+    found = doctest.DocTestFinder().find(sys.modules[__name__])
+    assert [one.name.rpartition(".")[2] for one in found if one.examples] == ["count", "iter_count"]
+    assert inspect.getmodule(count) is sys.modules[__name__]
 
 
 def test_drained_refuses_what_is_not_annotated_as_work() -> None:

@@ -6,7 +6,7 @@ from lfcal.accuracy.base import Curve, Rung, marked
 from lfcal.accuracy.catalogue import PLACES
 from lfcal.accuracy.curve_file import read_curves, write_curves
 from lfcal.accuracy.drawing import draw_curves
-from lfcal.accuracy.measure import CurveProgress, iter_curve, iter_curves, measure_curve
+from lfcal.accuracy.measure import CurveProgress, iter_curves, iter_measure_curve, measure_curve
 from lfcal.accuracy.place import Place, Step, Truth
 from lfcal.accuracy.subject import Subject
 
@@ -20,8 +20,8 @@ __all__ = [
     "Subject",
     "Truth",
     "draw_curves",
-    "iter_curve",
     "iter_curves",
+    "iter_measure_curve",
     "marked",
     "measure_curve",
     "read_curves",

@@ -11,10 +11,10 @@ from lfcal.accuracy.place import Measuring, Place, Step, Truth
 from lfcal.accuracy.subject import Subject
 from lfcal.checks import check_number
 from lfcal.errors import LfcalError
-from lfcal.progress import Progress, Work, drain
+from lfcal.progress import Progress, Work, drained
 from lfcal.units import format_seconds
 
-__all__ = ["SECONDS", "CurveProgress", "iter_curve", "iter_curves", "measure_curve"]
+__all__ = ["SECONDS", "CurveProgress", "iter_curves", "iter_measure_curve", "measure_curve"]
 
 SECONDS = 10.0
 """Seconds that a place may take unless something else is asked for."""
@@ -34,10 +34,10 @@ class CurveProgress(Progress):
 
     Examples
     --------
-    >>> from lfcal.accuracy import PLACES, CurveProgress, Subject, iter_curve
+    >>> from lfcal.accuracy import PLACES, CurveProgress, Subject, iter_measure_curve
     >>> from lfcal.camera import ScanPlan, preset
     >>> subject = Subject("bench", ScanPlan.for_camera(preset("bench"), virtual_depths=[3], cutout=63))
-    >>> work = iter_curve(PLACES.get("storage"), subject)
+    >>> work = iter_measure_curve(PLACES.get("storage"), subject)
     >>> step: CurveProgress = next(work)
     >>> work.close()
     >>> print(step.curve.title, len(step.curve.rungs))
@@ -92,13 +92,12 @@ class _Run:
         return self.elapsed + ahead > self.limit
 
 
-def iter_curve(
+def iter_measure_curve(
     place: Place, subject: Subject, seconds: float = SECONDS, *, number: int = 0, total: int = 1
 ) -> Work[Curve]:
-    """Measure the curve of one place; yields `CurveProgress` with the curve so far.
+    """Measure the curve of one place.
 
-    Whoever closes it, at any time, has the rungs measured until then in the last record. Where the place has no curve
-    for this subject, or something ends it, the curve says why in ``stopped``.
+    If the place has no curve for this subject, or something ends it early, ``stopped`` of the curve says why.
 
     Parameters
     ----------
@@ -111,6 +110,11 @@ def iter_curve(
     number, total
         Of the place among those measured, for the records.
 
+    Yields
+    ------
+    CurveProgress
+        With the curve so far: you can stop at any record and keep it.
+
     Raises
     ------
     InputError
@@ -118,7 +122,7 @@ def iter_curve(
 
     Examples
     --------
-    >>> from lfcal.accuracy import Place, Rung, Subject, Truth, iter_curve
+    >>> from lfcal.accuracy import Place, Rung, Subject, Truth, iter_measure_curve
     >>> from lfcal.camera import ScanPlan, preset
     >>> def averaging(subject, seconds):
     ...     yield Truth("the mean of all frames")
@@ -126,7 +130,7 @@ def iter_curve(
     ...         yield Rung(f"mean of {n}", {}, 0.08 / n**0.5, n, "frames")
     >>> place = Place("averaging", "Frames averaged", "noise over the signal", "frames", "frames", averaging)
     >>> subject = Subject("bench", ScanPlan.for_camera(preset("bench"), virtual_depths=[3], cutout=63))
-    >>> for step in iter_curve(place, subject):
+    >>> for step in iter_measure_curve(place, subject):
     ...     print(step.note or "end", [rung.error for rung in step.curve.rungs])
     Frames averaged []
     Frames averaged: truth []
@@ -145,6 +149,26 @@ def iter_curve(
     return run.curve
 
 
+measure_curve = drained(
+    iter_measure_curve,
+    """
+    Examples
+    --------
+    >>> from lfcal.accuracy import Place, Rung, Step, Subject, Truth, measure_curve
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> def averaging(subject, seconds):
+    ...     yield Truth("the mean of all frames")
+    ...     for n in (1, 4, 16):
+    ...         yield Step(f"mean of {n}")
+    ...         yield Rung(f"mean of {n}", {}, 0.08 / n**0.5, n, "frames")
+    >>> place = Place("averaging", "Frames averaged", "noise over the signal", "frames", "frames", averaging)
+    >>> subject = Subject("bench", ScanPlan.for_camera(preset("bench"), virtual_depths=[3], cutout=63))
+    >>> print(measure_curve(place, subject).answer(0.05))
+    5 % costs 4 frames: mean of 4 (4 %)
+    """,
+)
+
+
 def _followed(measuring: Measuring, run: _Run) -> Work[None]:
     """Take what ``measuring`` tells until it ends or the seconds are spent."""
     try:
@@ -159,7 +183,7 @@ def _followed(measuring: Measuring, run: _Run) -> Work[None]:
 
 
 def iter_curves(places: Iterable[Place], subject: Subject, seconds: float = SECONDS) -> Work[tuple[Curve, ...]]:
-    """Measure place after place as `iter_curve`; ``seconds`` are for each.
+    """Measure place after place as `iter_measure_curve`; ``seconds`` are for each.
 
     Examples
     --------
@@ -175,25 +199,5 @@ def iter_curves(places: Iterable[Place], subject: Subject, seconds: float = SECO
     chosen = tuple(places)
     curves = []
     for number, place in enumerate(chosen):
-        curves.append((yield from iter_curve(place, subject, seconds, number=number, total=len(chosen))))
+        curves.append((yield from iter_measure_curve(place, subject, seconds, number=number, total=len(chosen))))
     return tuple(curves)
-
-
-def measure_curve(place: Place, subject: Subject, seconds: float = SECONDS) -> Curve:
-    """Return the curve of one place; see `iter_curve`.
-
-    Examples
-    --------
-    >>> from lfcal.accuracy import Place, Rung, Step, Subject, Truth, measure_curve
-    >>> from lfcal.camera import ScanPlan, preset
-    >>> def averaging(subject, seconds):
-    ...     yield Truth("the mean of all frames")
-    ...     for n in (1, 4, 16):
-    ...         yield Step(f"mean of {n}")
-    ...         yield Rung(f"mean of {n}", {}, 0.08 / n**0.5, n, "frames")
-    >>> place = Place("averaging", "Frames averaged", "noise over the signal", "frames", "frames", averaging)
-    >>> subject = Subject("bench", ScanPlan.for_camera(preset("bench"), virtual_depths=[3], cutout=63))
-    >>> print(measure_curve(place, subject).answer(0.05))
-    5 % costs 4 frames: mean of 4 (4 %)
-    """
-    return drain(iter_curve(place, subject, seconds))

@@ -36,7 +36,7 @@ from lfcal.devices.rig import Rig
 from lfcal.errors import InputError, LfcalError, StorageError
 from lfcal.files import require_space, storage_errors
 from lfcal.frames.source import Position
-from lfcal.progress import Work, drain
+from lfcal.progress import Work, drained
 
 __all__ = ["check_devices", "check_fixed", "check_new", "iter_record", "record"]
 
@@ -57,7 +57,7 @@ def iter_record(
     preview: Preview | None = None,
     observers: tuple[Observer, ...] = (),
 ) -> Work[Outcome]:
-    """Record ``plan`` into the session ``folder``; yields progress, returns how it ended.
+    """Record ``plan`` into the session ``folder``; return how it ended.
 
     Parameters
     ----------
@@ -65,16 +65,16 @@ def iter_record(
         A new or empty folder; with ``resume`` or ``redo`` that of an earlier session.
     plan, rig, options
         What (a scan, or a `lfcal.targets.TargetPlan`: whole frames), with which devices, how; by default the options of
-        the session that goes on, or `Options()`.
+        the session that is continued, or `Options()`.
     resume
-        Go on where an earlier run was interrupted, after checking that plan, options, devices and the
+        Continue where an earlier run was interrupted, after checking that plan, options, devices and the
         stage's origin and scale are the same. Every frame is checked first, and those that are damaged are taken
-        again: in their place, or, where the recording was packed, in a file of their own.
+        again: in their place, or, where the recording was packed, in a separate file.
     redo
-        Record these positions of a finished session again, into a file of their own; the later frame counts. Where
+        Record these positions of a finished session again, into a separate file; the later frame counts. Where
         the session has no others they are added to it. Whole frames are named as `lfcal.acquire.frame_plan` says.
     only
-        Record these positions and no others; a session that goes on has its own.
+        Record these positions and no others; a continued session has its own.
     kept_aside
         Positions among them that a fit is not to use.
     control, preview, observers
@@ -143,21 +143,9 @@ def iter_record(
         return replace(outcome, damaged=0 if found is None else found.lost, notes=() if seen is None else seen.notes)
 
 
-def record(
-    folder: Path,
-    plan: ScanPlan | FramePlan,
-    rig: Rig,
-    options: Options | None = None,
-    *,
-    resume: bool = False,
-    redo: Sequence[Position] | None = None,
-    only: Sequence[Position] | None = None,
-    kept_aside: Sequence[Position] = (),
-    control: Control | None = None,
-    observers: tuple[Observer, ...] = (),
-) -> Outcome:
-    """Record ``plan`` into the session ``folder``; see `iter_record`.
-
+record = drained(
+    iter_record,
+    """
     Examples
     --------
     >>> from pathlib import Path
@@ -169,21 +157,8 @@ def record(
     >>> outcome: Outcome = record(Path("new"), plan, simulated_rig(plan), Options(darks=2))
     >>> print(outcome.how, outcome.acknowledged, "of", outcome.total)
     complete 6 of 6
-    """
-    return drain(
-        iter_record(
-            folder,
-            plan,
-            rig,
-            options,
-            resume=resume,
-            redo=redo,
-            only=only,
-            kept_aside=kept_aside,
-            control=control,
-            observers=observers,
-        )
-    )
+    """,
+)
 
 
 def check_devices(plan: ScanPlan, rig: Rig) -> Devices:

@@ -116,13 +116,13 @@ def compared(frames: int, few: int, way: Way | None = None, *, seed: int = 0, wr
 def _fitted(scene: TargetScene, frames: NDArray[np.uint16], way: Way) -> dict[str, Any]:
     """Return the fit of frames as a user makes it, with its chi² and seconds."""
     from lfcal.campaign.point_fit import iter_fit_points
-    from lfcal.campaign.points import iter_points
+    from lfcal.campaign.points import iter_points_of
     from lfcal.fit.setup import called_for, with_given
 
     start, used = time.perf_counter(), time.process_time()
     view = scene.view(frames)
     plan = scene.plan_of(len(frames))
-    points = run_work(iter_points(view, plan), quiet=way.quiet)
+    points = run_work(iter_points_of(view, plan), quiet=way.quiet)
     begins = with_given(called_for(plan.scan), {"vignetting": "on"}, ())
     work = iter_fit_points(view, points, way.unknowns, effects=begins, most=way.points, workers=way.workers)
     fit = run_work(work, quiet=way.quiet)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from lfcal.campaign.point_facts import target_facts
 from lfcal.campaign.point_frames import PointFrames
-from lfcal.campaign.points import Points, iter_points
+from lfcal.campaign.points import Points, iter_points_of
 from lfcal.frames.source import FrameSource
 from lfcal.progress import Work
 from lfcal.psf import AssemblyReport, AssemblySettings
@@ -49,7 +49,7 @@ def iter_assemble_points(
     InputError
         If frames and plan do not belong together, or no point shows a position.
     """
-    points = yield from iter_points(view, plan)
+    points = yield from iter_points_of(view, plan)
     single = PointFrames(view, points)
     facts = target_facts(points) | {"left_out": single.left}
     how = settings or AssemblySettings()

@@ -24,7 +24,7 @@ from lfcal.fit.regional import Regional
 from lfcal.fit.setup import Setup, called_for
 from lfcal.fit.solver import descend
 from lfcal.frames.source import FrameSource
-from lfcal.progress import Work, drain
+from lfcal.progress import Work, drained
 from lfcal.simulate.effects import FiniteSource
 from lfcal.simulate.effects.base import Effect
 
@@ -60,7 +60,33 @@ def iter_fit_points(
     stage: str | float = "auto",
     workers: int | None = None,
 ) -> Work[FieldFit]:
-    """Fit as `fit_points`; yields progress in derivatives, and closing it stops the fit."""
+    """Return the one camera that explains the points of a target's frames, each where it really is.
+
+    Nothing is taken modulo the array's period: patterns are computed at their own pixels, with what is left of their
+    positions, under the array as it lies there. The field falls into parts, each with the optics of its middle.
+
+    Parameters
+    ----------
+    source, points
+        The frames, with their dark level subtracted, and what was found in them.
+    unknowns, effects, stage, workers
+        As of `lfcal.fit.fit_camera`; the array's pitch is always found. ``hole`` is the diameter of the target's
+        holes, which is also found where chi² requires it.
+    parts
+        Parts of the sensor (rows, columns).
+    most
+        No more points than this, spread evenly over the parts; None: all.
+
+    Yields
+    ------
+    Progress
+        In derivatives; closing it stops the fit.
+
+    Raises
+    ------
+    InputError
+        If the points are not of such a camera, or too few.
+    """
     check_stage(stage)
     measured = measured_points(source, points, parts, most=most)
     core, candidates = groups_of(unknowns)
@@ -92,43 +118,7 @@ def iter_fit_points(
     return FieldFit(dict(zip(names, level, strict=True)))
 
 
-def fit_points(
-    source: FrameSource,
-    points: Points,
-    unknowns: str | Sequence[str] = "auto",
-    *,
-    effects: Sequence[Effect] | None = None,
-    parts: tuple[int, int] = (3, 3),
-    most: int | None = MOST,
-    stage: str | float = "auto",
-    workers: int | None = None,
-) -> FieldFit:
-    """Return the one camera that explains the points of a target's frames, each where it really is.
-
-    Nothing is taken modulo the array's period: patterns are computed at their own pixels, with what is left of their
-    positions, under the array as it lies there. The field falls into parts, each with the optics of its middle.
-
-    Parameters
-    ----------
-    source, points
-        The frames, with their dark level subtracted, and what was found in them.
-    unknowns, effects, stage, workers
-        As of `lfcal.fit.fit_camera`; the array's pitch is always found. ``hole`` is the diameter of the target's
-        holes, which is found besides wherever chi² calls for it.
-    parts
-        Parts of the sensor (rows, columns).
-    most
-        No more points than this, spread evenly over the parts; None: all.
-
-    Raises
-    ------
-    InputError
-        If the points are not of such a camera, or too few.
-    """
-    work = iter_fit_points(
-        source, points, unknowns, effects=effects, parts=parts, most=most, stage=stage, workers=workers
-    )
-    return drain(work)
+fit_points = drained(iter_fit_points)
 
 
 def _with_hole(points: Points, effects: tuple[Effect, ...]) -> tuple[Points, tuple[Effect, ...]]:

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from lfcal.camera.shadow import half_extent_px
 from lfcal.errors import InputError
 from lfcal.frames.source import FrameSource
-from lfcal.progress import Clock, Work, drain
+from lfcal.progress import Clock, Work, drained
 from lfcal.targets import FoundPoints, TargetPlan, find_points
 from lfcal.targets.frames import frames_of
 from lfcal.targets.mistakes import Mistake
 
-__all__ = ["Points", "iter_points", "points_of"]
+__all__ = ["Points", "iter_points_of", "points_of"]
 
 F8 = NDArray[np.float64]
 
@@ -111,8 +111,8 @@ class Points:
         return tuple(sorted(counts.values(), key=lambda pair: -pair[1]))
 
 
-def iter_points(source: FrameSource, plan: TargetPlan, frames: Sequence[int] | None = None) -> Work[Points]:
-    """Find the points of all frames; yields progress in frames.
+def iter_points_of(source: FrameSource, plan: TargetPlan, frames: Sequence[int] | None = None) -> Work[Points]:
+    """Find the points of all frames.
 
     Parameters
     ----------
@@ -123,6 +123,11 @@ def iter_points(source: FrameSource, plan: TargetPlan, frames: Sequence[int] | N
         The target, and where it was moved.
     frames
         Which are read; None: all.
+
+    Yields
+    ------
+    Progress
+        In frames.
 
     Raises
     ------
@@ -152,9 +157,7 @@ def iter_points(source: FrameSource, plan: TargetPlan, frames: Sequence[int] | N
     return points
 
 
-def points_of(source: FrameSource, plan: TargetPlan, frames: Sequence[int] | None = None) -> Points:
-    """Find the points of all frames at once; see `iter_points`."""
-    return drain(iter_points(source, plan, frames))
+points_of = drained(iter_points_of)
 
 
 def _of_frame(source: FrameSource, plan: TargetPlan, k: int, at: tuple[int, int]) -> FoundPoints:

@@ -102,14 +102,14 @@ def _measured(
     places: list[Place], subject: Subject, seconds: float, share: float, *, quiet: bool
 ) -> tuple[list[Curve], BaseException | None]:
     """Measure place after place, each shown as soon as it is done; return what ended it, if anything did."""
-    from lfcal.accuracy import iter_curve
+    from lfcal.accuracy import iter_measure_curve
 
     curves: list[Curve] = []
     for number, place in enumerate(places):
         kept: list[Curve] = []
         ended: BaseException | None = None
         try:
-            work = iter_curve(place, subject, seconds, number=number, total=len(places))
+            work = iter_measure_curve(place, subject, seconds, number=number, total=len(places))
             run_work(_keeping(work, kept), quiet=quiet)
         except Exception:
             raise

@@ -46,7 +46,6 @@ def command(
     from lfcal.cli.matrices import check_mat_files, open_matrix
     from lfcal.cli.outputs import check_outputs
     from lfcal.psf.difference import iter_difference
-    from lfcal.psf.pairing import pair
     from lfcal.psf.report.two import (
         COLUMNS,
         compared_report_files,
@@ -64,7 +63,7 @@ def command(
         pairs = zip((first, second), names, strict=True)
         a, b = (files.enter_context(open_matrix(path, region=name, mat_order=mat_order)) for path, name in pairs)
         start = time.perf_counter()
-        found = run_work(iter_difference(pair(a, b, by_number=by_number), workers=workers), quiet=json)
+        found = run_work(iter_difference(a, b, by_number=by_number, workers=workers), quiet=json)
         seconds = time.perf_counter() - start
         if report is not None:
             page = run_work(iter_compared_report(found, report, seconds), quiet=json)

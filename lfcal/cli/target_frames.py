@@ -59,10 +59,10 @@ def opened_target(
 
 def found_points(view: FrameSource, plan: TargetPlan, *, quiet: bool) -> Points:
     """Find the points of all frames, and say what is not as described."""
-    from lfcal.campaign.points import iter_points
+    from lfcal.campaign.points import iter_points_of
     from lfcal.cli.console import run_work
 
-    points = run_work(iter_points(view, plan), quiet=quiet)
+    points = run_work(iter_points_of(view, plan), quiet=quiet)
     if not quiet:
         tell_points(points)
     return points

@@ -18,7 +18,7 @@ from lfcal.fit.lacking import check_groups
 from lfcal.fit.parameters import GROUPS
 from lfcal.fit.setup import Setup, called_for
 from lfcal.fit.spread import kept_aside, spread_out
-from lfcal.progress import Clock, Work, drain
+from lfcal.progress import Clock, Work, drained
 
 __all__ = ["CurvePoint", "Design", "iter_next_positions", "next_positions"]
 
@@ -110,7 +110,44 @@ def iter_next_positions(
     stage_um_per_s: float = 1000.0,
     workers: int | None = None,
 ) -> Work[Design]:
-    """Choose positions as `next_positions`; yields progress in patterns, then in positions."""
+    """Return the positions to record next by what they do to the error of H.
+
+    I-optimal design: with the covariance C of the unknowns that the patterns give, and the mean M of the outer
+    products of the model's derivatives over all positions and depths, the squared error of H is trace(C M).
+
+    Parameters
+    ----------
+    plan
+        The scan.
+    count
+        How many, a fifth of them spread evenly and kept aside.
+    setup
+        The camera as supposed; None takes that of ``earlier``, or the plan's.
+    groups
+        Groups of unknowns; None takes those of ``earlier``, or gap, rotation and offset, focal lengths and iris.
+    earlier
+        A fit whose covariance is known beforehand; its positions are not chosen again.
+    recorded
+        Further positions ``(n, 3)`` that are there already.
+    expected
+        Light and steadiness; None: the brightest pixel at 80 % of the full well, sources at their places.
+    candidates
+        How many positions are looked at, spread evenly; 0: all.
+    stage_um_per_s
+        Speed of the stage, for the hours.
+    workers
+        Threads; None takes every processor.
+
+    Yields
+    ------
+    Progress
+        In patterns, then in positions.
+
+    Raises
+    ------
+    InputError
+        If there are not so many positions left, or ``earlier`` is of another scan.
+    """
     expected = expected or Expected()
     check_number("positions to record", count, at_least=FEWEST, integer=True)
     check_number("positions that are looked at", candidates, at_least=0, integer=True)
@@ -147,66 +184,7 @@ def iter_next_positions(
     return Design(index[rows], index[aside], curve, told.pattern_error, before, sigmas, len(index))
 
 
-def next_positions(
-    plan: ScanPlan,
-    count: int,
-    *,
-    setup: Setup | None = None,
-    groups: Sequence[str] | None = None,
-    earlier: Earlier | None = None,
-    recorded: NDArray[np.intp] | None = None,
-    expected: Expected | None = None,
-    candidates: int = CANDIDATES,
-    stage_um_per_s: float = 1000.0,
-    workers: int | None = None,
-) -> Design:
-    """Return the positions to record next by what they do to the error of H.
-
-    I-optimal design: with the covariance C of the unknowns that the patterns give, and the mean M of the outer
-    products of the model's derivatives over all positions and depths, the squared error of H is trace(C M).
-
-    Parameters
-    ----------
-    plan
-        The scan.
-    count
-        How many, a fifth of them spread evenly and kept aside.
-    setup
-        The camera as supposed; None takes that of ``earlier``, or the plan's.
-    groups
-        Groups of unknowns; None takes those of ``earlier``, or gap, rotation and offset, focal lengths and iris.
-    earlier
-        A fit whose covariance is known beforehand; its positions are not chosen again.
-    recorded
-        Further positions ``(n, 3)`` that are there already.
-    expected
-        Light and steadiness; None: the brightest pixel at 80 % of the full well, sources at their places.
-    candidates
-        How many positions are looked at, spread evenly; 0: all.
-    stage_um_per_s
-        Speed of the stage, for the hours.
-    workers
-        Threads; None takes every processor.
-
-    Raises
-    ------
-    InputError
-        If there are not so many positions left, or ``earlier`` is of another scan.
-    """
-    return drain(
-        iter_next_positions(
-            plan,
-            count,
-            setup=setup,
-            groups=groups,
-            earlier=earlier,
-            recorded=recorded,
-            expected=expected,
-            candidates=candidates,
-            stage_um_per_s=stage_um_per_s,
-            workers=workers,
-        )
-    )
+next_positions = drained(iter_next_positions)
 
 
 def _start(

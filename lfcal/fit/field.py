@@ -18,7 +18,7 @@ from lfcal.fit.questions import as_described, check_described, check_light
 from lfcal.fit.regional import Regional, regional_of
 from lfcal.fit.result import Fit
 from lfcal.fit.setup import Setup, called_for
-from lfcal.progress import Work, drain
+from lfcal.progress import Work, drained
 from lfcal.simulate.effects import FieldAberrations, Zernike
 from lfcal.simulate.effects.base import Effect
 
@@ -130,7 +130,31 @@ def iter_fit_field(
     stage: str | float = "auto",
     workers: int | None = None,
 ) -> Work[FieldFit]:
-    """Fit as `fit_field`; yields progress in derivatives, and closing it stops the fit."""
+    """Return the one camera that explains patterns of several regions of the field.
+
+    Its numbers are the same in all regions; the wavefront changes from one to the other by the group
+    ``field_wavefront``, the image's distance by ``field_curvature``. Light, background, and where the sources were are
+    each region's own.
+
+    Parameters
+    ----------
+    patterns
+        Those of each region, by its name; where it lies on the sensor is what their plans' anchors say.
+    camera
+        The camera as described, where the fit starts; None takes that of the first region.
+    unknowns, effects, stage, workers
+        As of `fit_camera`; pitch and places of the sources are always found.
+
+    Yields
+    ------
+    Progress
+        In derivatives; closing it stops the fit.
+
+    Raises
+    ------
+    InputError
+        If the regions are not of one camera, or the patterns not of such a camera, or too few.
+    """
     measured = regional_of(patterns, camera)
     check_stage(stage)
     core, candidates = groups_of(unknowns)
@@ -154,36 +178,7 @@ def iter_fit_field(
     return FieldFit(dict(zip(names, found, strict=True)))
 
 
-def fit_field(
-    patterns: Mapping[str, Measured],
-    camera: Camera | None = None,
-    unknowns: str | Sequence[str] = "auto",
-    *,
-    effects: Sequence[Effect] | None = None,
-    stage: str | float = "auto",
-    workers: int | None = None,
-) -> FieldFit:
-    """Return the one camera that explains patterns of several regions of the field.
-
-    Its numbers are the same in all regions; the wavefront changes from one to the other by the group
-    ``field_wavefront``, the image's distance by ``field_curvature``. Light, background, and where the sources were are
-    each region's own.
-
-    Parameters
-    ----------
-    patterns
-        Those of each region, by its name; where it lies on the sensor is what their plans' anchors say.
-    camera
-        The camera as described, where the fit starts; None takes that of the first region.
-    unknowns, effects, stage, workers
-        As of `fit_camera`; pitch and places of the sources are always found.
-
-    Raises
-    ------
-    InputError
-        If the regions are not of one camera, or the patterns not of such a camera, or too few.
-    """
-    return drain(iter_fit_field(patterns, camera, unknowns, effects=effects, stage=stage, workers=workers))
+fit_field = drained(iter_fit_field)
 
 
 # -- where a fit of all regions starts -----------------------------------------------------------------------

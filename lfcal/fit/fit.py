@@ -38,7 +38,7 @@ from lfcal.fit.setup import Setup, called_for
 from lfcal.fit.solver import Tell, descend
 from lfcal.fit.stand_ins import StandIns, iter_held_beside
 from lfcal.fit.summary import summarised
-from lfcal.progress import Work, drain
+from lfcal.progress import Work, drained
 from lfcal.psf import PSFMatrix
 from lfcal.simulate.effects.base import Effect
 
@@ -65,9 +65,36 @@ def iter_fit_camera(
     workers: int | None = None,
     **reading: Any,
 ) -> Work[Fit]:
-    """Fit as `fit_camera`; yields progress in derivatives, and closing it stops the fit.
+    """Return the camera that explains measured patterns.
 
-    The start and the end of each round of them are a `FitProgress`.
+    Parameters
+    ----------
+    source
+        H, of which the recorded positions are used, or patterns.
+    camera
+        The camera as described, where the fit starts; None takes that of the source.
+    unknowns
+        Groups of unknowns by name, or ``"auto"``: gap, rotation and offset of the array, focal lengths and iris, and
+        of all others those that lower the error of patterns that are never fitted.
+    effects
+        What the camera is simulated with at the start; None takes what its description holds, and of a microscope
+        light as a vector field where it shows (`called_for`).
+    stage
+        Position error of the sources (rms, pixels); 0: none; ``"auto"``: what the patterns show.
+    workers
+        Threads over derivatives; None takes every processor.
+    reading
+        What of an H is read: see `measured_of`.
+
+    Yields
+    ------
+    Progress
+        In derivatives; at the start and the end of each round a `FitProgress`. Closing it stops the fit.
+
+    Raises
+    ------
+    InputError
+        If the patterns are not of such a camera, or too few, or their noise is not known.
 
     Examples
     --------
@@ -101,6 +128,22 @@ def iter_fit_camera(
     problem = problem_of(measured, setup, (*core, *candidates), workers)
     finished = yield from iter_retrieved(problem, core, candidates, stage=stage)
     return (yield from iter_summarised(*finished, candidates))[0]
+
+
+fit_camera = drained(
+    iter_fit_camera,
+    """
+    Examples
+    --------
+    >>> from lfcal.fit import Fit, fit_camera, measured_of
+    >>> from lfcal.psf import open_psf
+    >>> with open_psf("H.h5") as H:
+    ...     found: Fit = fit_camera(measured_of(H, most=8, cutout=21), unknowns=["geometry"])
+    >>> gap = found.parameters["gap_um"]
+    >>> print(f"gap between lenslets and sensor: {gap.value:.0f} um, known to {gap.sigma:.2f} um")
+    gap between lenslets and sensor: 290 um, known to 0.1... um
+    """,
+)
 
 
 def iter_summarised(
@@ -158,56 +201,6 @@ def iter_retrieved(
         yield from asked(problem, core)
     check_explained(problem, point)
     return (yield from _finished(problem, point, groups, core, candidates, stage=stage, tell=tell))
-
-
-def fit_camera(
-    source: PSFMatrix | Measured,
-    camera: Camera | None = None,
-    unknowns: str | Sequence[str] = "auto",
-    *,
-    effects: Sequence[Effect] | None = None,
-    stage: str | float = "auto",
-    workers: int | None = None,
-    **reading: Any,
-) -> Fit:
-    """Return the camera that explains measured patterns.
-
-    Parameters
-    ----------
-    source
-        H, of which the recorded positions are used, or patterns.
-    camera
-        The camera as described, where the fit starts; None takes that of the source.
-    unknowns
-        Groups of unknowns by name, or ``"auto"``: gap, rotation and offset of the array, focal lengths and iris, and
-        of all others those that lower the error of patterns that are never fitted.
-    effects
-        What the camera is simulated with at the start; None takes what its description holds, and of a microscope
-        light as a vector field where it shows (`called_for`).
-    stage
-        How far sources lie beside their places (rms, pixels); 0: nowhere; ``"auto"``: what the patterns show.
-    workers
-        Threads over derivatives; None takes every processor.
-    reading
-        What of an H is read: see `measured_of`.
-
-    Raises
-    ------
-    InputError
-        If the patterns are not of such a camera, or too few, or their noise is not known.
-
-    Examples
-    --------
-    >>> from lfcal.fit import Fit, fit_camera, measured_of
-    >>> from lfcal.psf import open_psf
-    >>> with open_psf("H.h5") as H:
-    ...     found: Fit = fit_camera(measured_of(H, most=8, cutout=21), unknowns=["geometry"])
-    >>> gap = found.parameters["gap_um"]
-    >>> print(f"gap between lenslets and sensor: {gap.value:.0f} um, known to {gap.sigma:.2f} um")
-    gap between lenslets and sensor: 290 um, known to 0.1... um
-    """
-    work = iter_fit_camera(source, camera, unknowns, effects=effects, stage=stage, workers=workers, **reading)
-    return drain(work)
 
 
 def problem_of(measured: Measured, setup: Setup, groups: Sequence[str], workers: int | None = None) -> Problem:

@@ -19,7 +19,7 @@ from lfcal.fit.judge import ChiSquare, ModelError
 from lfcal.fit.locate import Found, NewFrame, find_source
 from lfcal.fit.spread import spread_out
 from lfcal.fit.suspects import Left, Suspect, changes_of, held_against
-from lfcal.progress import Clock, Work, drain
+from lfcal.progress import Clock, Work, drained
 from lfcal.psf import PSFMatrix
 from lfcal.units import format_share
 
@@ -127,45 +127,12 @@ class Check:
 
 def iter_check(
     matrix: PSFMatrix,
-    frames: Sequence[NewFrame],
-    *,
-    noise: tuple[float, float] | None = None,
-    limit: float = LIMIT,
-    suspects: bool = True,
-) -> Work[Check]:
-    """Check as `check`; yields progress in frames."""
-    check_number("largest error of an H that holds", limit, above=0, below=1)
-    _check_matrix(matrix)
-    if not frames:
-        raise InputError.expected("new frames", "one or more", "none", "name a frame")
-    clock = Clock("compare", 2 * len(frames) + 1)
-    yield clock.at(0)
-    found = []
-    for k, frame in enumerate(frames):
-        found.append(_placed(matrix, frame))
-        yield clock.at(k + 1)
-    index = np.array([(one.z, one.y, one.x) for one in found], np.intp)
-    camera = behind(matrix, index[spread_out(index, min(ASKED, len(index)), matrix.period)])
-    variances, source = noises_of(matrix, frames, noise)
-    compared = []
-    for k, (frame, at) in enumerate(zip(frames, found, strict=True)):
-        expected = Expected(matrix, at.z, at.y, at.x, camera)
-        compared.append(compared_with(expected, frame, at, variances[k]))
-        yield clock.at(len(frames) + k + 1)
-    tells = suspects and camera is not None and camera.explains and not any(one.strange for one in compared)
-    told = _suspects(compared, camera) if tells and camera is not None else ()
-    yield clock.at(2 * len(frames) + 1)
-    return _judged(matrix, tuple(compared), told, camera, limit, source)
-
-
-def check(
-    matrix: PSFMatrix,
     frames: ArrayLike | NewFrame | Sequence[NewFrame],
     *,
     noise: tuple[float, float] | None = None,
     limit: float = LIMIT,
     suspects: bool = True,
-) -> Check:
+) -> Work[Check]:
     """Return whether H still holds, from new frames of point sources.
 
     Where each source is, is known or found; its place between H's positions, gain and background are found with it.
@@ -185,11 +152,42 @@ def check(
     suspects
         Look for what has changed.
 
+    Yields
+    ------
+    Progress
+        In frames.
+
     Raises
     ------
     InputError
         If H is none of untouched pixels, or a frame shows no light where H has a pattern.
+    """
+    check_number("largest error of an H that holds", limit, above=0, below=1)
+    _check_matrix(matrix)
+    given = _as_frames(frames)
+    clock = Clock("compare", 2 * len(given) + 1)
+    yield clock.at(0)
+    found = []
+    for k, frame in enumerate(given):
+        found.append(_placed(matrix, frame))
+        yield clock.at(k + 1)
+    index = np.array([(one.z, one.y, one.x) for one in found], np.intp)
+    camera = behind(matrix, index[spread_out(index, min(ASKED, len(index)), matrix.period)])
+    variances, source = noises_of(matrix, given, noise)
+    compared = []
+    for k, (frame, at) in enumerate(zip(given, found, strict=True)):
+        expected = Expected(matrix, at.z, at.y, at.x, camera)
+        compared.append(compared_with(expected, frame, at, variances[k]))
+        yield clock.at(len(given) + k + 1)
+    tells = suspects and camera is not None and camera.explains and not any(one.strange for one in compared)
+    told = _suspects(compared, camera) if tells and camera is not None else ()
+    yield clock.at(2 * len(given) + 1)
+    return _judged(matrix, tuple(compared), told, camera, limit, source)
 
+
+check = drained(
+    iter_check,
+    """
     Examples
     --------
     >>> from pathlib import Path
@@ -204,14 +202,16 @@ def check(
     ...     found: Check = check(H, frame, suspects=False)
     >>> print("H holds:", found.holds)
     H holds: True
-    """
-    return drain(iter_check(matrix, _as_frames(frames), noise=noise, limit=limit, suspects=suspects))
+    """,
+)
 
 
 def _as_frames(frames: ArrayLike | NewFrame | Sequence[NewFrame]) -> list[NewFrame]:
     if isinstance(frames, NewFrame):
         return [frames]
     given = list(frames) if isinstance(frames, Sequence) else []
+    if isinstance(frames, Sequence) and not given:
+        raise InputError.expected("new frames", "one or more", "none", "name a frame")
     known = [one for one in given if isinstance(one, NewFrame)]
     if known and len(known) == len(given):
         return known

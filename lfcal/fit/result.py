@@ -21,7 +21,7 @@ from lfcal.fit.nuisance import Spread
 from lfcal.fit.setup import Setup
 from lfcal.fit.weighing import Levels
 from lfcal.plain import plain
-from lfcal.progress import Work, drain
+from lfcal.progress import Work, drained
 from lfcal.psf import PSFMatrix
 from lfcal.simulate.effects.base import Effect
 
@@ -213,7 +213,13 @@ class Fit:
         )
 
     def iter_model(self, workers: int | None = None) -> Work[PSFMatrix]:
-        """Compute H of the fitted camera as `model`; yields progress in rows."""
+        """Return H of the fitted camera over all positions and depths, without noise, in the units of the data.
+
+        Yields
+        ------
+        Progress
+            In rows.
+        """
         whole = np.empty(self.planned.shape, np.float32)
         yield from self.iter_planes(whole.__setitem__, workers)
         return PSFMatrix(
@@ -223,6 +229,8 @@ class Fit:
             anchor=self.planned.anchor,
             provenance=self.provenance,
         )
+
+    model = drained(iter_model)
 
     @property
     def unseen(self) -> tuple[int, ...]:
@@ -262,13 +270,13 @@ class Fit:
         """The setup with sources where H has them: depths stay as found, steps of the stage are the planned ones."""
         return replace(self.setup, stage_scale=0.0)
 
-    def hybrid(
+    def iter_hybrid(
         self,
         source: PSFMatrix | Measured,
         *,
         noise: tuple[float, float] | None = None,
         workers: int | None = None,
-    ) -> PSFMatrix:
+    ) -> Work[PSFMatrix]:
         """Return H of the fitted camera with what recorded patterns show beyond it, and the uncertainty of each entry.
 
         Parameters
@@ -280,23 +288,16 @@ class Fit:
         workers
             Threads; None takes every processor.
 
+        Yields
+        ------
+        Progress
+            In rows and tiles; closing it stops the computation.
+
         Raises
         ------
         InputError
             If they are of another scan, or their noise is not known.
         """
-        return drain(self.iter_hybrid(source, noise=noise, workers=workers))
-
-    def iter_hybrid(
-        self,
-        source: PSFMatrix | Measured,
-        *,
-        noise: tuple[float, float] | None = None,
-        workers: int | None = None,
-    ) -> Work[PSFMatrix]:
-        """Compute the hybrid H as `hybrid`; yields progress, and closing it stops the computation."""
         return (yield from iter_hybrid(self, source, noise=noise, workers=workers))
 
-    def model(self, workers: int | None = None) -> PSFMatrix:
-        """Return H of the fitted camera over all positions and depths, without noise, in the units of the data."""
-        return drain(self.iter_model(workers))
+    hybrid = drained(iter_hybrid)

@@ -17,7 +17,7 @@ from lfcal.fit.locate import Found, NewFrame
 from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness, PlaneModel
 from lfcal.fit.result import Fit
-from lfcal.progress import Clock, Work, drain
+from lfcal.progress import Clock, Work, drained
 
 __all__ = ["PointError", "Validation", "draw_validation", "iter_validate", "predicted_frame", "validate"]
 
@@ -142,7 +142,29 @@ class _ByModel:
 
 
 def iter_validate(fit: Fit, withheld: Measured, *, another: bool = False) -> Work[Validation]:
-    """Validate as `validate`; yields progress in points."""
+    """Return how well a fit predicts patterns that it never saw.
+
+    Gain, background and place of the source are found for each pattern; what is left beyond its noise is the error.
+
+    Parameters
+    ----------
+    fit
+        The fitted camera.
+    withheld
+        Patterns of the same scan that were not fitted, or of another one, at other places of the field.
+    another
+        They are of another recording: those at fitted positions were not fitted either.
+
+    Yields
+    ------
+    Progress
+        In points.
+
+    Raises
+    ------
+    InputError
+        If all of them were fitted, or they are of another sensor.
+    """
     done = {tuple(at) for at in fit.residuals}
     same = all(getattr(withheld.plan, name) == getattr(fit.planned, name) for name in ("anchor", "period", "depths_um"))
     seen = done if same and not another else set()
@@ -164,26 +186,7 @@ def iter_validate(fit: Fit, withheld: Measured, *, another: bool = False) -> Wor
     return Validation(tuple(sorted(points, key=lambda one: one.field)))
 
 
-def validate(fit: Fit, withheld: Measured, *, another: bool = False) -> Validation:
-    """Return how well a fit predicts patterns that it never saw.
-
-    Gain, background and place of the source are found for each pattern; what is left beyond its noise is the error.
-
-    Parameters
-    ----------
-    fit
-        The fitted camera.
-    withheld
-        Patterns of the same scan that were not fitted, or of another one, at other places of the field.
-    another
-        They are of another recording: those at fitted positions were not fitted either.
-
-    Raises
-    ------
-    InputError
-        If all of them were fitted, or they are of another sensor.
-    """
-    return drain(iter_validate(fit, withheld, another=another))
+validate = drained(iter_validate)
 
 
 class _Image:

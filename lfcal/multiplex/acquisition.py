@@ -14,7 +14,7 @@ from lfcal.checks import check_number
 from lfcal.errors import InputError
 from lfcal.multiplex.demultiplexing import demultiplex, multiplex
 from lfcal.multiplex.modulator import Modulator
-from lfcal.progress import Clock, Work, drain
+from lfcal.progress import Clock, Work, drained
 
 __all__ = ["Acquisition", "acquire_light_field", "iter_acquire_light_field"]
 
@@ -75,7 +75,33 @@ def iter_acquire_light_field(
     route: str = "spatial",
     filter: str = "cubic",
 ) -> Work[list[Acquisition]]:
-    """Record and demultiplex modulator by modulator; parameters and result as in `acquire_light_field`."""
+    """Return what each modulator makes of the same scene, exposure and camera.
+
+    Parameters
+    ----------
+    light
+        Plenoptic samples at every pixel ``(N, rows, columns)``; their sum over N is the unmodulated light.
+    modulators
+        Of N samples each.
+    chi2
+        s_p^2 / s_c^2 of the camera; inf for one without read noise.
+    signal_e
+        Electrons a pixel collects from unmodulated light of one.
+    rng
+        Source of the shot and read noise.
+    route, filter
+        Of the reconstruction, as in `demultiplex`.
+
+    Yields
+    ------
+    Progress
+        In modulators.
+
+    Raises
+    ------
+    InputError
+        If chi2 is not above 0 or the scene is not one of these modulators.
+    """
     scene = np.asarray(light, float)
     check_number("electrons of unmodulated light", signal_e, above=0)
     if not chi2 > 0:
@@ -94,38 +120,9 @@ def iter_acquire_light_field(
     return results
 
 
-def acquire_light_field(
-    light: ArrayLike,
-    modulators: Sequence[Modulator],
-    *,
-    chi2: float,
-    signal_e: float = 1000.0,
-    rng: np.random.Generator,
-    route: str = "spatial",
-    filter: str = "cubic",
-) -> list[Acquisition]:
-    """Return what each modulator makes of the same scene, exposure and camera.
-
-    Parameters
-    ----------
-    light
-        Plenoptic samples at every pixel ``(N, rows, columns)``; their sum over N is the unmodulated light.
-    modulators
-        Of N samples each.
-    chi2
-        s_p^2 / s_c^2 of the camera; inf for one without read noise.
-    signal_e
-        Electrons a pixel collects from unmodulated light of one.
-    rng
-        Source of the shot and read noise.
-    route, filter
-        Of the reconstruction, as in `demultiplex`.
-
-    Raises
-    ------
-    InputError
-        If chi2 is not above 0 or the scene is not one of these modulators.
-
+acquire_light_field = drained(
+    iter_acquire_light_field,
+    """
     Examples
     --------
     >>> import numpy as np
@@ -136,10 +133,8 @@ def acquire_light_field(
     >>> hole, lens = acquire_light_field(light, kinds, chi2=np.inf, rng=rng, filter="nearest")
     >>> print(f"lenslets gain {lens.snr_db - hole.snr_db:.0f} dB")  # 25 times the photons
     lenslets gain 7 dB
-    """
-    return drain(
-        iter_acquire_light_field(light, modulators, chi2=chi2, signal_e=signal_e, rng=rng, route=route, filter=filter)
-    )
+    """,
+)
 
 
 def _sampled(scene: NDArray[np.float64], modulator: Modulator, shape: tuple[int, ...]) -> NDArray[np.float64]:

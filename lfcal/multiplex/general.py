@@ -20,7 +20,7 @@ from lfcal.errors import InputError
 from lfcal.multiplex.demultiplexing import check_frame
 from lfcal.multiplex.modulator import Modulator
 from lfcal.multiplex.weighted import measured
-from lfcal.progress import Clock, Work, drain
+from lfcal.progress import Clock, Work, drained
 
 __all__ = ["GeneralModel", "GeneralSamples", "demultiplex_generally", "iter_demultiplex_generally", "mask_shadows"]
 
@@ -111,7 +111,36 @@ def iter_demultiplex_generally(
     tolerance: float = 1e-6,
     most: int = 400,
 ) -> Work[GeneralSamples]:
-    """Solve iteration by iteration; parameters and result as in `demultiplex_generally`."""
+    """Return the samples of a frame behind any modulator, periodic or not, separable or not.
+
+    Parameters
+    ----------
+    frame
+        ``(rows, columns)``, background subtracted.
+    transmissions
+        ``(N, rows, columns)``, what each pixel takes of each sample; or a modulator, repeated over the frame.
+    spacing
+        Pixels per node of the samples' grid, or (rows, columns): about the root of N where all is to be measured.
+    weights
+        Inverse variances of the pixels, 0 for saturated and dead ones.
+    smoothness
+        Weight of the squared differences between neighbouring nodes, over the mean measured share: what decides where
+        pixels leave a sample open. It must be small compared with the signal-to-noise ratio.
+    tolerance
+        The gradient's norm over its first, at which the iterations end.
+    most
+        Iterations at most.
+
+    Yields
+    ------
+    Progress
+        In iterations.
+
+    Raises
+    ------
+    InputError
+        If the transmissions are not those of the frame, or an option is out of range.
+    """
     pair = spacing if isinstance(spacing, tuple) else (spacing, spacing)
     seen, known = measured(frame, weights)
     image = check_frame(seen, (1, 1)).astype(float)
@@ -145,41 +174,9 @@ def iter_demultiplex_generally(
     return GeneralSamples(x, done, miss**0.5, (done + 2) * model.operations)
 
 
-def demultiplex_generally(
-    frame: ArrayLike,
-    transmissions: ArrayLike | Modulator,
-    spacing: float | tuple[float, float],
-    *,
-    weights: ArrayLike | None = None,
-    smoothness: float = 1e-4,
-    tolerance: float = 1e-6,
-    most: int = 400,
-) -> GeneralSamples:
-    """Return the samples of a frame behind any modulator, periodic or not, separable or not.
-
-    Parameters
-    ----------
-    frame
-        ``(rows, columns)``, background subtracted.
-    transmissions
-        ``(N, rows, columns)``, what each pixel takes of each sample; or a modulator, repeated over the frame.
-    spacing
-        Pixels per node of the samples' grid, or (rows, columns): about the root of N where all is to be measured.
-    weights
-        Inverse variances of the pixels, 0 for saturated and dead ones.
-    smoothness
-        Weight of the squared differences between neighbouring nodes, over the mean measured share: what decides where
-        pixels leave a sample open. It must be small beside the signal to noise.
-    tolerance
-        The gradient's norm over its first, at which the iterations end.
-    most
-        Iterations at most.
-
-    Raises
-    ------
-    InputError
-        If the transmissions are not those of the frame, or an option is out of range.
-
+demultiplex_generally = drained(
+    iter_demultiplex_generally,
+    """
     Examples
     --------
     >>> import numpy as np
@@ -189,12 +186,8 @@ def demultiplex_generally(
     >>> found = demultiplex_generally(frame, shares, spacing=2)
     >>> print(found.samples.shape, found.samples.mean(axis=(1, 2)).round(3))
     (2, 12, 12) [0.7 0.3]
-    """
-    return drain(
-        iter_demultiplex_generally(
-            frame, transmissions, spacing, weights=weights, smoothness=smoothness, tolerance=tolerance, most=most
-        )
-    )
+    """,
+)
 
 
 def mask_shadows(pattern: ArrayLike, shape: tuple[int, int], views: tuple[int, int], shift_px: float) -> Array:

@@ -15,7 +15,7 @@ from lfcal.multiplex.demosaicing import can_estimate
 from lfcal.multiplex.demultiplexing import demultiplex, multiplex
 from lfcal.multiplex.filters import COLOUR_FILTERS, SPATIAL_FILTERS
 from lfcal.multiplex.modulator import Modulator
-from lfcal.progress import Clock, Work, drain
+from lfcal.progress import Clock, Work, drained
 
 __all__ = ["WAYS", "FilterTrial", "Ringing", "iter_measure_filters", "measure_filters", "ringing", "ways_of"]
 
@@ -150,7 +150,28 @@ def iter_measure_filters(
     rounds: int = 3,
     workers: int | None = None,
 ) -> Work[list[FilterTrial]]:
-    """Try one way after the other; parameters and result as in `measure_filters`."""
+    """Return error and seconds of each way to reconstruct a scene at every pixel.
+
+    Parameters
+    ----------
+    scene
+        Plenoptic samples at every pixel ``(N, rows, columns)``.
+    modulator
+        It is acquired with this.
+    ways
+        Pairs of route and filter; None: `ways_of` the modulator.
+    noise
+        Added to the frame.
+    rounds
+        Each way is run as often, after once to compile; the shortest time counts.
+    workers
+        Threads.
+
+    Yields
+    ------
+    Progress
+        In ways.
+    """
     truth = np.asarray(scene, float)
     frame = multiplex(truth, modulator) + noise
     inner = _inside(truth.shape[1:], modulator.side)
@@ -174,32 +195,9 @@ def iter_measure_filters(
     return [_marked(trial, trials) for trial in trials]
 
 
-def measure_filters(
-    scene: ArrayLike,
-    modulator: Modulator,
-    *,
-    ways: Sequence[tuple[str, str]] | None = None,
-    noise: NDArray[Any] | float = 0.0,
-    rounds: int = 3,
-    workers: int | None = None,
-) -> list[FilterTrial]:
-    """Return error and seconds of each way to reconstruct a scene at every pixel.
-
-    Parameters
-    ----------
-    scene
-        Plenoptic samples at every pixel ``(N, rows, columns)``.
-    modulator
-        It is acquired with this.
-    ways
-        Pairs of route and filter; None: `ways_of` the modulator.
-    noise
-        Added to the frame.
-    rounds
-        Each way is run as often, after once to compile; the shortest time counts.
-    workers
-        Threads.
-
+measure_filters = drained(
+    iter_measure_filters,
+    """
     Examples
     --------
     >>> import numpy as np
@@ -211,8 +209,8 @@ def measure_filters(
     spatial, nearest: error 0.113
     spatial, linear: error 0.028
     spatial, cubic: error 0.005
-    """
-    return drain(iter_measure_filters(scene, modulator, ways=ways, noise=noise, rounds=rounds, workers=workers))
+    """,
+)
 
 
 def _marked(trial: FilterTrial, trials: list[FilterTrial]) -> FilterTrial:

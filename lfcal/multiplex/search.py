@@ -18,7 +18,7 @@ from lfcal.multiplex.mask_bounds import MAX_EXHAUSTIVE, best_binary_mask, mask_g
 from lfcal.multiplex.masks import MASKS, mask, mask_at_distance, mask_pattern
 from lfcal.multiplex.modulator import Modulator, modulator_from_matrix
 from lfcal.multiplex.noise import amplification, snr_gain
-from lfcal.progress import Clock, Progress, Work, drain, leave_if_unwanted
+from lfcal.progress import Clock, Progress, Work, drained, leave_if_unwanted
 
 __all__ = [
     "Frontier",
@@ -309,7 +309,24 @@ class SearchProgress(Progress):
 def iter_mask_frontier(
     size: int, chi2: float, *, points: int = 7, starts: int = 6, rng: np.random.Generator | None = None
 ) -> Work[Frontier]:
-    """Search mask by mask; parameters and result as in `mask_frontier`, progress as `SearchProgress`."""
+    """Return the known masks and those searched for chi^2 from 0 to infinity, with their gains over a pinhole.
+
+    Parameters
+    ----------
+    size
+        Pixels along a side.
+    chi2
+        The camera's; one mask is searched for it.
+    points
+        Values of chi^2 to search at, 0 and infinity among them.
+    starts, rng
+        As in `best_mask`.
+
+    Yields
+    ------
+    SearchProgress
+        In masks.
+    """
     random = rng or np.random.default_rng(0)
     ratios = [0.0, *np.logspace(-2, 3, max(0, points - 2)), math.inf, chi2]
     clock = Clock("masks", len(ratios))
@@ -333,27 +350,14 @@ def iter_mask_frontier(
     return so_far()
 
 
-def mask_frontier(
-    size: int, chi2: float, *, points: int = 7, starts: int = 6, rng: np.random.Generator | None = None
-) -> Frontier:
-    """Return the known masks and those searched for chi^2 from 0 to infinity, with their gains over a pinhole.
-
-    Parameters
-    ----------
-    size
-        Pixels along a side.
-    chi2
-        The camera's; one mask is searched for it.
-    points
-        Values of chi^2 to search at, 0 and infinity among them.
-    starts, rng
-        As in `best_mask`.
-
+mask_frontier = drained(
+    iter_mask_frontier,
+    """
     Examples
     --------
     >>> from lfcal.multiplex import mask_frontier
     >>> found = mask_frontier(3, 0.1, points=2, starts=1)
     >>> print(f"best of {len(found.modulators)}: {found.chosen.max():.2f} dB over a hole, bound {found.bound:.2f} dB")
     best of 6: 1.90 dB over a hole, bound 2.16 dB
-    """
-    return drain(iter_mask_frontier(size, chi2, points=points, starts=starts, rng=rng))
+    """,
+)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.errors import InputError
-from lfcal.progress import Clock, Work, drain
+from lfcal.progress import Clock, Work, drained
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.threads import for_each_chunk
 
@@ -96,22 +96,6 @@ class Comparison:
         }
 
 
-def compare(H: PSFMatrix | ArrayLike, reference: PSFMatrix | ArrayLike, *, workers: int | None = None) -> Comparison:
-    """Return how far ``H`` is from ``reference``: see `iter_compare`.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from lfcal.psf import compare
-    >>> reference = np.zeros((1, 1, 1, 7, 7))
-    >>> reference[..., 3, 2:5] = 1  # three pixels in a row
-    >>> found = compare(2 * np.roll(reference, 1, axis=-1), reference)
-    >>> print(f"{found.scale[0]:.1f} times as bright, {found.max_shift_px:.2f} px off, {found.correlation:.3f}")
-    2.0 times as bright, 1.00 px off, 0.667
-    """
-    return drain(iter_compare(H, reference, workers=workers))
-
-
 def iter_compare(
     H: PSFMatrix | ArrayLike, reference: PSFMatrix | ArrayLike, *, workers: int | None = None
 ) -> Work[Comparison]:
@@ -145,6 +129,22 @@ def iter_compare(
     if "c" in (a.dtype.kind, b.dtype.kind):
         raise InputError("comparison: expected real numbers, got complex ones; give intensities")
     return _iter_planes(a, b, workers)
+
+
+compare = drained(
+    iter_compare,
+    """
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import compare
+    >>> reference = np.zeros((1, 1, 1, 7, 7))
+    >>> reference[..., 3, 2:5] = 1  # three pixels in a row
+    >>> found = compare(2 * np.roll(reference, 1, axis=-1), reference)
+    >>> print(f"{found.scale[0]:.1f} times as bright, {found.max_shift_px:.2f} px off, {found.correlation:.3f}")
+    2.0 times as bright, 1.00 px off, 0.667
+    """,
+)
 
 
 def _iter_planes(a: PSFMatrix, b: PSFMatrix, workers: int | None) -> Work[Comparison]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.progress import Clock, Work, drain
+from lfcal.progress import Clock, Work, drained
 from lfcal.psf.compare import centroids
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.pairing import Pair, pair
@@ -154,14 +154,9 @@ class Difference:
         }
 
 
-def difference(
+def iter_difference(
     a: PSFMatrix | ArrayLike, b: PSFMatrix | ArrayLike, *, by_number: bool = False, workers: int | None = None
-) -> Difference:
-    """Return what sets two H apart: see `iter_difference`."""
-    return drain(iter_difference(pair(a, b, by_number=by_number), workers=workers))
-
-
-def iter_difference(both: Pair, *, workers: int | None = None) -> Work[Difference]:
+) -> Work[Difference]:
     """Compare two H; a few rows of positions of each are in memory at a time.
 
     The shift of a plane is told from the cross-spectrum of some of its patterns and refined by all of them: b is put
@@ -169,11 +164,17 @@ def iter_difference(both: Pair, *, workers: int | None = None) -> Work[Differenc
 
     Parameters
     ----------
-    both
-        What of them is compared.
+    a, b, by_number
+        As for `pair`, which says what of them is compared.
     workers
         Threads; every processor by default.
+
+    Raises
+    ------
+    InputError
+        As `pair`.
     """
+    both = pair(a, b, by_number=by_number)
     n, ny, nx = both.shape[:3]
     threads = worker_count(workers)
     clock = Clock("comparing two H", n * ny)
@@ -217,6 +218,9 @@ def iter_difference(both: Pair, *, workers: int | None = None) -> Work[Differenc
     )
     together = [_together(sums[:, t], [p.all if t == 0 else p.types[t - 1] for p in planes]) for t in range(1 + kinds)]
     return Difference(both, together[0], tuple(together[1:]), planes, error, shift)
+
+
+difference = drained(iter_difference)
 
 
 def _sensor_types(both: Pair) -> NDArray[np.intp] | None:

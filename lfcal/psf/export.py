@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from lfcal.errors import InputError
 from lfcal.files import check_other_file, replace_whole, require_space, storage_errors
 from lfcal.npy import npy_header
-from lfcal.progress import Clock, Work, drain
+from lfcal.progress import Clock, Work, drained
 from lfcal.psf.light import empty_positions, empty_words
 from lfcal.psf.matlab import MatOptions, iter_write_mat, mat_notes
 from lfcal.psf.matrix import PSFMatrix
@@ -198,6 +198,21 @@ def iter_export(
     return WRITERS[suffix].write(matrix, path, options)
 
 
+export = drained(
+    iter_export,
+    """
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import export, open_psf
+    >>> with open_psf("H.h5") as H:
+    ...     path = export(H, "H.npy")
+    >>> print(path.name, np.load(path).shape)
+    H.npy (2, 19, 33, 55, 55)
+    """,
+)
+
+
 def check_export(matrix: PSFMatrix, path: str | os.PathLike[str], options: ExportOptions) -> str:
     """Return the format's suffix; raises `InputError` as `iter_export`."""
     suffix = Path(path).suffix.lower()
@@ -221,43 +236,3 @@ def check_missing(matrix: PSFMatrix, suffix: str, options: ExportOptions) -> Non
             empty_words(matrix),
             "fill them (lfcal assemble --fill), write an H file (.h5), or allow zeros in their place (--allow-missing)",
         )
-
-
-def export(
-    matrix: PSFMatrix,
-    path: str | os.PathLike[str],
-    *,
-    compress: bool | None = None,
-    dtype: str | None = None,
-    include_transpose: bool | None = None,
-    rows_first: bool | None = None,
-    lens_centred: bool | None = None,
-    interpolation: str | None = None,
-    position: tuple[int, int] | None = None,
-    allow_missing: bool | None = None,
-) -> Path:
-    """Write ``matrix`` at once; see `iter_export`.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from lfcal.psf import export, open_psf
-    >>> with open_psf("H.h5") as H:
-    ...     path = export(H, "H.npy")
-    >>> print(path.name, np.load(path).shape)
-    H.npy (2, 19, 33, 55, 55)
-    """
-    return drain(
-        iter_export(
-            matrix,
-            path,
-            compress=compress,
-            dtype=dtype,
-            include_transpose=include_transpose,
-            rows_first=rows_first,
-            lens_centred=lens_centred,
-            interpolation=interpolation,
-            position=position,
-            allow_missing=allow_missing,
-        )
-    )

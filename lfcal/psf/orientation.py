@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lfcal.camera import ScanPlan
 from lfcal.frames.orientation import AS_IS, ORIENTATIONS
 from lfcal.frames.source import FrameSource
-from lfcal.progress import Work, drain
+from lfcal.progress import Work, drained
 from lfcal.psf.spot_path import SpotPath, iter_spot_path
 
 __all__ = [
@@ -107,13 +107,10 @@ class FoundOrientation:
         return f"{SCAN[self.name]} against the plan" if self.cause == "scan" else either_words(self.name)
 
 
-def find_orientation(source: FrameSource, plan: ScanPlan) -> FoundOrientation:
-    """Return which way the frames lie; see `iter_find_orientation`."""
-    return drain(iter_find_orientation(source, plan))
-
-
 def iter_find_orientation(source: FrameSource, plan: ScanPlan) -> Work[FoundOrientation]:
-    """Read about 20 frames and hold the pattern's path against the planned one in all eight orientations.
+    """Return the orientation of the frames.
+
+    About 20 frames are read. The pattern's path is compared with the planned one in all eight orientations.
 
     Parameters
     ----------
@@ -128,6 +125,9 @@ def iter_find_orientation(source: FrameSource, plan: ScanPlan) -> Work[FoundOrie
     drifts = [source.info(int(k)).drift for k in path.indices]
     expected += np.array([drift or (0.0, 0.0) for drift in drifts]).reshape(-1, 2)
     return orientation_of_path(path, expected, source.shape if whole else plan.camera.sensor.shape, plan)
+
+
+find_orientation = drained(iter_find_orientation)
 
 
 def orientation_of_path(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from lfcal.errors import InputError
 from lfcal.figures import figure, save_figure
-from lfcal.progress import Work, drain
+from lfcal.progress import Work, drained
 from lfcal.psf.compare import iter_compare
 from lfcal.psf.opening import open_psf, regions_of
 
@@ -86,9 +86,7 @@ def iter_region_loss(path: str | os.PathLike[str], *, workers: int | None = None
     return RegionLoss(tuple(names), np.array(anchors), np.stack(errors), np.array(shifts))
 
 
-def region_loss(path: str | os.PathLike[str], *, workers: int | None = None) -> RegionLoss:
-    """Hold every region of an H file against the first at once; see `iter_region_loss`."""
-    return drain(iter_region_loss(path, workers=workers))
+region_loss = drained(iter_region_loss)
 
 
 def draw_region_loss(loss: RegionLoss, path: Path) -> None:

@@ -18,7 +18,7 @@ from lfcal.camera import Camera
 from lfcal.errors import InputError
 from lfcal.files import check_other_file, require_space
 from lfcal.h5.writing import new_h5
-from lfcal.progress import Clock, Work, drain
+from lfcal.progress import Clock, Work, drained
 from lfcal.psf.chunk_codec import chunk_pipeline, parallel_write
 from lfcal.psf.facts import Facts
 from lfcal.psf.layout import ROUNDED, STORED_TYPES, MatrixGroup, MatrixHeader, StoredPlane
@@ -302,22 +302,9 @@ def iter_save(
     return Path(path)
 
 
-def facts_of(matrix: PSFMatrix) -> Facts:
-    """Return the facts of the positions of H, whether ``matrix`` is H or HT; a file of HT keeps them for H."""
-    return matrix.T.facts if matrix.is_transposed else matrix.facts
-
-
-def save(
-    matrix: PSFMatrix,
-    path: str | os.PathLike[str],
-    *,
-    dtype: str | None = None,
-    compression: str = "gzip",
-    workers: int | None = None,
-    store_tolerance: float | None = None,
-) -> Path:
-    """Write ``matrix`` to an H file; see `iter_save`.
-
+save = drained(
+    iter_save,
+    """
     Examples
     --------
     >>> import numpy as np
@@ -326,9 +313,13 @@ def save(
     >>> with open_psf(path) as H:
     ...     print(H, H.depths.tolist())
     <PSFMatrix (z, y, x, t, s) = (1, 3, 3, 5, 5), float32> [-500.0]
-    """
-    how: dict[str, Any] = {"dtype": dtype, "compression": compression, "store_tolerance": store_tolerance}
-    return drain(iter_save(matrix, path, workers=workers, **how))
+    """,
+)
+
+
+def facts_of(matrix: PSFMatrix) -> Facts:
+    """Return the facts of the positions of H, whether ``matrix`` is H or HT; a file of HT keeps them for H."""
+    return matrix.T.facts if matrix.is_transposed else matrix.facts
 
 
 def save_regions(

@@ -15,7 +15,7 @@ from lfcal.errors import FileFormatError, InputError, StorageError
 from lfcal.frames.source import Position
 from lfcal.h5.dataset import H5Data
 from lfcal.h5.file import H5File
-from lfcal.progress import Clock, Work, drain
+from lfcal.progress import Clock, Work, drained
 from lfcal.psf.chunk_codec import parallel_read
 from lfcal.psf.layout import plane_checksum
 from lfcal.psf.opening import FOREIGN, open_psf, regions_of, scaling_of, steps_in
@@ -155,9 +155,9 @@ def iter_verify(path: str | os.PathLike[str], *, workers: int | None = None) -> 
     return MatrixCheck(source, planes, compared, tuple(found), missing, tuple(strays))
 
 
-def verify(path: str | os.PathLike[str], *, workers: int | None = None) -> MatrixCheck:
-    """Check every plane of an H file; see `iter_verify`.
-
+verify = drained(
+    iter_verify,
+    """
     Examples
     --------
     >>> import numpy as np
@@ -166,8 +166,8 @@ def verify(path: str | os.PathLike[str], *, workers: int | None = None) -> Matri
     >>> check = verify(path)
     >>> print("as written:", check.ok, "-", check.missing, "of 12 positions were never recorded")
     as written: True - 6 of 12 positions were never recorded
-    """
-    return drain(iter_verify(path, workers=workers))
+    """,
+)
 
 
 class _Stored(NamedTuple):

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.progress import Clock, Work, drain
+from lfcal.progress import Clock, Work, drained
 from lfcal.reconstruct.projectors.projector import Projector
 from lfcal.reconstruct.solvers.richardson_lucy import richardson_lucy
 
@@ -162,17 +162,9 @@ def iter_two_point(
     return tuple(results)
 
 
-def two_point(
-    P: Projector,
-    distances: Sequence[int] = (2, 3, 4, 6, 8, 12, 16, 24),
-    *,
-    iterations: int = 30,
-    photons: float = 1e5,
-    seed: int | None = 0,
-    limit: float = RAYLEIGH_DIP,
-) -> tuple[TwoPoint, ...]:
-    """Return the resolution of each plane: `iter_two_point`, drained.
-
+two_point = drained(
+    iter_two_point,
+    """
     Examples
     --------
     >>> from lfcal.psf import open_psf
@@ -184,5 +176,5 @@ def two_point(
     ...     print(f"plane at {plane.depth_um / 1000:.0f} mm: apart from {plane.distance:.0f} voxels on")
     plane at -20 mm: apart from 4 voxels on
     plane at -26 mm: apart from 6 voxels on
-    """
-    return drain(iter_two_point(P, distances, iterations=iterations, photons=photons, seed=seed, limit=limit))
+    """,
+)

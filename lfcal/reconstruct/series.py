@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.errors import FileFormatError, InputError
 from lfcal.progress import Progress, Work
 from lfcal.reconstruct.projectors.projector import Projector
-from lfcal.reconstruct.solvers.choice import SOLVERS, SolverChoice, iter_reconstruct
+from lfcal.reconstruct.solvers.choice import SOLVERS, SolverChoice, iter_solve
 from lfcal.reconstruct.solvers.measurement import NothingMeasured
 from lfcal.reconstruct.solvers.records import Reconstruction, SolverProgress
 
@@ -88,7 +88,7 @@ def iter_frame(
     except FileFormatError as error:
         return error
     try:
-        return (yield from iter_reconstruct(P, image, choice, weights=weights, initial=initial))
+        return (yield from iter_solve(P, image, choice, weights=weights, initial=initial))
     except NothingMeasured as error:
         return error
 

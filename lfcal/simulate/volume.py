@@ -12,7 +12,7 @@ from lfcal.axes import centre
 from lfcal.camera import ScanPlan
 from lfcal.checks import check_number
 from lfcal.errors import InputError
-from lfcal.progress import Clock, Work, drain
+from lfcal.progress import Clock, Work, drained
 from lfcal.psf import PSFMatrix
 from lfcal.simulate._scatter import Row, scatter
 from lfcal.simulate.engines.base import Sampling
@@ -79,7 +79,31 @@ def iter_light_field(
     sampling: Sampling | None = None,
     workers: int | None = None,
 ) -> Work[NDArray[np.float32]]:
-    """Compute `light_field`; yields progress in source rows of the period.
+    """Return the light field image of a glowing volume, ``f[p] = sum_v g[v] H[v mod n][p - v + c]``.
+
+    Parameters
+    ----------
+    volume
+        ``(nz, rows, columns)``: one plane per depth, one voxel per sensor pixel; voxel (0, 0) is source
+        position (0, 0). Borders are dark.
+    through
+        A PSF matrix, or a scan plan whose camera is simulated; then only the positions that glow are computed.
+    effects, level, tolerance, sampling, workers
+        As in `simulate_psf`, for a scan plan.
+
+    Returns
+    -------
+    Image ``(rows, columns)``, float32, before the sensor; `lfcal.simulate.expose` makes a frame of it.
+
+    Yields
+    ------
+    Progress
+        In source rows of the period.
+
+    Raises
+    ------
+    InputError
+        If the volume does not have one finite plane per depth.
 
     Examples
     --------
@@ -118,37 +142,9 @@ def iter_light_field(
     return image[half_t : half_t + rows, half_s : half_s + columns].astype(np.float32)
 
 
-def light_field(
-    volume: NDArray[np.float32],
-    through: PSFMatrix | ScanPlan,
-    *,
-    effects: EffectsLike = "auto",
-    level: str = "auto",
-    tolerance: float | None = None,
-    sampling: Sampling | None = None,
-    workers: int | None = None,
-) -> NDArray[np.float32]:
-    """Return the light field image of a glowing volume, ``f[p] = sum_v g[v] H[v mod n][p - v + c]``.
-
-    Parameters
-    ----------
-    volume
-        ``(nz, rows, columns)``: one plane per depth, one voxel per sensor pixel; voxel (0, 0) is source
-        position (0, 0). Borders are dark.
-    through
-        A PSF matrix, or a scan plan whose camera is simulated; then only the positions that glow are computed.
-    effects, level, tolerance, sampling, workers
-        As in `simulate_psf`, for a scan plan.
-
-    Returns
-    -------
-    Image ``(rows, columns)``, float32, before the sensor; `lfcal.simulate.expose` makes a frame of it.
-
-    Raises
-    ------
-    InputError
-        If the volume does not have one finite plane per depth.
-
+light_field = drained(
+    iter_light_field,
+    """
     Examples
     --------
     >>> import numpy as np
@@ -160,12 +156,8 @@ def light_field(
     ...     image = light_field(volume, H)
     ...     print(image.shape, round(float(image.sum() / H.plane(1)[40 % 19, 40 % 33].sum()), 3))  # twice the response
     (80, 80) 2.0
-    """
-    return drain(
-        iter_light_field(
-            volume, through, effects=effects, level=level, tolerance=tolerance, sampling=sampling, workers=workers
-        )
-    )
+    """,
+)
 
 
 # -- objects ---------------------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from lfcal.camera import ScanPlan
 from lfcal.checks import check_number
 from lfcal.errors import InputError
-from lfcal.progress import Clock, Work, drain
+from lfcal.progress import Clock, Work, drained
 from lfcal.targets.covering import FINEST_PX, iter_cover
 from lfcal.targets.images import HoleImages, hole_images
 from lfcal.targets.phases import Phases
@@ -134,9 +134,9 @@ def iter_plan_target(scan: ScanPlan, target: Target, wishes: Wishes | None = Non
     return TargetPlan(scan, target, tuple(offsets), wishes.tolerance_px, crosstalk, tails[-1].level)
 
 
-def plan_target(scan: ScanPlan, target: Target, wishes: Wishes | None = None) -> TargetPlan:
-    """Plan a target at once; see `iter_plan_target`.
-
+plan_target = drained(
+    iter_plan_target,
+    """
     Examples
     --------
     >>> from lfcal.camera import ScanPlan, preset
@@ -146,8 +146,8 @@ def plan_target(scan: ScanPlan, target: Target, wishes: Wishes | None = None) ->
     >>> plan = plan_target(scan, Target("square", (15, 15), (pitch, pitch)), Wishes(level="geometric"))
     >>> print(f"{len(plan.frames)} frame shows {plan.coverage(0):.0%} of the positions")
     1 frame shows 100% of the positions
-    """
-    return drain(iter_plan_target(scan, target, wishes))
+    """,
+)
 
 
 def _too_close(

@@ -8,7 +8,18 @@ from types import SimpleNamespace
 
 import pytest
 
-from lfcal.accuracy import PLACES, Place, Rung, Step, Subject, Truth, iter_curve, iter_curves, measure, measure_curve
+from lfcal.accuracy import (
+    PLACES,
+    Place,
+    Rung,
+    Step,
+    Subject,
+    Truth,
+    iter_curves,
+    iter_measure_curve,
+    measure,
+    measure_curve,
+)
 from lfcal.accuracy.catalogue import find_places
 from lfcal.errors import InputError
 from lfcal.progress import drain
@@ -57,7 +68,7 @@ def test_closed_early_it_keeps_the_rungs_and_closes_the_place(subject: Subject) 
         finally:
             closed.append(True)
 
-    work = iter_curve(place(endless), subject)
+    work = iter_measure_curve(place(endless), subject)
     for record in work:
         if len(record.curve.rungs) == 3:  # type: ignore[attr-defined]
             break

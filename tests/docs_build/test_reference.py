@@ -8,6 +8,8 @@ import types
 from functools import cache
 from pathlib import Path
 
+import pytest
+
 import lfcal.camera
 import lfcal.psf
 from docs_build.reference import Package, packages, page_of
@@ -45,3 +47,57 @@ def test_a_page_names_modules_and_what_they_make_public() -> None:
     assert page.startswith("# lfcal.psf\n") and "::: lfcal.psf.transpose\n" in page
     assert '"transpose"' in page and "`open_psf`" in page and "._" not in page
     assert found()["lfcal.psf"].page == "reference/lfcal.psf.md" and found()["lfcal.psf"].summary == "The PSF matrix H."
+
+
+def test_derived_functions_are_public() -> None:
+    module = next(m for m in found()["lfcal.fit"].modules if m.name == "lfcal.fit.fit")
+    assert {"fit_camera", "iter_fit_camera"} <= set(module.public)
+
+
+def test_derived_functions_are_shown_as_functions(tmp_path: Path) -> None:
+    griffe = pytest.importorskip("griffe", reason="the group of packages that build the documentation is not installed")
+    (tmp_path / "adding").mkdir()
+    (tmp_path / "adding" / "__init__.py").write_text(SOURCE, encoding="utf-8")
+    extensions = griffe.load_extensions(str(ROOT / "docs_build" / "drained.py"))
+    made = griffe.load("adding", search_paths=[tmp_path], extensions=extensions, docstring_parser="numpy")
+    add, count = made["add"], made["count"]
+    assert [(one.name, one.default) for one in add.parameters] == [("a", None), ("b", "1")]
+    assert (str(add.returns), str(count.returns)) == ("int", "list[int]")
+    assert [section.kind.value for section in add.docstring.parsed] == ["text", "raises", "examples"]
+
+
+SOURCE = '''
+from collections.abc import Generator
+from lfcal.progress import Progress, Work, drained
+
+Counting = Generator[Progress, None, list[int]]
+
+def iter_add(a: int, b: int = 1) -> Work[int]:
+    """Add.
+
+    Yields
+    ------
+    Progress
+        Once.
+
+    Raises
+    ------
+    InputError
+        If there is nothing to add.
+    """
+
+add = drained(
+    iter_add,
+    """
+    Examples
+    --------
+    >>> add(2)
+    3
+    """,
+)
+
+def iter_count() -> Counting:
+    """Count."""
+
+count = drained(iter_count)
+'''

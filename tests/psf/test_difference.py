@@ -274,7 +274,7 @@ def test_rows_are_read_one_by_one() -> None:
             raise NotImplementedError
 
     planes = [Counting(spots((1, 8, 4, 9, 9))) for _ in range(2)]
-    records = list(iter_difference(pair(*(PSFMatrix(p) for p in planes)), workers=2))
+    records = list(iter_difference(*(PSFMatrix(p) for p in planes), workers=2))
     assert [p.whole for p in planes] == [0, 0], "never a whole plane"
     assert all(isinstance(r, Progress) for r in records) and [r.done for r in records] == [0, 2, 4, 6, 8]
 

@@ -13,7 +13,7 @@ from gui.models.form import Field
 from gui.models.project import ProjectState
 from gui.models.settings import PageSettings
 from gui.models.words import typeset
-from lfcal.accuracy import PLACES, Curve, Rung, Subject, iter_curve
+from lfcal.accuracy import PLACES, Curve, Rung, Subject, iter_measure_curve
 from lfcal.accuracy.base import cost_axis, format_cost
 from lfcal.errors import InputError
 from lfcal.progress import Work
@@ -106,7 +106,7 @@ def iter_measure(project: ProjectState, settings: AccuracySettings, places: Iter
     with ExitStack() as stack:
         subject = _subject(project, settings, stack)
         for number, place in enumerate(chosen):
-            work = iter_curve(place, subject, settings.seconds, number=number, total=len(chosen))
+            work = iter_measure_curve(place, subject, settings.seconds, number=number, total=len(chosen))
             stack.callback(work.close)
             kept.curves[place.name] = yield from _keeping(work, kept)
 

@@ -87,10 +87,9 @@ def iter_compare(asked: Asked, kept: KeptDifference) -> Work[None]:
     """Compare two files; what is found is in ``kept``, as jobs are remembered long after they ended."""
     from lfcal.psf import open_psf
     from lfcal.psf.difference import iter_difference
-    from lfcal.psf.pairing import pair
 
     with open_psf(asked.first[0]) as a, open_psf(asked.second[0]) as b:
-        kept.found = yield from iter_difference(pair(a, b, by_number=asked.by_number))
+        kept.found = yield from iter_difference(a, b, by_number=asked.by_number)
 
 
 def iter_compared(asked: Asked, found: Difference, folder: str) -> Work[Path]:

@@ -39,12 +39,11 @@ def compared(first: str, second: str, out: str = "", *, by_number: bool = False)
     python = f"""
 from lfcal.progress import drain
 from lfcal.psf import open_psf
-from lfcal.psf.difference import iter_difference
-from lfcal.psf.pairing import pair
+from lfcal.psf.difference import difference
 from lfcal.psf.report.two import iter_compared_report, verdict
 
 with open_psf({first!r}) as a, open_psf({second!r}) as b:
-    found = drain(iter_difference(pair(a, b, by_number={by_number!r})))
+    found = difference(a, b, by_number={by_number!r})
     print(verdict(found))
 {report}"""
     return Step(("compare", first, second, *options_of(pairs)), python)

@@ -16,7 +16,7 @@ from lfcal.psf import PSFMatrix
 from lfcal.reconstruct.margin import cropped
 from lfcal.reconstruct.metrics import nrmse
 from lfcal.reconstruct.resample import Resampling, drift_note, drift_words
-from lfcal.reconstruct.solvers.choice import iter_reconstruct
+from lfcal.reconstruct.solvers.choice import iter_solve
 from lfcal.reconstruct.solvers.records import SolverProgress, SolverState
 from lfcal.units import format_seconds
 
@@ -140,7 +140,7 @@ class Solving:
         image, weights = self.image, None
         if self._view is not None:
             image, weights = self._view.apply(self.image), self._view.inside(self._shape)
-        running = iter_reconstruct(self._projector, image[self.window], choice, weights=weights, resume=self.state)
+        running = iter_solve(self._projector, image[self.window], choice, weights=weights, resume=self.state)
         try:
             while True:
                 record = next(running)

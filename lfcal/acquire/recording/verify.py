@@ -17,7 +17,7 @@ from lfcal.acquire.recording.records import Kind, file_name
 from lfcal.acquire.recording.recovery import opened
 from lfcal.acquire.session_file import SessionFile
 from lfcal.frames.source import Position
-from lfcal.progress import Clock, Work, drain
+from lfcal.progress import Clock, Work, drained
 from lfcal.threads import worker_count
 
 __all__ = ["DamagedFrame", "FileReport", "SessionReport", "iter_verify", "verify"]
@@ -168,9 +168,9 @@ def iter_verify(folder: Path, *, workers: int | None = None) -> Work[SessionRepo
     return _report(folder, session, checked)
 
 
-def verify(folder: Path, *, workers: int | None = None) -> SessionReport:
-    """Check every record and every frame of a session; see `iter_verify`.
-
+verify = drained(
+    iter_verify,
+    """
     Examples
     --------
     >>> from pathlib import Path
@@ -179,8 +179,8 @@ def verify(folder: Path, *, workers: int | None = None) -> SessionReport:
     >>> damaged: tuple[DamagedFrame, ...] = report.damaged
     >>> print(report.ok, len(damaged), "damaged,", len(report.never_taken), "never taken")
     True 0 damaged, 0 never taken
-    """
-    return drain(iter_verify(folder, workers=workers))
+    """,
+)
 
 
 class _Checked:

@@ -13,7 +13,7 @@ from lfcal.frames.cfa import pattern_side, same_colour_offsets
 from lfcal.frames.corrections import _kernels
 from lfcal.frames.corrections.defects import Defects
 from lfcal.frames.source import FrameSource
-from lfcal.progress import Clock, Work, drain
+from lfcal.progress import Clock, Work, drained
 from lfcal.threads import for_each_chunk
 
 __all__ = ["find_defects", "iter_find_defects"]
@@ -107,11 +107,9 @@ def iter_find_defects(
     return defects
 
 
-def find_defects(
-    source: FrameSource, *, frames: int = 64, threshold: float = 8.0, workers: int | None = None
-) -> Defects:
-    """Return the hot, dead and stuck pixels of the sensor; see `iter_find_defects`.
-
+find_defects = drained(
+    iter_find_defects,
+    """
     Examples
     --------
     >>> import numpy as np
@@ -121,8 +119,8 @@ def find_defects(
     >>> found = find_defects(ArraySource(darks, [(0, 0, k) for k in range(3)]))
     >>> print(found.pixels.tolist(), found.kinds)
     [[4, 7]] ('hot',)
-    """
-    return drain(iter_find_defects(source, frames=frames, threshold=threshold, workers=workers))
+    """,
+)
 
 
 class _Suspects:

@@ -28,18 +28,11 @@ from lfcal.frames.photon_transfer.pairs import Points
 from lfcal.frames.photon_transfer.pattern import find_dead, measure_prnu
 from lfcal.frames.photon_transfer.result import SensorMeasurement
 from lfcal.frames.photon_transfer.values import Measured
-from lfcal.progress import Clock, Work, drain
+from lfcal.progress import Clock, Work, drained
 
 __all__ = ["iter_measure_sensor", "measure_sensor"]
 
 FEWEST_PIXELS = 1000
-
-
-def measure_sensor(
-    flats: Sequence[CalibrationFrame], darks: Sequence[CalibrationFrame], *, cfa: str = ""
-) -> SensorMeasurement:
-    """Measure a sensor at once; see `iter_measure_sensor`."""
-    return drain(iter_measure_sensor(flats, darks, cfa=cfa))
 
 
 def iter_measure_sensor(
@@ -109,6 +102,9 @@ def iter_measure_sensor(
         done += len(held)
         yield clock.at(done)
     return _measurement(converter, dark_levels, levels, cfa, (len(flats), len(darks)))
+
+
+measure_sensor = drained(iter_measure_sensor)
 
 
 def _by_exposure(darks: Sequence[CalibrationFrame]) -> list[list[CalibrationFrame]]:

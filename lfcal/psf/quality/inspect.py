@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfcal.camera import Camera, Microscope
 from lfcal.errors import InputError
-from lfcal.progress import Clock, Work, drain
+from lfcal.progress import Clock, Work, drained
 from lfcal.psf.aperture import Aperture, FNumber, Iris, joint_iris, working_f_number
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.quality.across import MatrixMeasures
@@ -43,22 +43,6 @@ class InspectedPlane:
 
     measures: PlaneMeasures
     readings: Mapping[str, Reading]
-
-
-def inspect(
-    matrix: PSFMatrix | ArrayLike, *, controls: Controls | None = None, workers: int | None = None
-) -> QualityReport:
-    """Return the quality of H: see `iter_inspect`.
-
-    Examples
-    --------
-    >>> from lfcal.psf import inspect, open_psf
-    >>> with open_psf("H.h5") as H:
-    ...     quality = inspect(H)
-    >>> print(quality.merit, quality["missing"].text, quality.iris.blades, "blades")
-    good 0 frames 7 blades
-    """
-    return drain(iter_inspect(matrix, controls=controls, workers=workers))
 
 
 def iter_inspect(
@@ -99,6 +83,20 @@ def iter_inspect(
         plane = yield from iter_inspect_plane(H, z, clock, before=z, controls=controls, workers=workers)
         planes.append(plane)
     return judged(H, planes, time.perf_counter() - start)
+
+
+inspect = drained(
+    iter_inspect,
+    """
+    Examples
+    --------
+    >>> from lfcal.psf import inspect, open_psf
+    >>> with open_psf("H.h5") as H:
+    ...     quality = inspect(H)
+    >>> print(quality.merit, quality["missing"].text, quality.iris.blades, "blades")
+    good 0 frames 7 blades
+    """,
+)
 
 
 def iter_inspect_plane(

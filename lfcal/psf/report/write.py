@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from lfcal.errors import InputError, StorageError, one_line
 from lfcal.files import replace_whole
 from lfcal.plain import plain
-from lfcal.progress import Clock, Work, drain
+from lfcal.progress import Clock, Work, drained
 from lfcal.psf.compare import Comparison, iter_compare
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.quality import QualityReport, iter_inspect
@@ -26,29 +26,6 @@ from lfcal.psf.report.pictures import PICTURES, pictures
 __all__ = ["iter_report", "redo_list", "report", "report_files"]
 
 PAGE, PAPER = "index.html", "report.pdf"
-
-
-def report(
-    matrix: PSFMatrix | ArrayLike,
-    folder: str | os.PathLike[str],
-    *,
-    reference: PSFMatrix | ArrayLike | None = None,
-    quality: QualityReport | None = None,
-    controls: Controls | None = None,
-    workers: int | None = None,
-) -> Path:
-    """Write the quality report of H and return its page: see `iter_report`.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from lfcal.psf import PSFMatrix, report
-    >>> page = report(PSFMatrix(np.ones((1, 3, 3, 9, 9))), "quality")
-    >>> print(page.name, "redo.json" in {file.name for file in page.parent.iterdir()})
-    index.html True
-    """
-    work = iter_report(matrix, folder, reference=reference, quality=quality, controls=controls, workers=workers)
-    return drain(work)
 
 
 def iter_report(
@@ -139,6 +116,20 @@ def iter_report(
             part.write_bytes(content)
     yield clock.at(len(draws) + 2)
     return target / PAGE
+
+
+report = drained(
+    iter_report,
+    """
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import PSFMatrix, report
+    >>> page = report(PSFMatrix(np.ones((1, 3, 3, 9, 9))), "quality")
+    >>> print(page.name, "redo.json" in {file.name for file in page.parent.iterdir()})
+    index.html True
+    """,
+)
 
 
 def report_files(folder: Path) -> list[Path]:

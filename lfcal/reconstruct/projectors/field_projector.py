@@ -302,8 +302,7 @@ class FieldProjector(Projector):
             part._parts.append(replace(own, projector=own.projector.subset(mask)))
         return part
 
-    def iter_prepare(self) -> Work[None]:
-        """Prepare all planes that can be kept; else the first projection does."""
+    def _iter_planes(self) -> Work[None]:
         clock = Clock("preparing planes of H", len(self._parts) * self.volume_shape[0])
         done = 0
         for part in self._parts:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from lfcal.checks import check_number
 from lfcal.errors import InputError
-from lfcal.progress import Clock, Work, drain
+from lfcal.progress import Clock, Work, drained
 from lfcal.psf.denoising import mean_noise
 from lfcal.reconstruct.projectors.device import ArrayDevice
 from lfcal.reconstruct.projectors.device_choice import engine_on, forecast_on
@@ -295,18 +295,19 @@ class Projector:
         made = partial(Projector, self._reader.H, self.image_shape, self._grid.anchor, self.recipe, **settings)
         return (_remade, (made,)) if self._reader.denoise else (made, ())
 
-    def iter_prepare(self) -> Work[None]:
-        """Prepare all planes that can be kept; else the first projection does."""
+    def iter_prepare(self) -> Work[Projector]:
+        """Prepare all planes that can be kept, and return this projector; else the first projection does."""
+        yield from self._iter_planes()
+        return self
+
+    prepare = drained(iter_prepare)
+
+    def _iter_planes(self) -> Work[None]:
         clock = Clock("preparing planes of H", self.volume_shape[0])
         for z in range(self.volume_shape[0]):
             if self._forecast.chosen.resident:
                 self._operand(z)
             yield clock.at(z + 1)
-
-    def prepare(self) -> Projector:
-        """Prepare all planes that can be kept, and return this projector."""
-        drain(self.iter_prepare())
-        return self
 
     # -- inside ----------------------------------------------------------------------------------------
     def _problem(self, method: str, tiles: Tiles | None = None) -> Problem:

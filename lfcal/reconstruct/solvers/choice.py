@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfcal.checks import MAX_SAMPLE, check_choice, check_number
 from lfcal.errors import InputError
-from lfcal.progress import drain
+from lfcal.progress import drained
 from lfcal.reconstruct.margin import cropped, widened, widened_start
 from lfcal.reconstruct.projectors.projector import Projector
 from lfcal.reconstruct.resample import drift_note
@@ -22,7 +22,7 @@ from lfcal.reconstruct.solvers.solver import Solver, SolverRun
 from lfcal.reconstruct.solvers.stopping import GOALS, STOPS, iter_until_best, iter_until_noise, left_out_pixels, misfit
 from lfcal.registry import Registry
 
-__all__ = ["SOLVERS", "SolverChoice", "find_solvers", "iter_reconstruct", "reconstruct"]
+__all__ = ["SOLVERS", "SolverChoice", "find_solvers", "iter_reconstruct", "iter_solve", "reconstruct"]
 
 GROUP = "lfcal.solvers"
 """Entry point group of solvers of other distributions."""
@@ -196,7 +196,32 @@ def iter_reconstruct(
     initial: ArrayLike | None = None,
     resume: SolverState | None = None,
 ) -> SolverWork:
-    """Reconstruct ``image`` as `reconstruct`, one `SolverProgress` per iteration.
+    """Reconstruct ``image`` by the solver of ``choice``.
+
+    Parameters
+    ----------
+    P
+        Projector pair; with a margin that of the frame and its margin.
+    image
+        ``(Y, X)`` in counts.
+    choice
+        Solver and settings; None: those of `SolverChoice`.
+    weights
+        Weight of each pixel ``(Y, X)``, not negative.
+    initial
+        Start ``(nz, Y, X)``.
+    resume
+        State to continue from.
+
+    Yields
+    ------
+    SolverProgress
+        After each iteration.
+
+    Raises
+    ------
+    InputError
+        If the image does not fit the projector, or the solver would ignore an argument.
 
     Examples
     --------
@@ -209,6 +234,42 @@ def iter_reconstruct(
     richardson-lucy 2 of 3 residual 0.38
     richardson-lucy 3 of 3 residual 0.27
     """
+    work = iter_solve(P, image, choice, weights=weights, initial=initial, resume=resume)
+    rows, columns = np.shape(image)
+    note = drift_note(P.camera, P.period, (rows, columns))
+    return _iter_noted(work, note) if note else work
+
+
+reconstruct = drained(
+    iter_reconstruct,
+    """
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import open_psf
+    >>> from lfcal.reconstruct import Projector, SolverChoice, reconstruct
+    >>> with open_psf("H.h5") as H:
+    ...     P = Projector(H, (48, 48), method="direct")
+    ...     bead = np.zeros(P.volume_shape)
+    ...     bead[1, 20, 25] = 1.0
+    ...     result = reconstruct(P, P.forward(bead), SolverChoice("rl-biggs", iterations=8))
+    >>> plane, row, column = np.unravel_index(result.volume.argmax(), result.volume.shape)
+    >>> print(f"{len(result.history)} iterations, brightest voxel in plane {plane} at {row}, {column}")
+    8 iterations, brightest voxel in plane 1 at 20, 25
+    """,
+)
+
+
+def iter_solve(
+    P: Projector,
+    image: ArrayLike,
+    choice: SolverChoice | None = None,
+    *,
+    weights: ArrayLike | None = None,
+    initial: ArrayLike | None = None,
+    resume: SolverState | None = None,
+) -> SolverWork:
+    """Reconstruct ``image`` as `iter_reconstruct`, for callers that resample it to the period of H themselves."""
     c = SolverChoice() if choice is None else choice
     for option, given in (("weights", weights), ("initial", initial), ("resume", resume)):
         check_option(c.solver, option, given)
@@ -292,54 +353,3 @@ def _iter_cropped(work: SolverWork, margin: int) -> Generator[SolverProgress, No
     """Run ``work`` and return its volume without margin; states keep it, to go on from."""
     result = yield from work
     return replace(result, volume=cropped(result.volume, margin))
-
-
-def reconstruct(
-    P: Projector,
-    image: ArrayLike,
-    choice: SolverChoice | None = None,
-    *,
-    weights: ArrayLike | None = None,
-    initial: ArrayLike | None = None,
-    resume: SolverState | None = None,
-) -> Reconstruction:
-    """Reconstruct ``image`` by the solver of ``choice``.
-
-    Parameters
-    ----------
-    P
-        Projector pair; with a margin that of the frame and its margin.
-    image
-        ``(Y, X)`` in counts.
-    choice
-        Solver and settings; None: those of `SolverChoice`.
-    weights
-        Weight of each pixel ``(Y, X)``, not negative.
-    initial
-        Start ``(nz, Y, X)``.
-    resume
-        State to go on from.
-
-    Raises
-    ------
-    InputError
-        If the image does not fit the projector, or the solver would ignore an argument.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from lfcal.psf import open_psf
-    >>> from lfcal.reconstruct import Projector, SolverChoice, reconstruct
-    >>> with open_psf("H.h5") as H:
-    ...     P = Projector(H, (48, 48), method="direct")
-    ...     bead = np.zeros(P.volume_shape)
-    ...     bead[1, 20, 25] = 1.0
-    ...     result = reconstruct(P, P.forward(bead), SolverChoice("rl-biggs", iterations=8))
-    >>> plane, row, column = np.unravel_index(result.volume.argmax(), result.volume.shape)
-    >>> print(f"{len(result.history)} iterations, brightest voxel in plane {plane} at {row}, {column}")
-    8 iterations, brightest voxel in plane 1 at 20, 25
-    """
-    result = drain(iter_reconstruct(P, image, choice, weights=weights, initial=initial, resume=resume))
-    rows, columns = np.shape(image)
-    note = drift_note(P.camera, P.period, (rows, columns))
-    return replace(result, notes=(*result.notes, note)) if note else result

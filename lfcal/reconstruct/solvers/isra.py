@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from numpy.typing import ArrayLike
 
-from lfcal.progress import drain
+from lfcal.progress import drained
 from lfcal.reconstruct.projectors.projector import Projector
 from lfcal.reconstruct.solvers.em import EmOptions, iter_em, iter_run
 from lfcal.reconstruct.solvers.measurement import Measurement
 from lfcal.reconstruct.solvers.penalty import Penalty
-from lfcal.reconstruct.solvers.records import Reconstruction, SolverState, SolverWork
+from lfcal.reconstruct.solvers.records import SolverState, SolverWork
 from lfcal.reconstruct.solvers.smoothing import DepthSmoothing
 from lfcal.reconstruct.solvers.solver import COMMON, Solver, SolverRun
 from lfcal.reconstruct.solvers.subsets import Masks
@@ -34,7 +34,15 @@ def iter_isra(
     initial: ArrayLike | None = None,
     resume: SolverState | None = None,
 ) -> SolverWork:
-    """Deconvolve ``image`` as `isra`, one `SolverProgress` per iteration.
+    """Deconvolve ``image`` ``(Y, X)`` by the image-space reconstruction algorithm.
+
+    ``g <- g * HT(w f) / HT(w (Hg + b))`` (Daube-Witherspoon & Muehllehner 1986). Parameters and errors as for
+    `richardson_lucy`; there is no read noise, because least squares do not ask for the kind of noise.
+
+    Yields
+    ------
+    SolverProgress
+        After each iteration.
 
     Examples
     --------
@@ -52,28 +60,9 @@ def iter_isra(
     return iter_em(P, data, iterations, options, initial=initial, resume=resume)
 
 
-def isra(
-    P: Projector,
-    image: ArrayLike,
-    iterations: int = 20,
-    *,
-    background: ArrayLike = 0.0,
-    weights: ArrayLike | None = None,
-    saturation: float | None = None,
-    penalty: Penalty | None = None,
-    acceleration: str = "none",
-    subsets: Masks | None = None,
-    relaxation: float = 1.0,
-    smoothing: DepthSmoothing | None = None,
-    tolerance: float = 0.0,
-    initial: ArrayLike | None = None,
-    resume: SolverState | None = None,
-) -> Reconstruction:
-    """Deconvolve ``image`` ``(Y, X)`` by the image-space reconstruction algorithm.
-
-    ``g <- g * HT(w f) / HT(w (Hg + b))`` (Daube-Witherspoon & Muehllehner 1986). Parameters and errors as for
-    `richardson_lucy`; there is no read noise, because least squares do not ask for the kind of noise.
-
+isra = drained(
+    iter_isra,
+    """
     Examples
     --------
     >>> import numpy as np
@@ -83,25 +72,8 @@ def isra(
     ...     print(isra(P, [[0, 0, 2, 4, 2, 0, 0]], iterations).volume[0, 0].round(1))
     [0.  0.1 1.9 5.1 1.9 0.1 0. ]
     [0.  0.  0.2 7.7 0.2 0.  0. ]
-    """
-    return drain(
-        iter_isra(
-            P,
-            image,
-            iterations,
-            background=background,
-            weights=weights,
-            saturation=saturation,
-            penalty=penalty,
-            acceleration=acceleration,
-            subsets=subsets,
-            relaxation=relaxation,
-            smoothing=smoothing,
-            tolerance=tolerance,
-            initial=initial,
-            resume=resume,
-        )
-    )
+    """,
+)
 
 
 def iterate(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.errors import InputError
-from lfcal.progress import drain
+from lfcal.progress import drained
 from lfcal.reconstruct.projectors.projector import Projector
 from lfcal.reconstruct.solvers.measurement import Measurement, no_light
 from lfcal.reconstruct.solvers.records import (
@@ -42,7 +42,36 @@ def iter_conjugate_gradient(
     tolerance: float = 0.0,
     resume: SolverState | None = None,
 ) -> SolverWork:
-    """Minimise the weighted squares as `conjugate_gradient`, one `SolverProgress` per iteration.
+    """Minimise ``sum w (Hg + b - f)^2 + lambda |g|^2`` by conjugate gradients (CGLS, Bjoerck 1996, section 7.4).
+
+    The volume may become negative. ``likelihood`` of a record is minus half the weighted sum of squares.
+
+    Parameters
+    ----------
+    P
+        Projector pair.
+    image
+        ``(Y, X)``; negative values are kept.
+    iterations
+        How many to do, beyond those of ``resume``.
+    background, weights, saturation
+        As for `Measurement.of`.
+    damping
+        lambda relative to the largest value of ``HT w H 1``.
+    tolerance
+        Stop when the relative change falls below.
+    resume
+        State to continue from.
+
+    Yields
+    ------
+    SolverProgress
+        After each iteration.
+
+    Raises
+    ------
+    InputError
+        If the image does not fit the projector or an argument is out of range.
 
     Examples
     --------
@@ -84,44 +113,9 @@ def iter_conjugate_gradient(
     return Reconstruction(state.volume, tuple(history), state, data.notes, stopped)
 
 
-def conjugate_gradient(
-    P: Projector,
-    image: ArrayLike,
-    iterations: int = 20,
-    *,
-    background: ArrayLike = 0.0,
-    weights: ArrayLike | None = None,
-    saturation: float | None = None,
-    damping: float = 0.0,
-    tolerance: float = 0.0,
-    resume: SolverState | None = None,
-) -> Reconstruction:
-    """Minimise ``sum w (Hg + b - f)^2 + lambda |g|^2`` by conjugate gradients (CGLS, Bjoerck 1996, section 7.4).
-
-    The volume may become negative. ``likelihood`` of a record is minus half the weighted sum of squares.
-
-    Parameters
-    ----------
-    P
-        Projector pair.
-    image
-        ``(Y, X)``; negative values are kept.
-    iterations
-        How many to do, beyond those of ``resume``.
-    background, weights, saturation
-        As for `Measurement.of`.
-    damping
-        lambda relative to the largest value of ``HT w H 1``.
-    tolerance
-        Stop when the relative change falls below.
-    resume
-        State to go on from.
-
-    Raises
-    ------
-    InputError
-        If the image does not fit the projector or an argument is out of range.
-
+conjugate_gradient = drained(
+    iter_conjugate_gradient,
+    """
     Examples
     --------
     >>> import numpy as np
@@ -130,20 +124,8 @@ def conjugate_gradient(
     >>> result = conjugate_gradient(P, [[0, 0, 2, 4, 2, 0, 0]])  # the image of a single voxel of 8
     >>> print(np.abs(result.volume[0, 0]).round(1))
     [0. 0. 0. 8. 0. 0. 0.]
-    """
-    return drain(
-        iter_conjugate_gradient(
-            P,
-            image,
-            iterations,
-            background=background,
-            weights=weights,
-            saturation=saturation,
-            damping=damping,
-            tolerance=tolerance,
-            resume=resume,
-        )
-    )
+    """,
+)
 
 
 def _check(P: Projector, data: Measurement, iterations: int, damping: float) -> None:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from numpy.typing import ArrayLike
 
-from lfcal.progress import drain
+from lfcal.progress import drained
 from lfcal.reconstruct.projectors.projector import Projector
 from lfcal.reconstruct.solvers.em import EmOptions, iter_em, iter_run
 from lfcal.reconstruct.solvers.measurement import Measurement
 from lfcal.reconstruct.solvers.penalty import Penalty
-from lfcal.reconstruct.solvers.records import Reconstruction, SolverState, SolverWork
+from lfcal.reconstruct.solvers.records import SolverState, SolverWork
 from lfcal.reconstruct.solvers.smoothing import DepthSmoothing
 from lfcal.reconstruct.solvers.solver import EM, Solver, SolverRun
 from lfcal.reconstruct.solvers.subsets import Masks
@@ -35,44 +35,6 @@ def iter_richardson_lucy(
     initial: ArrayLike | None = None,
     resume: SolverState | None = None,
 ) -> SolverWork:
-    """Deconvolve ``image`` as `richardson_lucy`, one `SolverProgress` per iteration.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from lfcal.reconstruct import Projector, iter_richardson_lucy
-    >>> P = Projector(np.array([1, 2, 1]).reshape(1, 1, 1, 1, 3) / 4, (1, 7))
-    >>> for record in iter_richardson_lucy(P, [[0, 0, 2, 4, 2, 0, 0]], 3):
-    ...     print(record.count, f"peak {record.state.volume.max():.2f}")
-    1 of 3 peak 3.00
-    2 of 3 peak 4.00
-    3 of 3 peak 4.76
-    """
-    data = Measurement.of(
-        image, dtype=P.dtype, weights=weights, saturation=saturation, background=background, read_noise=read_noise
-    )
-    options = EmOptions("richardson-lucy", penalty, acceleration, subsets, relaxation, smoothing, tolerance)
-    return iter_em(P, data, iterations, options, initial=initial, resume=resume)
-
-
-def richardson_lucy(
-    P: Projector,
-    image: ArrayLike,
-    iterations: int = 20,
-    *,
-    background: ArrayLike = 0.0,
-    weights: ArrayLike | None = None,
-    saturation: float | None = None,
-    read_noise: float = 0.0,
-    penalty: Penalty | None = None,
-    acceleration: str = "none",
-    subsets: Masks | None = None,
-    relaxation: float = 1.0,
-    smoothing: DepthSmoothing | None = None,
-    tolerance: float = 0.0,
-    initial: ArrayLike | None = None,
-    resume: SolverState | None = None,
-) -> Reconstruction:
     """Deconvolve ``image`` ``(Y, X)`` by Richardson-Lucy.
 
     ``g <- g / HT1 * HT( f / (Hg + b) )`` (Eberhart et al. 2020, equation 2); with weights, ``HT(w f / (Hg + b)) /
@@ -95,11 +57,37 @@ def richardson_lucy(
     resume
         State to go on from instead.
 
+    Yields
+    ------
+    SolverProgress
+        After each iteration.
+
     Raises
     ------
     InputError
         If the image does not fit the projector or an argument is out of range.
 
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.reconstruct import Projector, iter_richardson_lucy
+    >>> P = Projector(np.array([1, 2, 1]).reshape(1, 1, 1, 1, 3) / 4, (1, 7))
+    >>> for record in iter_richardson_lucy(P, [[0, 0, 2, 4, 2, 0, 0]], 3):
+    ...     print(record.count, f"peak {record.state.volume.max():.2f}")
+    1 of 3 peak 3.00
+    2 of 3 peak 4.00
+    3 of 3 peak 4.76
+    """
+    data = Measurement.of(
+        image, dtype=P.dtype, weights=weights, saturation=saturation, background=background, read_noise=read_noise
+    )
+    options = EmOptions("richardson-lucy", penalty, acceleration, subsets, relaxation, smoothing, tolerance)
+    return iter_em(P, data, iterations, options, initial=initial, resume=resume)
+
+
+richardson_lucy = drained(
+    iter_richardson_lucy,
+    """
     Examples
     --------
     >>> import numpy as np
@@ -112,26 +100,8 @@ def richardson_lucy(
     ...     result = richardson_lucy(P, P.forward(beads), iterations=12)
     >>> print("beads found at", np.argwhere(result.volume > 0.3).tolist())
     beads found at [[0, 20, 30], [1, 40, 45]]
-    """
-    return drain(
-        iter_richardson_lucy(
-            P,
-            image,
-            iterations,
-            background=background,
-            weights=weights,
-            saturation=saturation,
-            read_noise=read_noise,
-            penalty=penalty,
-            acceleration=acceleration,
-            subsets=subsets,
-            relaxation=relaxation,
-            smoothing=smoothing,
-            tolerance=tolerance,
-            initial=initial,
-            resume=resume,
-        )
-    )
+    """,
+)
 
 
 def iterate(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:

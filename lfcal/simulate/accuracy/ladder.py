@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lfcal.camera import Camera, ScanPlan
 from lfcal.errors import InputError, LfcalError
-from lfcal.progress import Clock, Progress, Work, drain
+from lfcal.progress import Clock, Progress, Work, drained
 from lfcal.simulate.accuracy.forecast import Whole, own_rows, whole_of
 from lfcal.simulate.accuracy.probe import LARGEST_GRID
 from lfcal.simulate.accuracy.sampling import Step, steps_for
@@ -121,7 +121,34 @@ def iter_ladder(
     samplings: Iterable[Sampling | Step] | None = None,
     reference: Sampling | None = None,
 ) -> Work[Ladder]:
-    """Measure `ladder`; yields progress in rungs, as `LadderProgress` from the first one on.
+    """Return seconds and error of every level and sampling for one plane of a plan, against the reference.
+
+    Parameters
+    ----------
+    camera, plan
+        What is simulated.
+    tolerance
+        Relative L1 error for which a rung is picked, as in `simulate_psf`.
+    effects
+        As in `simulate_psf`; the same scene is computed by every rung.
+    z
+        Number of the plane; by default the middle one.
+    positions
+        How many positions, spread over the period, are compared.
+    samplings
+        Samplings of the scene's wave level to measure, or steps of any; by default coarse to fine.
+    reference
+        Sampling of the reference; by default the finest grid that is quick enough.
+
+    Yields
+    ------
+    Progress
+        In rungs; from the first one on a `LadderProgress`.
+
+    Raises
+    ------
+    InputError
+        If camera, plan and plane do not fit, or no grid holds the reference.
 
     Examples
     --------
@@ -168,45 +195,9 @@ def iter_ladder(
     return found
 
 
-def _told(record: Progress, found: Ladder) -> LadderProgress:
-    return LadderProgress(record.done, record.total, record.stage, record.seconds, record.note, ladder=found)
-
-
-def ladder(
-    camera: Camera,
-    plan: ScanPlan,
-    tolerance: float | None = None,
-    *,
-    effects: EffectsLike = "auto",
-    z: int | None = None,
-    positions: int = 3,
-    samplings: Iterable[Sampling | Step] | None = None,
-    reference: Sampling | None = None,
-) -> Ladder:
-    """Return seconds and error of every level and sampling for one plane of a plan, against the reference.
-
-    Parameters
-    ----------
-    camera, plan
-        What is simulated.
-    tolerance
-        Relative L1 error for which a rung is picked, as in `simulate_psf`.
-    effects
-        As in `simulate_psf`; the same scene is computed by every rung.
-    z
-        Number of the plane; by default the middle one.
-    positions
-        How many positions, spread over the period, are compared.
-    samplings
-        Samplings of the scene's wave level to measure, or steps of any; by default coarse to fine.
-    reference
-        Sampling of the reference; by default the finest grid that is quick enough.
-
-    Raises
-    ------
-    InputError
-        If camera, plan and plane do not fit, or no grid holds the reference.
-
+ladder = drained(
+    iter_ladder,
+    """
     Examples
     --------
     >>> from lfcal.camera import ScanPlan, preset
@@ -219,19 +210,12 @@ def ladder(
     ...     print(f"{rung.label}: off by {rung.error:.0%} at v = {found.virtual_depth:.0f}")
     geometric: off by 52% at v = 2
     wave, 4 nodes/px, +5 px: off by 2% at v = 2
-    """
-    return drain(
-        iter_ladder(
-            camera,
-            plan,
-            tolerance,
-            effects=effects,
-            z=z,
-            positions=positions,
-            samplings=samplings,
-            reference=reference,
-        )
-    )
+    """,
+)
+
+
+def _told(record: Progress, found: Ladder) -> LadderProgress:
+    return LadderProgress(record.done, record.total, record.stage, record.seconds, record.note, ladder=found)
 
 
 # -- measuring -------------------------------------------------------------------------------------------

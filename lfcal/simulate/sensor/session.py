@@ -14,7 +14,7 @@ from lfcal import __version__
 from lfcal.errors import InputError
 from lfcal.files import read_text, replace_whole, require_space, storage_errors
 from lfcal.plain import plain
-from lfcal.progress import Clock, Work, drain
+from lfcal.progress import Clock, Work, drained
 from lfcal.simulate.sensor.camera_source import SimulatedCamera
 
 __all__ = [
@@ -53,12 +53,33 @@ PICTURES = ("frames/z*_y*_x*.png", "dark/dark_*.png", "white/white_*.png")
 def iter_write_session(
     source: SimulatedCamera, folder: str | os.PathLike[str], *, darks: int = 8, whites: int = 4, resume: bool = False
 ) -> Work[int]:
-    """Write `write_session`; yields progress in frames. With ``resume`` frames that an earlier run wrote are kept.
+    """Write a simulated session and return the number of frames.
+
+    16-bit PNG frames in ``frames/`` with ``manifest.csv`` (file, z, y, x), ``dark/``, ``white/``, and
+    ``camera.json``, ``plan.json`` and ``truth.json`` (what was simulated). Each file appears whole or not at all.
+
+    Parameters
+    ----------
+    source
+        A simulated camera whose frames are uint16.
+    folder
+        Made where it is not there.
+    darks, whites
+        Number of dark and white frames.
+    resume
+        Keep the frames that an earlier run wrote.
+
+    Yields
+    ------
+    Progress
+        In frames.
 
     Raises
     ------
     InputError
-        As `write_session`, and where ``resume`` finds the frames of another session.
+        If the frames are not whole numbers, or ``resume`` finds the frames of another session.
+    StorageError
+        If they cannot be written.
 
     Examples
     --------
@@ -98,6 +119,26 @@ def iter_write_session(
     _write_text(out / "truth.json", json.dumps(truth_of(source), indent=2))
     (out / UNFINISHED).unlink()
     return len(source)
+
+
+write_session = drained(
+    iter_write_session,
+    """
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.simulate import SimulatedCamera, write_session
+    >>> from lfcal.simulate.effects import Quantisation
+    >>> camera = preset("bench")
+    >>> plan = ScanPlan(camera, (1, 3), cutout=(41, 41), depths_um=(camera.depth_of(2.0),), anchor=(160, 160))
+    >>> source = SimulatedCamera(plan, (Quantisation(),), level="geometric")
+    >>> write_session(source, "simulated", darks=1, whites=1)
+    3
+    >>> sorted(path.name for path in Path("simulated").iterdir())
+    ['camera.json', 'dark', 'frames', 'plan.json', 'truth.json', 'white']
+    """,
+)
 
 
 def _begin(source: SimulatedCamera, out: Path, others: int, resume: bool) -> None:
@@ -141,45 +182,6 @@ def discard_unfinished(folder: str | os.PathLike[str]) -> None:
             if (out / name).is_dir() and not any((out / name).iterdir()):
                 (out / name).rmdir()
         (out / UNFINISHED).unlink()
-
-
-def write_session(source: SimulatedCamera, folder: str | os.PathLike[str], *, darks: int = 8, whites: int = 4) -> int:
-    """Write a simulated session and return the number of frames.
-
-    16-bit PNG frames in ``frames/`` with ``manifest.csv`` (file, z, y, x), ``dark/``, ``white/``, and
-    ``camera.json``, ``plan.json`` and ``truth.json`` (what was simulated). Each file appears whole or not at all.
-
-    Parameters
-    ----------
-    source
-        A simulated camera whose frames are uint16.
-    folder
-        Made where it is not there.
-    darks, whites
-        Number of dark and white frames.
-
-    Raises
-    ------
-    InputError
-        If the frames are not whole numbers.
-    StorageError
-        If they cannot be written.
-
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> from lfcal.camera import ScanPlan, preset
-    >>> from lfcal.simulate import SimulatedCamera, write_session
-    >>> from lfcal.simulate.effects import Quantisation
-    >>> camera = preset("bench")
-    >>> plan = ScanPlan(camera, (1, 3), cutout=(41, 41), depths_um=(camera.depth_of(2.0),), anchor=(160, 160))
-    >>> source = SimulatedCamera(plan, (Quantisation(),), level="geometric")
-    >>> write_session(source, "simulated", darks=1, whites=1)
-    3
-    >>> sorted(path.name for path in Path("simulated").iterdir())
-    ['camera.json', 'dark', 'frames', 'plan.json', 'truth.json', 'white']
-    """
-    return drain(iter_write_session(source, folder, darks=darks, whites=whites))
 
 
 def _write_png(path: Path, frame: NDArray[Any]) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lfcal.accuracy import PLACES, Subject, iter_curve, measure_curve
+from lfcal.accuracy import PLACES, Subject, iter_measure_curve, measure_curve
 from lfcal.accuracy.places import simulation
 from lfcal.accuracy.places.sampling import QUICK
 from lfcal.simulate import ladder, plan_effects, simulate_psf
@@ -37,7 +37,7 @@ def test_a_rung_errs_as_the_h_that_its_tolerance_gives(single: Subject, monkeypa
 
 
 def test_closed_after_the_first_rung_it_is_kept(single: Subject) -> None:
-    work = iter_curve(PLACES.get("simulation"), single, 10)
+    work = iter_measure_curve(PLACES.get("simulation"), single, 10)
     record = next(r for r in work if r.curve.rungs)  # type: ignore[attr-defined]
     work.close()
     assert len(record.curve.rungs) == 1 and "reference" in record.curve.truth  # type: ignore[attr-defined]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lfcal.accuracy import PLACES, Curve, Subject, iter_curve, measure_curve
+from lfcal.accuracy import PLACES, Curve, Subject, iter_measure_curve, measure_curve
 from lfcal.accuracy.places import solvers
 from lfcal.psf import PSFMatrix
 from lfcal.reconstruct import SOLVERS
@@ -62,7 +62,7 @@ def test_the_first_iteration_is_that_of_richardson_and_lucy(h: Subject, monkeypa
 
 
 def test_closed_early_it_keeps_what_was_reached(h: Subject) -> None:
-    work = iter_curve(PLACES.get("solvers"), h, 1000)
+    work = iter_measure_curve(PLACES.get("solvers"), h, 1000)
     record = next(r for r in work if len(r.curve.rungs) == 3)  # type: ignore[attr-defined]
     work.close()
     assert by_solver(record.curve) == {"rl": by_solver(record.curve)["rl"]}  # type: ignore[attr-defined]

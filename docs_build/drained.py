@@ -1,0 +1,76 @@
+"""Functions that `lfcal.progress.drained` derives, as the reference shows them: an extension of griffe."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from typing import Any
+
+from griffe import (
+    Attribute,
+    Class,
+    Docstring,
+    Expr,
+    ExprCall,
+    ExprName,
+    ExprSubscript,
+    ExprTuple,
+    Extension,
+    Function,
+    Module,
+)
+
+from lfcal.progress import docstring_of
+
+
+class Drained(Extension):
+    """Show ``x = drained(iter_x)`` as a function with parameters, result and docstring.
+
+    The reference is made from the sources, where ``x`` is a value.
+    """
+
+    def on_package(self, *, pkg: Module, **_: Any) -> None:
+        """Replace these values once all modules of a package are read."""
+        for place in _places(pkg):
+            for name, value in list(place.members.items()):
+                if isinstance(value, Attribute) and _is_drained(value.value):
+                    place.set_member(name, _function(place, value, pkg))
+
+
+def _places(place: Module | Class) -> Iterator[Module | Class]:
+    """Yield a module or class, and those in it."""
+    yield place
+    for inner in place.members.values():
+        if isinstance(inner, Module | Class):
+            yield from _places(inner)
+
+
+def _is_drained(value: Expr | str | None) -> bool:
+    return isinstance(value, ExprCall) and isinstance(value.function, ExprName) and value.function.name == "drained"
+
+
+def _function(place: Module | Class, value: Attribute, package: Module) -> Function:
+    work = place.members[f"iter_{value.name}"]
+    assert isinstance(work, Function) and isinstance(value.value, ExprCall)
+    function = Function(
+        value.name,
+        parameters=work.parameters,
+        returns=_result(work.returns, package),
+        lineno=value.lineno,
+        endlineno=value.endlineno,
+    )
+    own = [ast.literal_eval(str(argument)) for argument in value.value.arguments[1:]]
+    said = work.docstring or Docstring("")
+    text = docstring_of(said.value, *own)
+    how = {"parser": said.parser, "parser_options": said.parser_options}
+    function.docstring = Docstring(text, parent=function, lineno=value.lineno, **how)
+    return function
+
+
+def _result(returns: Expr | str | None, package: Module) -> Expr | str | None:
+    """Return R of ``Work[R]``, or of an alias such as ``SolverWork``."""
+    if isinstance(returns, ExprName):
+        alias = package[returns.canonical_path.removeprefix(f"{package.path}.")]
+        returns = alias.value if isinstance(alias, Attribute) else None
+    inner = returns.slice if isinstance(returns, ExprSubscript) else None
+    return inner.elements[-1] if isinstance(inner, ExprTuple) else inner
