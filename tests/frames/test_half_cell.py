@@ -80,6 +80,7 @@ def test_half_the_frames_make_the_same_h(cut: bool) -> None:
     assert not copied[:, : NY // 2].any() and copied[:, NY // 2 :].all()
     said = matrix.provenance["half_cell"]
     assert said["positions"] == [[NY * NX // 2, NY * NX]] and said["shift"] == [NY // 2, NX // 2]
+    assert list(said) == ["frames", "filled", "shift", "residual_px", "positions"]
     assert not copied_positions(whole).any()
 
 

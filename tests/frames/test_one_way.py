@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import zlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -65,6 +67,25 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> tuple[ScanPlan, dict[str
 
 def opened(ways: dict[str, Path], name: str) -> Frames:
     return open_frames(ways[name], pattern="z{z}_y{y}_x{x}.png" if name == "frames" else None)
+
+
+def test_what_h_keeps_of_a_session_is_the_same_text_in_every_version(places: tuple[ScanPlan, dict[str, Path]]) -> None:
+    plan, ways = places
+    with open_frames(ways["session"]) as source:
+        matrix = assemble_plan(corrected_view(source, CorrectionRecipe(), plan), plan).matrix
+        (dark,) = source.metadata["darks"].values()
+    stored = json.loads((ways["session"] / "session.json").read_text())
+    found = {key: value for key, value in matrix.provenance.items() if key != "plan"}
+    mean, crc = float(dark.frame.mean(dtype=np.float64)), f"{zlib.crc32(dark.frame.tobytes()):08x}"
+    assert json.dumps(found) == (
+        '{"frames": {"count": 12, "codec": {"name": "recording", "lossless": true}}, '
+        '"cutout": {"interpolation": "nearest", "outside": "error", "scale": [1.0, 1.0]}, '
+        '"corrections": {"steps": [{"kind": "darks", "by_exposure": {"0.02": '
+        f'{{"kind": "dark", "level": 0.0, "mean": {mean}, "crc32": "{crc}"}}}}}}], "saturation": null}}, '
+        f'"session": "{stored["identity"]}", "devices": {{"camera": "simulated camera", "stage": "simulated stage", '
+        '"settings": {"ExposureAuto": "Off", "GainAuto": "Off", "Gamma": "1", "Gain": "0"}}, "optics": "geometric", '
+        f'"noise": {json.dumps(found["noise"])}}}'
+    )
 
 
 def test_session_folder_and_stack_give_bit_equal_h(places: tuple[ScanPlan, dict[str, Path]]) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
+import zlib
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -14,10 +16,11 @@ import pytest
 import lfcal
 from lfcal import version
 from lfcal.camera import ScanPlan
-from lfcal.frames import ArraySource
+from lfcal.frames import ORIENTATIONS, ArraySource, CorrectionChain, Dark, LeftOut, corrected, oriented
+from lfcal.frames.source import Position
 from lfcal.progress import drain
 from lfcal.psf import Cutout, PSFMatrix, assemble, open_psf, save, save_regions
-from lfcal.psf.assemble_plan import assemble_plan
+from lfcal.psf.assemble_plan import AssemblySettings, assemble_plan
 from lfcal.psf.provenance import Codec, FrameNoise, codec_of, light_shares, noise_of, optics_of, simulated_planes
 from lfcal.psf.transpose_file import iter_transpose_file
 from lfcal.simulate import SimulatedCamera, simulate_psf
@@ -59,6 +62,47 @@ def test_facts_of_the_frames_stay_with_what_is_made_of_h(tmp_path: Path) -> None
         with open_psf(path) as H:
             assert codec_of(H.provenance) == Codec("lzw", True), path
             assert noise_of(H.provenance) == FrameNoise(4.0, 0.5, "darks and repeats"), path
+
+
+def test_what_h_keeps_of_what_frames_say_is_the_same_text_in_every_version(tmp_path: Path) -> None:
+    """Names, order and values in the file: programs and later versions of lfcal read them."""
+    plan = small()
+    facts: dict[str, Any] = {
+        "kept_aside": [[0, 0, 1]],
+        "suspect": [[0, 0, 0, "drift"]],
+        "optics": "pattern",
+        "simulated": {"effects": [], "level": "geometric", "seed": 0},
+        "devices": {"camera": "c", "stage": "s", "settings": {"Gain": "0"}},
+        "session": "0123",
+        "origin": (0, 0),
+        "codec": {"name": "lzw", "lossless": True},
+        "left_out": (LeftOut("b.png", Position(0, 0, 1), "cut short"),),
+        "saturation": 4000.0,
+        "bit_depth": 12,
+        "notes": ("a guess",),
+        "a plug-in's own": 7,
+    }
+    stack = np.random.default_rng(0).integers(1, 4000, (*plan.shape[:3], *plan.camera.sensor.shape), np.uint16)
+    dark = np.full(plan.camera.sensor.shape, 3, np.float32)
+    view = corrected(ArraySource(stack, metadata=facts), CorrectionChain((Dark(dark, count=4, variance=2.0),)))
+    upright = oriented(view, ORIENTATIONS["mirror x"], plan.camera.sensor.shape)
+    assemble_plan(upright, plan, tmp_path / "H.h5", AssemblySettings(keep_pedestal=True))
+    with open_psf(tmp_path / "H.h5") as H:
+        text = json.dumps({key: value for key, value in H.provenance.items() if key not in ("lfcal", "plan")})
+    # the checksum by a formula of its own
+    crc = f"{zlib.crc32(dark.tobytes()):08x}"
+    count = stack.shape[0] * stack.shape[1] * stack.shape[2]
+    assert text == (
+        f'{{"frames": {{"count": {count}, "codec": {{"name": "lzw", "lossless": true}}, "origin": [0, 0]}}, '
+        '"cutout": {"interpolation": "nearest", "outside": "error", "scale": [1.0, 1.0]}, '
+        f'"corrections": {{"steps": [{{"kind": "dark", "level": 0.0, "mean": 3.0, "crc32": "{crc}"}}], '
+        '"saturation": null}, "session": "0123", '
+        '"devices": {"camera": "c", "stage": "s", "settings": {"Gain": "0"}}, '
+        '"simulated": {"effects": [], "level": "geometric", "seed": 0}, "optics": "pattern", '
+        '"suspect": [[0, 0, 0, "drift"]], "kept_aside": [[0, 0, 1]], '
+        '"left_out": [{"label": "b.png", "position": [0, 0, 1], "reason": "cut short"}], '
+        '"orientation": {"applied": "mirror x"}}'
+    )
 
 
 @pytest.mark.parametrize(
