@@ -40,5 +40,5 @@ def iter_session_patterns(folder: Path) -> Work[Measured]:
         if known is None or not np.isfinite(known).all() or (known[:, 0] < 0).any():
             got, remedy = "none", "record single exposures with dark frames, of a camera whose noise is stated"
             raise InputError.expected(f"{folder}, noise of the frames", "a variance", got, remedy)
-        aside = source.metadata.get("kept_aside", ())
+        aside = source.metadata.kept_aside
         return measured_of(matrix, left_out=[list(p) for p in aside])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from lfcal.campaign.points import Points
 from lfcal.errors import InputError
 from lfcal.frames.regions import Region
-from lfcal.frames.source import FrameInfo, FrameSource, Position, Samples
+from lfcal.frames.source import FrameInfo, FrameMetadata, FrameSource, Position, Samples
 from lfcal.frames.view import SourceView
 from lfcal.targets.phases import Phases
 from lfcal.targets.sampling import may_resample
@@ -109,13 +109,10 @@ class PointFrames(SourceView):
         """float32: values are those of holes equally bright."""
         return np.dtype(np.float32)
 
-    @property
-    def metadata(self) -> Mapping[str, Any]:
-        """What is known of the frames; saturation is told by each point's own mask."""
-        facts = dict(self.source.metadata)
-        for name in ("saturation", "target", "target_frames", "bit_depth"):
-            facts.pop(name, None)
-        return facts | {"points_left_out": self.left}
+    def derived(self, known: FrameMetadata) -> FrameMetadata:
+        """Return what is known of the frames; which samples are saturated each point's own mask says."""
+        known = replace(known, saturation=None, bit_depth=None, points_left_out=self.left)
+        return replace(known, target=None, target_frames=None)
 
     def __len__(self) -> int:
         """Return the number of points."""

@@ -117,7 +117,7 @@ def iter_points_of(source: FrameSource, plan: TargetPlan, frames: Sequence[int] 
     Parameters
     ----------
     source
-        Whole frames, with their dark level subtracted: hand over the corrected view. ``metadata["target_frames"]``, or
+        Whole frames, with their dark level subtracted: hand over the corrected view. ``metadata.target_frames``, or
         else the plan's order, says which frame is which.
     plan
         The target, and where it was moved.

@@ -235,10 +235,10 @@ def command(
         stack.enter_context(source)
         tell_assumed(scan.camera, "plan", quiet=json)
         # a session knows which part of the sensor it recorded; of other frames the place has to be stated
-        placed = "plan" in source.metadata or place is not None or smaller(source.shape, scan.camera)
+        placed = source.metadata.plan is not None or place is not None or smaller(source.shape, scan.camera)
         if not placed:
             tell_size(source.shape, scan.camera, folder=str(frames), channel=channel)
-        report_notes(source.metadata.get("notes", ()))
+        report_notes(source.metadata.notes)
         bits, note = chosen_shift(shift, source)
         report_notes([note] if note else [])
         parts = parts_of(channel, source, scan, out, lambda name: stack.enter_context(words.open(name)[0]))
@@ -285,7 +285,7 @@ def _assemble(
 
     start, settings, json = time.perf_counter(), how.settings, how.json
     frames = part.source
-    known: dict[str, Any] = {"intake": list(frames.metadata["notes"])} if "notes" in frames.metadata else {}
+    known: dict[str, Any] = {"intake": list(frames.metadata.notes)} if frames.metadata.notes else {}
     left_out: tuple[int, ...] = ()
     if how.skip_damaged:
         frames = run_work(iter_undamaged(frames, workers=settings.workers), quiet=json)

@@ -66,7 +66,7 @@ def parts_of(
     from lfcal.frames.colour_scan import ThinnedSource, colour_scan, colours_of
     from lfcal.frames.components import COMPONENTS
 
-    component = source.metadata.get("colour")
+    component = source.metadata.colour
     names = COMPONENTS if component else colours_of(source, plan)
     wanted = list(names) if channel == "each" else [channel]
     if channel == "each" and not names:

@@ -260,19 +260,19 @@ def _picked(
     if colours:
         one = of_one_channel(source, how.plan, colours)
         raise InputError.expected(str(source), "frames of one colour", f"a mosaic of {', '.join(colours)}", one)
-    report_notes(frames.metadata.get("notes", ()))
+    report_notes(frames.metadata.notes)
     view, lie = upright(corrected_view(frames, how.recipe, plan), plan, how.orientation, quiet=quiet)
     if how.camera is not None:
         plan = replace(plan, camera=how.camera)
     index = np.unique(
         np.array([tuple(view.info(k).position) for k in range(len(view))], np.intp).reshape(-1, 3), axis=0
     )
-    aside = [list(p) for p in frames.metadata.get("kept_aside", ())]
+    aside = [list(p) for p in frames.metadata.kept_aside]
     taken = _left(index, how, plan.period, aside)
     if not len(taken):
         raise _none_left(source)
     with own_words():
         noise = scan_noise(view, plan) if how.noise is None else None
         matrix = run_work(iter_pick(view, plan, taken, noise=noise), quiet=quiet)
-    known = _recorded(source) | {"source": source.name, "corrections": view.metadata.get("corrections", {}), **lie}
+    known = _recorded(source) | {"source": source.name, "corrections": view.metadata.corrections, **lie}
     return matrix, known, aside if len(taken) == len(index) else []

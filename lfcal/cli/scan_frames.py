@@ -64,7 +64,7 @@ class ScanFrames:
             orientation=self.orientation,
             origin=self.origin,
         )
-        own: ScanPlan | None = source.metadata.get("plan")
+        own = source.metadata.plan
         if own is None and found is None:
             source.close()
             raise no_plan(frames if frames.is_dir() else frames.parent)

@@ -33,9 +33,11 @@ def wanted_target(source: Path, plan: Path | None) -> TargetPlan | None:
         return None
     if plan is None and (source / NAME).is_file():
         from lfcal.frames import open_frames
+        from lfcal.targets import TargetPlan
 
         with open_frames(source) as frames:
-            return frames.metadata.get("target")
+            target = frames.metadata.target
+            return target if isinstance(target, TargetPlan) else None
     return read_target_plan(source, plan)
 
 

@@ -18,7 +18,7 @@ from lfcal.frames.opening import open_frames
 from lfcal.frames.orientation import AS_IS, ORIENTATIONS, Orientation, named_orientation, nearest_orientation
 from lfcal.frames.oriented import OrientedSource, oriented
 from lfcal.frames.positions import NamePattern, scan_positions
-from lfcal.frames.source import FrameInfo, Frames, FrameSource, LeftOut, Noise, Position, Samples
+from lfcal.frames.source import FrameInfo, FrameMetadata, Frames, FrameSource, LeftOut, Noise, Position, Samples
 from lfcal.frames.sources.array import ArraySource
 from lfcal.frames.sources.folder import FolderSource
 
@@ -38,6 +38,7 @@ __all__ = [
     "FolderSource",
     "FrameEntry",
     "FrameInfo",
+    "FrameMetadata",
     "FrameSource",
     "Frames",
     "LeftOut",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lfcal.checks import check_number
 from lfcal.errors import FileFormatError, InputError, StorageError
 from lfcal.frames.regions import Region
-from lfcal.frames.source import Frames, FrameSource, Samples
+from lfcal.frames.source import FrameMetadata, Frames, FrameSource, Samples
 from lfcal.frames.view import SourceView
 
 __all__ = ["ShiftedSource", "chosen_shift", "find_shift", "shifted"]
@@ -95,20 +95,19 @@ class ShiftedSource(SourceView):
         check_number("shift of the samples (bits)", bits, at_least=1, at_most=15, integer=True)
         self.bits = bits
 
-    @property
-    def metadata(self) -> Mapping[str, Any]:
-        """What is known of the frames, with the shift; levels that were stated and the noise move with the samples."""
-        known = dict(self.source.metadata)
-        width = 8 * self.source.dtype.itemsize
-        known["bit_depth"] = min(known.get("bit_depth") or width, width) - self.bits
-        for level in ("saturation", "black_level"):
-            if known.get(level) is not None:
-                moved = np.asarray(known[level], float) / (1 << self.bits)
-                known[level] = tuple(moved.tolist()) if moved.ndim else float(moved)
-        known.setdefault("saturation", float((1 << known["bit_depth"]) - 1))
-        if "noise" in known:
-            known["noise"] = known["noise"].scaled(0.5**self.bits)
-        return known | {"shift": self.bits}
+    def derived(self, known: FrameMetadata) -> FrameMetadata:
+        """Return what is known of the frames, with the shift; levels that were stated and the noise move with it."""
+        width, unit = 8 * self.source.dtype.itemsize, 1 << self.bits
+        bit_depth = min(known.bit_depth or width, width) - self.bits
+        black = known.black_level
+        return replace(
+            known,
+            bit_depth=bit_depth,
+            saturation=float((1 << bit_depth) - 1) if known.saturation is None else known.saturation / unit,
+            black_level=tuple(n / unit for n in black) if isinstance(black, tuple) else black and black / unit,
+            noise=None if known.noise is None else known.noise.scaled(0.5**self.bits),
+            shift=self.bits,
+        )
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
         """Return frame ``index``, or a part of it."""

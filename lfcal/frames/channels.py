@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from lfcal.errors import InputError
 from lfcal.frames.cfa import channel_names, channel_phase, pattern_side, phases
 from lfcal.frames.regions import Region, check_region, whole
-from lfcal.frames.source import FrameInfo, Frames, FrameSource, Samples
+from lfcal.frames.source import FrameInfo, FrameMetadata, Frames, FrameSource, Samples
 from lfcal.frames.view import SourceView
 
 __all__ = ["BalancedSource", "ChannelSource", "balanced_source", "channel_source"]
@@ -27,7 +27,7 @@ class ChannelSource(SourceView):
 
     def __init__(self, source: FrameSource, channel: str) -> None:
         super().__init__(source)
-        cfa = str(source.metadata.get("cfa", ""))
+        cfa = self.known.cfa
         self.channel = channel
         self._origin = channel_phase(cfa, channel)
         self._step = pattern_side(cfa)
@@ -40,22 +40,25 @@ class ChannelSource(SourceView):
         # ceiling division: a mosaic that ends within a pattern still has pixels of some channels
         return -(-(rows - r0) // self._step), -(-(columns - c0) // self._step)
 
-    @property
-    def metadata(self) -> Mapping[str, Any]:
-        """The mosaic's metadata with what is the channel's own."""
-        known = {key: value for key, value in self.source.metadata.items() if key != "cfa"}
-        for key in ("black_level", "gains"):
+    def derived(self, known: FrameMetadata) -> FrameMetadata:
+        """Return what is known of the mosaic, with what is the channel's own."""
+        black, gains, place = known.black_level, known.gains, known.origin
+        return replace(
+            known,
+            cfa="",
             # one value per place of the pattern: the channel's own is taken
-            if isinstance(known.get(key), tuple):
-                known[key] = known[key][self._position]
-        if "origin" in known:
-            known["origin"] = tuple(n // self._step for n in known["origin"])
-        return known | {"channel": self.channel, "channel_phase": self._origin, "pixel_step": self._step}
+            black_level=black[self._position] if isinstance(black, tuple) else black,
+            gains=gains[self._position] if isinstance(gains, tuple) else gains,
+            origin=None if place is None else (place[0] // self._step, place[1] // self._step),
+            channel=self.channel,
+            channel_phase=self._origin,
+            pixel_step=self._step,
+        )
 
     def info(self, index: int) -> FrameInfo:
         """Return what is known of frame ``index``; its drift is in pixels of the channel."""
         info = self.source.info(index)
-        place = self.source.metadata.get("origin", (0, 0))
+        place = self.known.origin or (0, 0)
         whole = info.origin == place
         if not whole or any(n % self._step for n in place):
             # rows and columns of a channel would differ in number from cutout to cutout
@@ -90,10 +93,10 @@ class BalancedSource(SourceView):
 
     def __init__(self, source: FrameSource, gains: Sequence[float] | None = None) -> None:
         super().__init__(source)
-        cfa = str(source.metadata.get("cfa", ""))
+        cfa = self.known.cfa
         names = channel_names(cfa)
-        given = source.metadata.get("gains") if gains is None else gains
-        values = () if given is None else tuple(float(g) for g in given)
+        given = self.known.gains if gains is None else gains
+        values = () if given is None or isinstance(given, float | int) else tuple(float(g) for g in given)
         if not names or len(values) != len(names) or not all(np.isfinite(values)) or min(values) <= 0:
             raise InputError.expected(
                 "gains of the colours",
@@ -110,19 +113,16 @@ class BalancedSource(SourceView):
         """float32."""
         return np.dtype(np.float32)
 
-    @property
-    def metadata(self) -> Mapping[str, Any]:
-        """The mosaic's metadata with the gains used; saturation differs by colour from here on."""
-        dropped = ("saturation", "bit_depth", "gains")
-        known = {key: value for key, value in self.source.metadata.items() if key not in dropped}
-        return known | {"balanced_by": self.gains}
+    def derived(self, known: FrameMetadata) -> FrameMetadata:
+        """Return what is known of the mosaic, with the gains used; saturation differs by colour from here on."""
+        return replace(known, saturation=None, bit_depth=None, gains=None, balanced_by=self.gains)
 
     def read(self, index: int, region: Region | None = None) -> NDArray[np.float32]:
         """Return frame ``index``, or a part of it, with its colours balanced."""
         rows, columns = check_region(region or whole(self.shape), self.shape)
         part = self.source.read(index, (rows, columns)).astype(np.float32)
         # a part of the sensor has its pattern from its own first pixel, cutouts have that of the sensor
-        place = (0, 0) if "origin" in self.source.metadata else self.source.info(index).origin
+        place = (0, 0) if self.known.origin is not None else self.source.info(index).origin
         top, left = (a.start + b for a, b in zip((rows, columns), place, strict=True))
         for k, gain in enumerate(self.gains):
             r0, c0 = divmod(k, self._side)

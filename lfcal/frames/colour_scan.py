@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,7 +12,7 @@ from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
 from lfcal.frames.cfa import channel_names, channel_phase, pattern_side
 from lfcal.frames.regions import Region
-from lfcal.frames.source import FrameInfo, FrameSource, Samples
+from lfcal.frames.source import FrameInfo, FrameMetadata, FrameSource, Samples
 from lfcal.frames.view import SourceView
 
 __all__ = ["ColourScan", "ThinnedSource", "colour_scan", "colours_of"]
@@ -48,8 +47,7 @@ def colours_of(source: FrameSource, plan: ScanPlan) -> tuple[str, ...]:
 
 def _filter(source: FrameSource, plan: ScanPlan) -> str:
     sensor = plan.camera.sensor
-    own = source.metadata.get("cfa")
-    return str(own) if own else sensor.cfa if source.shape == sensor.shape else ""
+    return source.metadata.cfa or (sensor.cfa if source.shape == sensor.shape else "")
 
 
 def colour_scan(source: FrameSource, plan: ScanPlan, channel: str) -> ColourScan | None:
@@ -133,11 +131,9 @@ class ThinnedSource(SourceView):
                 "record the whole scan",
             )
 
-    @property
-    def metadata(self) -> Mapping[str, Any]:
-        """What is known of the frames, with the positions of the colour's plan."""
-        known = {key: value for key, value in self.source.metadata.items() if key not in ("plan_shape", "plan")}
-        return known | {"plan_shape": self._scan.plan.shape[:3]}
+    def derived(self, known: FrameMetadata) -> FrameMetadata:
+        """Return what is known of the frames, with the positions of the colour's plan."""
+        return replace(known, plan=None, plan_shape=self._scan.plan.shape[:3])
 
     def __len__(self) -> int:
         """Return the number of frames."""

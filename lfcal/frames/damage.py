@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from lfcal.errors import FileFormatError, StorageError
 from lfcal.frames.regions import Region
-from lfcal.frames.source import FrameInfo, Frames, FrameSource, LeftOut, Position, Samples
+from lfcal.frames.source import FrameInfo, FrameMetadata, Frames, FrameSource, LeftOut, Position, Samples
 from lfcal.frames.view import SourceView
 from lfcal.progress import Clock, Work
 from lfcal.threads import worker_count
@@ -43,10 +44,9 @@ class SelectedSource(SourceView):
         """Indices of the frames in ``source``."""
         self._left_out = left_out
 
-    @property
-    def metadata(self) -> Mapping[str, Any]:
-        """What is known of the frames, with those ``left_out``."""
-        return {**self.source.metadata, "left_out": self._left_out}
+    def derived(self, known: FrameMetadata) -> FrameMetadata:
+        """Return what is known of the frames, with those ``left_out``."""
+        return replace(known, left_out=self._left_out)
 
     def __len__(self) -> int:
         """Return the number of frames chosen."""
@@ -96,7 +96,7 @@ def iter_undamaged(source: FrameSource, *, workers: int | None = None) -> Work[S
     >>> size = Path("copied/y0_x1.npy").write_bytes(b"cut short")
     >>> with open_frames("copied", pattern="y{y}_x{x}.npy") as source:
     ...     sound = drain(iter_undamaged(source, workers=1))
-    >>> lost: LeftOut = sound.metadata["left_out"][0]
+    >>> lost: LeftOut = sound.metadata.left_out[0]
     >>> print(len(sound), "of 3; left out:", lost.label)
     2 of 3; left out: y0_x1.npy
     """
@@ -124,4 +124,4 @@ def iter_undamaged(source: FrameSource, *, workers: int | None = None) -> Work[S
         raise FileFormatError.expected(
             "frames", "some that can be read", f"{len(left_out)} damaged ones", "record or copy them again"
         )
-    return SelectedSource(source, chosen, (*source.metadata.get("left_out", ()), *left_out.values()))
+    return SelectedSource(source, chosen, (*source.metadata.left_out, *left_out.values()))

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -12,7 +10,7 @@ from lfcal.camera import Camera, ScanPlan, Sensor
 from lfcal.errors import InputError
 from lfcal.frames.cfa import cfa_from
 from lfcal.frames.regions import Region
-from lfcal.frames.source import FrameInfo, Frames, FrameSource, Noise, Samples
+from lfcal.frames.source import FrameInfo, FrameMetadata, Frames, FrameSource, Noise, Samples
 from lfcal.frames.view import SourceView
 
 __all__ = ["DescribedSource", "sensor_noise", "stated_noise"]
@@ -45,31 +43,25 @@ class DescribedSource(SourceView):
     def __init__(self, source: FrameSource, plan: ScanPlan) -> None:
         super().__init__(source)
         self.plan = plan
-        self._facts = dict(source.metadata)
-        self._filled = _raw(source, plan.camera.sensor) and self._fill(plan.camera)
+        self._raw = _raw(source, plan.camera.sensor)
+        # whether their highest value comes from the plan
+        self._filled = self._raw and self.known.bit_depth is None and self.known.saturation is None
 
-    def _fill(self, camera: Camera) -> bool:
-        """Enter what the frames do not state; return whether their highest value comes from the plan."""
-        facts, sensor, noise = self._facts, camera.sensor, stated_noise(camera)
-        unsaid = facts.get("bit_depth") is None and facts.get("saturation") is None
-        if unsaid:
-            facts |= {"bit_depth": sensor.bit_depth, "saturation": sensor.saturated_from}
-        if sensor.black_level > 0:  # 0 is the default of a description, so it states nothing
-            facts.setdefault("black_level", sensor.black_level)
-        place = facts.get("origin")
-        if sensor.cfa and not facts.get("cfa") and "channel" not in facts:
-            if place is not None:
-                facts["cfa"] = cfa_from(sensor.cfa, place)
+    def derived(self, known: FrameMetadata) -> FrameMetadata:
+        """Return what frames and plan say together."""
+        if not self._raw:
+            return known
+        sensor = self.plan.camera.sensor
+        if self._filled:
+            known = replace(known, bit_depth=sensor.bit_depth, saturation=sensor.saturated_from)
+        if known.black_level is None and sensor.black_level > 0:  # 0 is the default of a description: it states nothing
+            known = replace(known, black_level=sensor.black_level)
+        if sensor.cfa and not known.cfa and not known.channel:
+            if known.origin is not None:
+                known = replace(known, cfa=cfa_from(sensor.cfa, known.origin))
             elif self.source.shape == sensor.shape:
-                facts["cfa"] = sensor.cfa
-        if noise is not None:
-            facts.setdefault("noise", noise)
-        return unsaid
-
-    @property
-    def metadata(self) -> Mapping[str, Any]:
-        """What frames and plan say together."""
-        return self._facts
+                known = replace(known, cfa=sensor.cfa)
+        return known if known.noise is not None else replace(known, noise=stated_noise(self.plan.camera))
 
     def info(self, index: int) -> FrameInfo:
         """Return what is known of frame ``index``, with the plan's exposure where it has none of its own."""
@@ -87,12 +79,12 @@ class DescribedSource(SourceView):
         """Return the source's samples; raises `InputError` where they exceed the bit depth that the plan states."""
         if not self._filled:
             found = self.source.samples(index, region)
-            return found if found.noise is not None else found._replace(noise=self._facts.get("noise"))
+            return found if found.noise is not None else found._replace(noise=self.metadata.noise)
         found = Frames.samples(self, index, region)
         if found.saturated:
             top, largest = self.plan.camera.sensor.max_value, found.values.max()
             if largest > top:
-                bits = self._facts["bit_depth"]
+                bits = self.metadata.bit_depth
                 raise InputError.expected(
                     self.info(index).label,
                     f"values up to {top} ({bits} bits, as the plan says)",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -13,7 +12,7 @@ from lfcal.camera import ScanPlan
 from lfcal.camera.half_cell import HalfCell, half_cell
 from lfcal.errors import InputError
 from lfcal.frames.regions import Region
-from lfcal.frames.source import FrameInfo, FrameSource, Position, Samples
+from lfcal.frames.source import FrameInfo, FrameMetadata, FrameSource, Position, Samples
 from lfcal.frames.view import SourceView
 
 __all__ = ["HalfCellSource", "with_partners"]
@@ -46,9 +45,8 @@ class HalfCellSource(SourceView):
         self.filled = np.unique(np.ravel_multi_index(tuple(self._partners.T), shape))
         """Positions that were filled, as numbers ``(z * ny + y) * nx + x``."""
 
-    @property
-    def metadata(self) -> Mapping[str, Any]:
-        """What is known of the frames, and which positions are not their own."""
+    def derived(self, known: FrameMetadata) -> FrameMetadata:
+        """Return what is known of the frames, and which positions are not their own."""
         ends = np.flatnonzero(np.diff(self.filled) != 1)
         first = self.filled[np.r_[0, ends + 1]] if len(self.filled) else self.filled
         last = self.filled[np.r_[ends, len(self.filled) - 1]] if len(self.filled) else self.filled
@@ -59,7 +57,7 @@ class HalfCellSource(SourceView):
             "residual_px": list(self._cell.residual_px),
             "positions": np.stack([first, last + 1], axis=1).tolist(),
         }
-        return {**self.source.metadata, "half_cell": said}
+        return replace(known, half_cell=said)
 
     def __len__(self) -> int:
         """Return the number of frames, those that stand for their partners counted twice."""

@@ -12,8 +12,9 @@ from lfcal.frames.manifest import Manifest
 from lfcal.frames.orientation import AS_IS
 from lfcal.frames.part import check_origin
 from lfcal.frames.positions import NamePattern, check_plan_shape
-from lfcal.frames.source import Frames
+from lfcal.frames.source import FrameMetadata, Frames, FrameSource
 from lfcal.frames.sources.base import FrameOptions, SourceKind
+from lfcal.frames.view import SourceView
 from lfcal.registry import Registry
 
 __all__ = ["SOURCES", "open_frames"]
@@ -122,4 +123,13 @@ def open_frames(
         ),
         origin=place,
     )
-    return next(kind for kind in SOURCES if kind.recognises(path)).open(path, options)
+    source = next(kind for kind in SOURCES if kind.recognises(path)).open(path, options)
+    return source if isinstance(source.metadata, FrameMetadata) else _Converted(source)
+
+
+class _Converted(SourceView):
+    """The frames of a plug-in that returns its metadata as a mapping, with a record of them."""
+
+    def repeats(self) -> FrameSource | None:
+        """Return the plug-in's repeated frames."""
+        return self.source.repeats() if isinstance(self.source, Frames) else None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 from lfcal.errors import InputError
 from lfcal.frames.orientation import AS_IS, Orientation
 from lfcal.frames.regions import Region, check_region
-from lfcal.frames.source import FrameInfo, Frames, FrameSource, Samples
+from lfcal.frames.source import FrameInfo, FrameMetadata, Frames, FrameSource, Samples
 from lfcal.frames.view import SourceView
 
 __all__ = ["OrientedSource", "oriented"]
@@ -44,13 +43,10 @@ class OrientedSource(SourceView):
         """Rows and columns of every frame, turned."""
         return self.turn.shape(self.source.shape)
 
-    @property
-    def metadata(self) -> Mapping[str, Any]:
-        """The source's metadata; what belongs to single delivered pixels is left out."""
-        known = {k: v for k, v in self.source.metadata.items() if k not in ("cfa", "channel_phase", "darks")}
-        if "origin" in known and len(self.source):
-            known["origin"] = self.info(0).origin
-        return known | {"orientation": {"applied": self.turn.name}}
+    def derived(self, known: FrameMetadata) -> FrameMetadata:
+        """Return what is known of the source's frames without what belongs to single delivered pixels."""
+        origin = self.info(0).origin if known.origin is not None and len(self.source) else known.origin
+        return replace(known, cfa="", channel_phase=None, darks={}, origin=origin, orientation=self.turn.name)
 
     def info(self, index: int) -> FrameInfo:
         """Return what is known of frame ``index``: origin and mask turned; a drift is of the plan's upright image."""

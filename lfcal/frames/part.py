@@ -105,13 +105,13 @@ def check_inside(origin: Place, shape: Place, sensor: Place) -> None:
 
 def check_stated(source: FrameSource, camera: Camera) -> None:
     """Raise `InputError` where frames lie beyond the sensor, or their metadata say that they are a part of it."""
-    facts = source.metadata
-    if "pixel_step" in facts:  # one colour of a mosaic has fewer pixels than the sensor
+    known = source.metadata
+    if known.channel:  # one colour of a mosaic has fewer pixels than the sensor
         return
-    if "origin" in facts:
-        check_inside(facts["origin"], source.shape, camera.sensor.shape)
-    elif (stated := facts.get("stated_origin")) is not None and smaller(source.shape, camera):
-        raise part_refusal(source.shape, camera.sensor.shape, stated, "as their metadata say")
+    if known.origin is not None:
+        check_inside(known.origin, source.shape, camera.sensor.shape)
+    elif known.stated_origin is not None and smaller(source.shape, camera):
+        raise part_refusal(source.shape, camera.sensor.shape, known.stated_origin, "as their metadata say")
 
 
 def part_refusal(shape: Place, sensor: Place, origin: Sequence[float] | None, why: str) -> InputError:

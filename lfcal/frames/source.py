@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from types import MappingProxyType
-from typing import Any, NamedTuple, Protocol, Self, TypeAlias, runtime_checkable
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,8 +15,14 @@ from lfcal.axes import Position
 from lfcal.errors import InputError
 from lfcal.frames.regions import Region
 
+if TYPE_CHECKING:
+    from lfcal.camera import ScanPlan
+    from lfcal.frames.corrections.steps import Dark
+
 __all__ = [
+    "DarkNoise",
     "FrameInfo",
+    "FrameMetadata",
     "FrameSource",
     "Frames",
     "LeftOut",
@@ -150,6 +155,182 @@ class Noise(NamedTuple):
         return Noise(max(0.0, float(variance.mean()) - slope * float(light.mean())), slope)
 
 
+@dataclass(frozen=True)
+class DarkNoise:
+    """Noise of the one dark frame that is subtracted: the mean of ``count`` frames, each of a sample's ``variance``.
+
+    The variance (squared sample values) is None where it is not known, or not that of corrected samples.
+    """
+
+    count: int
+    variance: float | None
+
+
+@dataclass(frozen=True)
+class FrameMetadata:
+    """What is known of all frames of a source. None, an empty value, or the default below: not known.
+
+    A view passes on the record of the source that it views, with `dataclasses.replace` for what differs.
+
+    Attributes
+    ----------
+    bit_depth
+        Bits of a sample.
+    saturation
+        Sample value from which a pixel is saturated; None too where that differs by pixel.
+    black_level
+        Sample value without light; a tuple: one for each place of the colour filter pattern, by rows.
+    cfa
+        Colour filter pattern by rows, from the first pixel of the frames, such as ``"RGGB"``; empty too for monochrome
+        frames.
+    gains
+        White balance of the camera, one factor for each place of the pattern, by rows; of a channel its own.
+    noise
+        Noise of the raw samples.
+    darks
+        Dark frames recorded with the frames, by exposure (s).
+    lost_darks
+        Exposures (s) whose recorded dark frames are all damaged.
+    left_out
+        Damaged frames that were left out.
+    codec
+        How the files store samples: ``{"name": "lzw", "lossless": True}``. H keeps it.
+    colour
+        Component of colour images that the frames are: one of `lfcal.frames.components.COMPONENTS`.
+    pixel_um
+        Size of a pixel in object space as the files state it (µm).
+    path
+        File or folder that the frames come from.
+    notes
+        What was guessed when the frames were opened, a line each.
+    plan
+        Scan plan that the frames were recorded or simulated by.
+    plan_shape
+        Positions ``(nz, ny, nx)`` of the scan.
+    origin
+        Row and column of the first pixel on the sensor as it is delivered, where all frames are the same part of it.
+        H keeps it.
+    stated_origin
+        The same as the files state it, not yet confirmed.
+    channel
+        Place of the colour filter pattern that the frames show alone, such as ``"G1"``; empty: all, or monochrome.
+    channel_phase
+        Row and column of the channel's first pixel in the mosaic.
+    pixel_step
+        Pixels of the mosaic from one pixel of the channel to the next.
+    balanced_by
+        Factors that the places of the pattern were multiplied by, by rows.
+    shift
+        Bits by which left-aligned samples were moved down.
+    corrections
+        The corrections that were made (`CorrectionChain.describe`). H keeps it.
+    keeps_level
+        Whether the corrections leave the black level in the frames; None: no corrections were made.
+    dark_noise
+        Noise that the subtracted dark frame adds, where one is subtracted from all frames.
+    half_cell
+        Positions whose frames are those of half a period away, as H keeps them (`lfcal.frames.half_cell`): numbers of
+        ``frames`` and of positions ``filled``, the ``shift`` (positions) and ``residual_px``, ranges of ``positions``.
+    orientation
+        Name of the turn that made the frames upright (`lfcal.frames.ORIENTATIONS`); None: as delivered.
+    session
+        Identity of the session that was recorded. H keeps it.
+    devices
+        Names of camera and stage, and settings of the camera, of a recorded session. H keeps it.
+    optics
+        Level of the simulator behind the frames of a simulated camera. H keeps it.
+    simulated
+        ``effects``, ``level`` and ``seed`` of simulated frames. H keeps it.
+    suspect
+        Positions whose content was suspicious when they were recorded, and why: ``[z, y, x, words]``. H keeps it.
+    kept_aside
+        Positions ``[z, y, x]`` that a fit is not to use. H keeps it.
+    target
+        Plan of the target that the frames show (`lfcal.targets.TargetPlan`, of a package that imports this one).
+    target_frames
+        Plane and offset's number of each frame of a target.
+    decoded
+        Whether sums of several offsets of a target were solved for what each shows alone.
+    points_left_out
+        Points of a target's frames that show no position of the scan.
+    other
+        What only one kind of source knows, such as that of a plug-in; nothing of lfcal reads it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.frames import ArraySource, FrameMetadata
+    >>> source = ArraySource(np.zeros((1, 1, 1, 4, 6), np.uint16), metadata=FrameMetadata(bit_depth=12))
+    >>> print(source.metadata.bit_depth, source.metadata.black_level)
+    12 None
+    """
+
+    bit_depth: int | None = None
+    saturation: float | None = None
+    black_level: float | tuple[float, ...] | None = None
+    cfa: str = ""
+    gains: float | tuple[float, ...] | None = None
+    noise: Noise | None = None
+    darks: Mapping[float, Dark] = field(default_factory=dict)
+    lost_darks: tuple[float, ...] = ()
+    left_out: tuple[LeftOut, ...] = ()
+    codec: Mapping[str, Any] | None = None
+    colour: str | None = None
+    pixel_um: float | None = None
+    path: str | None = None
+    notes: tuple[str, ...] = ()
+    plan: ScanPlan | None = None
+    plan_shape: tuple[int, int, int] | None = None
+    origin: tuple[int, int] | None = None
+    stated_origin: tuple[int, int] | None = None
+    channel: str = ""
+    channel_phase: tuple[int, int] | None = None
+    pixel_step: int = 1
+    balanced_by: tuple[float, ...] | None = None
+    shift: int = 0
+    corrections: Mapping[str, Any] | None = None
+    keeps_level: bool | None = None
+    dark_noise: DarkNoise | None = None
+    half_cell: Mapping[str, Any] | None = None
+    orientation: str | None = None
+    session: str | None = None
+    devices: Mapping[str, Any] | None = None
+    optics: str = ""
+    simulated: Mapping[str, Any] | None = None
+    suspect: Sequence[Sequence[Any]] = ()
+    kept_aside: Sequence[Sequence[int]] = ()
+    target: object = None
+    target_frames: tuple[tuple[int, int], ...] | None = None
+    decoded: bool = False
+    points_left_out: int = 0
+    other: Mapping[str, object] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, known: FrameMetadata | Mapping[str, Any]) -> FrameMetadata:
+        """Return the record of what a source says: of a plain mapping, keys without a field go to ``other``.
+
+        Sources of earlier plug-ins return a mapping, in which an entry of None is as unknown as one that is not there.
+
+        Raises
+        ------
+        InputError
+            If it is neither.
+        """
+        if isinstance(known, cls):
+            return known
+        if not isinstance(known, Mapping):
+            what, wanted = "metadata of a frame source", "FrameMetadata"
+            raise InputError.expected(what, wanted, type(known).__name__, "return lfcal.frames.FrameMetadata")
+        names = {one.name for one in fields(cls)} - {"other"}
+        stated = {key: value for key, value in known.items() if key in names and value is not None}
+        stated = {key: tuple(value) if isinstance(value, list) else value for key, value in stated.items()}
+        return cls(**stated, other={key: value for key, value in known.items() if key not in names})
+
+    def stated(self, names: Iterable[str]) -> dict[str, Any]:
+        """Return those of the fields ``names`` that are not empty, in their order: what H keeps of them."""
+        return {name: value for name in names if (value := getattr(self, name))}
+
+
 class Samples(NamedTuple):
     """A part of a frame as it was read.
 
@@ -178,11 +359,7 @@ class FrameSource(Protocol):
     """A set of equally shaped 2-D frames. Subclass `Frames` to make one.
 
     Frames come in any order; a position may be missing or given more than once. Reading is safe from several
-    threads. ``metadata`` holds what is known of all frames: ``bit_depth``, ``saturation`` (sample value),
-    ``black_level``, ``cfa``, ``gains``, ``noise`` (`Noise` of raw samples), ``darks`` (recorded with the frames),
-    ``codec`` (how files store samples: ``{"name": "lzw", "lossless": True}``), ``optics`` (of simulated frames),
-    ``plan_shape``, ``plan``, ``path``, ``left_out`` (damaged frames, `LeftOut`) …; an entry that is not there is not
-    known.
+    threads. ``metadata`` does not change as long as the source is open.
     """
 
     @property
@@ -196,7 +373,7 @@ class FrameSource(Protocol):
         ...
 
     @property
-    def metadata(self) -> Mapping[str, Any]:
+    def metadata(self) -> FrameMetadata:
         """What is known of all frames."""
         ...
 
@@ -215,6 +392,9 @@ class FrameSource(Protocol):
     def samples(self, index: int, region: Region | None = None) -> Samples:
         """Return what `read` returns together with what is known of those samples."""
         ...
+
+
+_UNKNOWN = FrameMetadata()
 
 
 class Frames(ABC):
@@ -241,9 +421,9 @@ class Frames(ABC):
         """Sample type of every frame."""
 
     @property
-    def metadata(self) -> Mapping[str, Any]:
+    def metadata(self) -> FrameMetadata:
         """What is known of all frames."""
-        return MappingProxyType({})
+        return _UNKNOWN
 
     @abstractmethod
     def __len__(self) -> int:
@@ -259,8 +439,8 @@ class Frames(ABC):
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
         """Return what `read` returns; samples that are saturated or masked are marked."""
-        facts = self.metadata
-        found = observed(self.read(index, region), facts.get("saturation"), facts.get("noise"))
+        known = FrameMetadata.of(self.metadata)  # sources of earlier plug-ins return a mapping
+        found = observed(self.read(index, region), known.saturation, known.noise)
         mask = self.info(index).mask
         return found if mask is None else masked(found, mask if region is None else mask[region])
 

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.frames.regions import Region
-from lfcal.frames.source import FrameInfo, Frames, FrameSource, Samples
+from lfcal.frames.source import FrameInfo, FrameMetadata, Frames, FrameSource, Samples
 
 __all__ = ["SourceView"]
 
 
 class SourceView(Frames):
-    """The frames of ``source`` seen otherwise: all that is known of them is passed on, pixels are not."""
+    """The frames of ``source`` seen otherwise: all that is known of them is passed on, pixels are not.
+
+    What a view changes of the metadata it states in `derived`.
+    """
 
     def __init__(self, source: FrameSource) -> None:
         self.source = source
@@ -30,10 +33,19 @@ class SourceView(Frames):
         """Sample type of every frame."""
         return self.source.dtype
 
-    @property
-    def metadata(self) -> Mapping[str, Any]:
-        """What is known of all frames."""
-        return self.source.metadata
+    @cached_property
+    def known(self) -> FrameMetadata:
+        """What is known of the frames that are viewed."""
+        return FrameMetadata.of(self.source.metadata)
+
+    @cached_property
+    def metadata(self) -> FrameMetadata:
+        """What is known of all frames, made once."""
+        return self.derived(self.known)
+
+    def derived(self, known: FrameMetadata) -> FrameMetadata:
+        """Return what is known of this view's frames; ``known`` is that of the frames viewed."""
+        return known
 
     def __len__(self) -> int:
         """Return the number of frames."""

@@ -168,7 +168,7 @@ def find_plan_cutout(source: FrameSource, plan: ScanPlan, settings: AssemblySett
     if settings.cutout is not None:
         cutout = replace(cutout, shape=_cutout_shape(source, cutout, settings))
     _check_filter(source, plan)
-    keeps_level = source.metadata.get("keeps_level")
+    keeps_level = source.metadata.keeps_level
     # of frames that went through no corrections nothing is known
     if keeps_level is not None and not settings.keep_pedestal:
         infos = tuple(source.info(k) for k in range(len(source)))
@@ -178,10 +178,10 @@ def find_plan_cutout(source: FrameSource, plan: ScanPlan, settings: AssemblySett
 
 def _check_filter(source: FrameSource, plan: ScanPlan) -> None:
     """Raise `InputError` where the colours of a mosaic do not come back with the lenslets."""
-    cfa = source.metadata.get("cfa")
-    if not cfa or source.metadata.get("channel"):
+    cfa = source.metadata.cfa
+    if not cfa or source.metadata.channel:
         return
-    step = math.isqrt(len(str(cfa)))  # letters by rows of a square
+    step = math.isqrt(len(cfa))  # letters by rows of a square
     if any(n % step for n in plan.period):
         period = " x ".join(str(math.lcm(n, step)) for n in plan.period)
         raise InputError.expected(
@@ -195,8 +195,7 @@ def _check_filter(source: FrameSource, plan: ScanPlan) -> None:
 def known_of(source: FrameSource, plan: ScanPlan, provenance: Mapping[str, Any] | None) -> dict[str, Any]:
     """Return what H keeps of the scan that it is made of."""
     told = ("session", "devices", "simulated", "optics", "suspect", "half_cell", "kept_aside")
-    known = {key: source.metadata[key] for key in told if key in source.metadata}
-    return {**known, "plan": plan.to_dict(), **(provenance or {})}
+    return {**source.metadata.stated(told), "plan": plan.to_dict(), **(provenance or {})}
 
 
 def assemble_plan(

@@ -135,24 +135,24 @@ class Assembly:
     @property
     def recorded(self) -> int:
         """Frames that were recorded: those of a half-cell scan stand for two positions each."""
-        filled: int = self.source.metadata.get("half_cell", {}).get("frames", 0)
-        return len(self.source) - filled
+        copied = self.source.metadata.half_cell
+        return len(self.source) - (0 if copied is None else copied["frames"])
 
     def history(self, provenance: Mapping[str, Any] | None = None) -> dict[str, Any]:
         """Return what H keeps of how it was made."""
         known, cutout = self.source.metadata, self.cutout
         found = {
-            "frames": {"count": self.recorded, **{name: known[name] for name in FRAME_FACTS if name in known}},
+            "frames": {"count": self.recorded, **known.stated(FRAME_FACTS)},
             "cutout": {"interpolation": cutout.interpolation, "outside": cutout.outside, "scale": list(cutout.scale)},
-            "corrections": known.get("corrections", {}),
+            "corrections": known.corrections or {},
             **(provenance or {}),
         }
         if self.noise is not None:
             found.setdefault("noise", self.noise.record())
-        if left_out := tuple(known.get("left_out", ())):
-            found["left_out"] = [one._asdict() for one in left_out]
-        if turned := known.get("orientation"):
-            found.setdefault("orientation", turned)
+        if known.left_out:
+            found["left_out"] = [one._asdict() for one in known.left_out]
+        if known.orientation is not None:
+            found.setdefault("orientation", {"applied": known.orientation})
         return found
 
     def writer(
@@ -233,10 +233,8 @@ class Assembly:
     def report(self, matrix: PSFMatrix) -> AssemblyReport:
         """Return what a user should know of the H that was made."""
         known = self.source.metadata
-        turned = known.get("orientation")
         found = AssemblyReport.of(matrix, self.recorded, self.missing, self.repeated, self.padded, self.residual_px)
-        applied = AS_IS if turned is None else turned["applied"]
-        return replace(found, left_out=tuple(known.get("left_out", ())), orientation=applied)
+        return replace(found, left_out=known.left_out, orientation=known.orientation or AS_IS)
 
 
 class _Gathered:

@@ -133,8 +133,8 @@ def measure_noise(gatherer: Gatherer, order: NDArray[np.int64], counts: NDArray[
     if said is not None:
         return said
     first = np.concatenate([[0], np.cumsum(counts.ravel())[:-1]]).reshape(counts.shape)
-    dark = gatherer.source.metadata.get("dark_noise", {})
-    floor, share = dark.get("variance"), 1 + (1 / dark["count"] if dark.get("count") else 0.0)
+    dark = gatherer.source.metadata.dark_noise
+    floor, share = (None, 1.0) if dark is None else (dark.variance, 1 + 1 / dark.count)
     ways = (
         ("repeated frames", _repeated(gatherer, order, first, counts)),
         ("neighbouring positions", _neighbours(gatherer, order, first, counts, 5)),

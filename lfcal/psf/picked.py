@@ -106,6 +106,5 @@ def iter_pick(
         camera=plan.camera,
         anchor=plan.anchor,
         facts=facts,
-        provenance={key: source.metadata[key] for key in ("optics",) if key in source.metadata}
-        | ({} if noise is None else {"noise": noise.record()}),
+        provenance=source.metadata.stated(("optics",)) | ({} if noise is None else {"noise": noise.record()}),
     )

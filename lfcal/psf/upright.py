@@ -68,12 +68,12 @@ def check_place(
     turn
         What makes the frames upright, where it was not looked for.
     """
-    sensor, facts = plan.camera.sensor.shape, view.metadata
+    sensor, known = plan.camera.sensor.shape, view.metadata
     # channels have pixels of another size; a session, and who gives cutouts, knows their places
-    if "plan" in facts or "pixel_step" in facts:
+    if known.plan is not None or known.channel:
         return
     seen = found is not None and found.name in ("", AS_IS) and math.isfinite(found.offset_px[0])
-    if "origin" not in facts:
+    if known.origin is None:
         if smaller(turn.shape(view.shape), plan.camera) and all(
             view.info(k).origin == (0, 0) for k in range(len(view))
         ):
@@ -84,7 +84,7 @@ def check_place(
         return
     slack = max(2.0, 0.1 * max(plan.cutout), 2 * found.residual_px)
     if math.hypot(*found.offset_px) > slack:
-        first = facts["origin"]
+        first = known.origin
         row, column = (round(a - b) for a, b in zip(first, found.offset_px, strict=True))
         raise InputError.expected(
             "origin of the frames (row, column)",

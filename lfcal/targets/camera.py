@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.camera.shadow import half_extent_px
 from lfcal.errors import InputError
 from lfcal.frames.regions import Region, check_region
-from lfcal.frames.source import FrameInfo, Frames
+from lfcal.frames.source import FrameInfo, FrameMetadata, Frames
 from lfcal.progress import Clock, Work
 from lfcal.simulate.accuracy.planner import plan_effects
 from lfcal.simulate.effects.base import MotionEffect
@@ -144,12 +145,10 @@ class TargetCamera(Frames):
         """uint16 sample values, or float32 where nothing rounds them."""
         return self.single.dtype
 
-    @property
-    def metadata(self) -> Mapping[str, Any]:
+    @cached_property
+    def metadata(self) -> FrameMetadata:
         """What a `SimulatedCamera` of the scan tells of its frames, but for their number: they are no scan's."""
-        facts = dict(self.single.metadata)
-        del facts["plan_shape"]
-        return facts
+        return replace(self.single.metadata, plan_shape=None)
 
     def __len__(self) -> int:
         """Return the number of frames."""

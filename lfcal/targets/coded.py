@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from lfcal.errors import InputError
 from lfcal.frames.regions import Region
-from lfcal.frames.source import FrameInfo, FrameSource, Noise, Samples
+from lfcal.frames.source import FrameInfo, FrameMetadata, FrameSource, Noise, Samples
 from lfcal.frames.view import SourceView
 from lfcal.targets.lit import lit_blocks, lit_matrix
 from lfcal.targets.plan import TargetPlan
@@ -73,12 +74,9 @@ class DecodedFrames(SourceView):
         """float32: sums of frames."""
         return np.dtype(np.float32)
 
-    @property
-    def metadata(self) -> Mapping[str, Any]:
-        """What is known of the frames; their range is no longer the sensor's."""
-        return {k: v for k, v in self.source.metadata.items() if k not in ("saturation", "bit_depth")} | {
-            "decoded": True
-        }
+    def derived(self, known: FrameMetadata) -> FrameMetadata:
+        """Return what is known of the frames; their range is no longer the sensor's."""
+        return replace(known, saturation=None, bit_depth=None, decoded=True)
 
     def info(self, index: int) -> FrameInfo:
         """Return what is known of the frames that are summed."""

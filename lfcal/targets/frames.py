@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from lfcal.errors import InputError
 from lfcal.frames.opening import open_frames
-from lfcal.frames.source import FrameInfo, Frames, FrameSource
+from lfcal.frames.source import FrameInfo, FrameMetadata, Frames, FrameSource
 from lfcal.frames.view import SourceView
 from lfcal.targets.plan import FORMAT, TargetPlan
 
@@ -41,11 +41,9 @@ class TargetFrames(SourceView):
             wanted = f"{plan.scan.camera.sensor.shape} pixels, the plan's sensor"
             raise InputError.expected("frames of a target", wanted, source.shape, "give whole sensor frames")
 
-    @property
-    def metadata(self) -> Mapping[str, Any]:
-        """What is known of all frames, and of the target they show."""
-        facts = {k: v for k, v in self.source.metadata.items() if k != "plan_shape"}
-        return facts | {"target": self.plan, "target_frames": self.plan.frames, "plan": self.plan.scan}
+    def derived(self, known: FrameMetadata) -> FrameMetadata:
+        """Return what is known of all frames, and of the target they show."""
+        return replace(known, plan_shape=None, target=self.plan, target_frames=self.plan.frames, plan=self.plan.scan)
 
     def __len__(self) -> int:
         """Return the number of frames."""
@@ -118,12 +116,12 @@ def frames_of(source: FrameSource, plan: TargetPlan) -> tuple[tuple[int, int], .
     InputError
         If it does not tell, and is not of as many frames as the plan.
     """
-    if plan.lit is not None and not source.metadata.get("decoded"):
+    if plan.lit is not None and not source.metadata.decoded:
         wanted = "those that show one offset each"
         remedy = "solve for them (lfcal.targets.decoded)"
         raise InputError.expected("frames of a target", wanted, "sums of several offsets", remedy)
-    told = source.metadata.get("target_frames")
-    frames: tuple[tuple[int, int], ...] = plan.frames if told is None else tuple((int(z), int(k)) for z, k in told)
+    told = source.metadata.target_frames
+    frames = plan.frames if told is None else tuple((int(z), int(k)) for z, k in told)
     if len(frames) != len(source):
         wanted = f"{len(frames)}, as many as the plan has"
         raise InputError.expected("frames of a target", wanted, len(source), "give the plan they were recorded by")

@@ -47,7 +47,7 @@ def test_only_chosen_positions_are_recorded(tmp_path: Path) -> None:
     record(tmp_path / "all", PLAN, rig_for(PLAN), WHOLE)
     assert schedule.roi == SessionFile.read(tmp_path / "all").schedule(0).roi
     with RecordingSource(tmp_path / "s") as source:
-        assert source.metadata["kept_aside"] == [[2, 1, 1]] and len(source.metadata["darks"]) == 1
+        assert source.metadata.kept_aside == [[2, 1, 1]] and len(source.metadata.darks) == 1
     made = drain(iter_assemble_session(tmp_path / "s"))
     assert {tuple(p) for p in np.argwhere(made.matrix.recorded > 0).tolist()} == set(CHOSEN)
 
@@ -150,7 +150,7 @@ def test_a_whole_scan_is_no_session_of_chosen_positions(tmp_path: Path) -> None:
     record(tmp_path / "s", PLAN, rig_for(PLAN), CAREFUL)
     record(tmp_path / "s", PLAN, rig_for(PLAN), redo=CHOSEN[:3], kept_aside=CHOSEN[:1])
     with RecordingSource(tmp_path / "s") as source:
-        assert "kept_aside" not in source.metadata and len(source) == 27
+        assert not source.metadata.kept_aside and len(source) == 27
 
 
 def test_sessions_of_all_positions_stay_as_they_were(tmp_path: Path) -> None:

@@ -69,7 +69,7 @@ def test_from_plan_to_h_without_copying_by_hand(
     assert result["bytes_gained"] > 0
     with open_psf(matrix, check=True) as psf, open_frames(out) as recording:
         assert psf.shape == (2, 4, 5, 21, 21)
-        source = corrected_view(recording, CorrectionRecipe(), recording.metadata["plan"])
+        source = corrected_view(recording, CorrectionRecipe(), recording.metadata.plan)
         for k in range(40):
             step = np.ptp(psf.plane(source.info(k).position.z)) / 65535
             np.testing.assert_allclose(psf[source.info(k).position], source.read(k), atol=0.51 * step)
@@ -133,7 +133,7 @@ def test_the_lens_is_covered_by_hand_once_for_all_darks(
     assert run(*arguments, "--cover", monkeypatch=monkeypatch) == 0
     assert requests == ["cover", "uncover"]
     with RecordingSource(tmp_path / "s") as source:
-        assert len(source) == 8 and sorted(source.metadata["darks"]) == [0.01, 0.02]
+        assert len(source) == 8 and sorted(source.metadata.darks) == [0.01, 0.02]
     monkeypatch.setattr(sys, "stdin", io.StringIO())
     assert run(*arguments[:3], tmp_path / "t", "--no-check-stage", "--cover", monkeypatch=monkeypatch) == 2
     assert "by the device: lens cover: nobody answered" in capsys.readouterr().err

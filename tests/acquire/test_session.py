@@ -68,7 +68,7 @@ def test_a_session_is_a_frame_source(whole: Path) -> None:
         assert (row, column) == (48 + y - 10, 48 + x - 10)
         assert source.info(0).exposure_s == 0.02
         assert source.info(3).label == "recording.h5[3]"
-        assert source.metadata["bit_depth"] == 12
+        assert source.metadata.bit_depth == 12
 
 
 def test_cutouts_follow_the_source(whole: Path) -> None:
@@ -375,7 +375,7 @@ def test_a_dark_frame_is_the_mean_of_as_many_as_were_asked_for(tmp_path: Path, c
     record(tmp_path, PLAN, replace(rig, camera=camera), replace(CAREFUL, darks=count))
     assert len(camera.dark) == count
     with RecordingSource(tmp_path) as source:
-        assert sorted(source.metadata["darks"]) == [0.02]
+        assert sorted(source.metadata.darks) == [0.02]
 
 
 @pytest.mark.parametrize("how", ["stop", "abort", "fault"])

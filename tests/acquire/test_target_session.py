@@ -90,7 +90,7 @@ def test_points_are_the_positions_next_to_the_holes(plan: TargetPlan, session: P
 
 def test_darks_and_references_belong_to_it(plan: TargetPlan, session: Path) -> None:
     source = open_frames(session)
-    assert set(source.metadata["darks"]) == {0.02, 0.03}
+    assert set(source.metadata.darks) == {0.02, 0.03}
     view = corrected_view(source, CorrectionRecipe())
     assert view.shape == source.shape and abs(float(np.median(view.read(0)))) < 1.5
     checks = read_checks(session)
@@ -222,7 +222,7 @@ def test_brackets_and_averages_make_floats(plan: TargetPlan, tmp_path: Path) -> 
     twice = replace(plan, scan=dataclasses.replace(plan.scan, frames_averaged=2))
     record(tmp_path / "s", twice, rig_of(twice), CAREFUL)
     with TargetRecording(tmp_path / "s") as source:
-        assert source.dtype == np.float32 and source.metadata["noise"]
+        assert source.dtype == np.float32 and source.metadata.noise
     assert Options().plain
 
 

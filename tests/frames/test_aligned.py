@@ -57,9 +57,9 @@ def test_a_proposal_and_a_slip() -> None:
 
 def test_levels_move_with_the_samples() -> None:
     plain = ShiftedSource(source(FRAMES << np.uint16(4)), 4)
-    assert plain.metadata["bit_depth"] == 12 and plain.metadata["saturation"] == 4095
+    assert plain.metadata.bit_depth == 12 and plain.metadata.saturation == 4095
     stated = ShiftedSource(source(FRAMES << np.uint16(4), saturation=65520.0, black_level=(160.0, 320.0)), 4)
-    assert stated.metadata["saturation"] == 4095 and stated.metadata["black_level"] == (10, 20)
+    assert stated.metadata.saturation == 4095 and stated.metadata.black_level == (10, 20)
     full = (FRAMES << np.uint16(4)).copy()
     full[0, 0, 0] = 4095 << 4
     assert ShiftedSource(source(full), 4).samples(0).saturated == 1

@@ -32,8 +32,8 @@ def test_channel_of_a_bayer_mosaic(channel: str, r: int, c: int) -> None:
     assert source.shape == FRAMES[0, r::2, c::2].shape
     np.testing.assert_array_equal(source.read(1), FRAMES[1, r::2, c::2])
     assert source.dtype == np.uint16 and source.info(1).position == (0, 0, 1)
-    assert source.metadata["channel_phase"] == (r, c) and source.metadata["pixel_step"] == 2
-    assert source.metadata["black_level"] == 2 * r + c + 1 and "cfa" not in source.metadata
+    assert source.metadata.channel_phase == (r, c) and source.metadata.pixel_step == 2
+    assert source.metadata.black_level == 2 * r + c + 1 and source.metadata.cfa == ""
     assert source.info(1).drift == (0.5, -1.5)
     assert source.info(1).label == f"frames[1] {channel}"
 
@@ -60,8 +60,8 @@ def test_gains_multiply_each_colour() -> None:
         expected[k // 2 :: 2, k % 2 :: 2] *= np.float32(gain)
     for source in (balanced_source(mosaic(), gains), balanced_source(mosaic(gains=gains))):
         np.testing.assert_array_equal(source.read(0), expected)
-        assert source.dtype == np.float32 and source.metadata["balanced_by"] == gains
-        assert "saturation" not in source.metadata and source.metadata["cfa"] == "GRBG"
+        assert source.dtype == np.float32 and source.metadata.balanced_by == gains
+        assert source.metadata.saturation is None and source.metadata.cfa == "GRBG"
 
 
 def test_channels_of_corrected_frames() -> None:

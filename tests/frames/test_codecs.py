@@ -163,7 +163,7 @@ def test_a_folder_of_frames_passes_the_codec_on(tmp_path: Path) -> None:
     for y, x in np.ndindex(2, 2):
         tiff(tmp_path / f"y{y}_x{x}.tif", SMOOTH + np.uint16(y), compression="lzw")
     with open_frames(tmp_path, pattern="y{y}_x{x}.tif") as source:
-        assert source.metadata["codec"] == {"name": "lzw", "lossless": True}
+        assert source.metadata.codec == {"name": "lzw", "lossless": True}
 
 
 def test_a_dng_of_lossy_samples_is_refused(tmp_path: Path) -> None:

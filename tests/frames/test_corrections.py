@@ -329,7 +329,7 @@ def test_description_is_json_and_changes_with_the_frames() -> None:
     other = CorrectionChain((Dark(DARK + 1, 12.5),)).describe()
     assert other["steps"][0]["crc32"] != record["steps"][0]["crc32"]
     source = corrected(ArraySource(frame()[None], [(0, 0, 0)]), CorrectionChain((Dark(DARK),)))
-    assert json.loads(json.dumps(source.metadata["corrections"]))["steps"][0]["kind"] == "dark"
+    assert json.loads(json.dumps(source.metadata.corrections))["steps"][0]["kind"] == "dark"
 
 
 def test_corrected_is_a_source_again() -> None:

@@ -61,7 +61,7 @@ def test_damaged_frames_are_left_out_and_listed(folder: Path, names: tuple[str, 
     with open_frames(folder, pattern="y{y}_x{x}.tif", skip_damaged=True) as source:
         work = iter_undamaged(source, workers=2)
         part = drain(work)
-        assert [found.label for found in part.metadata["left_out"]] == [f"{name}.tif" for name in names]
+        assert [found.label for found in part.metadata.left_out] == [f"{name}.tif" for name in names]
         assert len(part) == 6 - len(names)
         for k in range(len(part)):
             _, y, x = part.info(k).position
@@ -82,5 +82,5 @@ def test_nothing_left_is_an_error(folder: Path) -> None:
 def test_whole_frames_are_all_taken(folder: Path) -> None:
     with open_frames(folder, pattern="y{y}_x{x}.tif") as source:
         part = drain(iter_undamaged(source))
-        assert len(part) == 6 and part.metadata["left_out"] == ()
+        assert len(part) == 6 and part.metadata.left_out == ()
         assert [p.done for p in iter_undamaged(source)] == [0, 6]

@@ -54,6 +54,6 @@ def test_open_frames_finds_it_in_an_installed_package(
     code = (
         "from lfcal.frames import open_frames\n"
         f"with open_frames({str(path)!r}, order='raster', plan_shape=(1, 1, 3)) as source:\n"
-        "    print(len(source), source.metadata['bit_depth'], source.samples(2).saturated, source.read(2).sum())"
+        "    print(len(source), source.metadata.bit_depth, source.samples(2).saturated, source.read(2).sum())"
     )
     assert in_a_new_process(tmp_path, code).split() == ["3", "12", "0", str(frames[2].sum())]

@@ -14,7 +14,7 @@ from lfcal.errors import InputError
 from lfcal.fit import measured_of
 from lfcal.frames.half_cell import with_partners
 from lfcal.frames.regions import Region
-from lfcal.frames.source import FrameInfo, Frames, Noise, Position
+from lfcal.frames.source import FrameInfo, FrameMetadata, Frames, Noise, Position
 from lfcal.psf import PSFMatrix, open_psf
 from lfcal.psf.assemble_plan import assemble_plan
 from lfcal.psf.half_cell import copied_positions
@@ -41,8 +41,8 @@ class Drawn(Frames):
         return np.dtype(np.float32)
 
     @property
-    def metadata(self) -> dict[str, Any]:
-        return {"noise": Noise(4.0, 1.0), "saturation": 1e4}
+    def metadata(self) -> FrameMetadata:
+        return FrameMetadata(noise=Noise(4.0, 1.0), saturation=1e4)
 
     def __len__(self) -> int:
         return len(self.positions)

@@ -38,7 +38,7 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> tuple[ScanPlan, dict[str
     options = Options(darks=2, reference_every=0)
     record(root / "session", plan, simulated_rig(plan, optics=simulated), options)
     with open_frames(root / "session") as session:
-        dark = session.metadata["darks"][0.02]
+        dark = session.metadata.darks[0.02]
         full = np.zeros((plan.shape[0] * 12, *camera.sensor.shape), np.uint16)
         rng = np.random.default_rng(0)
         full[:] = rng.integers(60, 70, full.shape)
@@ -73,7 +73,7 @@ def test_what_h_keeps_of_a_session_is_the_same_text_in_every_version(places: tup
     plan, ways = places
     with open_frames(ways["session"]) as source:
         matrix = assemble_plan(corrected_view(source, CorrectionRecipe(), plan), plan).matrix
-        (dark,) = source.metadata["darks"].values()
+        (dark,) = source.metadata.darks.values()
     stored = json.loads((ways["session"] / "session.json").read_text())
     found = {key: value for key, value in matrix.provenance.items() if key != "plan"}
     mean, crc = float(dark.frame.mean(dtype=np.float64)), f"{zlib.crc32(dark.frame.tobytes()):08x}"
@@ -121,7 +121,7 @@ def test_every_source_answers_everything(places: tuple[ScanPlan, dict[str, Path]
             np.testing.assert_array_equal(samples.values, source.read(1, region))
             assert (info.origin == (0, 0)) == (name != "session"), "a session's frames know their place"
             if name in ("session", "plan.json"):
-                assert info.exposure_s == 0.02 and source.metadata["plan"].shape == plan.shape
+                assert info.exposure_s == 0.02 and source.metadata.plan.shape == plan.shape
                 assert samples.saturated == 0
             else:
                 assert info.exposure_s is None and samples.saturated is None, "unknown, not zero"

@@ -57,7 +57,7 @@ def test_folder_by_names(tmp_path: Path) -> None:
     source = open_frames(tmp_path, pattern=NAMES, plan_shape=PLAN)
     assert_session(source)
     assert source.info(0).label == "z0_y0_x0.png"
-    assert source.metadata["plan_shape"] == PLAN
+    assert source.metadata.plan_shape == PLAN
     assert source.manifest.coverage() == ((), ())
 
 
@@ -167,7 +167,7 @@ def test_raw_frames_bring_their_mosaic(tmp_path: Path) -> None:
     for x in range(2):
         write_dng(tmp_path / f"y0_x{x}.dng", frames[x])
     source = open_frames(tmp_path, pattern="y{y}_x{x}.dng")
-    assert source.metadata["cfa"] == "GRBG" and source.metadata["saturation"] == 1023
+    assert source.metadata.cfa == "GRBG" and source.metadata.saturation == 1023
     np.testing.assert_array_equal(source.read(1), frames[1])
     write_dng(tmp_path / "y0_x1.dng", frames[1], (0, 1, 1, 2))
     source = open_frames(tmp_path, pattern="y{y}_x{x}.dng")
@@ -182,7 +182,7 @@ def test_bayer_tag_that_exchanges_greens_for_red_and_blue(tmp_path: Path) -> Non
     scene = np.random.default_rng(2).integers(200, 250, (40, 60)).astype(np.uint16)
     scene[0::2, 1::2] *= 3  # red, of GRBG
     write_dng(tmp_path / "y0_x0.dng", scene)
-    assert open_frames(tmp_path, pattern="y{y}_x{x}.dng").metadata["cfa"] == "GRBG"
+    assert open_frames(tmp_path, pattern="y{y}_x{x}.dng").metadata.cfa == "GRBG"
     write_dng(tmp_path / "y0_x0.dng", scene, (0, 1, 1, 2))
     with pytest.raises(FileFormatError, match=r"y0_x0\.dng, greens of RGGB: .* its Bayer tag is wrong"):
         open_frames(tmp_path, pattern="y{y}_x{x}.dng")
@@ -220,7 +220,7 @@ def test_bad_frame_is_named_and_others_can_be_read(tmp_path: Path, kind: str) ->
         _write(tmp_path / f"a{k}.tif", FRAMES[0, 0, k])
         entries.append(FrameEntry(f"a{k}.tif", Position(0, 0, k)))
     source = open_frames(tmp_path, manifest=Manifest(tuple(entries), bit_depth=12))
-    assert source.metadata["saturation"] == 4095
+    assert source.metadata.saturation == 4095
     damage, words = BAD_FRAMES[kind]
     damage(tmp_path / "a1.tif")
     with pytest.raises(LfcalError) as caught:

@@ -38,7 +38,7 @@ def test_corrected_frames_turn_as_a_whole_and_in_part(name: str) -> None:
     assert np.array_equal(source.samples(2, np.s_[0:6, 5:7]).values, (UPRIGHT[2] - dark)[:, 5:7])
     assert source.info(1).position == POSITIONS[1]
     assert source.info(1).origin == (0, 0)
-    assert source.metadata["orientation"] == {"applied": name}
+    assert source.metadata.orientation == name
 
 
 @pytest.mark.parametrize("name", NUMPY)

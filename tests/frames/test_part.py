@@ -116,11 +116,11 @@ def test_metadata_that_state_the_part_refuse_a_plan_of_the_whole(tmp_path: Path)
     tag = (51123, "s", 0, json.dumps({"ROI": "6-5-42-33", "BitDepth": 12}), True)
     write_part(tmp_path / "f", extratags=[tag])
     with opened(tmp_path / "f") as source:
-        assert source.metadata["stated_origin"] == ORIGIN
+        assert source.metadata.stated_origin == ORIGIN
         with pytest.raises(InputError, match=r"first pixel is row 5, column 6 of it, as their metadata say; state"):
             assemble_plan(source, PLAN)
     with opened(tmp_path / "f", origin=(5, 7)) as source:
-        assert "the frames' metadata say 5,6; 5,7 is taken as stated" in source.metadata["notes"][-1]
+        assert "the frames' metadata say 5,6; 5,7 is taken as stated" in source.metadata.notes[-1]
 
 
 def test_a_folder_of_micro_manager_states_the_part(tmp_path: Path) -> None:
@@ -134,7 +134,7 @@ def test_a_folder_of_micro_manager_states_the_part(tmp_path: Path) -> None:
         }
     (tmp_path / "metadata.txt").write_text(json.dumps(body))
     with open_frames(tmp_path, plan=replace(PLAN, depths_um=(-40e3,), exposure_s=0.02)) as source:
-        assert source.metadata["stated_origin"] == ORIGIN
+        assert source.metadata.stated_origin == ORIGIN
 
 
 def test_the_light_tells_the_part_and_what_was_stated_wrongly(tmp_path: Path) -> None:
@@ -188,7 +188,7 @@ def test_a_mirrored_part_lies_where_its_mirror_image_does(tmp_path: Path) -> Non
         tifffile.imwrite(path, tifffile.imread(path)[:, ::-1].copy())
     with opened(tmp_path / "f", origin=(5, 6)) as source:
         upright = oriented(source, named_orientation("mirror-x"), PLAN.camera.sensor.shape)
-        assert upright.info(0).origin == upright.metadata["origin"] == (5, 0)
+        assert upright.info(0).origin == upright.metadata.origin == (5, 0)
         np.testing.assert_array_equal(upright.read(0), frame((0, 0), seed=0)[5:38, :42])
 
 
@@ -199,7 +199,7 @@ def test_a_part_that_is_delivered_on_its_side(tmp_path: Path) -> None:
         tifffile.imwrite(path, tifffile.imread(path).T.copy())
     with opened(tmp_path / "f", origin=(3, 12)) as source:
         upright = oriented(source, named_orientation("transpose"), PLAN.camera.sensor.shape)
-        assert upright.metadata["origin"] == (12, 3)
+        assert upright.metadata.origin == (12, 3)
         assemble_plan(upright, PLAN)
         turn, _ = drain(iter_upright(source, PLAN, "transpose"))
         assert turn.name == "transpose"
@@ -211,7 +211,7 @@ def test_colours_of_a_part_begin_with_its_first_pixel(tmp_path: Path) -> None:
     write_part(tmp_path / "f", (5, 6))
     with opened(tmp_path / "f", origin=(5, 6)) as source:
         described = DescribedSource(source, plan)
-        assert described.metadata["cfa"] == "GBRG"
+        assert described.metadata.cfa == "GBRG"
         with pytest.raises(InputError, match="a part from the first pixel of a colour pattern"):
             channel_source(described, "R").info(0)
     mosaic = session((1, 6, 8))
@@ -222,7 +222,7 @@ def test_colours_of_a_part_begin_with_its_first_pixel(tmp_path: Path) -> None:
     np.testing.assert_array_equal(balanced_source(part, gains).read(0), balanced_source(plain, gains).read(0))
     even = ArraySource(mosaic, [(0, 0, 0)], origins=[(4, 6)], metadata={"cfa": "RGGB", "origin": (4, 6)})
     red = channel_source(even, "R")
-    assert red.info(0).origin == (2, 3) and red.metadata["origin"] == (2, 3)
+    assert red.info(0).origin == (2, 3) and red.metadata.origin == (2, 3)
     np.testing.assert_array_equal(red.read(0), mosaic[0, ::2, ::2])
 
 

@@ -52,7 +52,7 @@ def test_kodak_frame_feeds_the_core_by_channel(tmp_path: Path) -> None:
     for name, (r, c) in {"G1": (0, 0), "R": (0, 1), "B": (1, 0), "G2": (1, 1)}.items():
         np.testing.assert_array_equal(channel_source(source, name).read(0), frame[r::2, c::2])
     np.testing.assert_array_equal(balanced_source(source).read(0), frame.astype(np.float32))
-    assert source.metadata["saturation"] == 16383
+    assert source.metadata.saturation == 16383
     assert source.samples(0).saturated == np.count_nonzero(frame == 16383)
 
 

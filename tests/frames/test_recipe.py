@@ -62,7 +62,7 @@ def test_channel_of_a_mosaic_takes_the_channel_of_its_calibration_frames(folder:
     single = corrected(red, build_chain(red, recipe))
     whole = corrected(mosaic, build_chain(mosaic, recipe))
     np.testing.assert_allclose(single.read(0), whole.read(0)[0::2, 1::2], rtol=1e-6)
-    assert single.metadata["saturation"] == 4000
+    assert single.metadata.saturation == 4000
 
 
 def test_declared_black_level_stands_in_for_a_dark_frame() -> None:

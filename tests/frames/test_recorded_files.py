@@ -77,7 +77,7 @@ def test_a_raw_frame_feeds_the_core_by_channel(raw: Path) -> None:
     for name, (r, c) in {"G1": (0, 0), "R": (0, 1), "B": (1, 0), "G2": (1, 1)}.items():
         np.testing.assert_array_equal(channel_source(source, name).read(0), frame[r::2, c::2])
     assert balanced_source(source).read(0).shape == frame.shape
-    assert source.metadata["saturation"] == FULL
+    assert source.metadata.saturation == FULL
     assert source.samples(0).saturated == np.count_nonzero(frame == FULL) > 0
 
 

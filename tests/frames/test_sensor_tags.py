@@ -102,4 +102,4 @@ def test_frames_of_a_scan_are_a_mosaic(tmp_path: Path) -> None:
     for x in range(3):
         write(tmp_path / f"y0_x{x}.tif", 32803, REPEAT, pattern(0, 1, 1, 2), frame=frame + np.uint16(x))
     with open_frames(tmp_path, pattern="y{y}_x{x}.tif") as source:
-        assert source.metadata["cfa"] == "RGGB"
+        assert source.metadata.cfa == "RGGB"

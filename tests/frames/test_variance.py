@@ -102,7 +102,7 @@ def test_saturation_below_the_highest_value_is_the_sensors() -> None:
     raw[0, 1, 2:6] = 3000, 3001, 3500, 4095
     source = DescribedSource(ArraySource(raw, [(0, 0, 0)]), plan_of(saturation=3001.0))
     found = source.samples(0)
-    assert found.saturated == 3 and source.metadata["saturation"] == 3001.0
+    assert found.saturated == 3 and source.metadata.saturation == 3001.0
     assert found.valid is not None and found.valid[1, 2] and not found.valid[1, 3]
 
 

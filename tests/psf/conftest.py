@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -10,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from lfcal.frames.regions import Region
-from lfcal.frames.source import FrameInfo, Frames, Position
+from lfcal.frames.source import FrameInfo, FrameMetadata, Frames, Position
 
 
 class ListSource(Frames):
@@ -29,8 +28,8 @@ class ListSource(Frames):
         return self.frames[0].dtype
 
     @property
-    def metadata(self) -> Mapping[str, Any]:
-        return {}
+    def metadata(self) -> FrameMetadata:
+        return FrameMetadata()
 
     def __len__(self) -> int:
         return len(self.frames)

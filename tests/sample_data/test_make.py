@@ -71,9 +71,9 @@ def test_the_recorded_session_is_what_its_script_records(script: ModuleType, tmp
     """Recorded anew for a few positions: the camera's noise belongs to the order of exposures, not to the clock."""
     plan = script.recorded_plan()
     with open_frames(RECORDED) as source:
-        assert source.metadata["plan"] == plan and len(source) == plan.n_positions
+        assert source.metadata.plan == plan and len(source) == plan.n_positions
         assert {source.info(k).exposure_s for k in range(len(source))} == {0.02}
-        assert list(source.metadata["darks"]) == [0.02]
+        assert list(source.metadata.darks) == [0.02]
         assert all(source.samples(k).saturated == 0 for k in range(0, len(source), 60))
         optics = SimulatedCamera(plan, script.OPTICS, **script.FINELY, peak=0.8, seed=script.SEED)
         gain, black = plan.camera.sensor.electrons_per_count, plan.camera.sensor.black_level

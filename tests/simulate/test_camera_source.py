@@ -56,7 +56,7 @@ def test_is_a_frame_source_in_scan_order() -> None:
     assert len(camera) == 12 and camera.shape == (160, 160)
     assert [camera.info(k).position for k in range(12)] == list(plan.positions())
     assert camera.info(4).position == Position(0, 1, 3), "serpentine"
-    assert camera.metadata["bit_depth"] == 12 and camera.info(3).exposure_s == plan.exposures[0]
+    assert camera.metadata.bit_depth == 12 and camera.info(3).exposure_s == plan.exposures[0]
     assert "y 1" in camera.info(4).label
     with pytest.raises(InputError):
         camera.read(12)

@@ -33,12 +33,12 @@ def test_repeated_frames_scatter_as_stated_at_every_level(rounded: bool) -> None
     source = camera_of(*effects)
     light = source.light(0)
     frames = np.stack([expose(light, source.camera, effects, exposure_s=0.05, seed=1, index=k) for k in range(REPEATS)])
-    noise = source.metadata["noise"]
+    noise = source.metadata.noise
     measured, stated = frames.var(axis=0, ddof=1), noise.variance(frames.mean(axis=0))
     for part in np.array_split(np.argsort(light.ravel()), 5):
         chance = np.sqrt(2 / (REPEATS - 1) / part.size)
         assert (measured / stated).ravel()[part].mean() == pytest.approx(1, abs=4 * chance + 0.01)
-    facts = {k: v for k, v in source.metadata.items() if k not in ("plan", "plan_shape")}
+    facts = replace(source.metadata, plan=None, plan_shape=None)
     raw = ArraySource(frames, [(0, 0, 0)] * REPEATS, metadata=facts)
     view = corrected_view(raw, CorrectionRecipe(black_level=64.0))
     cutout = Cutout((31, 31), (39.0, 44.0))
@@ -50,7 +50,7 @@ def test_repeated_frames_scatter_as_stated_at_every_level(rounded: bool) -> None
 
 
 def test_a_camera_without_noise_states_none() -> None:
-    noise = camera_of(Saturation()).metadata["noise"]
+    noise = camera_of(Saturation()).metadata.noise
     assert noise.constant == noise.slope == 0
-    rounding = camera_of(Quantisation()).metadata["noise"]
+    rounding = camera_of(Quantisation()).metadata.noise
     assert rounding.constant == pytest.approx(1 / 12) and rounding.slope == 0

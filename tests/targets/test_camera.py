@@ -148,9 +148,9 @@ def test_the_sensor_is_the_scan_s(scan: ScanPlan) -> None:
     np.testing.assert_array_equal(frames.read(1, (slice(10, 40), slice(5, 60))), read[10:40, 5:60])
     sums = read.astype(float).sum() - sensor.black_level * read.size
     wanted = frames.light(1).sum() / sensor.electrons_per_count
-    noise = np.sqrt(wanted / sensor.electrons_per_count + read.size * frames.metadata["noise"].constant)
+    noise = np.sqrt(wanted / sensor.electrons_per_count + read.size * frames.metadata.noise.constant)
     assert abs(sums - wanted) < 5 * noise + 0.01 * wanted
-    assert "plan_shape" not in frames.metadata and frames.metadata["black_level"] == sensor.black_level
+    assert frames.metadata.plan_shape is None and frames.metadata.black_level == sensor.black_level
 
 
 def test_what_cannot_be(scan: ScanPlan) -> None:
@@ -167,7 +167,7 @@ def test_what_cannot_be(scan: ScanPlan) -> None:
 
 def test_all_that_is_needed_by_itself(scan: ScanPlan) -> None:
     frames = TargetCamera(plan_of(scan, array(scan)), tolerance=0.3)
-    assert frames.single.effects and frames.read(0).max() > frames.metadata["black_level"]
+    assert frames.single.effects and frames.read(0).max() > frames.metadata.black_level
 
 
 def test_holes_at_the_sensors_rim_are_simulated(scan: ScanPlan) -> None:

@@ -32,8 +32,8 @@ def iter_assembly(opened: Opened, path: str) -> Work[AssemblyReport]:
     from lfcal.psf.assemble_units import iter_assemble_units
 
     given = opened.delivered
-    metadata = given.frames.metadata
-    known = {"intake": list(metadata["notes"])} if "notes" in metadata else {}
+    notes = given.frames.metadata.notes
+    known = {"intake": list(notes)} if notes else {}
     turn, lie = yield from iter_upright(given.corrected, opened.plan, given.orientation)
     upright = oriented(given.corrected, turn, opened.plan.camera.sensor.shape)
     check_turned_colours(given.frames, given.scan, given.recipe, lie["orientation"]["applied"])

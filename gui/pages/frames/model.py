@@ -186,7 +186,7 @@ class Opened:
     @property
     def left_out(self) -> tuple[str, ...]:
         """Frames that cannot be read and were left out, a line each: which, and why."""
-        return tuple(one.reason for one in self.source.metadata.get("left_out", ()))
+        return tuple(one.reason for one in self.source.metadata.left_out)
 
     def place(self, position: Position) -> Position:
         """Return the position nearest to ``position`` that the plan has."""
@@ -231,8 +231,8 @@ def open_imported(folder: str, settings: FrameSettings, plan: ScanPlan) -> Opene
     if settings.skip_damaged:
         source = drain(iter_undamaged(source))
     # of a colour picture it is one colour already
-    channel = "" if source.metadata.get("colour") else settings.channel
-    plan = source.metadata.get("plan", plan)
+    channel = "" if source.metadata.colour else settings.channel
+    plan = source.metadata.plan or plan
     frames, own = source, plan
     if channel and (scan := colour_scan(source, plan, channel)) is not None:
         frames, own = ThinnedSource(source, scan), scan.plan

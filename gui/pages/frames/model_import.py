@@ -170,7 +170,7 @@ def _opened(found: Survey, plan: ScanPlan | None, camera: Camera | None) -> Surv
             notes.append(odd)
         if choice.order:
             notes.append(f"order: {choice.order}, {opened.source.info(0).label} is first")
-        notes = [*notes, *opened.source.metadata.get("notes", ()), *_range_notes(found, opened.plan)]
+        notes = [*notes, *opened.source.metadata.notes, *_range_notes(found, opened.plan)]
         shown = tuple(load_frame(opened, position) for position in _three(opened))
     except BaseException:
         imported.close()

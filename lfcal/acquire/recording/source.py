@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,7 +25,7 @@ from lfcal.frames.damage import named
 from lfcal.frames.described import stated_noise
 from lfcal.frames.formats.codecs import codec_fact
 from lfcal.frames.regions import Region, check_region
-from lfcal.frames.source import FrameInfo, Frames, FrameSource, Noise, Position, Samples, check_index
+from lfcal.frames.source import FrameInfo, FrameMetadata, Frames, FrameSource, Noise, Position, Samples, check_index
 from lfcal.frames.sources.array import ArraySource
 
 __all__ = ["CheckFrame", "RecordingSource", "read_checks"]
@@ -119,31 +120,30 @@ class RecordingSource(Frames):
         """Sample type of every frame."""
         return frame_dtype(self.session.plan, self.session.options, self.session.devices)
 
-    @property
-    def metadata(self) -> Mapping[str, Any]:
-        """What is known of all frames."""
-        devices = self.session.devices
-        known: dict[str, Any] = {
-            "bit_depth": devices.bit_depth,
-            "saturation": float(devices.max_value),
-            "devices": _devices(devices),
-            "session": self.session.identity,
-            "plan": self.plan,
-            "plan_shape": self.plan.shape[:3],
-            "path": str(self._folder),
-            "codec": codec_fact("recording"),
-        }
-        found = self._darks
-        more = {
-            "darks": found.darks,
-            "lost_darks": found.lost,
-            "left_out": found.left_out,
-            "noise": self._noise_of_means(),
-            "suspect": [[*position, what.words] for position, what in self.suspects()],
-            "kept_aside": self._kept_aside(),
-            "optics": devices.optics,
-        }
-        return known | {name: value for name, value in more.items() if value}
+    @cached_property
+    def metadata(self) -> FrameMetadata:
+        """What is known of all frames, made once."""
+        return self._known()
+
+    def _known(self) -> FrameMetadata:
+        devices, found = self.session.devices, self._darks
+        return FrameMetadata(
+            bit_depth=devices.bit_depth,
+            saturation=float(devices.max_value),
+            devices=_devices(devices),
+            session=self.session.identity,
+            plan=self.plan,
+            plan_shape=self.plan.shape[:3],
+            path=str(self._folder),
+            codec=codec_fact("recording"),
+            darks=found.darks,
+            lost_darks=found.lost,
+            left_out=found.left_out,
+            noise=self._noise_of_means(),
+            suspect=[[*position, what.words] for position, what in self.suspects()],
+            kept_aside=self._kept_aside(),
+            optics=devices.optics,
+        )
 
     def _kept_aside(self) -> list[list[int]]:
         """Return the positions that a fit is not to use, of a session of chosen positions."""
@@ -206,8 +206,9 @@ class RecordingSource(Frames):
         # means of several exposures have no single level of saturation
         if self.dtype.kind != "f":
             return super().samples(index, region)
-        noise = self.metadata.get("noise")
-        return Samples(self.read(index, region), noise=noise, saturated=int(self.record(index)["saturated"]))
+        return Samples(
+            self.read(index, region), noise=self.metadata.noise, saturated=int(self.record(index)["saturated"])
+        )
 
     def repeats(self) -> FrameSource | None:
         """Return the reference frames of the newest recording that has two or more, None without one."""

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.acquire.recording.source import RecordingSource
-from lfcal.frames.source import FrameInfo, Position, check_index
+from lfcal.frames.source import FrameInfo, FrameMetadata, Position, check_index
 
 if TYPE_CHECKING:
     from lfcal.targets import TargetPlan
@@ -25,8 +25,8 @@ class TargetRecording(RecordingSource):
 
     Of a complete session frame ``k`` is frame ``k`` of its plan; `frames` says which it is of one that is not. Each
     frame's ``points`` are the positions that its holes are next to **as planned**, in the order of
-    ``target.points(plane, offset)``: where the target really lay is found in the frames. ``metadata`` brings the
-    ``plan`` of the scan and the ``target`` (`lfcal.targets.TargetPlan`) beside what every session brings.
+    ``target.points(plane, offset)``: where the target really lay is found in the frames. ``metadata`` has the
+    ``plan`` of the scan and the ``target`` (`lfcal.targets.TargetPlan`) besides what every session brings.
 
     Parameters
     ----------
@@ -65,12 +65,9 @@ class TargetRecording(RecordingSource):
         _, _, most = self.session.grid
         return tuple((flat // most, flat % most) for flat in self._flat.tolist())
 
-    @property
-    def metadata(self) -> Mapping[str, Any]:
-        """What is known of all frames."""
-        facts = {**super().metadata, "target": self.target, "target_frames": self.frames}
-        del facts["plan_shape"]  # frames are no scan's
-        return facts
+    def _known(self) -> FrameMetadata:
+        # frames are no scan's
+        return replace(super()._known(), target=self.target, target_frames=self.frames, plan_shape=None)
 
     def info(self, index: int) -> FrameInfo:
         """Return what the record of frame ``index`` says, and which positions it was planned to show."""

@@ -117,7 +117,7 @@ class FramesRenderer:
     @property
     def optics(self) -> str:
         """The level of the simulator; ``"frames"`` where the source of frames names none."""
-        return str(dict(self._frames.metadata.get("simulated", {})).get("level", "frames"))
+        return str((self._frames.metadata.simulated or {}).get("level", "frames"))
 
     def render(self, source_um: Point, exposure_s: float, roi: Roi) -> Patch:
         """Return the frame of the nearest position, or of the place itself off the planes; ``roi`` is ignored."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from lfcal.frames.corrections.chain import CorrectionChain
 from lfcal.frames.corrections.noise import corrected_noise
 from lfcal.frames.corrections.steps import Exposure, White
 from lfcal.frames.regions import Region, check_region, grow_region, moved, part_of, whole
-from lfcal.frames.source import FrameInfo, Frames, FrameSource, Noise, Samples, observed
+from lfcal.frames.source import DarkNoise, FrameInfo, FrameMetadata, Frames, FrameSource, Noise, Samples, observed
 from lfcal.frames.view import SourceView
 
 __all__ = ["CorrectedSource", "corrected"]
@@ -32,7 +32,7 @@ class CorrectedSource(SourceView):
         # first and last frame stand for all: a session records either cutouts or whole frames
         cut = any(source.info(k).origin != (0, 0) for k in {0, len(source) - 1} if k >= 0 and len(source))
         # a fixed part of the sensor, whose calibration frames are of the same part
-        part = source.metadata.get("origin")
+        part = self.known.origin
         self._first = (0, 0)
         if part is not None and chain.shape in (None, source.shape):
             cut, self._first = False, part
@@ -60,20 +60,15 @@ class CorrectedSource(SourceView):
         """float32."""
         return np.dtype(np.float32)
 
-    @property
-    def metadata(self) -> Mapping[str, Any]:
-        """The raw frames' metadata with the ``corrections`` described, and whether these keep the black level."""
-        found = {
-            **self.source.metadata,
-            "corrections": self.chain.describe(),
-            "keeps_level": self.chain.keeps_level(),
-        }
-        dark = self.chain.only_dark()
+    def derived(self, known: FrameMetadata) -> FrameMetadata:
+        """Return what is known of the raw frames with the corrections described."""
+        chain, dark = self.chain, self.chain.only_dark()
+        noise = known.dark_noise
         if dark is not None and dark.count:
             # samples that nothing multiplies have the variance of raw ones
-            plain = not any(isinstance(step, White | Exposure) for step in self.chain.steps)
-            found["dark_noise"] = {"count": dark.count, "variance": dark.variance if plain else None}
-        return found
+            plain = not any(isinstance(step, White | Exposure) for step in chain.steps)
+            noise = DarkNoise(dark.count, dark.variance if plain else None)
+        return replace(known, corrections=chain.describe(), keeps_level=chain.keeps_level(), dark_noise=noise)
 
     def repeats(self) -> FrameSource | None:
         """Return the source's repeated frames, corrected alike."""

@@ -98,7 +98,7 @@ def iter_find_defects(
         # fmin and fmax skip NaN: a pixel masked in one frame is judged by the others
         np.fmin(low, frame, out=low)
         np.fmax(high, frame, out=high)
-    suspects = _Suspects(low, high, len(chosen), str(source.metadata.get("cfa", "")), threshold, workers)
+    suspects = _Suspects(low, high, len(chosen), source.metadata.cfa, threshold, workers)
     for done, index in enumerate(chosen if len(suspects) else [], len(chosen)):
         yield clock.at(done)
         suspects.look_at(source.read(index))

@@ -153,7 +153,7 @@ def check_turned_colours(frames: FrameSource, plan: ScanPlan, recipe: Correction
     colour pattern of frames that are turned: expected one that the frames state as they are delivered, ...
     """
     used = recipe.channel or recipe.defects or recipe.white
-    if applied == AS_IS or not used or frames.metadata.get("cfa") or not plan.camera.sensor.cfa:
+    if applied == AS_IS or not used or frames.metadata.cfa or not plan.camera.sensor.cfa:
         return
     raise InputError.expected(
         "colour pattern of frames that are turned",
@@ -241,19 +241,19 @@ def build_chain(source: FrameSource, recipe: CorrectionRecipe) -> CorrectionChai
 
     Where these are one channel of a mosaic, the same channel is taken of the dark and white mosaics.
     """
-    facts = source.metadata
+    known = source.metadata
     dark = _dark(source, recipe)
     steps: list[Step] = [] if dark is None else [dark]
     if recipe.white:
         check_choice("white correction", recipe.white_mode, ("field", "pixels"))
-        white = _of_channel(source, read_average(recipe.white, colour=facts.get("colour"), shift=recipe.shift))
-        saturation = recipe.saturation if recipe.saturation is not None else facts.get("saturation")
-        steps.append(_white(white, _white_dark(dark, white.shape), recipe, str(facts.get("cfa") or ""), saturation))
+        white = _of_channel(source, read_average(recipe.white, colour=known.colour, shift=recipe.shift))
+        saturation = recipe.saturation if recipe.saturation is not None else known.saturation
+        steps.append(_white(white, _white_dark(dark, white.shape), recipe, known.cfa, saturation))
     if recipe.defects:
         from lfcal.frames.corrections.defect_search import find_defects
 
         # the search compares one place of the sensor over all frames; cutouts lie at different places
-        part = source.metadata.get("origin", (0, 0))
+        part = known.origin or (0, 0)
         if any(source.info(k).origin != part for k in range(len(source))):
             raise InputError.expected(
                 "search for defect pixels", "whole sensor frames", "cutouts", "record whole frames for it"
@@ -273,12 +273,11 @@ def _dark(source: FrameSource, recipe: CorrectionRecipe) -> Dark | DarkSet | Non
         if recipe.black_level is not None:
             got = f"the dark frame {recipe.dark} and black level {recipe.black_level:g}"
             raise InputError.expected("level of no light", "one source of it", got, "leave one of them out")
-        frame, count, variance = _read_mean(recipe.dark, source.metadata.get("colour"), recipe.shift)
+        frame, count, variance = _read_mean(recipe.dark, source.metadata.colour, recipe.shift)
         return Dark(_of_channel(source, frame), count=count, variance=variance)
     if recipe.black_level is None and recipe.dark == "none":
         return None
-    darks = source.metadata.get("darks")
-    lost = source.metadata.get("lost_darks")
+    darks, lost = source.metadata.darks, source.metadata.lost_darks
     if lost and recipe.black_level is None:
         raise InputError.expected(
             "recorded dark frames",
@@ -352,17 +351,17 @@ def _white(
 
 def _of_channel(source: FrameSource, frame: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the part of a calibration frame that belongs to ``source``, where that is a channel of a mosaic."""
-    step = int(source.metadata.get("pixel_step", 1))
-    if step == 1 or frame.shape == source.shape:
+    step, phase = source.metadata.pixel_step, source.metadata.channel_phase
+    if phase is None or frame.shape == source.shape:
         return frame
     # the frame's own channel, cut out of the mosaic as `channel_source` does
-    r0, c0 = source.metadata["channel_phase"]
+    r0, c0 = phase
     return np.ascontiguousarray(frame[r0::step, c0::step])
 
 
 def _black_level(source: FrameSource) -> float:
     """Return the black level of camera RAW frames, 0 where there is none."""
-    levels = np.atleast_1d(np.asarray(source.metadata.get("black_level", 0.0), float))
+    levels = np.atleast_1d(np.asarray(source.metadata.black_level or 0.0, float))
     if np.ptp(levels) > 0:
         raise InputError.expected("black level of the colours", "one for all", levels.tolist(), "give a dark frame")
     return float(levels[0])

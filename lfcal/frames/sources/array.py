@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfcal.errors import InputError
 from lfcal.frames.regions import Region, check_region, whole
-from lfcal.frames.source import FrameInfo, Frames, Position, check_index, check_mask
+from lfcal.frames.source import FrameInfo, FrameMetadata, Frames, Position, check_index, check_mask
 
 __all__ = ["ArraySource"]
 
@@ -33,7 +33,8 @@ class ArraySource(Frames):
     mask
         Pixels that carry a measurement in every frame, ``(rows, columns)``, or None for all.
     metadata
-        What is known of the frames; ``exposure_s`` is that of every frame where ``exposures_s`` is None.
+        What is known of the frames: `FrameMetadata`, or a mapping of its fields, in which ``exposure_s`` is the
+        exposure of every frame where ``exposures_s`` is None.
     name
         Name for messages.
 
@@ -61,7 +62,7 @@ class ArraySource(Frames):
         drifts: Sequence[tuple[float, float]] | None = None,
         origins: Sequence[tuple[int, int]] | None = None,
         mask: ArrayLike | None = None,
-        metadata: Mapping[str, Any] | None = None,
+        metadata: FrameMetadata | Mapping[str, Any] | None = None,
         name: str = "frames",
     ) -> None:
         if len(frames.shape) not in (3, 5) or 0 in frames.shape or frames.dtype.kind not in "iuf":
@@ -95,8 +96,11 @@ class ArraySource(Frames):
         self._drifts = None if drifts is None else [(float(dy), float(dx)) for dy, dx in drifts]
         self._origins = None if origins is None else [(int(r), int(c)) for r, c in origins]
         self._mask = None if mask is None else check_mask(mask, self.shape, name)
-        self._metadata = dict(metadata or {})
-        common = self._metadata.pop("exposure_s", None)
+        common = None
+        if isinstance(metadata, Mapping) and "exposure_s" in metadata:
+            common = metadata["exposure_s"]
+            metadata = {key: value for key, value in metadata.items() if key != "exposure_s"}
+        self._metadata = FrameMetadata() if metadata is None else FrameMetadata.of(metadata)
         if self._exposures is None and common is not None:
             self._exposures = [float(common)] * count
         self._name = name
@@ -113,7 +117,7 @@ class ArraySource(Frames):
         return dtype.newbyteorder("=")
 
     @property
-    def metadata(self) -> Mapping[str, Any]:
+    def metadata(self) -> FrameMetadata:
         """What is known of the frames."""
         return self._metadata
 

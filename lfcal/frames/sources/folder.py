@@ -22,7 +22,7 @@ from lfcal.frames.formats.opening import open_image
 from lfcal.frames.manifest import FrameEntry, Manifest, resolve_inside
 from lfcal.frames.part import stated_origin
 from lfcal.frames.regions import Region, check_region
-from lfcal.frames.source import FrameInfo, Frames, check_index, check_mask
+from lfcal.frames.source import FrameInfo, FrameMetadata, Frames, check_index, check_mask
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -152,21 +152,20 @@ class FolderSource(Frames):
         self._lock = threading.Lock()
         # closes the files also where a source is dropped without close()
         self._finalizer = weakref.finalize(self, _close_all, self._open)
-        self._shape, self._dtype, self._metadata = self._first_look() if skip_damaged else self._look()
-        self._metadata |= facts or {}
+        self._shape, self._dtype, found = self._first_look() if skip_damaged else self._look()
+        found |= facts or {}
         self._origin = origin or (0, 0)
-        stated = stated_origin(self._metadata.pop("roi", None), self._shape)
+        stated = stated_origin(found.pop("roi", None), self._shape)
         if origin is not None:
-            self._metadata["origin"] = origin
+            found["origin"] = origin
             if stated not in (None, origin):
                 words = f"the frames' metadata say {stated[0]},{stated[1]}; {origin[0]},{origin[1]} is taken as stated"
                 notes = (*notes, f"first pixel on the sensor: {words}")
         elif stated is not None:
-            self._metadata["stated_origin"] = stated
-        if notes:
-            self._metadata["notes"] = notes
-        mask = self._metadata.pop("mask", None)
+            found["stated_origin"] = stated
+        mask = found.pop("mask", None)
         self._mask = None if mask is None else check_mask(mask, self._shape, str(root))
+        self._metadata = FrameMetadata.of(found | {"notes": notes})
 
     def _first_look(self) -> tuple[tuple[int, int], np.dtype[Any], dict[str, Any]]:
         """Return what the first frame that can be read, and the manifest, say."""
@@ -241,8 +240,8 @@ class FolderSource(Frames):
         return self._dtype
 
     @property
-    def metadata(self) -> Mapping[str, Any]:
-        """What the first file and the manifest say: ``cfa``, ``bit_depth``, ``saturation``, ``gains``, ``path`` …."""
+    def metadata(self) -> FrameMetadata:
+        """What the first file and the manifest say."""
         return self._metadata
 
     def __len__(self) -> int:
@@ -266,7 +265,7 @@ class FolderSource(Frames):
 
     def _read(self, entry: FrameEntry, label: str, region: Region | None) -> NDArray[Any]:
         with self._image(entry.file) as image:
-            self._check_kind(label, image, self._shape, self._dtype, self._metadata.get("cfa", ""))
+            self._check_kind(label, image, self._shape, self._dtype, self._metadata.cfa)
             if region is None:
                 frame = image.read(entry.page)
             else:
@@ -279,7 +278,7 @@ class FolderSource(Frames):
         return self._checked(frame, label, self._blank if region is None else "accept")
 
     def _checked(self, frame: NDArray[Any], label: str, blank: str) -> NDArray[Any]:
-        return check_frame(frame, label, nan=self._nan, blank=blank, bit_depth=self._metadata.get("bit_depth"))
+        return check_frame(frame, label, nan=self._nan, blank=blank, bit_depth=self._metadata.bit_depth)
 
     def close(self) -> None:
         """Close the files that are kept open."""

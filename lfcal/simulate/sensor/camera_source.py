@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -19,7 +18,7 @@ from lfcal.checks import check_number
 from lfcal.errors import InputError
 from lfcal.files import read_text
 from lfcal.frames.regions import Region, check_region
-from lfcal.frames.source import FrameInfo, Frames
+from lfcal.frames.source import FrameInfo, FrameMetadata, Frames
 from lfcal.frames.sources.base import FrameOptions, SourceKind
 from lfcal.simulate.accuracy.planner import plan_effects
 from lfcal.simulate.effects.base import FrameEffect, MotionEffect
@@ -124,20 +123,20 @@ class SimulatedCamera(Frames):
         """uint16 sample values, or float32 where nothing rounds them."""
         return sample_type(self.effects)
 
-    @property
-    def metadata(self) -> Mapping[str, Any]:
+    @cached_property
+    def metadata(self) -> FrameMetadata:
         """Colour filter, bit depth, saturation and black level, the plan, and what was simulated."""
         sensor = self.camera.sensor
-        return {
-            "cfa": sensor.cfa,
-            "bit_depth": sensor.bit_depth,
-            "saturation": sensor.saturated_from,
-            "black_level": sensor.black_level,
-            "noise": temporal_noise(self.effects, self.camera),
-            "plan": self.plan,
-            "plan_shape": self.plan.shape[:3],
-            "simulated": {"effects": describe(self.effects), "level": self.level, "seed": self.seed},
-        }
+        return FrameMetadata(
+            cfa=sensor.cfa,
+            bit_depth=sensor.bit_depth,
+            saturation=sensor.saturated_from,
+            black_level=sensor.black_level,
+            noise=temporal_noise(self.effects, self.camera),
+            plan=self.plan,
+            plan_shape=self.plan.shape[:3],
+            simulated={"effects": describe(self.effects), "level": self.level, "seed": self.seed},
+        )
 
     def __len__(self) -> int:
         """Return the number of positions."""

@@ -16,6 +16,7 @@ from lfcal.files import read_text, replace_whole, require_space, storage_errors
 from lfcal.plain import plain
 from lfcal.progress import Clock, Work, drained
 from lfcal.simulate.sensor.camera_source import SimulatedCamera
+from lfcal.simulate.simulate import describe
 
 __all__ = [
     "UNFINISHED",
@@ -39,7 +40,7 @@ def truth_of(source: SimulatedCamera) -> dict[str, Any]:
     return {
         "seed": source.seed,
         "tolerance": source.tolerance,
-        "effects": source.metadata["simulated"]["effects"],
+        "effects": describe(source.effects),
         "counts_per_unit": [float(source.counts_per_unit(z)) for z in range(len(source.plan.depths_um))],
     }
 
@@ -149,7 +150,7 @@ def _begin(source: SimulatedCamera, out: Path, others: int, resume: bool) -> Non
         "lfcal": __version__,
         "tolerance": source.tolerance,
         "peak": source.peak,
-        "simulated": source.metadata["simulated"],
+        "simulated": source.metadata.simulated,
         "plan": source.plan.to_dict(),
     }
     mark, text = out / UNFINISHED, json.dumps(plain(told), sort_keys=True)

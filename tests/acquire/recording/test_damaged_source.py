@@ -104,7 +104,7 @@ def test_darks_are_averaged_over_the_whole_ones(sessions: dict[str, Path], tmp_p
     session = SessionFile.read(folder)
     file = RecordedFile(folder, session, 0, session.schedule(0), Kind.DARK)
     with RecordingSource(folder, skip_damaged=True) as source:
-        (dark,) = source.metadata["darks"].values()
+        (dark,) = source.metadata.darks.values()
         assert np.array_equal(dark.frame, file.read(0))
     file.close()
 

@@ -34,7 +34,7 @@ def test_the_stated_variance_is_that_of_the_corrected_frames(tmp_path: Path, cou
     record(tmp_path, plan, rig, replace(CAREFUL, darks=count))
     squares = {LIGHT: np.zeros(2), 0.0: np.zeros(2)}
     with RecordingSource(tmp_path) as recording:
-        (dark,) = recording.metadata["darks"].values()
+        (dark,) = recording.metadata.darks.values()
         assert dark.count == count
         view = corrected_view(recording, CorrectionRecipe(), plan)
         for k in range(len(view)):

@@ -44,9 +44,9 @@ def test_an_ome_stack_says_where_each_page_belongs(tmp_path: Path, found: Scan) 
     with open_frames(tmp_path / "s.ome.tif", plan=plan()) as source:
         np.testing.assert_array_equal([source.info(k).position for k in range(len(source))], found.positions)
         assert source.info(3).exposure_s == pytest.approx(0.02)
-        notes = " ".join(source.metadata["notes"])
+        notes = " ".join(source.metadata.notes)
         assert "-x,+y,+z move the image" in notes and "the frames say 1 um" in notes
-        assert source.metadata["pixel_um"] == 1.0 and "stage_um" not in source.metadata
+        assert source.metadata.pixel_um == 1.0 and "stage_um" not in source.metadata.other
         np.testing.assert_array_equal(source.read(7), frame(found.positions[7, 1:], seed=7))
     assert any_listing(tmp_path / "s.ome.tif").exposures is not None
 
@@ -65,7 +65,7 @@ def test_a_pixel_size_that_is_the_camera_s_is_not_remarked(tmp_path: Path, found
     for size in (camera.sensor.pixel_um, camera.step_um(0.0)):
         write_ome(tmp_path / "s.ome.tif", found, PhysicalSizeX=size)
         with open_frames(tmp_path / "s.ome.tif", plan=plan()) as source:
-            assert not any(note.startswith("pixels") for note in source.metadata["notes"])
+            assert not any(note.startswith("pixels") for note in source.metadata.notes)
 
 
 OME = (
@@ -131,8 +131,8 @@ def test_a_folder_of_micro_manager(tmp_path: Path, found: Scan, version: int) ->
     source = open_frames(tmp_path, plan=plan())
     np.testing.assert_array_equal([source.info(k).position for k in range(len(source))], found.positions)
     assert source.info(0).exposure_s == pytest.approx(0.02)
-    assert source.metadata["saturation"] == 4095 and source.metadata["pixel_um"] == 0.5
-    assert any("as Micro-Manager wrote them" in note for note in source.metadata["notes"])
+    assert source.metadata.saturation == 4095 and source.metadata.pixel_um == 0.5
+    assert any("as Micro-Manager wrote them" in note for note in source.metadata.notes)
 
 
 def test_a_stack_of_micro_manager(tmp_path: Path, found: Scan) -> None:

@@ -260,7 +260,7 @@ def test_a_list_with_other_names_opens(tmp_path: Path) -> None:
         open_frames(tmp_path)
     source = open_frames(tmp_path, columns="file=Bild")
     assert source.info(5).position == Position(0, 1, 2) and source.info(5).exposure_s == pytest.approx(0.02)
-    assert any("y=row (index)" in note for note in source.metadata["notes"])
+    assert any("y=row (index)" in note for note in source.metadata.notes)
     with pytest.raises(InputError, match="stage coordinates: expected the plan of the scan"):
         open_frames(tmp_path, columns="file=Bild,y_um=row,x_um=col")
     (tmp_path / "other.tsv").write_text("x")

@@ -91,7 +91,7 @@ def test_stage_positions_go_with_the_pages_that_tiffdata_names(tmp_path: Path, f
     text = header("XYCTZ", SIZES, mapped(order) + places(sorted(order), found))
     write(tmp_path / "s.ome.tif", pixels(order, found), text)
     with open_frames(tmp_path / "s.ome.tif", plan=plan()) as source:
-        notes = " ".join(source.metadata["notes"])
+        notes = " ".join(source.metadata.notes)
         assert "in the order that TiffData states; that of DimensionOrder XYCTZ would be another one" in notes
         assert "the light agrees" in notes
         for k in range(len(source)):
@@ -104,7 +104,7 @@ def test_an_order_that_agrees_is_not_remarked(tmp_path: Path, found: Scan) -> No
     text = header("XYZCT", SIZES, mapped(order) + places(sorted(order), found))
     write(tmp_path / "s.ome.tif", pixels(order, found), text)
     with open_frames(tmp_path / "s.ome.tif", plan=plan()) as source:
-        assert "TiffData" not in " ".join(source.metadata["notes"])
+        assert "TiffData" not in " ".join(source.metadata.notes)
         np.testing.assert_array_equal(source.read(1), frame((0, 0), seed=1000))
 
 
@@ -116,7 +116,7 @@ def test_axes_without_stage_positions_follow_tiffdata(tmp_path: Path) -> None:
     text = header("XYCTZ", (2, 4, 3), mapped(order), shape=(12, 15))
     path = write(tmp_path / "s.ome.tif", [stack[z, t, c] for z, c, t in order], text)
     with open_frames(path) as source:
-        assert len(source) == 24 and "that of DimensionOrder XYCTZ" in source.metadata["notes"][0]
+        assert len(source) == 24 and "that of DimensionOrder XYCTZ" in source.metadata.notes[0]
         for k in range(24):
             np.testing.assert_array_equal(source.read(k), stack[source.info(k).position])
 
@@ -138,7 +138,7 @@ def test_a_scan_that_was_stopped_has_the_planes_that_are_there(tmp_path: Path, f
     write(tmp_path / "s.ome.tif", pixels(order, found)[:-1], text)
     with open_frames(tmp_path / "s.ome.tif", plan=plan()) as source:
         assert len(source) == len(order) - 1
-        assert "pages: OME metadata state 56 planes, of which 55 have a page" in source.metadata["notes"]
+        assert "pages: OME metadata state 56 planes, of which 55 have a page" in source.metadata.notes
         np.testing.assert_array_equal([source.info(k).position for k in range(55)], found.positions[:-1])
 
 
