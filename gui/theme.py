@@ -10,6 +10,75 @@ from PySide6.QtWidgets import QApplication
 __all__ = ["DARK", "LIGHT", "NIGHT", "THEMES", "TYPE_COLOURS", "Theme", "apply_theme", "current_theme", "style_sheet"]
 
 
+_STYLE = """
+QWidget {{ font-size: 10pt; }}
+QToolTip {{ color: {text}; background: {raised}; border: 1px solid {line}; padding: 4px; }}
+QMainWindow::separator {{ background: {line}; width: 1px; height: 1px; }}
+QLabel[role="title"] {{ font-size: 15pt; font-weight: 600; }}
+QLabel[role="heading"] {{ font-weight: 600; color: {text}; }}
+QLabel[role="hint"] {{ color: {muted}; }}
+QLabel[role="error"] {{ color: {bad}; }}
+QLabel[mark="assumed"] {{ color: {fair}; }}
+QLabel[mark="measured"] {{ color: {good}; }}
+QLabel[mark="derived"] {{ color: {muted}; }}
+QLabel[role="value"] {{ font-weight: 600; }}
+QFrame[role="card"] {{ background: {panel}; border: 1px solid {line}; border-radius: 6px; }}
+QListWidget#rail {{ background: {panel}; border: none; border-right: 1px solid {line}; outline: 0; padding: 6px; }}
+QListWidget#rail::item {{ padding: 7px 8px; border-radius: 6px; margin: 1px 0; color: {text}; }}
+QListWidget#rail::item:selected {{ background: {accent}; color: {accent_text}; }}
+QListWidget#rail::item:hover:!selected {{ background: {raised}; }}
+QPushButton {{ background: {raised}; border: 1px solid {line}; border-radius: 5px; padding: 5px 12px; }}
+QPushButton:hover {{ border-color: {accent}; }}
+QPushButton:disabled {{ color: {muted}; background: {window}; }}
+QPushButton:checked {{ background: {accent}; color: {accent_text}; border-color: {accent}; }}
+QPushButton[role="primary"] {{ background: {accent}; color: {accent_text}; border-color: {accent}; font-weight: 600; }}
+QToolButton[role="fold"] {{ border: none; background: transparent; font-weight: 600; padding: 0; color: {text}; }}
+QPushButton[role="big"] {{ font-size: 16pt; font-weight: 600; min-height: 54px; padding: 4px 10px; }}
+QLabel[role="big"] {{ font-size: 17pt; font-weight: 600; color: {text}; }}
+QPushButton[role="primary"]:disabled {{ background: {raised}; color: {muted}; border-color: {line}; }}
+QLineEdit, QPlainTextEdit, QTextEdit {{
+    background: {panel}; border: 1px solid {line}; border-radius: 4px; padding: 3px 6px;
+    selection-background-color: {accent}; selection-color: {accent_text}; }}
+QLineEdit:focus {{ border-color: {accent}; }}
+QCheckBox::indicator {{ width: 13px; height: 13px; border: 1px solid {muted}; border-radius: 3px;
+    background: {panel}; }}
+QCheckBox::indicator:checked {{ background: {accent}; border-color: {accent}; }}
+QCheckBox::indicator:disabled {{ border-color: {line}; }}
+QComboBox {{ min-height: 22px; }}
+QWidget[dense="true"] QLineEdit {{ padding: 1px 6px; }}
+QWidget[dense="true"] QPushButton {{ padding: 3px 10px; }}
+QWidget[dense="true"] QComboBox {{ min-height: 17px; max-height: 17px; }}
+QLineEdit[invalid="true"] {{ border: 1px solid {bad}; }}
+QComboBox QAbstractItemView {{ background: {panel}; border: 1px solid {line}; selection-background-color: {accent};
+    selection-color: {accent_text}; }}
+QTableView, QTreeView, QListView, QTableWidget, QTreeWidget {{ background: {panel}; border: 1px solid {line};
+    border-radius: 4px; gridline-color: {raised}; alternate-background-color: {window}; }}
+QHeaderView::section {{ background: {raised}; border: none; border-bottom: 1px solid {line}; padding: 4px;
+    font-weight: 600; }}
+QProgressBar {{ background: {raised}; border: none; border-radius: 3px; max-height: 8px; min-height: 8px; }}
+QProgressBar::chunk {{ background: {accent}; border-radius: 3px; }}
+QSplitter::handle {{ background: {line}; }}
+QSplitter::handle:horizontal {{ width: 1px; }}
+QSplitter::handle:vertical {{ height: 1px; }}
+QScrollArea {{ border: none; background: transparent; }}
+QDockWidget::title {{ background: {raised}; padding: 5px 8px; }}
+QTabBar::tab {{ padding: 6px 12px; border: none; border-bottom: 2px solid transparent; color: {muted}; }}
+QTabBar::tab:selected {{ color: {text}; border-bottom-color: {accent}; }}
+QTabWidget::pane {{ border: none; border-top: 1px solid {line}; }}
+QStatusBar {{ background: {panel}; border-top: 1px solid {line}; }}
+QMenuBar {{ background: {panel}; border-bottom: 1px solid {line}; }}
+QMenuBar::item:selected, QMenu::item:selected {{ background: {accent}; color: {accent_text}; }}
+QMenu {{ background: {panel}; border: 1px solid {line}; padding: 4px; }}
+QMenu::item {{ padding: 5px 22px; border-radius: 4px; }}
+QMenu::separator {{ height: 1px; background: {line}; margin: 4px 8px; }}
+QSlider::groove:horizontal {{ height: 4px; background: {line}; border-radius: 2px; }}
+QSlider::sub-page:horizontal {{ background: {accent}; border-radius: 2px; }}
+QSlider::handle:horizontal {{ background: {accent}; width: 14px; height: 14px; margin: -5px 0; border-radius: 7px; }}
+QSlider::groove:vertical {{ width: 4px; background: {line}; border-radius: 2px; }}
+QSlider::handle:vertical {{ background: {accent}; width: 14px; height: 14px; margin: 0 -5px; border-radius: 7px; }}
+"""
+
+
 @dataclass(frozen=True)
 class Theme:
     """Colours of one theme, as ``#rrggbb``; ``red``: pictures are red on black, too."""
@@ -141,72 +210,3 @@ def apply_theme(app: QApplication, theme: Theme) -> None:
     for role in (roles.Text, roles.WindowText, roles.ButtonText):
         palette.setColor(QPalette.ColorGroup.Disabled, role, QColor(theme.muted))
     app.setPalette(palette)
-
-
-_STYLE = """
-QWidget {{ font-size: 10pt; }}
-QToolTip {{ color: {text}; background: {raised}; border: 1px solid {line}; padding: 4px; }}
-QMainWindow::separator {{ background: {line}; width: 1px; height: 1px; }}
-QLabel[role="title"] {{ font-size: 15pt; font-weight: 600; }}
-QLabel[role="heading"] {{ font-weight: 600; color: {text}; }}
-QLabel[role="hint"] {{ color: {muted}; }}
-QLabel[role="error"] {{ color: {bad}; }}
-QLabel[mark="assumed"] {{ color: {fair}; }}
-QLabel[mark="measured"] {{ color: {good}; }}
-QLabel[mark="derived"] {{ color: {muted}; }}
-QLabel[role="value"] {{ font-weight: 600; }}
-QFrame[role="card"] {{ background: {panel}; border: 1px solid {line}; border-radius: 6px; }}
-QListWidget#rail {{ background: {panel}; border: none; border-right: 1px solid {line}; outline: 0; padding: 6px; }}
-QListWidget#rail::item {{ padding: 7px 8px; border-radius: 6px; margin: 1px 0; color: {text}; }}
-QListWidget#rail::item:selected {{ background: {accent}; color: {accent_text}; }}
-QListWidget#rail::item:hover:!selected {{ background: {raised}; }}
-QPushButton {{ background: {raised}; border: 1px solid {line}; border-radius: 5px; padding: 5px 12px; }}
-QPushButton:hover {{ border-color: {accent}; }}
-QPushButton:disabled {{ color: {muted}; background: {window}; }}
-QPushButton:checked {{ background: {accent}; color: {accent_text}; border-color: {accent}; }}
-QPushButton[role="primary"] {{ background: {accent}; color: {accent_text}; border-color: {accent}; font-weight: 600; }}
-QToolButton[role="fold"] {{ border: none; background: transparent; font-weight: 600; padding: 0; color: {text}; }}
-QPushButton[role="big"] {{ font-size: 16pt; font-weight: 600; min-height: 54px; padding: 4px 10px; }}
-QLabel[role="big"] {{ font-size: 17pt; font-weight: 600; color: {text}; }}
-QPushButton[role="primary"]:disabled {{ background: {raised}; color: {muted}; border-color: {line}; }}
-QLineEdit, QPlainTextEdit, QTextEdit {{
-    background: {panel}; border: 1px solid {line}; border-radius: 4px; padding: 3px 6px;
-    selection-background-color: {accent}; selection-color: {accent_text}; }}
-QLineEdit:focus {{ border-color: {accent}; }}
-QCheckBox::indicator {{ width: 13px; height: 13px; border: 1px solid {muted}; border-radius: 3px;
-    background: {panel}; }}
-QCheckBox::indicator:checked {{ background: {accent}; border-color: {accent}; }}
-QCheckBox::indicator:disabled {{ border-color: {line}; }}
-QComboBox {{ min-height: 22px; }}
-QWidget[dense="true"] QLineEdit {{ padding: 1px 6px; }}
-QWidget[dense="true"] QPushButton {{ padding: 3px 10px; }}
-QWidget[dense="true"] QComboBox {{ min-height: 17px; max-height: 17px; }}
-QLineEdit[invalid="true"] {{ border: 1px solid {bad}; }}
-QComboBox QAbstractItemView {{ background: {panel}; border: 1px solid {line}; selection-background-color: {accent};
-    selection-color: {accent_text}; }}
-QTableView, QTreeView, QListView, QTableWidget, QTreeWidget {{ background: {panel}; border: 1px solid {line};
-    border-radius: 4px; gridline-color: {raised}; alternate-background-color: {window}; }}
-QHeaderView::section {{ background: {raised}; border: none; border-bottom: 1px solid {line}; padding: 4px;
-    font-weight: 600; }}
-QProgressBar {{ background: {raised}; border: none; border-radius: 3px; max-height: 8px; min-height: 8px; }}
-QProgressBar::chunk {{ background: {accent}; border-radius: 3px; }}
-QSplitter::handle {{ background: {line}; }}
-QSplitter::handle:horizontal {{ width: 1px; }}
-QSplitter::handle:vertical {{ height: 1px; }}
-QScrollArea {{ border: none; background: transparent; }}
-QDockWidget::title {{ background: {raised}; padding: 5px 8px; }}
-QTabBar::tab {{ padding: 6px 12px; border: none; border-bottom: 2px solid transparent; color: {muted}; }}
-QTabBar::tab:selected {{ color: {text}; border-bottom-color: {accent}; }}
-QTabWidget::pane {{ border: none; border-top: 1px solid {line}; }}
-QStatusBar {{ background: {panel}; border-top: 1px solid {line}; }}
-QMenuBar {{ background: {panel}; border-bottom: 1px solid {line}; }}
-QMenuBar::item:selected, QMenu::item:selected {{ background: {accent}; color: {accent_text}; }}
-QMenu {{ background: {panel}; border: 1px solid {line}; padding: 4px; }}
-QMenu::item {{ padding: 5px 22px; border-radius: 4px; }}
-QMenu::separator {{ height: 1px; background: {line}; margin: 4px 8px; }}
-QSlider::groove:horizontal {{ height: 4px; background: {line}; border-radius: 2px; }}
-QSlider::sub-page:horizontal {{ background: {accent}; border-radius: 2px; }}
-QSlider::handle:horizontal {{ background: {accent}; width: 14px; height: 14px; margin: -5px 0; border-radius: 7px; }}
-QSlider::groove:vertical {{ width: 4px; background: {line}; border-radius: 2px; }}
-QSlider::handle:vertical {{ background: {accent}; width: 14px; height: 14px; margin: 0 -5px; border-radius: 7px; }}
-"""

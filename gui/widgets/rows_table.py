@@ -17,6 +17,9 @@ ROW_PX = 26
 NUMBER, ROW = Qt.ItemDataRole.UserRole, Qt.ItemDataRole.UserRole + 1
 
 
+RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
+
+
 class Cell(QTableWidgetItem):
     """A cell that sorts by its number, or by its text where it has none."""
 
@@ -126,6 +129,3 @@ class RowsTable(QTableWidget):
         menu.addAction("Copy rows").triggered.connect(lambda _=False: self.copy())
         menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         menu.popup(self.viewport().mapToGlobal(position))
-
-
-RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter

@@ -30,6 +30,10 @@ __all__ = ["coding"]
 MATRICES = (".h5", ".hdf5", ".mat", ".npy", ".lfc")
 
 
+TOLERANCE = 0.03
+"""Of the simulated patterns: gains change by far less."""
+
+
 class _Plane(NamedTuple):
     """A plane of patterns ``(ny, nx, nt, ns)``, its depth (µm), its camera where known, and what it is."""
 
@@ -254,10 +258,6 @@ def _simulated(
     patterns = np.zeros((ny, nx, *plan.cutout), np.float32)
     patterns[ys[:, None], xs] = response.rows(ys, xs)
     return _Plane(patterns, plan.depths_um[0], camera, f"{camera.name} at {plan.depths_um[0]:.0f} µm, simulated")
-
-
-TOLERANCE = 0.03
-"""Of the simulated patterns: gains change by far less."""
 
 
 def _noise(sensor: str | None, camera: Camera | None, gain: float, exposure: float, *, corrected: bool) -> Any:

@@ -30,6 +30,10 @@ OVER_THE_FIELD = ("pitch", "region_places")
 F8 = NDArray[np.float64]
 
 
+ALONE = ("geometry", "focal_lengths", "iris")
+"""Groups that each region is fitted with by itself, for the start."""
+
+
 @dataclass(frozen=True, slots=True)
 class Term:
     """A Zernike term of the wavefront at a place in the field, with its standard deviation (waves at the rim)."""
@@ -182,9 +186,6 @@ fit_field = drained(iter_fit_field)
 
 
 # -- where a fit of all regions starts -----------------------------------------------------------------------
-
-ALONE = ("geometry", "focal_lengths", "iris")
-"""Groups that each region is fitted with by itself, for the start."""
 
 
 def _nearby(measured: Regional, problem: Problem, setup: Setup, groups: Sequence[str], workers: int | None) -> Work[F8]:

@@ -55,6 +55,15 @@ __all__ = [
 ]
 
 
+ROUNDS = 4
+"""How often groups are looked for."""
+
+FAR = 0.1
+"""Share of the left-out patterns' misfit that a group must take away in the first of them."""
+
+Finished = tuple[Problem, Point, tuple[str, ...], Columns, tuple[Outlier, ...]]
+
+
 def iter_fit_camera(
     source: PSFMatrix | Measured,
     camera: Camera | None = None,
@@ -258,15 +267,6 @@ def _approached(
         if not candidates:
             break
     return point, groups
-
-
-ROUNDS = 4
-"""How often groups are looked for."""
-
-FAR = 0.1
-"""Share of the left-out patterns' misfit that a group must take away in the first of them."""
-
-Finished = tuple[Problem, Point, tuple[str, ...], Columns, tuple[Outlier, ...]]
 
 
 def _finished(

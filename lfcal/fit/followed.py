@@ -36,6 +36,10 @@ LONGEST = 5.0
 """Longest step of an unknown, in its scales."""
 
 
+FARTHEST_PX = 0.4
+"""By how much a source is displaced in one step at most."""
+
+
 @dataclass(frozen=True, eq=False)
 class _State:
     """Frames beside a changed camera.
@@ -184,10 +188,6 @@ def _displaced(left: Left, change: F8) -> F8:
         )
         found[k] = np.clip(made[2:], -FARTHEST_PX, FARTHEST_PX)
     return found
-
-
-FARTHEST_PX = 0.4
-"""By how much a source is displaced in one step at most."""
 
 
 def _step(state: _State, columns: F8) -> tuple[F8, F8, F8]:

@@ -36,6 +36,10 @@ __all__ = [
 F4 = NDArray[np.float32]
 
 
+TOLD = 0.95
+"""Share of the variance that must be left at most for a position to follow its neighbours."""
+
+
 @dataclass(frozen=True, eq=False)
 class HybridPlane:
     """One plane of the hybrid H.
@@ -200,7 +204,3 @@ def _joined(fit: Fitted, data: PlaneData, facts: Facts, left: Leftover) -> Hybri
         np.where(changed, size, 0.0),
         left.kind.supported,
     )
-
-
-TOLD = 0.95
-"""Share of the variance that must be left at most for a position to follow its neighbours."""

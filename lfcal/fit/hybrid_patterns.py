@@ -31,6 +31,19 @@ LEAST = 1.3
 """How many times the others' chi² it must be."""
 
 
+SOME = 20
+"""Patterns that tell how much a displacement changes one."""
+
+LIKE_OWN = 0.5
+"""Share of the model's error that lamp or displacements must make for them to be taken out."""
+
+STEP_PX = 0.05
+"""Step of a source's displacement (pixels)."""
+
+NEIGHBOURS = 6
+"""Nearest recorded positions that a position is compared with."""
+
+
 def model_uncertainty(model: F4, share: float) -> F4:
     """Return the standard deviation of each entry of a model ``(ny, nx, nt, ns)`` whose relative L2 error is ``share``.
 
@@ -196,18 +209,6 @@ def _matter(fit: Fitted, data: PlaneData, places: NDArray[np.intp]) -> tuple[boo
     least = LIKE_OWN * fit.left_out_error.value
     return fit.spread.lamp > least, fit.spread.stage_px * per_px > least
 
-
-SOME = 20
-"""Patterns that tell how much a displacement changes one."""
-
-LIKE_OWN = 0.5
-"""Share of the model's error that lamp or displacements must make for them to be taken out."""
-
-STEP_PX = 0.05
-"""Step of a source's displacement (pixels)."""
-
-NEIGHBOURS = 6
-"""Nearest recorded positions that a position is compared with."""
 
 SHARED = 3.0
 """Positions over which what is shared is alike."""

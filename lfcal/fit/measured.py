@@ -25,6 +25,10 @@ LEFT_OUT = 0.2
 """Share of the patterns that is kept aside for validation."""
 
 
+MOST_FEW = 3
+"""Fewest patterns from which anything is told."""
+
+
 @dataclass(frozen=True, eq=False)
 class Measured:
     """Patterns of known places with a model of their noise.
@@ -250,10 +254,6 @@ def _check_inside(index: NDArray[np.intp], shape: tuple[int, int, int]) -> None:
     if not inside.all():
         first = tuple(int(v) for v in index[~inside][0])
         raise InputError.expected("position (z, y, x)", f"within {shape}", first, "correct it")
-
-
-MOST_FEW = 3
-"""Fewest patterns from which anything is told."""
 
 
 def _plan_of(matrix: PSFMatrix, camera: Camera | None) -> ScanPlan:

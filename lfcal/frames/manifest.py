@@ -21,6 +21,10 @@ from lfcal.frames.source import Position
 __all__ = ["FrameEntry", "Manifest", "resolve_inside"]
 
 
+COLUMNS = ("file", "page", "z", "y", "x", "exposure_s", "dy", "dx")
+"""Columns of a manifest; only file, z, y and x are required."""
+
+
 @dataclass(frozen=True, slots=True)
 class FrameEntry:
     """One frame of a session.
@@ -280,10 +284,6 @@ def entry_from(record: Mapping[str, Any], where: str) -> FrameEntry:
         return FrameEntry(str(given["file"]), place, page, **values)
     except InputError as error:
         raise type(error)(f"{where}: {error}") from error
-
-
-COLUMNS = ("file", "page", "z", "y", "x", "exposure_s", "dy", "dx")
-"""Columns of a manifest; only file, z, y and x are required."""
 
 
 def _pair(shape: Any) -> tuple[int, int]:

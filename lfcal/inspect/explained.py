@@ -92,6 +92,9 @@ ADVICE_FRAMES = (
 ADVICE_CAMERA = "Correct the camera's description, or let lfcal fit find the true camera and name it with --fit."
 
 
+_STAGE = "looking for what explains the patterns"
+
+
 @dataclass(frozen=True)
 class Explanation:
     """What explains the patterns of an H far better than its camera as it is described.
@@ -222,9 +225,6 @@ class _Few:
     def enough(self, after: float) -> bool:
         """Return whether something is far better than the description, and better than nothing."""
         return after <= BETTER * min(self.before, 1.0)
-
-
-_STAGE = "looking for what explains the patterns"
 
 
 def _iter_few(matrix: PSFMatrix, known: Behind, misfit: float | None) -> Work[_Few]:

@@ -53,6 +53,9 @@ ROUNDED = "rounded"
 STORED_TYPES = ("float32", ROUNDED, "float64", "uint16", "uint8")
 
 
+CHECKSUM_RULE = "CRC-32 over the little-endian CRC-32 of every stored pattern, y slow, x fast"
+
+
 @dataclass(frozen=True, eq=False)
 class MatrixHeader:
     """What a matrix is, besides its values; see `lfcal.psf.PSFWriter`."""
@@ -334,9 +337,6 @@ class MatrixGroup:
         )
         if header.camera is not None:
             group.attrs["camera"] = header.camera.to_json()
-
-
-CHECKSUM_RULE = "CRC-32 over the little-endian CRC-32 of every stored pattern, y slow, x fast"
 
 
 def plane_checksum(stored: NDArray[Any], workers: int | None = None) -> int:

@@ -14,6 +14,10 @@ __all__ = ["PHANTOMS", "phantom", "plume", "points", "vesicle"]
 Shape = tuple[int, int, int]
 
 
+PHANTOMS = ("points", "vesicle", "plume")
+"""Names `phantom` knows."""
+
+
 def points(shape: Shape, positions: Iterable[tuple[int, int, int]], brightness: float = 1.0) -> NDArray[np.float64]:
     """Return single bright voxels at ``positions`` (z, y, x)."""
     volume = np.zeros(shape)
@@ -88,7 +92,3 @@ def phantom(name: str, shape: Shape, seed: int = 0) -> NDArray[np.float64]:
     if name == "plume":
         return plume(shape, seed=seed)
     raise InputError.expected("phantom", " or ".join(PHANTOMS), repr(name), "choose one of these")
-
-
-PHANTOMS = ("points", "vesicle", "plume")
-"""Names `phantom` knows."""

@@ -193,3 +193,26 @@ def test_functions_have_a_reasonable_size() -> None:
 def test_the_formatter_is_never_told_to_look_away() -> None:
     for path in FILES:
         assert "# fmt:" not in text_of(path), path
+
+
+def late_constants(path: Path) -> Iterator[str]:
+    """Yield names that functions or classes use and that are set after them, though nothing defined here is in them."""
+    used: set[str] = set()
+    local: set[str] = set()
+    for node in tree_of(path).body:
+        names = {part.id for part in ast.walk(node) if isinstance(part, ast.Name)}
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            used |= names
+            local.add(node.name)
+        elif isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None:
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            found = {part.id for target in targets for part in ast.walk(target) if isinstance(part, ast.Name)}
+            if names & local:
+                local |= found
+            else:
+                yield from sorted(found & used)
+
+
+def test_constants_stand_before_the_functions_that_use_them() -> None:
+    wrong = [f"{path.relative_to(ROOT)}: {name}" for path in FILES for name in late_constants(path)]
+    assert not wrong

@@ -30,6 +30,10 @@ NUMBERS = (1, 2, 3, 5)
 """Columns that are sorted by their numbers."""
 
 
+MOST = 6
+"""Planes that are named in a line."""
+
+
 @dataclass(frozen=True)
 class ParameterRow:
     """One parameter as a row: what is shown, and the numbers that columns are sorted by (NaN where it has none)."""
@@ -157,7 +161,3 @@ def chi2_words(found: Found) -> str:
         more = f" … {len(parts) - MOST} more" if len(parts) > MOST else ""
         lines.append(f"χ² by {name}  {', '.join(parts[:MOST])}{more}")
     return "\n".join(lines)
-
-
-MOST = 6
-"""Planes that are named in a line."""

@@ -37,6 +37,10 @@ PAIRING = (("depth", "by depth"), ("number", "by number"))
 NUMBERS = (1, 2, 3, 4, 5)
 
 
+_SEEN = {"side": (True, True, True), "blink": (True, False, False), "difference": (False, False, True)}
+"""Which of the three pictures each mode shows."""
+
+
 class ComparePanel(QWidget):
     """Numbers and pictures of two H.
 
@@ -313,7 +317,3 @@ class ComparePanel(QWidget):
         """Take the colours of the theme in use."""
         for view in (*self.views, self.map):
             view.apply_theme()
-
-
-_SEEN = {"side": (True, True, True), "blink": (True, False, False), "difference": (False, False, True)}
-"""Which of the three pictures each mode shows."""

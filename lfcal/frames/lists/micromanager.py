@@ -21,6 +21,9 @@ __all__ = ["micromanager_list", "read_micromanager"]
 MAX_BYTES = 1 << 30
 
 
+_PLACES = ("XPositionUm", "YPositionUm", "ZPositionUm")
+
+
 def micromanager_list(folder: Path) -> Path | None:
     """Return the metadata file of a folder that Micro-Manager saved; None where there is none, or several."""
     found = sorted(path for path in folder.glob("*metadata.txt") if path.is_file())
@@ -62,9 +65,6 @@ def read_micromanager(path: Path) -> tuple[Listing, dict[str, Any]]:
     if (roi := parse_roi(entries[0].get("ROI"))) is not None:
         facts["roi"] = roi
     return replace(listing, roi=roi), facts
-
-
-_PLACES = ("XPositionUm", "YPositionUm", "ZPositionUm")
 
 
 def _frames(body: Any) -> Iterator[dict[str, Any]]:

@@ -45,6 +45,15 @@ DIM = 0.03
 """Light of a lens type beside the others that is worth a word."""
 
 
+VIEWS: dict[str, Callable[[F4], F4]] = {
+    "as it is": lambda light: light,
+    "turned by half": lambda light: light[:, ::-1, ::-1],
+    "mirrored up and down": lambda light: light[:, ::-1],
+    "mirrored left and right": lambda light: light[:, :, ::-1],
+}
+"""What a ghost may look like, of patterns ``(n, nt, ns)``."""
+
+
 class DepthLabel(Fault):
     """Planes that were recorded at another depth than they are labelled with."""
 
@@ -137,15 +146,6 @@ class Ghost(Fault):
             repair=adding(evidence.index, -np.float32(share) * copy),
             put_in=lambda patch: patch.light + np.float32(share) * _aside(VIEWS[name](patch.light), *place),
         )
-
-
-VIEWS: dict[str, Callable[[F4], F4]] = {
-    "as it is": lambda light: light,
-    "turned by half": lambda light: light[:, ::-1, ::-1],
-    "mirrored up and down": lambda light: light[:, ::-1],
-    "mirrored left and right": lambda light: light[:, :, ::-1],
-}
-"""What a ghost may look like, of patterns ``(n, nt, ns)``."""
 
 
 def _aside(view: F4, down: int, across: int) -> F4:

@@ -19,6 +19,13 @@ ONE_APERTURE, MANY_ANGLES = 1.5, 3.0
 """How the spectrum of light ends: behind a round aperture, and behind many that are lit from different angles."""
 
 
+FEWEST = 0.1
+"""Share of the best-taken nodes' weight below which others are as good as left out."""
+
+EVEN = 0.01
+"""How much weights are evened out then: the fit stays good to 2e-4."""
+
+
 @dataclass(frozen=True, slots=True)
 class NodeRule:
     """Evenly spaced nodes, ``per_px`` to a pixel, of which ``weights`` make one pixel.
@@ -103,13 +110,6 @@ def conserving_rule(per_px: int, band: float, falloff: float = ONE_APERTURE) -> 
     if min(taken) < FEWEST * max(taken):
         rule = fitted_rule(per_px, band, falloff=falloff, even=EVEN)
     return conserving(rule)
-
-
-FEWEST = 0.1
-"""Share of the best-taken nodes' weight below which others are as good as left out."""
-
-EVEN = 0.01
-"""How much weights are evened out then: the fit stays good to 2e-4."""
 
 
 def conserving(rule: NodeRule) -> NodeRule:

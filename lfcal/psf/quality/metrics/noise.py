@@ -8,6 +8,9 @@ from lfcal.psf.quality.metric import UNKNOWN, CostModel, Limits, MetricSpec, Rea
 __all__ = ["METRICS"]
 
 
+LIMITS = Limits(good=1.5, bad=3.0)
+
+
 def _over_sensor(plane: PlaneMeasures) -> Reading:
     expected = plane.sensor_noise
     # frames that were computed without noise say nothing of a sensor
@@ -19,8 +22,6 @@ def _over_sensor(plane: PlaneMeasures) -> Reading:
     words = "less noise than the sensor has: frames were smoothed or averaged, or the camera's gain is not this one"
     return Reading(1 / ratio, detail=words if ratio < 1 / LIMITS.good else "")
 
-
-LIMITS = Limits(good=1.5, bad=3.0)
 
 METRICS = (
     MetricSpec(
