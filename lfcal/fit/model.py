@@ -14,7 +14,8 @@ from lfcal.progress import Clock, Work
 from lfcal.simulate.accuracy.sampling import grid_margin
 from lfcal.simulate.engines.base import Displaceable, PlaneEngine, Sampling
 from lfcal.simulate.engines.choose import engine_for
-from lfcal.simulate.response import PlaneResponse, at_wavelength, filtered
+from lfcal.simulate.response import PlaneResponse, at_wavelength
+from lfcal.simulate.staging import filtered
 from lfcal.threads import for_each_chunk, worker_count
 
 __all__ = ["LEVEL", "Fineness", "PlaneModel", "iter_model_plane", "predict"]

@@ -19,10 +19,10 @@ from lfcal.simulate.effects.base import Effect, LightSample
 from lfcal.simulate.engines.base import Certificate, Displaceable, EnergyError, PlaneEngine, Sampling
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.scene import Scene
-from lfcal.simulate.staging import filter_kernel, light_samples, outlook_of, resolve_level, scene_for
+from lfcal.simulate.staging import filter_kernel, filtered, light_samples, outlook_of, resolve_level, scene_for
 from lfcal.simulate.symmetry import mirrored_rows
 
-__all__ = ["PlaneResponse", "filtered"]
+__all__ = ["PlaneResponse"]
 
 
 class PlaneResponse:
@@ -286,17 +286,3 @@ def merged(samples: Sequence[LightSample], wavelength_um: float) -> tuple[LightS
     for s in samples:
         weights[s.rows, s.columns] = weights.get((s.rows, s.columns), 0.0) + s.weight
     return tuple(LightSample(y, x, wavelength_um, w) for (y, x), w in weights.items())
-
-
-def filtered(values: NDArray[np.float32], kernel: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Return the last two axes convolved with a small ``kernel``; zeros beyond the border."""
-    out = np.zeros_like(values)
-    rows, columns = values.shape[-2:]
-    ht, hs = kernel.shape[0] // 2, kernel.shape[1] // 2
-    for dy in range(-ht, ht + 1):
-        for dx in range(-hs, hs + 1):
-            weight = np.float32(kernel[ht + dy, hs + dx])
-            to = (..., slice(max(0, dy), rows + min(0, dy)), slice(max(0, dx), columns + min(0, dx)))
-            of = (..., slice(max(0, -dy), rows + min(0, -dy)), slice(max(0, -dx), columns + min(0, -dx)))
-            out[to] += weight * values[of]
-    return out

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from lfcal.simulate.scene import Iris, Scene
 
 __all__ = [
     "filter_kernel",
+    "filtered",
     "grid_pixel",
     "ideal_scene",
     "light_samples",
@@ -28,6 +30,8 @@ __all__ = [
     "resolve_level",
     "scene_for",
 ]
+
+Real = TypeVar("Real", np.float32, np.float64)
 
 ALL_LEVELS = ("auto", "microscope", *LEVELS)
 
@@ -177,14 +181,23 @@ def filter_kernel(
             # a filter that changes nothing would still cost its margin, and the margin's rounding
             if np.count_nonzero(one) == 1 and one[one.shape[0] // 2, one.shape[1] // 2] == 1:
                 continue
-            kernel = one if kernel is None else _convolved(kernel, one)
+            # all of the combined kernel: the other one's values reach half of this one's sides beyond its own
+            kernel = one if kernel is None else filtered(np.pad(one, [(n // 2, n // 2) for n in kernel.shape]), kernel)
     return kernel
 
 
-def _convolved(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the full convolution of two small filters; scipy.signal would take longer to load than all the rest."""
-    (rows, columns), (high, wide) = one.shape, other.shape
-    out = np.zeros((rows + high - 1, columns + wide - 1))
-    for (i, j), weight in np.ndenumerate(one):
-        out[i : i + high, j : j + wide] += weight * other
+def filtered(values: NDArray[Real], kernel: NDArray[np.float64]) -> NDArray[Real]:
+    """Return the last two axes convolved with a small ``kernel`` of odd sides; zeros beyond the border.
+
+    The type of ``values`` is kept. scipy.signal would take longer to load than everything else.
+    """
+    out = np.zeros_like(values)
+    rows, columns = values.shape[-2:]
+    ht, hs = kernel.shape[0] // 2, kernel.shape[1] // 2
+    for dy in range(-ht, ht + 1):
+        for dx in range(-hs, hs + 1):
+            weight = values.dtype.type(kernel[ht + dy, hs + dx])
+            to = (..., slice(max(0, dy), rows + min(0, dy)), slice(max(0, dx), columns + min(0, dx)))
+            of = (..., slice(max(0, -dy), rows + min(0, -dy)), slice(max(0, -dx), columns + min(0, -dx)))
+            out[to] += weight * values[of]
     return out

@@ -47,8 +47,8 @@ from lfcal.simulate.effects.light import disc_rule
 from lfcal.simulate.effects.outlook import share_moved, share_widened
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.choose import engine_for
-from lfcal.simulate.response import PlaneResponse, filtered
-from lfcal.simulate.staging import outlook_of
+from lfcal.simulate.response import PlaneResponse
+from lfcal.simulate.staging import filtered, outlook_of
 from tests.simulate.common import BASE, FAST, difference, responses, small_camera, small_plan, some_positions, switched
 
 SCENES = (4.0, -3.0, 2.2, 0.5)

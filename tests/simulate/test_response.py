@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.ndimage import convolve
+from scipy.signal import convolve2d
 
-from lfcal.camera import ScanPlan
+from lfcal.camera import Camera, ScanPlan, preset
 from lfcal.progress import Unwanted, wanted_while
 from lfcal.simulate.effects import Crosstalk
+from lfcal.simulate.effects.base import Estimate, PsfEffect
+from lfcal.simulate.effects.outlook import Outlook
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.engines.wave import WavePlane
-from lfcal.simulate.response import PlaneResponse, at_wavelength, filtered
+from lfcal.simulate.response import PlaneResponse, at_wavelength
 from lfcal.simulate.scene import seidel
+from lfcal.simulate.staging import filter_kernel, filtered
 from tests.simulate.common import small_camera
 from tests.simulate.scenes import camera_scene, relative_error
 
@@ -96,6 +101,29 @@ def test_patterns_are_convolved_however_many_axes_lead(leading: tuple[int, ...])
     values, kernel = rng.random((*leading, 5, 7)).astype(np.float32), rng.random((3, 5))
     expected = convolve(values, kernel.reshape(*np.ones_like(leading, int), 3, 5), mode="constant")
     np.testing.assert_allclose(filtered(values, kernel), expected, rtol=1e-5)
+
+
+def test_filters_of_several_effects_are_multiplied_in_full() -> None:
+    """Of other sides than each other and in double precision, as filters are."""
+    rng = np.random.default_rng(1)
+    kernels = [rng.random(shape) for shape in ((3, 5), (7, 1), (5, 3))]
+
+    @dataclass(frozen=True)
+    class Blur(PsfEffect):
+        name = title = "blur"
+        index: int = 0
+
+        def kernel(self, camera: Camera) -> NDArray[np.float64]:
+            return kernels[self.index]
+
+        def estimate(self, outlook: Outlook) -> Estimate:
+            return Estimate(0.0, "", 0.0, "none")
+
+    found = filter_kernel([Blur(index=k) for k in range(3)], preset("bench"))
+    wanted = convolve2d(convolve2d(kernels[0], kernels[1]), kernels[2])
+    assert found is not None and found.shape == wanted.shape == (13, 7)
+    np.testing.assert_allclose(found, wanted, rtol=1e-14)
+    np.testing.assert_allclose(filtered(kernels[0], kernels[2]), convolve(kernels[0], kernels[2], mode="constant"))
 
 
 def test_a_point_s_window_lies_where_its_chief_ray_meets_the_sensor() -> None:
