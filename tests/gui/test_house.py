@@ -53,6 +53,16 @@ def test_models_and_specs_have_no_qt() -> None:
         assert not bad, f"{path.relative_to(ROOT)} imports {bad}"
 
 
+def test_scripts_are_made_of_their_parts() -> None:
+    """A text that is replaced in a finished script is left as it was, silently, once the script's words change."""
+    paths = [GUI / "models" / "step.py", *sorted((GUI / "pages").glob("*/step.py"))]
+    assert len(paths) > 10
+    for path in paths:
+        calls = [node for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(node, ast.Call)]
+        called = {node.func.attr for node in calls if isinstance(node.func, ast.Attribute)}
+        assert not called & {"replace", "sub", "removeprefix", "removesuffix", "partition"}, path.relative_to(ROOT)
+
+
 def others(path: Path) -> set[str]:
     """Return the pages that a file imports from outside their folders."""
     used = {name.split(".")[2] for name in imports(path) if name.startswith("gui.pages.")}

@@ -15,6 +15,13 @@ __all__ = ["assembled", "step"]
 
 REDO_FILE = "lfcal-redo.json"
 
+NEEDED = (
+    "from lfcal.acquire import Options",
+    "from lfcal.devices.registry import open_rig",
+    "from lfcal.progress import drain",
+)
+"""Imports of every recording's script."""
+
 
 def step(
     project: ProjectState, out: str = "", *, resume: bool = False, redo: Sequence[tuple[int, int, int]] = ()
@@ -81,29 +88,22 @@ def _script(
     redo: Sequence[tuple[int, int, int]],
 ) -> str:
     more = (", resume=True" if resume else "") + (f", redo={[tuple(p) for p in redo]!r}" if redo else "")
-    python = f"""
-from lfcal.acquire import Options
-from lfcal.acquire.session import iter_record
-from lfcal.camera import ScanPlan
-from lfcal.devices.registry import open_rig
-from lfcal.progress import drain
-
-plan = ScanPlan.from_json(Path({PLAN_FILE!r}).read_text(encoding="utf-8"))
-options = Options.from_dict({chosen.options().to_dict()!r})
-with open_rig(plan, {chosen.backend!r}, {devices!r}, stage={chosen.stage!r}) as rig:
-    print(drain(iter_record(Path({folder!r}), plan, rig, options{more})))
-"""
+    kind, plan_file, scan = "ScanPlan", PLAN_FILE, "plan"
     if chosen.target:
-        python = python.replace("from lfcal.camera import ScanPlan\n", "").replace(
-            "from lfcal.progress import drain\n",
-            "from lfcal.progress import drain\nfrom lfcal.targets import TargetPlan\n",
-        )
-        python = python.replace(
-            f"ScanPlan.from_json(Path({PLAN_FILE!r})", f"TargetPlan.from_json(Path({chosen.target!r})"
-        )
-        return python.replace("open_rig(plan,", "open_rig(plan.scan,")
-    if chosen.goal() is not None:
-        python = python.replace("from lfcal.acquire.session import iter_record", "from lfcal.campaign import Goal")
-        python = python.replace("import Goal", "import Goal, iter_adaptive").replace("iter_record(", "iter_adaptive(")
-        python = python.replace("rig, options", f"rig, Goal({chosen.error!r}, most={chosen.most!r}), options")
-    return python
+        kind, plan_file, scan = "TargetPlan", chosen.target, "plan.scan"
+    function, goal = "iter_record", ""
+    imports = [f"from lfcal.{'targets' if chosen.target else 'camera'} import {kind}"]
+    if chosen.goal() is not None and not chosen.target:
+        function, goal = "iter_adaptive", f"Goal({chosen.error!r}, most={chosen.most!r}), "
+        imports.append("from lfcal.campaign import Goal, iter_adaptive")
+    else:
+        imports.append("from lfcal.acquire.session import iter_record")
+    needed = "\n".join(sorted([*imports, *NEEDED]))
+    return f"""
+{needed}
+
+plan = {kind}.from_json(Path({plan_file!r}).read_text(encoding="utf-8"))
+options = Options.from_dict({chosen.options().to_dict()!r})
+with open_rig({scan}, {chosen.backend!r}, {devices!r}, stage={chosen.stage!r}) as rig:
+    print(drain({function}(Path({folder!r}), plan, rig, {goal}options{more})))
+"""

@@ -61,19 +61,16 @@ RESAMPLED = """
 def _python(psf: str, frame: str, chosen: ReconstructSettings, out: str) -> str:
     choice = chosen.choice()
     settings = {key: value for key, value in asdict(choice).items() if key != "margin"}
+    usual = "usual_margin(H.period, H.shape[3:], image.shape)"
+    stated = repr(tuple(chosen.anchor)) if chosen.anchor else ""
+    resampled, row_column, anchor, weights = "", stated or "H.anchor", stated or "None", ""
+    if not (chosen.as_is or chosen.anchor):
+        resampled, row_column, anchor, weights = RESAMPLED, "anchor", "anchor", ", weights=weights"
     grid, placed = "", "volume"
     if chosen.voxel:
-        anchor = repr(tuple(chosen.anchor)) if chosen.anchor else "None"
         side = "None" if chosen.voxel == "auto" else chosen.voxel
         grid = f"\n    grid = MetricGrid.for_matrix(H, (rows, columns), {anchor}, {side})"
         placed = "grid.apply(volume)"
-    usual = "usual_margin(H.period, H.shape[3:], image.shape)"
-    row_column, resampled, weights = "H.anchor" if not chosen.anchor else repr(tuple(chosen.anchor)), "", ""
-    if not (chosen.as_is or chosen.anchor):
-        row_column, weights = "anchor", ", weights=weights"
-        resampled = RESAMPLED
-        if grid:
-            grid = grid.replace("None", "anchor", 1)
     return f"""
 import numpy as np
 import tifffile
