@@ -6,12 +6,15 @@ import ast
 import re
 import subprocess
 import sys
+import tomllib
 from functools import cache
+from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
 
 from tests.architecture.sources import ROOT, text_of, tree_of
+from tests.architecture.test_house import FILES, statements
 
 COMMON = {
     "h5",
@@ -162,3 +165,43 @@ def test_calls_that_differ_between_systems_have_one_home() -> None:
     files = [path for package in ("lfcal", "gui") for path in modules(package) if path != ROOT / "lfcal" / "system.py"]
     calls = {str(p.relative_to(ROOT)): PLATFORM_CALLS.search(text_of(p)) for p in files}
     assert not {name: found[0] for name, found in calls.items() if found}, "use lfcal.system"
+
+
+PART_OF = {"dask": "distributed", "shiboken6": "pyside6-essentials"}
+"""Modules of distributions that another one pins to its own version exactly."""
+
+AS_MAKERS_SAY = {"torch", "cupy"}
+"""Installed as their makers say for the driver at hand; see the extra ``gpu``."""
+
+
+def test_every_import_is_of_a_declared_dependency() -> None:
+    """A module that another dependency happens to bring may be gone with that one's next version."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extras = {name: set(map(canonical, lines)) for name, lines in project["optional-dependencies"].items()}
+    always = set(map(canonical, project["dependencies"]))
+    brought_by = packages_distributions()
+    wrong = []
+    for path in FILES:
+        top = always | (extras["gui"] if path.is_relative_to(ROOT / "gui") else set())
+        tree = tree_of(path)
+        at_once = set(map(id, tree.body))
+        for node in statements(tree):
+            declared = top if id(node) in at_once else always.union(*extras.values())
+            for name in packages_of(node) - sys.stdlib_module_names - AS_MAKERS_SAY - {"lfcal", "gui"}:
+                found = {PART_OF.get(name, ""), *map(canonical, brought_by.get(name, [name]))}
+                if not found & declared:
+                    wrong.append(f"{path.relative_to(ROOT)}: {name}")
+    assert not wrong
+
+
+def packages_of(node: ast.stmt) -> set[str]:
+    """Return the top-level packages that a statement imports."""
+    names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+    if isinstance(node, ast.ImportFrom) and node.module:
+        names = [node.module]
+    return {name.partition(".")[0] for name in names}
+
+
+def canonical(requirement: str) -> str:
+    """Return the name of a distribution as it is compared, of a requirement."""
+    return re.sub(r"[-_.]+", "-", re.split(r"[\s<>=!~;\[]", requirement, maxsplit=1)[0]).lower()
