@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from numbers import Integral, Real
 from typing import Any
@@ -16,6 +17,7 @@ __all__ = [
     "MAX_SAMPLE",
     "as_sensor_frame",
     "check_choice",
+    "check_commas",
     "check_exposure",
     "check_length",
     "check_number",
@@ -65,6 +67,27 @@ def check_number(
     ]
     wanted = " ".join([("a whole number" if integer else "a number"), " and ".join(bounds)]).strip()
     raise InputError.expected(what, wanted, repr(value), remedy)
+
+
+def check_commas(what: str, text: str, *, whole: bool = False, several: bool = False) -> None:
+    """Raise `InputError` where a comma stands directly between digits of ``text``.
+
+    "2,5" may be 2.5 or two numbers, "1,000" one or a thousand: no reading is right for everybody. The message names
+    the readings that are possible here: ``whole`` numbers have no decimals, ``several`` allows a list.
+    """
+    found = re.search(r"\d+(?:,\d+)+", text)
+    if found is None:
+        return
+    parts = found.group().split(",")
+    readings = []
+    if all(len(part) == 3 for part in parts[1:]) and len(parts[0]) <= 3 and parts[0] != "0":
+        readings.append("".join(parts))
+    if len(parts) == 2 and not whole:
+        readings.append(f"{'.'.join(parts)} with a decimal point")
+    if several:
+        readings.append(f"{', '.join(parts)} with a space after the comma")
+    remedy = f"write {' or '.join(readings)}" if readings else "write one number"
+    raise InputError.expected(what, "no comma between digits", repr(text), remedy)
 
 
 def check_length(what: str, value_um: object, **bounds: Any) -> None:

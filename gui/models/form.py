@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import dataclass
 from typing import Any
 
+from lfcal.checks import check_commas
 from lfcal.errors import InputError
 
 __all__ = ["Field", "parse", "text_of"]
@@ -73,9 +73,7 @@ def parse(field: Field, text: str) -> Any:
         return None
     if field.kind not in _WANTED:
         return text
-    if re.search(r"\d,\d", text):
-        wanted = "a decimal point" + (", and a space after a comma between numbers" * (field.kind == "floats"))
-        raise InputError.expected(field.label, wanted, repr(text), "write 2.5 instead of 2,5")
+    check_commas(field.label, text, whole=field.kind == "int", several=field.kind == "floats")
     try:
         if "_" in text:  # to Python 1_00 is a hundred
             raise ValueError

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from lfcal.cli.options import parse_groups
 from lfcal.errors import InputError
 
 if TYPE_CHECKING:
@@ -17,7 +18,6 @@ __all__ = ["adapted_facts", "parse_goal", "show_adapted", "tell_step"]
 def parse_goal(error: str, most: int, unknowns: str) -> Goal | None:
     """Return what ``--until-error 0.5%`` (or 0.005), ``--most`` and ``--unknowns`` ask for; None where they do not."""
     from lfcal.campaign import Goal
-    from lfcal.fit import GROUPS
 
     if not error:
         if most or unknowns:
@@ -29,8 +29,7 @@ def parse_goal(error: str, most: int, unknowns: str) -> Goal | None:
         value = float(text.removesuffix("%")) * (0.01 if text.endswith("%") else 1.0)
     except ValueError:
         raise InputError.expected("--until-error", "an error of H", repr(error), "for example 0.5%") from None
-    names = tuple(dict.fromkeys(part.strip() for part in unknowns.split(",") if part.strip()))
-    groups = "auto" if unknowns in ("", "auto") else tuple(GROUPS.get(name).name for name in names)
+    groups = "auto" if unknowns in ("", "auto") else parse_groups(unknowns)
     return Goal(value, most=most or None, unknowns=groups)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 import time
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -143,6 +142,7 @@ def command(
     from lfcal.cli.console import print_json
     from lfcal.cli.orientation import check_choice
     from lfcal.cli.outputs import check_output
+    from lfcal.cli.plan import parse_cutout
     from lfcal.cli.target_frames import refuse_options, wanted_target
     from lfcal.frames import CorrectionRecipe
     from lfcal.frames.aligned import chosen_shift
@@ -172,7 +172,7 @@ def command(
         saturation=saturation,
     )
     settings = AssemblySettings(
-        cutout=parse_cutout(cutout),
+        cutout="auto" if cutout == "auto" else parse_cutout(cutout),
         lost=lost,
         interpolation=interpolation,
         pad=pad,
@@ -330,19 +330,6 @@ def _assemble_regions(
 
     saving = {"dtype": settings.dtype, "compression": settings.compression, "workers": settings.workers}
     return make_regions(read_regions(words.frames), out, region, given, **saving)
-
-
-def parse_cutout(text: str) -> tuple[int, int] | str | None:
-    """Return the cutout written as ``61``, ``61,81`` or ``auto``; None for empty."""
-    if text in ("", "auto"):
-        return text or None
-    try:
-        sizes = [int(part) for part in re.split("[,x×]", text)]
-    except ValueError:
-        sizes = []
-    if len(sizes) not in (1, 2):
-        raise InputError.expected("--cutout", "an odd number, ROWS,COLUMNS or auto", text, "correct it")
-    return (sizes[0], sizes[-1])
 
 
 def show_report(report: AssemblyReport, out: Path, seconds: float, json: bool) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from lfcal.cli.options import (
     ResumeOption,
     SchedulerOption,
     WorkersOption,
+    parse_groups,
 )
 from lfcal.errors import InputError
 
@@ -193,7 +194,7 @@ def command(
         got = "--hybrid" if hybrid else "--no-h"
         raise InputError.expected("--executor", "an H of the model, made plane by plane", got, "leave one of them out")
     by_whom = (executor, scheduler, workers)
-    groups = unknowns if unknowns == "auto" else _groups(unknowns)
+    groups = unknowns if unknowns == "auto" else parse_groups(unknowns)
     chosen = parse_effects(effects)
     target = wanted_target(source, plan) if len(sources) == 1 else None
     if target is not None:
@@ -282,19 +283,6 @@ def command(
             typer.echo(object_words(beside))
     if json:
         print_json(known_of)
-
-
-def _groups(text: str) -> tuple[str, ...]:
-    """Return the names of groups, each one known; before anything is read."""
-    from lfcal.fit import GROUPS
-
-    names = tuple(dict.fromkeys(part.strip() for part in text.split(",") if part.strip()))
-    known = GROUPS.names()
-    wrong = [name for name in names if name not in known]
-    if wrong or not names:
-        got = wrong[0] if wrong else repr(text)
-        raise InputError.expected("--unknowns", "auto or groups of unknowns", got, f"groups are {', '.join(known)}")
-    return names
 
 
 def _check_before(out: Path, *inputs: Path | str | None, more: Sequence[str] = (), no_h: bool, force: bool) -> None:

@@ -8,6 +8,7 @@ from typing import Annotated, TypeAlias
 import typer
 
 from lfcal.cli.completing import complete_camera, complete_compression, complete_executor, complete_mat_order
+from lfcal.errors import InputError
 from lfcal.threads import bounded_threads
 
 __all__ = [
@@ -29,6 +30,7 @@ __all__ = [
     "StoreToleranceOption",
     "VirtualDepthsOption",
     "WorkersOption",
+    "parse_groups",
 ]
 
 
@@ -144,3 +146,20 @@ PresetOption: TypeAlias = Annotated[
 
 GainOption: TypeAlias = Annotated[float, typer.Option("--gain", help="Amplifier gain of the camera.")]
 """Gain at which the full well and the read noise of ``--camera`` are compared."""
+
+
+def parse_groups(text: str, *, automatic: bool = True) -> tuple[str, ...]:
+    """Return the groups of unknowns named in ``--unknowns A,B,C``, each one known.
+
+    ``automatic`` says whether the command has ``auto`` as well, which is not read here.
+    """
+    from lfcal.fit import GROUPS
+
+    names = tuple(dict.fromkeys(part.strip() for part in text.split(",") if part.strip()))
+    known = GROUPS.names()
+    wrong = [name for name in names if name not in known]
+    if wrong or not names:
+        got = wrong[0] if wrong else repr(text)
+        wanted = ("auto or " if automatic else "") + "groups of unknowns"
+        raise InputError.expected("--unknowns", wanted, got, f"groups are {', '.join(known)}")
+    return names

@@ -107,9 +107,9 @@ def parse_cutout(text: str) -> tuple[int, int] | None:
     """Return the cutout ``"a"`` or ``"a,b"`` in pixels (rows, columns); None for the one that geometry gives."""
     if not text:
         return None
-    rows, columns = parse_pair(text, "cutout")
+    rows, columns = parse_pair(text, "--cutout")
     if not (rows.is_integer() and columns.is_integer()):
-        raise InputError.expected("cutout", "whole numbers of pixels", f"{rows:g}, {columns:g}", "correct it")
+        raise InputError.expected("--cutout", "whole numbers of pixels", f"{rows:g}, {columns:g}", "correct it")
     return int(rows), int(columns)
 
 

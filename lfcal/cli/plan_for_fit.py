@@ -11,6 +11,7 @@ import typer
 from numpy.typing import NDArray
 
 from lfcal.cli.console import print_json, print_table, report, run_work
+from lfcal.cli.options import parse_groups
 from lfcal.cli.outputs import check_outputs
 from lfcal.errors import InputError
 
@@ -112,7 +113,7 @@ def show_chosen(plan: ScanPlan, wanted: Wanted, *, json: bool) -> dict[str, Any]
     work = iter_next_positions(
         plan,
         wanted.count,
-        groups=_groups(wanted.unknowns),
+        groups=parse_groups(wanted.unknowns, automatic=False) if wanted.unknowns else None,
         earlier=earlier,
         expected=Expected(wanted.full, **asdict(_steadiness(wanted, earlier))),
         candidates=wanted.candidates,
@@ -152,13 +153,6 @@ def _read_out(found: Design, plan: ScanPlan, pace: Pace) -> Design:
     """Return what was found with the readout of its frames in its times."""
     each = pace.reading(plan.frames_averaged)
     return replace(found, curve=tuple(replace(p, hours=p.hours + p.positions * each) for p in found.curve))
-
-
-def _groups(text: str) -> tuple[str, ...] | None:
-    from lfcal.fit import GROUPS
-
-    names = tuple(dict.fromkeys(part.strip() for part in text.split(",") if part.strip()))
-    return tuple(GROUPS.get(name).name for name in names) or None
 
 
 def _steadiness(wanted: Wanted, earlier: Earlier | None) -> Spread:

@@ -134,7 +134,10 @@ def test_all_positions_of_such_a_session_can_be_thinned(lfcal: Lfcal, place: Pat
         ("plan camera.json --virtual-depths 2.2 --draw a.png", "--draw: is of positions for a fit"),
         ("plan camera.json --virtual-depths 2.2 --cutout 15 --for-fit 2", "positions to record: expected"),
         ("plan camera.json --virtual-depths 2.2 --cutout 15 --for-fit 9 --from nowhere", "a folder of lfcal fit"),
-        ("plan camera.json --virtual-depths 2.2 --cutout 15 --for-fit 9 --unknowns gap", "unknowns: expected"),
+        (
+            "plan camera.json --virtual-depths 2.2 --cutout 15 --for-fit 9 --unknowns gap",
+            "expected groups of unknowns",
+        ),
         ("plan camera.json --virtual-depths 2.2 --cutout 15 --for-fit 9 --unknowns depths", "needs two planes or more"),
         ("plan camera.json --virtual-depths 2.2 --cutout 15 --for-fit 9 --full 2", "full well"),
         ("plan camera.json --virtual-depths 2.2 --cutout 15 --for-fit 9 --list list.json", "exists"),

@@ -96,7 +96,7 @@ def test_where_values_come_from() -> None:
         (Crosstalk(), "share", "30", "expected 0 to 25 %, got 30 %"),
         (Coma(), "waves", "large", "a number, with waves or no unit"),
         (Coma(), "waves", "", "a number"),
-        (Coma(), "waves", "0,3", "decimal point"),
+        (Coma(), "waves", "0,3", "write 0.3 with a decimal point"),
         (Coma(), "waves", "nan", "a number"),
         (Coma(), "waves", "1e999", "got inf"),
         (Coma(), "angle_rad", "40 um", "rad, mrad, deg"),

@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from lfcal.camera import QUANTITIES, Camera
-from lfcal.checks import check_choice
+from lfcal.checks import check_choice, check_commas
 from lfcal.errors import InputError
 from lfcal.simulate.effects.base import Effect
 
@@ -136,8 +136,7 @@ class Magnitude:
         text = text.strip()
         if self.kind == "text":
             return text
-        if re.search(r"\d,\d", text):  # 2.5, or two numbers?
-            raise InputError.expected(self.title, "a decimal point", repr(text), "write 2.5 instead of 2,5")
+        check_commas(self.title, text, whole=self.kind == "whole")
         value = number_in(self.title, text, self.units, self.scale)
         low, high = self.limits
         if not low <= value <= high:

@@ -33,12 +33,30 @@ def test_texts_and_what_they_mean(field: Field, text: str, value: Any) -> None:
     assert parse(field, text) == pytest.approx(value) if isinstance(value, float) else parse(field, text) == value
 
 
-@pytest.mark.parametrize("field", [NUMBER, COUNT, LIST])
-@pytest.mark.parametrize("text", ["2,5", "1,000", "-1,5e3", "2,5; 3,5", "1, 2,5"])
-def test_a_decimal_comma_is_refused_everywhere_in_one_line(field: Field, text: str) -> None:
-    with pytest.raises(InputError, match="decimal point") as error:
+POINT, SPACE = "with a decimal point", "with a space after the comma"
+
+
+@pytest.mark.parametrize(
+    ("field", "text", "remedy"),
+    [
+        (NUMBER, "2,5", f"write 2.5 {POINT}"),
+        (NUMBER, "1,000", f"write 1000 or 1.000 {POINT}"),
+        (NUMBER, "0,125", f"write 0.125 {POINT}"),
+        (NUMBER, "12,345,678", "write 12345678"),
+        (NUMBER, "1,2,3", "write one number"),
+        (NUMBER, "-1,5e3", f"write 1.5 {POINT}"),
+        (COUNT, "1,000", "write 1000"),
+        (COUNT, "2,5", "write one number"),
+        (LIST, "2,5", f"write 2.5 {POINT} or 2, 5 {SPACE}"),
+        (LIST, "1,000", f"write 1000 or 1.000 {POINT} or 1, 000 {SPACE}"),
+        (LIST, "2,5; 3,5", f"write 2.5 {POINT} or 2, 5 {SPACE}"),
+        (LIST, "1, 2,5", f"write 2.5 {POINT} or 2, 5 {SPACE}"),
+    ],
+)
+def test_a_comma_between_digits_is_refused_with_what_it_may_mean(field: Field, text: str, remedy: str) -> None:
+    with pytest.raises(InputError) as error:
         parse(field, text)
-    assert field.label in str(error.value) and "\n" not in str(error.value)
+    assert str(error.value) == f"{field.label}: expected no comma between digits, got {text!r}; {remedy}"
 
 
 @pytest.mark.parametrize(
