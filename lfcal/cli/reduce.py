@@ -52,7 +52,6 @@ def command(
     from lfcal.cli.outputs import check_output
     from lfcal.cli.runs import may_replace, run_choice, run_kept
     from lfcal.psf import iter_save, open_psf
-    from lfcal.psf.reduce_units import iter_reduce_units
     from lfcal.psf.steps import check_store_tolerance
     from lfcal.units import format_bytes, format_seconds
 
@@ -64,11 +63,8 @@ def command(
         report_regions(source, matrix, "written")
         report_missing(matrix)
         run = run_choice(out, executor, scheduler, workers, resume=resume, force=force, seconds=matrix.nbytes / RATE)
-        if run is None:
-            work = iter_save(matrix, out, compression=compression, workers=workers, store_tolerance=tolerance)
-            run_work(work, quiet=json)
-        else:
-            run_kept(iter_reduce_units(matrix, out, tolerance, run=run, compression=compression), out, quiet=json)
+        work = iter_save(matrix, out, compression=compression, workers=workers, store_tolerance=tolerance, run=run)
+        run_work(work, quiet=json) if run is None else run_kept(work, out, quiet=json)
         shape, before = matrix.shape, source.stat().st_size
     seconds = time.perf_counter() - start
     with open_psf(out) as made:

@@ -51,8 +51,7 @@ def command(
     from lfcal.cli.matrices import check_mat_files, open_matrix, report_missing, report_regions
     from lfcal.cli.outputs import check_output
     from lfcal.cli.runs import may_replace, run_choice, run_kept
-    from lfcal.psf.transpose_file import iter_transpose_file
-    from lfcal.psf.transpose_units import iter_transpose_units
+    from lfcal.psf.saving import iter_transpose_file
     from lfcal.units import format_bytes, format_seconds
 
     check_output(out, source, force=may_replace(out, resume=resume, force=force))
@@ -64,12 +63,8 @@ def command(
         # File to file by planes: H may be far larger than the memory.
         ahead = matrix.nbytes / RATE
         run = run_choice(out, executor, scheduler, workers, resume=resume, force=force, seconds=ahead)
-        if run is None:
-            work = iter_transpose_file(matrix, out, method=method, compression=compression, workers=workers)
-            run_work(work, quiet=json)
-        else:
-            work = iter_transpose_units(matrix, out, run=run, method=method, compression=compression)
-            run_kept(work, out, quiet=json)
+        work = iter_transpose_file(matrix, out, method=method, compression=compression, workers=workers, run=run)
+        run_work(work, quiet=json) if run is None else run_kept(work, out, quiet=json)
         shape, nbytes = matrix.shape, matrix.nbytes
         made = "H" if matrix.is_transposed and method == "exact" else "HT"
     seconds = time.perf_counter() - start

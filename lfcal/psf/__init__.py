@@ -2,6 +2,8 @@
 
 - ``matrix``: `PSFMatrix`, lazy, with its transposed view; ``planes`` is where its values come from, ``facts`` what is
   known of its positions, ``travel`` how it goes to another process
+- ``make``: the one way a matrix is made of planes, whatever they come from: in memory, in a file, in units of a plane
+- ``saving``: a matrix written again, transposed, within a tolerance, or with those of other regions
 - ``opening``, ``store``, ``layout``: the H file; ``chunk_codec`` compresses it on all processors, ``nexus`` tells
   viewers what to plot; ``steps`` stores it within a tolerance
 - ``specification``, ``json_schema``: an H file held against the published schema of its format

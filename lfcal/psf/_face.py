@@ -14,7 +14,8 @@ from lfcal.psf.opening import open_psf, regions_of
 from lfcal.psf.quality.inspect import inspect, iter_inspect
 from lfcal.psf.quality.report import QualityReport
 from lfcal.psf.report import iter_report, report
-from lfcal.psf.store import PSFWriter, iter_save, save, save_regions
+from lfcal.psf.saving import iter_save, iter_save_regions, save, save_regions
+from lfcal.psf.store import PSFWriter
 from lfcal.psf.transpose import transpose
 from lfcal.psf.verify import MatrixCheck, iter_verify, verify
 
@@ -41,6 +42,7 @@ __all__ = [
     "iter_inspect",
     "iter_report",
     "iter_save",
+    "iter_save_regions",
     "iter_verify",
     "open_psf",
     "regions_of",

@@ -26,6 +26,7 @@ from lfcal.psf.assembly import Assembly, AssemblyProgress
 from lfcal.psf.assembly_report import AssemblyReport
 from lfcal.psf.filling import Fill
 from lfcal.psf.joining import iter_join
+from lfcal.psf.layout import Stored
 from lfcal.psf.opening import open_psf
 from lfcal.psf.store import PSFWriter, stored_bytes
 from lfcal.work import RunChoice, Unit, iter_made
@@ -94,7 +95,7 @@ def iter_assemble_units(
         target, history, depths=plan.depths_um, camera=plan.camera, workers=settings.workers, **stored
     )
     # before any plane is made: each is a file of its own until all are there
-    require_space(target.parent, stored_bytes(writer.shape, **stored), what=target.name)
+    require_space(target.parent, stored_bytes(writer.shape, Stored(**stored)), what=target.name)
     task = task or f"{__name__}:{do_plane.__name__}"
     units = [Unit(f"plane {z:04d}", task, shared | {"z": z}) for z in range(plan.shape[0])]
     join = partial(iter_join, writer=writer)

@@ -18,7 +18,7 @@ from lfcal.progress import Clock, Work, drained
 from lfcal.psf.light import empty_positions, empty_words
 from lfcal.psf.matlab import MatOptions, iter_write_mat, mat_notes
 from lfcal.psf.matrix import PSFMatrix
-from lfcal.psf.store import iter_save
+from lfcal.psf.saving import iter_save
 from lfcal.psf.tiff_export import iter_write_tiff, tiff_files
 
 __all__ = [

@@ -17,11 +17,11 @@ from lfcal.h5.writing import new_h5
 from lfcal.progress import Clock, Work
 from lfcal.psf.chunk_codec import copy_plane
 from lfcal.psf.export import ExportOptions, check_export, iter_export, iter_write_npy
-from lfcal.psf.joining import iter_join
 from lfcal.psf.matlab import MatOptions, create_mat_data, iter_write_mat, mat_plane, mat_written
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.opening import open_psf
-from lfcal.psf.store import PSFWriter, facts_of, store_plane, stored_type, writer_of
+from lfcal.psf.saving import iter_save
+from lfcal.psf.store import store_plane
 from lfcal.work import RunChoice, Unit, iter_made
 
 __all__ = ["UNITS", "do_plane", "iter_export_units"]
@@ -64,13 +64,17 @@ def iter_export_units(
     with open_psf(psf) as opened:
         matrix = opened.T if turned else opened
         suffix = check_export(matrix, path, options)
+        if suffix == ".h5":
+            compression = "none" if options.compress is False else "gzip"
+            return (yield from iter_save(matrix, path, dtype=options.dtype, compression=compression, run=run))
         if suffix not in UNITS:
             return (yield from iter_export(matrix, path, **options.given()))
         names = ("H", "Ht") if suffix == ".mat" and options.mat.include_transpose else ("H",)
         # before any plane is made: each is a file of its own until all are there
         require_space(target.parent, len(names) * matrix.nbytes, what=target.name)
         source = os.path.abspath(psf)
-        shared = {"source": source, "turned": turned, "suffix": suffix, "options": _told(matrix, suffix, options)}
+        told = asdict(options.mat) if suffix == ".mat" else {}
+        shared = {"source": source, "turned": turned, "suffix": suffix, "options": told}
         units = [
             Unit(
                 f"plane {z:04d}" if name == "H" else f"{name} plane {z:04d}",
@@ -81,22 +85,9 @@ def iter_export_units(
             for name in names
             for z in range(len(matrix))
         ]
-        join = partial(_join, matrix=matrix, target=target, options=options, run=run)
+        join = partial(_join, matrix=matrix, target=target, options=options)
         yield from iter_made(units, target, run, join, title=f"export {target.name}")
     return target
-
-
-def _told(matrix: PSFMatrix, suffix: str, options: ExportOptions) -> dict[str, Any]:
-    """Return how a plane is stored, by the format."""
-    if suffix == ".mat":
-        return asdict(options.mat)
-    if suffix == ".h5":
-        return {"dtype": options.dtype or stored_type(matrix), "compression": _compression(options)}
-    return {}
-
-
-def _compression(options: ExportOptions) -> str:
-    return "none" if options.compress is False else "gzip"
 
 
 def do_plane(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]:
@@ -106,43 +97,19 @@ def do_plane(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None
     yield clock.at(0)
     with open_psf(arguments["source"]) as opened:
         matrix = opened.T if arguments["turned"] else opened
-        if suffix == ".h5":
-            _write_h5(matrix, z, out, workers, **told)
-        else:
-            options = MatOptions(**told) if suffix == ".mat" else MatOptions(compress=False)
-            written = mat_written(matrix, options) if suffix == ".mat" else matrix
-            plane, crop = mat_plane(written, options, arguments["name"], z)
-            with new_h5(out) as file:
-                data = create_mat_data(file, PLANE, written, options, planes=1)
-                store_plane(data, 0, plane, workers=workers)
-                data.attrs[CROP] = crop
+        options = MatOptions(**told) if suffix == ".mat" else MatOptions(compress=False)
+        written = mat_written(matrix, options) if suffix == ".mat" else matrix
+        plane, crop = mat_plane(written, options, arguments["name"], z)
+        with new_h5(out) as file:
+            data = create_mat_data(file, PLANE, written, options, planes=1)
+            store_plane(data, 0, plane, workers=workers)
+            data.attrs[CROP] = crop
     yield clock.at(1)
 
 
-def _write_h5(matrix: PSFMatrix, z: int, out: Path, workers: int, *, dtype: str, compression: str) -> None:
-    stated = matrix.stated_uncertainty
-    with PSFWriter(
-        out,
-        (1, *matrix.shape[1:]),
-        depths=matrix.known_depths[z : z + 1],
-        dtype=dtype,
-        compression=compression,
-        transposed=matrix.is_transposed,
-        workers=workers,
-    ) as writer:
-        uncertainty = None if stated is None else stated.plane(z)
-        writer.write_plane(0, matrix.plane(z), facts=facts_of(matrix).plane(z), uncertainty=uncertainty)
-
-
-def _join(
-    parts: Sequence[Path], *, matrix: PSFMatrix, target: Path, options: ExportOptions, run: RunChoice
-) -> Work[None]:
+def _join(parts: Sequence[Path], *, matrix: PSFMatrix, target: Path, options: ExportOptions) -> Work[None]:
     """Make the file of its planes."""
-    suffix = target.suffix.lower()
-    if suffix == ".h5":
-        how = _told(matrix, suffix, options)
-        yield from iter_join(parts, writer_of(matrix, target, workers=run.workers, **how))
-    elif suffix == ".npy":
+    if target.suffix.lower() == ".npy":
         yield from iter_write_npy(matrix, target, lambda z: _read(parts[z]))
     else:
 

@@ -16,7 +16,7 @@ from lfcal.psf.opening import depth_sums_of, facts_in, provenance_of, scaling_of
 from lfcal.psf.provenance import simulated_planes
 from lfcal.psf.store import VERSION, PSFWriter
 
-__all__ = ["iter_join", "stored_plane"]
+__all__ = ["adopt", "iter_join", "stored_plane"]
 
 
 def iter_join(parts: Sequence[Path], writer: PSFWriter) -> Work[None]:
@@ -40,9 +40,14 @@ def iter_join(parts: Sequence[Path], writer: PSFWriter) -> Work[None]:
     with writer:
         yield clock.at(0)
         for z, path in enumerate(parts):
-            with H5File(path) as file:
-                writer.adopt_plane(z, stored_plane(file))
+            adopt(writer, z, path)
             yield clock.at(z + 1)
+
+
+def adopt(writer: PSFWriter, z: int, path: Path) -> None:
+    """Take plane ``z`` over from a file of it alone; raises as `iter_join`."""
+    with H5File(path) as file:
+        writer.adopt_plane(z, stored_plane(file))
 
 
 def stored_plane(file: H5File) -> StoredPlane:

@@ -9,20 +9,21 @@ from __future__ import annotations
 import json
 import zlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from lfcal.axes import AXES
+from lfcal.axes import AXES, check_psf_shape
 from lfcal.errors import InputError
 from lfcal.h5.dataset import H5Data
 from lfcal.psf._step_kernels import add_rounded, round_pattern
 from lfcal.psf.chunk_codec import copy_plane, parallel_write
 from lfcal.psf.facts import Facts, stacked
-from lfcal.psf.steps import bound_after, step_of_range, stepped_plane
+from lfcal.psf.provenance import with_simulated
+from lfcal.psf.steps import bound_after, check_store_tolerance, step_of_range, stepped_plane
 from lfcal.threads import for_each_chunk
 from lfcal.version import full_version
 
@@ -34,8 +35,10 @@ __all__ = [
     "COMPRESSIONS",
     "ROUNDED",
     "STORED_TYPES",
+    "Header",
     "MatrixGroup",
-    "MatrixHeader",
+    "Plane",
+    "Stored",
     "StoredPlane",
     "plane_checksum",
 ]
@@ -57,34 +60,102 @@ CHECKSUM_RULE = "CRC-32 over the little-endian CRC-32 of every stored pattern, y
 
 
 @dataclass(frozen=True, eq=False)
-class MatrixHeader:
-    """What a matrix is, besides its values; see `lfcal.psf.PSFWriter`."""
+class Header:
+    """What a matrix is, besides its values.
 
-    shape: tuple[int, int, int, int, int]
-    depths: NDArray[np.float64]
-    camera: Camera | None
-    anchor: tuple[float, float]
-    provenance: Mapping[str, Any]
-    transposed: bool
-    region: str
-    stored: str
-    compression: str
-    workers: int | None
+    Attributes
+    ----------
+    shape
+        ``(nz, ny, nx, nt, ns)``.
+    depths, camera, anchor, provenance, transposed, region
+        As in `lfcal.psf.PSFMatrix`.
+
+    Raises
+    ------
+    InputError
+        If the shape is not that of a matrix, or depths are not one for each plane.
+    """
+
+    shape: tuple[int, ...]
+    depths: ArrayLike | None = None
+    camera: Camera | None = None
+    anchor: tuple[float, float] = (0.0, 0.0)
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    transposed: bool = False
+    region: str = ""
+
+    def __post_init__(self) -> None:
+        """Check shape and depths."""
+        object.__setattr__(self, "shape", check_psf_shape(self.shape))
+        if self.plane_depths.shape != self.shape[:1]:
+            raise InputError.expected("depths", f"{self.shape[0]} values", self.plane_depths.shape, "one per plane")
+
+    @property
+    def plane_depths(self) -> NDArray[np.float64]:
+        """Depth of each plane, not-a-number where it is not known."""
+        return np.asarray(np.full(self.shape[0], np.nan) if self.depths is None else self.depths, np.float64)
+
+
+@dataclass(frozen=True)
+class Stored:
+    """How the values of a matrix are stored in a file.
+
+    Attributes
+    ----------
+    dtype, compression, store_tolerance
+        As in `lfcal.psf.PSFWriter`.
+
+    Raises
+    ------
+    InputError
+        If there is no such type or compression, or the tolerance is not a share.
+    """
+
+    dtype: str = "float32"
+    compression: str = "gzip"
     store_tolerance: float | None = None
 
     def __post_init__(self) -> None:
         """Check what an H file can hold."""
-        if self.stored not in STORED_TYPES:
-            raise InputError.expected("stored type", " or ".join(STORED_TYPES), self.stored, "choose one of these")
+        if self.dtype not in STORED_TYPES:
+            raise InputError.expected("stored type", " or ".join(STORED_TYPES), self.dtype, "choose one of these")
         if self.compression not in COMPRESSIONS:
             raise InputError.expected("compression", " or ".join(COMPRESSIONS), self.compression, "choose one of these")
-        if self.depths.shape != self.shape[:1]:
-            raise InputError.expected("depths", f"{self.shape[0]} values", self.depths.shape, "one per plane")
+        if self.store_tolerance is not None:
+            check_store_tolerance(self.store_tolerance)
 
     @property
-    def dtype(self) -> np.dtype[Any]:
+    def rounded(self) -> bool:
+        """Whether all values of a plane are rounded to one step."""
+        return self.dtype == ROUNDED and self.store_tolerance is None
+
+    @property
+    def samples(self) -> np.dtype[Any]:
         """Type of the samples in the file."""
-        return np.dtype("float32" if self.stored == ROUNDED else self.stored)
+        stepped = self.store_tolerance is not None
+        return np.dtype("float32" if stepped or self.dtype == ROUNDED else self.dtype)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Plane:
+    """One plane of a matrix, and what is known of it.
+
+    Attributes
+    ----------
+    values
+        ``(ny, nx, nt, ns)``.
+    facts
+        What is known of the positions.
+    uncertainty
+        Standard deviation of every entry, 0 where none is stated besides the noise; None: none is stated.
+    simulated
+        How the plane was simulated, as plain JSON types; None where it was not.
+    """
+
+    values: NDArray[Any]
+    facts: Facts
+    uncertainty: NDArray[np.floating[Any]] | None = None
+    simulated: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,8 +194,8 @@ class StoredPlane:
 class MatrixGroup:
     """Write one matrix into an open HDF5 group, plane by plane in any order, then `complete` it."""
 
-    def __init__(self, group: Any, header: MatrixHeader) -> None:
-        self._group, self._header = group, header
+    def __init__(self, group: Any, header: Header, stored: Stored, workers: int | None = None) -> None:
+        self._group, self._header, self._stored, self._workers = group, header, stored, workers
         nz = header.shape[0]
         self._written = np.zeros(nz, bool)
         self._checksum = np.zeros(nz, np.uint32)
@@ -137,7 +208,7 @@ class MatrixGroup:
         self._uncertainty: Any = None
         self._uncertain = np.zeros(nz, bool)
         self._step = np.zeros(header.shape[:3], np.float32)
-        self._data = self._create_dataset("H", header.dtype)
+        self._data = self._create_dataset("H", stored.samples)
 
     @property
     def lacking(self) -> list[int]:
@@ -145,19 +216,26 @@ class MatrixGroup:
         return np.flatnonzero(~self._written).tolist()
 
     def _create_dataset(self, name: str, dtype: np.dtype[Any]) -> Any:
-        header = self._header
+        header, compression = self._header, self._stored.compression
         options: dict[str, Any] = {"fletcher32": True}
-        if header.compression == "gzip":
+        if compression == "gzip":
             options |= {"shuffle": True, "compression": "gzip", "compression_opts": 1}
-        elif header.compression == "zstd":
+        elif compression == "zstd":
             import hdf5plugin
 
             options |= {"shuffle": True} | dict(hdf5plugin.Zstd(clevel=3))
         chunk = (1, 1, 1, *header.shape[3:])
         return self._group.create_dataset(name, header.shape, dtype, chunks=chunk, track_times=False, **options)
 
-    def write_plane(self, z: int, plane: NDArray[Any], facts: Facts) -> None:
-        """Write plane ``z`` ``(ny, nx, nt, ns)`` and what is known of its positions."""
+    def write_plane(self, z: int, plane: Plane) -> None:
+        """Write plane ``z`` and what is known of it."""
+        self._write_values(z, plane.values, plane.facts)
+        if plane.uncertainty is not None:
+            self._write_uncertainty(z, plane.uncertainty)
+        if plane.simulated is not None:
+            self._simulated[z] = dict(plane.simulated)
+
+    def _write_values(self, z: int, plane: NDArray[Any], facts: Facts) -> None:
         from lfcal.psf.transpose import depth_sum
 
         shape = self._header.shape
@@ -169,13 +247,13 @@ class MatrixGroup:
             raise InputError.expected(
                 f"plane {z}", "real numbers", f"{plane.dtype}", "export a complex H as .npy, or store its parts"
             )
-        sums = depth_sum(plane, workers=self._header.workers)
+        sums = depth_sum(plane, workers=self._workers)
         if not np.isfinite(sums).all():
             raise InputError.expected(
                 f"plane {z}", "finite values", "NaN or infinity", "find the frame and record it again"
             )
-        if self._header.store_tolerance is not None:
-            self._write_steps(z, plane, facts, self._header.store_tolerance)
+        if self._stored.store_tolerance is not None:
+            self._write_steps(z, plane, facts, self._stored.store_tolerance)
             return
         self._used[z] = _used_window(sums)
         convert, step = self._conversion(z, plane)
@@ -184,9 +262,9 @@ class MatrixGroup:
         if step:
             # the sums in the file are those of the values in the file
             self._step[z] = step
-            self._sums[z], error = _rounded_sums(plane, step, self._header.workers)
+            self._sums[z], error = _rounded_sums(plane, step, self._workers)
         each = np.zeros(shape[1:3], "<u4")
-        parallel_write(self._data, z, plane, convert=convert, checksums=each, workers=self._header.workers)
+        parallel_write(self._data, z, plane, convert=convert, checksums=each, workers=self._workers)
         self._checksum[z] = zlib.crc32(each.data)
         self._note(z, facts, error)
         self._written[z] = True
@@ -195,7 +273,7 @@ class MatrixGroup:
         """Write plane ``z`` in whole steps, within a tolerance."""
         from lfcal.psf.transpose import depth_sum
 
-        workers = self._header.workers
+        workers = self._workers
         found = stepped_plane(plane, tolerance, what=f"plane {z}", workers=workers)
         self._step[z] = found.step
         self._sums[z] = depth_sum(found.values, workers=workers)
@@ -210,11 +288,7 @@ class MatrixGroup:
         """Keep more provenance beside the header's."""
         self._provenance |= provenance
 
-    def note_simulated(self, z: int, simulated: Mapping[str, Any]) -> None:
-        """Keep how plane ``z`` was simulated: engine, sampling, seconds."""
-        self._simulated[z] = dict(simulated)
-
-    def write_uncertainty(self, z: int, plane: NDArray[np.floating[Any]]) -> None:
+    def _write_uncertainty(self, z: int, plane: NDArray[np.floating[Any]]) -> None:
         """Write the standard deviation of every entry of plane ``z`` ``(ny, nx, nt, ns)``; 0: none is stated.
 
         Rounded up to `UNCERTAINTY_DIGITS` binary digits: none becomes 0.
@@ -223,12 +297,12 @@ class MatrixGroup:
             raise InputError.expected(
                 f"uncertainty of plane {z}", f"shape {self._header.shape[1:]}", plane.shape, "one value per entry"
             )
-        low, largest = _range(plane, self._header.workers)
+        low, largest = _range(plane, self._workers)
         if not (np.isfinite(largest) and low >= 0):
             raise InputError.expected(f"uncertainty of plane {z}", "numbers ≥ 0", f"{low:g} to {largest:g}", "check it")
         if self._uncertainty is None:
             self._uncertainty = self._create_dataset("uncertainty", np.dtype(np.float32))
-        parallel_write(self._uncertainty, z, plane, convert=_rounded_up, workers=self._header.workers)
+        parallel_write(self._uncertainty, z, plane, convert=_rounded_up, workers=self._workers)
         self._uncertain[z] = True
 
     def adopt_plane(self, z: int, stored: StoredPlane) -> None:
@@ -248,7 +322,7 @@ class MatrixGroup:
             copy_plane(stored.uncertainty, self._uncertainty, z)
             self._uncertain[z] = True
         if stored.simulated is not None:
-            self.note_simulated(z, stored.simulated)
+            self._simulated[z] = dict(stored.simulated)
         self._written[z] = True
 
     def _complete_uncertainty(self) -> None:
@@ -256,7 +330,7 @@ class MatrixGroup:
             return
         none = np.broadcast_to(np.zeros((), np.float32), self._header.shape[1:])
         for z in np.flatnonzero(~self._uncertain).tolist():
-            parallel_write(self._uncertainty, z, none, workers=self._header.workers)
+            parallel_write(self._uncertainty, z, none, workers=self._workers)
         self._uncertainty.attrs["long_name"] = "standard deviation of each entry of H; 0: none is stated"
 
     def _note(self, z: int, facts: Facts, rounding: float, bound: NDArray[np.float64] | None = None) -> None:
@@ -275,9 +349,9 @@ class MatrixGroup:
 
     def _conversion(self, z: int, plane: NDArray[Any]) -> tuple[Convert | None, float]:
         """Return what turns a pattern of plane ``z`` into its stored type, and the step it is rounded to; 0: none."""
-        dtype = self._header.dtype
-        if self._header.stored == ROUNDED:
-            low, high = _range(plane, self._header.workers)
+        dtype = self._stored.samples
+        if self._stored.rounded:
+            low, high = _range(plane, self._workers)
             step = step_of_range(low, high)
             # float32 holds whole numbers beyond 16 bits as well
             step = 1.0 if step > 1 and max(-low, high) < 2**24 and _whole(plane) else step
@@ -286,7 +360,7 @@ class MatrixGroup:
             return None, 0.0
         if dtype.kind == "f":
             return (lambda pattern: pattern.astype(dtype)), 0.0
-        low, high = _range(plane, self._header.workers)
+        low, high = _range(plane, self._workers)
         if low < 0 or high > np.iinfo(dtype).max or not _whole(plane):
             raise InputError.expected(
                 f"plane {z}, stored as {dtype}",
@@ -302,10 +376,10 @@ class MatrixGroup:
         self._complete_uncertainty()
         if self._simulated:
             planes = [self._simulated.get(z) for z in range(header.shape[0])]
-            self.note({"simulated": {**self._provenance.get("simulated", {}), "planes": planes}})
+            self._provenance = with_simulated(self._provenance, planes)
         group.create_dataset("depth_sum", data=self._sums)
-        known = not np.isnan(header.depths).any()
-        stored = header.depths if known else np.arange(header.depths.size, dtype=np.float64)
+        known = not np.isnan(header.plane_depths).any()
+        stored = header.plane_depths if known else np.arange(header.shape[0], dtype=np.float64)
         depths = group.create_dataset("depths", data=stored)
         depths.attrs["unit"] = "um" if known else PLANE_NUMBER
         for name, values in stacked(self._facts).known().items():

@@ -7,7 +7,7 @@ of the expected form is unknown. ``docs/formats_h.md`` lists the entries.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 __all__ = [
@@ -21,6 +21,7 @@ __all__ = [
     "optics_of",
     "origin_of",
     "simulated_planes",
+    "with_simulated",
 ]
 
 RESERVED = ("task", "verdict")
@@ -134,6 +135,11 @@ def simulated_planes(provenance: Mapping[str, Any], planes: int) -> list[dict[st
     if not isinstance(found, list) or len(found) != planes:
         return [None] * planes
     return [dict(one) if isinstance(one, Mapping) else None for one in found]
+
+
+def with_simulated(provenance: Mapping[str, Any], planes: Sequence[Mapping[str, Any] | None]) -> dict[str, Any]:
+    """Return provenance with how each plane was simulated, as `simulated_planes` reads it."""
+    return {**provenance, "simulated": {**provenance.get("simulated", {}), "planes": list(planes)}}
 
 
 def _within(value: Mapping[str, Any], name: str) -> Mapping[str, Any]:

@@ -13,18 +13,16 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.axes import check_psf_shape
 from lfcal.camera import Camera
 from lfcal.errors import InputError
-from lfcal.files import check_other_file, require_space
+from lfcal.files import require_space
 from lfcal.h5.writing import new_h5
-from lfcal.progress import Clock, Work, drained
 from lfcal.psf.chunk_codec import chunk_pipeline, parallel_write
 from lfcal.psf.facts import Facts
-from lfcal.psf.layout import ROUNDED, STORED_TYPES, MatrixGroup, MatrixHeader, StoredPlane
+from lfcal.psf.layout import STORED_TYPES, Header, MatrixGroup, Plane, Stored, StoredPlane
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.nexus import mark_default_plot
-from lfcal.psf.steps import bits_at_most, check_store_tolerance
+from lfcal.psf.steps import bits_at_most
 from lfcal.version import full_version
 
 __all__ = [
@@ -35,14 +33,13 @@ __all__ = [
     "STORED_TYPES",
     "VERSION",
     "PSFWriter",
+    "check_storable",
     "facts_of",
-    "iter_save",
-    "save",
-    "save_regions",
+    "header_of",
+    "new_file",
     "store_plane",
     "stored_bytes",
     "stored_type",
-    "writer_of",
 ]
 
 FORMAT = "lfcal-psf"
@@ -121,36 +118,29 @@ class PSFWriter:
         store_tolerance: float | None = None,
     ) -> None:
         self.path = Path(path)
-        self.shape = check_psf_shape(shape)
-        if dtype not in STORED_TYPES:
-            raise InputError.expected("stored type", " or ".join(STORED_TYPES), dtype, "choose one of these")
-        if transposed and store_tolerance is not None:
-            raise InputError.expected(
-                "matrix within a tolerance", "H, whose patterns it bounds", "HT", "store H: HT is a view of it"
-            )
-        self._header = MatrixHeader(
-            self.shape,
-            np.asarray(np.full(self.shape[0], np.nan) if depths is None else depths, np.float64),
-            camera,
-            anchor,
-            dict(provenance or {}),
-            transposed,
-            region,
-            dtype if store_tolerance is None else "float32",
-            compression,
-            workers,
-            None if store_tolerance is None else check_store_tolerance(store_tolerance),
-        )
+        self._header = Header(shape, depths, camera, anchor, dict(provenance or {}), transposed, region)
+        self._stored, self._workers = Stored(dtype, compression, store_tolerance), workers
+        check_storable(self._header, self._stored)
         self._stack = ExitStack()
+
+    @classmethod
+    def of(
+        cls, path: str | os.PathLike[str], header: Header, stored: Stored | None = None, workers: int | None = None
+    ) -> Self:
+        """Return what writes a matrix of this header, stored that way; None: as by default."""
+        return cls(path, **vars(header), **vars(stored or Stored()), workers=workers)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """``(nz, ny, nx, nt, ns)``."""
+        return self._header.shape
 
     def __enter__(self) -> Self:
         """Create the scratch file beside the target."""
-        header = self._header
-        nbytes = stored_bytes(self.shape, header.stored, header.compression, header.store_tolerance)
-        require_space(self.path.parent, nbytes, what=self.path.name)
+        require_space(self.path.parent, stored_bytes(self.shape, self._stored), what=self.path.name)
         try:
-            self._file = self._stack.enter_context(_new_file(self.path))
-            self._matrix = MatrixGroup(self._file, self._header)
+            self._file = self._stack.enter_context(new_file(self.path))
+            self._matrix = MatrixGroup(self._file, self._header, self._stored, self._workers)
         except BaseException as error:
             self._stack.__exit__(type(error), error, error.__traceback__)
             raise
@@ -174,12 +164,13 @@ class PSFWriter:
         none is stated besides the noise. ``simulated`` says how a plane was simulated, as plain JSON types.
         """
         if facts is None:
-            facts = Facts.of(self.shape[1:3], self.shape[3:], recorded=recorded, saturated=saturated)
-        self._matrix.write_plane(z, plane, facts)
-        if uncertainty is not None:
-            self._matrix.write_uncertainty(z, uncertainty)
-        if simulated is not None:
-            self._matrix.note_simulated(z, simulated)
+            _, ny, nx, nt, ns = self.shape
+            facts = Facts.of((ny, nx), (nt, ns), recorded=recorded, saturated=saturated)
+        self.write(z, Plane(plane, facts, uncertainty, simulated))
+
+    def write(self, z: int, plane: Plane) -> None:
+        """Write plane ``z`` and what is known of it."""
+        self._matrix.write_plane(z, plane)
 
     def adopt_plane(self, z: int, stored: StoredPlane) -> None:
         """Take plane ``z`` over as another file has it, byte for byte; see `lfcal.psf.joining`."""
@@ -209,21 +200,28 @@ class PSFWriter:
 
 
 @contextmanager
-def _new_file(path: Path) -> Iterator[Any]:
+def new_file(path: Path) -> Iterator[Any]:
+    """Give an H file to write, open, which takes its name at the end of the block or not at all."""
     with new_h5(path) as file:
         file.attrs.update({"format": FORMAT, "version": VERSION, "creator": f"lfcal {full_version()}"})
         yield file
 
 
-def stored_bytes(
-    shape: tuple[int, ...], dtype: str, compression: str = "gzip", store_tolerance: float | None = None
-) -> int:
-    """Return the bytes that an H file takes at most, about; ``dtype`` is as in `PSFWriter`."""
+def check_storable(header: Header, stored: Stored) -> None:
+    """Raise `InputError` where a matrix cannot be stored that way."""
+    if header.transposed and stored.store_tolerance is not None:
+        raise InputError.expected(
+            "matrix within a tolerance", "H, whose patterns it bounds", "HT", "store H: HT is a view of it"
+        )
+
+
+def stored_bytes(shape: tuple[int, ...], stored: Stored) -> int:
+    """Return the bytes that an H file takes at most, about."""
     size = int(np.prod(shape, dtype=np.int64))
-    if store_tolerance is None and dtype != ROUNDED:
-        return size * np.dtype(dtype).itemsize
-    bits = ROUNDED_BITS if store_tolerance is None else bits_at_most(store_tolerance)
-    return math.ceil(size * (32 if compression == "none" else bits) / 8)
+    if stored.store_tolerance is None and not stored.rounded:
+        return size * stored.samples.itemsize
+    bits = ROUNDED_BITS if stored.store_tolerance is None else bits_at_most(stored.store_tolerance)
+    return math.ceil(size * (32 if stored.compression == "none" else bits) / 8)
 
 
 def store_plane(data: Any, z: int, plane: NDArray[Any], *, workers: int | None = None) -> None:
@@ -239,140 +237,19 @@ def stored_type(matrix: PSFMatrix) -> str:
     return matrix.dtype.name if matrix.dtype.name in STORED_TYPES else "float32"
 
 
-def writer_of(
-    matrix: PSFMatrix,
-    path: str | os.PathLike[str],
-    *,
-    dtype: str | None = None,
-    compression: str = "gzip",
-    workers: int | None = None,
-    transposed: bool | None = None,
-    region: str | None = None,
-    provenance: Mapping[str, Any] | None = None,
-    store_tolerance: float | None = None,
-) -> PSFWriter:
-    """Return what writes ``matrix``, or what is made of it, to a file, not yet entered.
-
-    ``transposed`` and ``region`` are the matrix's own where they are not given; ``provenance`` is kept beside its own.
-    """
-    return PSFWriter(
-        path,
+def header_of(matrix: PSFMatrix) -> Header:
+    """Return what ``matrix`` is besides its values."""
+    return Header(
         matrix.shape,
-        depths=matrix.known_depths,
-        camera=matrix.camera,
-        anchor=matrix.anchor,
-        dtype=dtype or stored_type(matrix),
-        compression=compression,
-        provenance={**matrix.provenance, **(provenance or {})},
-        transposed=matrix.is_transposed if transposed is None else transposed,
-        region=matrix.region if region is None else region,
-        workers=workers,
-        store_tolerance=store_tolerance,
+        matrix.known_depths,
+        matrix.camera,
+        matrix.anchor,
+        matrix.provenance,
+        matrix.is_transposed,
+        matrix.region,
     )
-
-
-def iter_save(
-    matrix: PSFMatrix,
-    path: str | os.PathLike[str],
-    *,
-    dtype: str | None = None,
-    compression: str = "gzip",
-    workers: int | None = None,
-    store_tolerance: float | None = None,
-) -> Work[Path]:
-    """Write ``matrix`` (H, or the view ``H.T``) to an H file, one plane in memory at a time; see `PSFWriter`.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from lfcal.psf import PSFMatrix, iter_save
-    >>> [step.count for step in iter_save(PSFMatrix(np.ones((2, 3, 3, 5, 5))), "new.h5")]
-    ['0 of 2', '1 of 2', '2 of 2']
-    """
-    check_other_file(matrix.path, path)
-    clock = Clock("write planes", len(matrix))
-    how: dict[str, Any] = {"dtype": dtype, "compression": compression, "store_tolerance": store_tolerance}
-    with writer_of(matrix, path, workers=workers, **how) as writer:
-        yield clock.at(0)
-        for z in range(len(matrix)):
-            stated = matrix.stated_uncertainty
-            uncertainty = None if stated is None else stated.plane(z)
-            writer.write_plane(z, matrix.plane(z), facts=facts_of(matrix).plane(z), uncertainty=uncertainty)
-            yield clock.at(z + 1)
-    return Path(path)
-
-
-save = drained(
-    iter_save,
-    """
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from lfcal.psf import PSFMatrix, open_psf, save
-    >>> path = save(PSFMatrix(np.ones((1, 3, 3, 5, 5)), depths=[-500]), "new.h5", dtype="float32")
-    >>> with open_psf(path) as H:
-    ...     print(H, H.depths.tolist())
-    <PSFMatrix (z, y, x, t, s) = (1, 3, 3, 5, 5), float32> [-500.0]
-    """,
-)
 
 
 def facts_of(matrix: PSFMatrix) -> Facts:
     """Return the facts of the positions of H, whether ``matrix`` is H or HT; a file of HT keeps them for H."""
     return matrix.T.facts if matrix.is_transposed else matrix.facts
-
-
-def save_regions(
-    matrices: Mapping[str, PSFMatrix],
-    path: str | os.PathLike[str],
-    *,
-    dtype: str | None = None,
-    compression: str = "gzip",
-    workers: int | None = None,
-) -> Path:
-    """Write the matrices of several regions of the field, by name, to one H file; the first is what it opens with.
-
-    ``dtype``, ``compression`` and ``workers`` are those of `PSFWriter`, by default each matrix's own type.
-
-    Raises
-    ------
-    InputError
-        If there is none, or a name cannot be that of a group.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from lfcal.psf import PSFMatrix, open_psf, save_regions
-    >>> H = np.ones((1, 2, 2, 3, 3))
-    >>> path = save_regions({"centre": PSFMatrix(H), "edge": PSFMatrix(0.5 * H)}, "field.h5")
-    >>> with open_psf(path, region="edge") as edge:
-    ...     print(edge.region, edge.depth_sum(0)[1, 1])  # four positions of a half each
-    edge 2.0
-    """
-    target = Path(path)
-    if not matrices or any(not name or "/" in name or name == "." for name in matrices):
-        raise InputError.expected("regions of the field", "one or more names without /", list(matrices), "rename them")
-    require_space(target.parent, sum(m.nbytes for m in matrices.values()), what=target.name)
-    with _new_file(target) as file:
-        for number, (name, matrix) in enumerate(matrices.items()):
-            group = file if number == 0 else file.require_group(REGIONS).create_group(name)
-            header = MatrixHeader(
-                matrix.shape,
-                matrix.known_depths,
-                matrix.camera,
-                matrix.anchor,
-                matrix.provenance,
-                matrix.is_transposed,
-                name,
-                dtype or stored_type(matrix),
-                compression,
-                workers,
-            )
-            part = MatrixGroup(group, header)
-            for z in range(len(matrix)):
-                part.write_plane(z, matrix.plane(z), facts_of(matrix).plane(z))
-                if matrix.stated_uncertainty is not None:
-                    part.write_uncertainty(z, matrix.stated_uncertainty.plane(z))
-            part.complete()
-        mark_default_plot(file)
-    return target

@@ -19,6 +19,7 @@ from lfcal.progress import Work
 from lfcal.psf import PSFMatrix, open_psf
 from lfcal.psf.facts import Facts
 from lfcal.psf.joining import iter_join
+from lfcal.psf.layout import Stored
 from lfcal.psf.store import PSFWriter, stored_bytes
 from lfcal.simulate.accuracy.memory import task_bytes
 from lfcal.simulate.effects import CATALOGUE
@@ -62,7 +63,9 @@ def iter_simulate_units(
     """
     work = Simulation(camera, plan, effects, level, tolerance, sampling, run.workers)
     target = Path(out)
-    require_space(target.parent, stored_bytes(plan.shape, dtype, compression, store_tolerance), what=target.name)
+    require_space(
+        target.parent, stored_bytes(plan.shape, Stored(dtype, compression, store_tolerance)), what=target.name
+    )
     stored = {"dtype": dtype, "compression": compression, "store_tolerance": store_tolerance}
     units = [unit_of(work.task(z), stored) for z in range(plan.shape[0])]
     writer = work.writer(target, dtype, compression, provenance, store_tolerance)

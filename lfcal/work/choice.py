@@ -82,10 +82,14 @@ def iter_begun(
     Examples
     --------
     >>> from lfcal.progress import drain
-    >>> from lfcal.work import RunChoice, Unit, iter_begun, parts_folder
-    >>> how = {"source": "H.h5", "region": "", "method": "exact", "compression": "none", "dtype": "float32"}
-    >>> unit = Unit("plane 1", "lfcal.psf.transpose_units:do_plane", {**how, "z": 1}, inputs=("H.h5",))
-    >>> files = drain(iter_begun([unit], "HT.h5", RunChoice("threads", workers=1), title="HT of plane 1"))
+    >>> from lfcal.psf import open_psf
+    >>> from lfcal.psf.layout import Stored
+    >>> from lfcal.psf.make import units_of
+    >>> from lfcal.psf.saving import MatrixPlanes
+    >>> from lfcal.work import RunChoice, iter_begun, parts_folder
+    >>> with open_psf("H.h5") as H:
+    ...     units = units_of(MatrixPlanes(H.T, title="transpose to"), Stored(compression="none"))
+    >>> files = drain(iter_begun([units[1]], "HT.h5", RunChoice("threads", workers=1), title="HT of plane 1"))
     >>> print(len(files), "file in", files[0].parent.name)
     1 file in HT.h5.parts
     """
@@ -139,18 +143,22 @@ def iter_made(
     --------
     >>> from pathlib import Path
     >>> from lfcal.progress import Progress
-    >>> from lfcal.work import RunChoice, Unit, iter_made
-    >>> how = {"source": "H.h5", "region": "", "method": "exact", "compression": "none", "dtype": "float32"}
-    >>> unit = Unit("plane 1", "lfcal.psf.transpose_units:do_plane", {**how, "z": 1}, inputs=("H.h5",))
+    >>> from lfcal.psf import open_psf
+    >>> from lfcal.psf.layout import Stored
+    >>> from lfcal.psf.make import units_of
+    >>> from lfcal.psf.saving import MatrixPlanes
+    >>> from lfcal.work import RunChoice, iter_made
+    >>> with open_psf("H.h5") as H:
+    ...     units = units_of(MatrixPlanes(H.T, title="transpose to"), Stored(compression="none"))
     >>> def join(files):
     ...     yield Progress(0, 1, "name the file")
     ...     files[0].replace("plane.h5")
-    >>> for step in iter_made([unit], "plane.h5", RunChoice("threads", workers=1), join, title="HT of plane 1"):
+    >>> for step in iter_made([units[1]], "plane.h5", RunChoice("threads", workers=1), join, title="HT of plane 1"):
     ...     print(f"{step.stage}: {step.fraction:.0%}")
-    plane 1: 0%
+    plane 0001: 0%
     transpose plane 2: 0%
     transpose plane 2: 100%
-    plane 1: 100%
+    plane 0001: 100%
     name the file: 0%
     >>> print(Path("plane.h5").is_file())
     True

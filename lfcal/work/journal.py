@@ -200,10 +200,14 @@ def read_run(folder: Path, now: float | None = None) -> RunState:
     --------
     >>> from pathlib import Path
     >>> from lfcal.progress import drain
-    >>> from lfcal.work import RunChoice, Unit, iter_run, read_run
-    >>> how = {"source": "H.h5", "region": "", "method": "exact", "compression": "none", "dtype": "float32"}
-    >>> unit = Unit("plane 0", "lfcal.psf.transpose_units:do_plane", {**how, "z": 0}, inputs=("H.h5",))
-    >>> _ = drain(iter_run([unit], Path("HT.parts"), RunChoice("threads", workers=1).make(), title="HT of plane 0"))
+    >>> from lfcal.psf import open_psf
+    >>> from lfcal.psf.layout import Stored
+    >>> from lfcal.psf.make import units_of
+    >>> from lfcal.psf.saving import MatrixPlanes
+    >>> from lfcal.work import RunChoice, iter_run, read_run
+    >>> with open_psf("H.h5") as H:
+    ...     units = units_of(MatrixPlanes(H.T, title="transpose to"), Stored(compression="none"))
+    >>> _ = drain(iter_run([units[0]], Path("HT.parts"), RunChoice("threads", workers=1).make(), title="HT of plane 0"))
     >>> state = read_run(Path("HT.parts"))
     >>> print(f"{state.title}: {state.count('done')} of {len(state.units)} done; running: {state.running}")
     HT of plane 0: 1 of 1 done; running: False

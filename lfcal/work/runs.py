@@ -141,15 +141,17 @@ def iter_run(
     >>> from pathlib import Path
     >>> from lfcal.progress import drain
     >>> from lfcal.psf import open_psf
-    >>> from lfcal.work import RunChoice, Unit, iter_run
-    >>> how = {"source": "H.h5", "region": "", "method": "exact", "compression": "none", "dtype": "float32"}
-    >>> task = "lfcal.psf.transpose_units:do_plane"
-    >>> units = [Unit(f"plane {z}", task, {**how, "z": z}, inputs=("H.h5",)) for z in (0, 1)]
-    >>> for file in drain(iter_run(units, Path("HT.h5.parts"), RunChoice("threads", workers=1).make())):
+    >>> from lfcal.psf.layout import Stored
+    >>> from lfcal.psf.make import units_of
+    >>> from lfcal.psf.saving import MatrixPlanes
+    >>> from lfcal.work import RunChoice, iter_run
+    >>> with open_psf("H.h5") as H:
+    ...     units = units_of(MatrixPlanes(H.T, title="transpose to"), Stored(compression="none"))
+    >>> for file in drain(iter_run(list(units.values()), Path("HT.h5.parts"), RunChoice("threads", workers=1).make())):
     ...     with open_psf(file) as HT:
     ...         print(file.name.split(".")[0], HT.shape, HT.is_transposed)
-    plane-0 (1, 19, 33, 55, 55) True
-    plane-1 (1, 19, 33, 55, 55) True
+    plane-0000 (1, 19, 33, 55, 55) True
+    plane-0001 (1, 19, 33, 55, 55) True
     """
     twice = [name for name, count in Counter(unit.name for unit in units).items() if count > 1]
     if twice:

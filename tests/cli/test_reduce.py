@@ -10,7 +10,7 @@ import pytest
 
 from lfcal.progress import drain
 from lfcal.psf import PSFMatrix, open_psf, save, save_regions
-from lfcal.psf.transpose_file import iter_transpose_file
+from lfcal.psf.saving import iter_transpose_file
 from lfcal.work import parts_folder
 from tests.cli.conftest import Run, small_plan
 from tests.cli.test_units import interrupted

@@ -20,10 +20,9 @@ from lfcal.acquire.control import Control
 from lfcal.axes import Position
 from lfcal.devices import simulated_rig
 from lfcal.progress import drain
-from lfcal.psf import PSFMatrix, export, save
+from lfcal.psf import PSFMatrix, export, save, save_regions
 from lfcal.psf.facts import Origin
 from lfcal.psf.quality.metric import Reading
-from lfcal.psf.store import save_regions
 from lfcal.work.journal import Journal
 from lfcal.work.records import save_record
 from tests.acquire.rigs import small_plan

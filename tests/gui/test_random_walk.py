@@ -18,8 +18,7 @@ from gui.app import make_window, parse
 from gui.models.project import ProjectState
 from gui.window import MainWindow
 from lfcal.camera import preset
-from lfcal.psf import PSFMatrix
-from lfcal.psf.store import save
+from lfcal.psf import PSFMatrix, save
 from tests.cli.conftest import small_plan
 from tests.gui.random_walk import Walk
 from tests.gui.recorded import write_recorded

@@ -19,8 +19,7 @@ from gui.theme import DARK, LIGHT, current_theme
 from gui.window import MainWindow
 from lfcal.acquire.recording.reader import RecordingFile
 from lfcal.acquire.session import record
-from lfcal.psf import PSFMatrix
-from lfcal.psf.store import save
+from lfcal.psf import PSFMatrix, save
 from lfcal.threads import WORKERS
 from tests.acquire.rigs import CAREFUL, rig_for, small_plan
 from tests.gui.waiting import GUARD_MS, idle

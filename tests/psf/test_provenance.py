@@ -22,7 +22,7 @@ from lfcal.progress import drain
 from lfcal.psf import Cutout, PSFMatrix, assemble, open_psf, save, save_regions
 from lfcal.psf.assemble_plan import AssemblySettings, assemble_plan
 from lfcal.psf.provenance import Codec, FrameNoise, codec_of, light_shares, noise_of, optics_of, simulated_planes
-from lfcal.psf.transpose_file import iter_transpose_file
+from lfcal.psf.saving import iter_transpose_file
 from lfcal.simulate import SimulatedCamera, simulate_psf
 from lfcal.simulate.effects import Quantisation
 from lfcal.simulate.progressive import iter_refine_psf

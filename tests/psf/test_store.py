@@ -14,7 +14,7 @@ from lfcal.progress import drain
 from lfcal.psf import Facts, PSFMatrix, PSFWriter, iter_save, open_psf, regions_of, save, save_regions
 from lfcal.psf.export import export
 from lfcal.psf.facts import Origin, pack_valid
-from lfcal.psf.transpose_file import iter_transpose_file
+from lfcal.psf.saving import iter_transpose_file
 
 SHAPE = (2, 3, 4, 5, 7)
 

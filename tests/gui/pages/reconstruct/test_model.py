@@ -24,8 +24,7 @@ from lfcal.camera import preset
 from lfcal.cli.app import build_app
 from lfcal.errors import InputError
 from lfcal.progress import drain
-from lfcal.psf import PSFMatrix
-from lfcal.psf.store import save
+from lfcal.psf import PSFMatrix, save
 from lfcal.psf.voxels import voxel_um
 from lfcal.reconstruct import Projector
 from lfcal.reconstruct.margin import usual_margin

@@ -1,0 +1,337 @@
+"""The one way a matrix is made: planes from any source go into memory, into a file, or are made in units by others.
+
+A `PlaneSource` makes planes: of frames, by simulation, of another matrix. `iter_make` and `iter_write` take them.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
+from dataclasses import asdict, dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import InputError
+from lfcal.files import require_space
+from lfcal.plain import plain
+from lfcal.progress import Clock, Progress, Work, drain
+from lfcal.psf.facts import stacked
+from lfcal.psf.joining import adopt
+from lfcal.psf.layout import Header, MatrixGroup, Plane, Stored
+from lfcal.psf.matrix import PSFMatrix
+from lfcal.psf.nexus import mark_default_plot
+from lfcal.psf.opening import open_psf
+from lfcal.psf.provenance import with_simulated
+from lfcal.psf.store import REGIONS, PSFWriter, check_storable, new_file, stored_bytes
+from lfcal.work.held import Held
+
+if TYPE_CHECKING:
+    from lfcal.work import RunChoice, Unit
+
+__all__ = [
+    "PlaneRecipe",
+    "PlaneSource",
+    "Zeros",
+    "do_plane",
+    "iter_make",
+    "iter_units",
+    "iter_write",
+    "iter_write_regions",
+    "units_of",
+]
+
+Zeros = Callable[[], NDArray[np.float32]]
+"""Gives a plane of zeros ``(ny, nx, nt, ns)`` to compute into; the next call may give the same memory again."""
+
+
+@dataclass(frozen=True)
+class PlaneRecipe:
+    """How another process makes a plane.
+
+    Attributes
+    ----------
+    opener
+        ``"package.module:function"``: called with ``values`` and a number of threads, it returns the `PlaneSource`.
+        Empty: only threads of this process can make the plane, of what it has open.
+    values
+        All that the values of the plane depend on besides its number, plain JSON types.
+    inputs
+        Files that are read.
+    held
+        The source is expensive to open: a process keeps it for the other planes of the run.
+    beside_bytes
+        As of `lfcal.work.Unit`.
+    """
+
+    opener: str
+    values: Mapping[str, Any]
+    inputs: tuple[str, ...] = ()
+    held: bool = False
+    beside_bytes: int = field(default=0, compare=False)
+
+
+class PlaneSource:
+    """What makes the planes of a matrix. A subclass sets the header and has `iter_plane`."""
+
+    header: Header
+    title: str = "make"
+    """What a run of units does, for people: ``"assemble"``."""
+    in_order: bool = False
+    """Whether planes of a run of units are joined while others are made."""
+
+    def iter_plane(self, z: int, zeros: Zeros, workers: int | None, *, alone: bool = False) -> Work[Plane]:
+        """Make plane ``z``; yields progress.
+
+        Parameters
+        ----------
+        z
+            Number of the plane.
+        zeros
+            Gives the memory to compute into, for sources that have no array of their own.
+        workers
+            Threads; None takes every processor.
+        alone
+            Progress is that of this plane, as a unit of a run needs it; else that of all planes.
+        """
+        raise NotImplementedError
+
+    def recipe(self, z: int, stored: Stored) -> PlaneRecipe | None:
+        """Return how another process makes plane ``z``; None: it is made here, when planes are joined."""
+        raise NotImplementedError
+
+    def shown(self, record: Progress) -> Progress:
+        """Return the progress of a run of units with what this process knows of its planes."""
+        return record
+
+    def close(self) -> None:
+        """Release the files that the source has opened itself; called before the new file takes its name."""
+
+
+def iter_make(
+    source: PlaneSource,
+    out: str | os.PathLike[str] | None = None,
+    stored: Stored | None = None,
+    *,
+    run: RunChoice | None = None,
+    workers: int | None = None,
+) -> Work[PSFMatrix]:
+    """Make a matrix in memory, as float32, or in a file as `iter_write` does; return it, opened.
+
+    Raises
+    ------
+    InputError
+        If a plane holds no finite values, or a ``run`` is given without a file.
+    """
+    if out is not None:
+        return open_psf((yield from iter_write(source, out, stored, run=run, workers=workers)))
+    if run is not None:
+        raise InputError.expected("H in units", "a file to write", "none", "name a file with out=")
+    return (yield from _in_memory(source, workers))
+
+
+def iter_write(
+    source: PlaneSource,
+    out: str | os.PathLike[str],
+    stored: Stored | None = None,
+    *,
+    run: RunChoice | None = None,
+    workers: int | None = None,
+) -> Work[Path]:
+    """Write a matrix to an H file, which appears whole or not at all; one plane of it is in memory at a time.
+
+    Parameters
+    ----------
+    source
+        Makes the planes.
+    out
+        File to write.
+    stored
+        How its values are stored; None: as `PSFWriter` does by default.
+    run
+        Make it in units of a plane: by whom, and what becomes of an earlier run. Planes that are done stay for the next
+        run.
+    workers
+        Threads of this process, without a ``run``; None takes every processor.
+
+    Raises
+    ------
+    InputError, FileFormatError, StorageError
+        What the source, `PSFWriter` and `lfcal.work.iter_made` raise.
+    """
+    target, stored = Path(out), stored or Stored()
+    if run is not None:
+        yield from iter_units(source, target, stored, run)
+        return target
+    zeros = _Buffer(source.header.shape[1:])
+    with PSFWriter.of(target, source.header, stored, workers) as writer, closing(source):
+        for z in range(source.header.shape[0]):
+            writer.write(z, (yield from source.iter_plane(z, zeros, workers)))
+    return target
+
+
+def iter_write_regions(
+    sources: Mapping[str, tuple[PlaneSource, Stored]], out: str | os.PathLike[str], *, workers: int | None = None
+) -> Work[Path]:
+    """Write the matrices of several regions of the field, by name, to one H file, as `iter_write` does one.
+
+    The first is what the file opens with.
+    """
+    target = Path(out)
+    need = sum(stored_bytes(source.header.shape, stored) for source, stored in sources.values())
+    require_space(target.parent, need, what=target.name)
+    clock = Clock("write planes", sum(source.header.shape[0] for source, _ in sources.values()))
+    done = 0
+    with new_file(target) as file:
+        yield clock.at(0)
+        for number, (name, (source, stored)) in enumerate(sources.items()):
+            group = file if number == 0 else file.require_group(REGIONS).create_group(name)
+            part, zeros = MatrixGroup(group, source.header, stored, workers), _Buffer(source.header.shape[1:])
+            with closing(source):
+                for z in range(source.header.shape[0]):
+                    part.write_plane(z, drain(source.iter_plane(z, zeros, workers)))
+                    done += 1
+                    yield clock.at(done)
+            part.complete()
+        mark_default_plot(file)
+    return target
+
+
+class _Buffer:
+    """Planes of zeros in one piece of memory: a file of any size takes the memory of one plane."""
+
+    def __init__(self, shape: tuple[int, ...]) -> None:
+        self._shape = shape
+        self._values: NDArray[np.float32] | None = None
+
+    def __call__(self) -> NDArray[np.float32]:
+        if self._values is None:
+            self._values = np.zeros(self._shape, np.float32)
+        else:
+            self._values[:] = 0
+        return self._values
+
+
+def _in_memory(source: PlaneSource, workers: int | None) -> Work[PSFMatrix]:
+    header = source.header
+    whole, made = np.zeros(header.shape, np.float32), []
+    uncertainty: NDArray[np.float32] | None = None
+    for z, values in enumerate(whole):
+        plane = yield from source.iter_plane(z, lambda values=values: values, workers)  # type: ignore[misc]
+        if plane.values is not values:
+            values[:] = plane.values
+        if not np.isfinite(values.sum(dtype=np.float64)):
+            remedy = "find the frame and record it again"
+            raise InputError.expected(f"plane {z}", "finite values", "NaN or infinity", remedy)
+        if plane.uncertainty is not None:
+            uncertainty = np.zeros_like(whole) if uncertainty is None else uncertainty
+            uncertainty[z] = plane.uncertainty
+        made.append((plane.facts, plane.simulated))
+    known = {**vars(header)}
+    del known["shape"]
+    if any(simulated is not None for _, simulated in made):
+        known["provenance"] = with_simulated(header.provenance, [simulated for _, simulated in made])
+    return PSFMatrix(whole, facts=stacked([facts for facts, _ in made]), uncertainty=uncertainty, **known)
+
+
+# -- units: other threads, processes, machines -------------------------------------------------------------------------
+_HELD: Held[PlaneSource] = Held(lambda source: source.close())
+
+
+def iter_units(source: PlaneSource, out: Path, stored: Stored, run: RunChoice, *, keep: bool = False) -> Work[None]:
+    """Write a matrix in units of a plane; with ``keep`` the units' files stay, as in `lfcal.work.iter_made`."""
+    from lfcal.work import iter_made
+
+    check_storable(source.header, stored)
+    # before any plane is made: each is a file of its own until all are there
+    require_space(out.parent, stored_bytes(source.header.shape, stored), what=out.name)
+    units = units_of(source, stored)
+    writer = PSFWriter.of(out, source.header, stored, run.workers)
+    join = partial(_iter_joined, source=source, numbers=tuple(units), writer=writer)
+    todo, title = tuple(units.values()), f"{source.title} {out.name}"
+    with (
+        _lent(source, todo),
+        closing(iter_made(todo, out, run, join, title=title, keep=keep, in_order=source.in_order)) as work,
+    ):
+        for record in work:
+            yield source.shown(record)
+
+
+def _lent(source: PlaneSource, units: tuple[Unit, ...]) -> AbstractContextManager[None]:
+    """Let threads of this process use what it has open already, where others have to open it."""
+    first = units[0].arguments if units else {"held": False}
+    return _HELD.lent(_key(first), source) if first["held"] else nullcontext()
+
+
+def units_of(source: PlaneSource, stored: Stored) -> dict[int, Unit]:
+    """Return the units that make planes, by the number of the plane; those that are made here have none."""
+    from lfcal.work import Unit
+
+    found: dict[int, Unit] = {}
+    for z in range(source.header.shape[0]):
+        recipe = source.recipe(z, stored)
+        if recipe is None:
+            continue
+        shared = {"opener": recipe.opener, "values": recipe.values, "held": recipe.held}
+        # plain lists and numbers, as they are on the other side of a file or a network
+        arguments = plain({**shared, "stored": asdict(stored), "z": z})
+        task = f"{__name__}:{do_plane.__name__}"
+        beside = recipe.beside_bytes
+        found[z] = Unit(f"plane {z:04d}", task, arguments, inputs=recipe.inputs, beside_bytes=beside)
+    return found
+
+
+def _iter_joined(
+    parts: tuple[Path, ...], source: PlaneSource, numbers: tuple[int, ...], writer: PSFWriter
+) -> Work[None]:
+    """Write the file of the units' planes, which ``parts`` hold by ``numbers``, and of those that are made here."""
+    files, planes = dict(zip(numbers, parts, strict=True)), source.header.shape[0]
+    clock = Clock("join planes", planes)
+    with writer, closing(source):
+        yield clock.at(0)
+        for z in range(planes):
+            if z in files:
+                adopt(writer, z, files[z])
+            else:
+                writer.write(z, drain(source.iter_plane(z, _Buffer(source.header.shape[1:]), None)))
+            yield clock.at(z + 1)
+
+
+def do_plane(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]:
+    """Make one plane into an H file of its own: the task of every unit."""
+    z, stored = int(arguments["z"]), Stored(**arguments["stored"])
+    with _opened(arguments, workers) as source:
+        of = source.header
+        depths = None if of.depths is None else of.plane_depths[z : z + 1]
+        header = Header((1, *of.shape[1:]), depths, transposed=of.transposed)
+        with PSFWriter.of(out, header, stored, workers) as writer:
+            writer.write(0, (yield from source.iter_plane(z, _Buffer(of.shape[1:]), workers, alone=True)))
+
+
+@contextmanager
+def _opened(arguments: Mapping[str, Any], workers: int) -> Iterator[PlaneSource]:
+    """Give what makes the plane of a unit: what this process has open, or what the unit says how to open."""
+
+    def opened() -> PlaneSource:
+        module, _, name = arguments["opener"].partition(":")
+        if not name:
+            expected = "threads of the process that has the frames open"
+            raise InputError.expected("executor", expected, "others", "use threads")
+        found: PlaneSource = getattr(importlib.import_module(module), name)(arguments["values"], workers)
+        return found
+
+    if arguments["held"]:
+        yield _HELD.get(_key(arguments), opened)
+        return
+    with closing(opened()) as source:
+        yield source
+
+
+def _key(arguments: Mapping[str, Any]) -> str:
+    return json.dumps([arguments["opener"], arguments["values"]], sort_keys=True)

@@ -1,0 +1,229 @@
+"""A matrix written again: as it is, transposed, within a tolerance, or with those of other regions in one file."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from lfcal.errors import InputError
+from lfcal.files import check_other_file
+from lfcal.progress import Clock, Work, drained
+from lfcal.psf.layout import Plane, Stored
+from lfcal.psf.make import PlaneRecipe, PlaneSource, Zeros, iter_write, iter_write_regions
+from lfcal.psf.matrix import PSFMatrix
+from lfcal.psf.opening import mat_order_of, open_psf
+from lfcal.psf.store import facts_of, header_of, stored_type
+from lfcal.psf.transpose import transpose
+
+if TYPE_CHECKING:
+    from lfcal.work import RunChoice
+
+__all__ = ["MatrixPlanes", "iter_save", "iter_save_regions", "iter_transpose_file", "save", "save_regions"]
+
+TRANSPOSED = "transpose"
+"""Key of provenance: the method of a transpose that cannot be turned back into H."""
+
+
+class MatrixPlanes(PlaneSource):
+    """The planes of a matrix, or of its transpose by another method than the exact one.
+
+    Parameters
+    ----------
+    matrix
+        H, or the view ``H.T``.
+    method
+        Empty: the planes of ``matrix``; ``"paper"`` or ``"paper-padded"``: those of its transpose, as of
+        `lfcal.psf.transpose`.
+    title
+        As of `PlaneSource`.
+    """
+
+    def __init__(self, matrix: PSFMatrix, method: str = "", *, title: str = "write", own: bool = False) -> None:
+        self.matrix, self.method, self.title, self._own = matrix, method, title, own
+        self.header = header_of(matrix)
+        if method:
+            # it cannot be made back into H
+            known = {**matrix.provenance, TRANSPOSED: method}
+            self.header = replace(self.header, provenance=known, transposed=True, region="")
+        self._clock = Clock(f"{title.partition(' ')[0]} planes", len(matrix))
+
+    def iter_plane(self, z: int, zeros: Zeros, workers: int | None, *, alone: bool = False) -> Work[Plane]:
+        """Read plane ``z``, or transpose it."""
+        clock = Clock(f"{self.title.partition(' ')[0]} plane {z + 1}", 1) if alone else self._clock
+        if alone or z == 0:
+            yield clock.at(0)
+        matrix = self.matrix
+        if self.method:
+            made = Plane(transpose(matrix.plane(z)[None], method=self.method)[0], facts_of(matrix).plane(z))
+        else:
+            stated = matrix.stated_uncertainty
+            uncertainty = None if stated is None else stated.plane(z)
+            made = Plane(matrix.plane(z), facts_of(matrix).plane(z), uncertainty)
+        yield clock.at(1 if alone else z + 1)
+        return made
+
+    def recipe(self, z: int, stored: Stored) -> PlaneRecipe:
+        """Return how others read plane ``z``: from the same file."""
+        matrix = self.matrix
+        if not matrix.path:
+            raise InputError.expected("H", "one opened from a file", repr(matrix), "save it first")
+        source = os.path.abspath(matrix.path)
+        values = {
+            "source": source,
+            "region": matrix.region,
+            "mat_order": mat_order_of(matrix),
+            "transposed": matrix.is_transposed,
+            "method": self.method,
+            "title": self.title,
+        }
+        return PlaneRecipe(f"{__name__}:{open_planes.__name__}", values, (source,))
+
+    def close(self) -> None:
+        """Close the file where it was opened by `open_planes`."""
+        if self._own:
+            self.matrix.close()
+
+
+def open_planes(values: Mapping[str, Any], workers: int) -> MatrixPlanes:
+    """Return the planes of a matrix that another process has open; see `MatrixPlanes.recipe`."""
+    matrix = open_psf(values["source"], region=values["region"], mat_order=values["mat_order"])
+    if matrix.is_transposed != values["transposed"]:
+        matrix = matrix.T
+    return MatrixPlanes(matrix, values["method"], title=values["title"], own=True)
+
+
+def iter_save(
+    matrix: PSFMatrix,
+    path: str | os.PathLike[str],
+    *,
+    dtype: str | None = None,
+    compression: str = "gzip",
+    workers: int | None = None,
+    store_tolerance: float | None = None,
+    run: RunChoice | None = None,
+) -> Work[Path]:
+    """Write ``matrix`` (H, or the view ``H.T``) to an H file, one plane in memory at a time.
+
+    Parameters
+    ----------
+    matrix
+        What to write.
+    path
+        The file.
+    dtype
+        As in `PSFWriter`; None: the type of the matrix.
+    compression, workers, store_tolerance
+        As in `PSFWriter`.
+    run
+        Write it in units of a plane, for a matrix that was opened from a file: by whom, and what becomes of an earlier
+        run.
+
+    Raises
+    ------
+    InputError, StorageError
+        As `PSFWriter`; with a ``run`` where the matrix has no file, and as `lfcal.work.iter_made`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import PSFMatrix, iter_save
+    >>> [step.count for step in iter_save(PSFMatrix(np.ones((2, 3, 3, 5, 5))), "new.h5")]
+    ['0 of 2', '1 of 2', '2 of 2']
+    """
+    check_other_file(matrix.path, path)
+    title = "write" if store_tolerance is None else "reduce to"
+    stored = Stored(dtype or stored_type(matrix), compression, store_tolerance)
+    return (yield from iter_write(MatrixPlanes(matrix, title=title), path, stored, run=run, workers=workers))
+
+
+save = drained(
+    iter_save,
+    """
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import PSFMatrix, open_psf, save
+    >>> path = save(PSFMatrix(np.ones((1, 3, 3, 5, 5)), depths=[-500]), "new.h5", dtype="float32")
+    >>> with open_psf(path) as H:
+    ...     print(H, H.depths.tolist())
+    <PSFMatrix (z, y, x, t, s) = (1, 3, 3, 5, 5), float32> [-500.0]
+    """,
+)
+
+
+def iter_transpose_file(
+    matrix: PSFMatrix,
+    out: str | os.PathLike[str],
+    *,
+    method: str = "exact",
+    compression: str = "gzip",
+    workers: int | None = None,
+    run: RunChoice | None = None,
+) -> Work[Path]:
+    """Write the transpose of ``matrix`` to an H file; one plane of H and one of HT are in memory.
+
+    ``method`` is that of `lfcal.psf.transpose`; the others are as in `iter_save`.
+    """
+    check_other_file(matrix.path, out)
+    exact = method == "exact"
+    planes = MatrixPlanes(matrix.T if exact else matrix, "" if exact else method, title="transpose to")
+    return (yield from iter_write(planes, out, Stored(stored_type(matrix), compression), run=run, workers=workers))
+
+
+def iter_save_regions(
+    matrices: Mapping[str, PSFMatrix],
+    path: str | os.PathLike[str],
+    *,
+    dtype: str | None = None,
+    compression: str = "gzip",
+    workers: int | None = None,
+) -> Work[Path]:
+    """Write the matrices of several regions of the field, by name, to one H file; the first is what it opens with.
+
+    ``dtype``, ``compression`` and ``workers`` are those of `PSFWriter`, by default each matrix's own type.
+
+    Yields
+    ------
+    Progress
+        In planes of all regions; closing the generator leaves nothing half-written.
+
+    Raises
+    ------
+    InputError
+        If there is none, or a name cannot be that of a group.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import PSFMatrix, iter_save_regions
+    >>> H = PSFMatrix(np.ones((1, 2, 2, 3, 3)))
+    >>> [step.count for step in iter_save_regions({"centre": H, "edge": H}, "field.h5")]
+    ['0 of 2', '1 of 2', '2 of 2']
+    """
+    if not matrices or any(not name or "/" in name or name == "." for name in matrices):
+        raise InputError.expected("regions of the field", "one or more names without /", list(matrices), "rename them")
+    sources: dict[str, tuple[PlaneSource, Stored]] = {}
+    for name, matrix in matrices.items():
+        planes = MatrixPlanes(matrix)
+        planes.header = replace(planes.header, region=name)
+        sources[name] = planes, Stored(dtype or stored_type(matrix), compression)
+    return (yield from iter_write_regions(sources, path, workers=workers))
+
+
+save_regions = drained(
+    iter_save_regions,
+    """
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import PSFMatrix, open_psf, save_regions
+    >>> H = np.ones((1, 2, 2, 3, 3))
+    >>> path = save_regions({"centre": PSFMatrix(H), "edge": PSFMatrix(0.5 * H)}, "field.h5")
+    >>> with open_psf(path, region="edge") as edge:
+    ...     print(edge.region, edge.depth_sum(0)[1, 1])  # four positions of a half each
+    edge 2.0
+    """,
+)
