@@ -71,14 +71,15 @@ def levels_of(image: NDArray[np.generic], *, signed: bool = False) -> tuple[floa
 def to_uint8(image: NDArray[np.generic], display: Display, levels: tuple[float, float]) -> NDArray[np.uint8]:
     """Return ``image`` scaled to 0..255 by ``display``; not-a-number becomes 0."""
     if image.dtype in (np.uint8, np.uint16) and image.size > 1 << 18:
-        return _table(image.dtype, display.scale, levels)[image]
+        shown: NDArray[np.uint8] = _table(256**image.dtype.itemsize, display.scale, levels)[image]
+        return shown
     return _scaled(image, display.scale, levels)
 
 
 @lru_cache(maxsize=8)
-def _table(dtype: np.dtype[np.generic], scale: str, levels: tuple[float, float]) -> NDArray[np.uint8]:
-    """Return 0..255 for every value of a small integer type: quicker than arithmetic on a large frame."""
-    return _scaled(np.arange(np.iinfo(dtype).max + 1, dtype=np.float32), scale, levels)
+def _table(count: int, scale: str, levels: tuple[float, float]) -> NDArray[np.uint8]:
+    """Return 0..255 for the first ``count`` whole numbers: quicker than arithmetic on a large frame."""
+    return _scaled(np.arange(count, dtype=np.float32), scale, levels)
 
 
 def _scaled(image: NDArray[np.generic], scale: str, levels: tuple[float, float]) -> NDArray[np.uint8]:
@@ -97,7 +98,7 @@ def shades(image: NDArray[np.generic], scale: str, levels: tuple[float, float]) 
     if scale == "log" and high > 0:
         bottom = max(low, DECADES_BELOW * high)
         values = np.asarray(image, np.float32) * np.float32(1.0 / bottom)
-        np.nan_to_num(values, copy=False, nan=0.0, posinf=np.float32(high / bottom), neginf=0.0)
+        np.nan_to_num(values, copy=False, nan=0.0, posinf=high / bottom, neginf=0.0)
         np.log(np.clip(values, 1.0, max(1.0, high / bottom), out=values), out=values)
         decades = math.log(high / bottom)
         return values / np.float32(decades) if decades > 0 else np.asarray(values >= 0, np.float32)

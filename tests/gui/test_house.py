@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import tomllib
 from functools import cache
 from pathlib import Path
 
@@ -41,16 +42,29 @@ def test_every_page_has_one_shape(folder: Path) -> None:
     assert "Layout" not in text, "page.py has no layout code"
 
 
+FREE = [
+    *(GUI / "models").glob("*.py"),
+    *(GUI / "pages").glob("*/*model*.py"),
+    *(GUI / "pages").glob("*/step.py"),
+    *(GUI / "pages").glob("*/__init__.py"),
+]
+"""Files without Qt."""
+
+
 def test_models_and_specs_have_no_qt() -> None:
-    free = [
-        *(GUI / "models").glob("*.py"),
-        *(GUI / "pages").glob("*/model*.py"),
-        *(GUI / "pages").glob("*/__init__.py"),
-    ]
-    assert len(free) > 20
-    for path in free:
+    assert len(FREE) > 20
+    for path in FREE:
         bad = {n for n in imports(path) if n.split(".")[0] in QT or n.startswith(("gui.widgets", "gui.theme"))}
         assert not bad, f"{path.relative_to(ROOT)} imports {bad}"
+
+
+def test_models_and_specs_are_checked_by_mypy() -> None:
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["mypy"]
+    assert settings["strict"]
+    checked = {path for pattern in settings["files"] for path in ROOT.glob(pattern)}
+    folders = {path for path in checked if path.is_dir()}
+    assert ROOT / "lfcal" in folders
+    assert not [path for path in FREE if path not in checked and not folders & set(path.parents)]
 
 
 def test_scripts_are_made_of_their_parts() -> None:

@@ -106,9 +106,10 @@ class _Frames:
     def read(self, k: int) -> NDArray[Any] | None:
         """Return frame ``k``, None where it is damaged."""
         try:
-            return self.files[self.where[k]].read(int(self.slots[k]))
+            frame: NDArray[Any] = self.files[self.where[k]].read(int(self.slots[k]))
         except FileFormatError:
             return None
+        return frame
 
 
 class EarlierFrames:

@@ -24,6 +24,7 @@ from lfcal.psf.upright import CHECK
 
 if TYPE_CHECKING:
     from lfcal.frames import CorrectionChain, CorrectionRecipe, Frames
+    from lfcal.frames.corrections.corrected import CorrectedSource
 
 __all__ = [
     "CORRECTIONS",
@@ -132,7 +133,7 @@ class Delivered:
     """
 
     frames: FrameSource
-    corrected: FrameSource
+    corrected: CorrectedSource
     recipe: CorrectionRecipe
     scan: ScanPlan
     orientation: str
@@ -172,6 +173,10 @@ class Opened:
     chosen: FrameSettings = FrameSettings()
     dark: str = ""
     positions: str = ""
+
+    def close(self) -> None:
+        """Close the frames, on which all views of them are."""
+        self.delivered.corrected.close()
 
     def recorded(self, position: Position) -> Position:
         """Return ``position``, or the nearest with a frame where it has none: in its plane, else in any."""
@@ -310,7 +315,7 @@ class Imported:
     def close(self) -> None:
         """Close the frames: they are not wanted."""
         if self.opened is not None:
-            self.opened.view.close()
+            self.opened.close()
 
 
 def import_folder(path: str, settings: FrameSettings, plan: ScanPlan | None, *, keep: bool = False) -> Imported:

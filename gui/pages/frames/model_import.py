@@ -154,16 +154,15 @@ def _opened(found: Survey, plan: ScanPlan | None, camera: Camera | None) -> Surv
         notes += said
     shift = 0 if choice.shift == "auto" else int(choice.shift)
     imported = _imported(choice, shift, plan)
-    assert imported.opened is not None and imported.plan is not None
+    opened, scan = imported.opened, imported.plan
+    assert opened is not None and scan is not None
     try:
-        source = imported.opened.source
+        source = opened.source
         if choice.shift == "auto" and (shift := find_shift(source)):
-            opened = open_imported(imported.folder, replace(imported.settings, shift=shift), imported.plan)
+            opened = open_imported(imported.folder, replace(imported.settings, shift=shift), scan)
             imported.close()
             imported = replace(imported, settings=replace(imported.settings, shift=shift), opened=opened)
             notes.append(f"samples: left-aligned, moved down by {shift}")
-        opened = imported.opened
-        assert opened is not None
         beside = [Path(path) for path in (imported.settings.dark, imported.settings.white) if path]
         notes += [f"{place.name} frames: those of the folder {place.name} in {place.parent.name}" for place in beside]
         if odd := other_sensor(opened.delivered.corrected, opened.plan):
@@ -175,7 +174,7 @@ def _opened(found: Survey, plan: ScanPlan | None, camera: Camera | None) -> Surv
     except BaseException:
         imported.close()
         raise
-    colours = () if choice.channel else colours_of(source, imported.plan)
+    colours = () if choice.channel else colours_of(source, scan)
     return replace(found, notes=tuple(notes), colours=colours, shift=shift, imported=imported, shown=shown)
 
 

@@ -218,7 +218,7 @@ class Page(BasePage):
             lambda: open_imported(folder, settings, plan),
             self._opened,
             self._failed,
-            lambda opened: opened.view.close(),
+            lambda opened: opened.close(),
         )
 
     def _stop_opening(self) -> None:

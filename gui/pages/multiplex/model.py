@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
@@ -34,7 +35,7 @@ MAX_ENTRIES = 350_000
 Array = NDArray[np.float64]
 
 
-_USES = {
+_USES: dict[str, Callable[[MultiplexSettings], bool]] = {
     "cfa": lambda s: s.family in ("cfa", "both"),
     "pattern": lambda s: s.family in ("cfa", "both") and s.cfa == TYPED,
     "mask": lambda s: s.family in ("mask", "both"),

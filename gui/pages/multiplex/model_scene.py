@@ -105,23 +105,24 @@ def _iter_cells(
     clock, truth, usable = Clock("reconstruct", 2), seen.truth, _finite(seen, settings)
     samples = modulator.side if truth is not None else None
     yield clock.at(0, f"spatial, {settings.filter}")
-    found_by = []
+    found_by: list[Route] = []
     weights = _weights(settings, seen, sensor)
     spatial = f"Spatial, {settings.filter}" if weights is None else "Spatial, weighted"
     for k, (route, name) in enumerate((("spatial", spatial), ("fourier", "Fourier"))):
-        own = {} if weights is None or route == "fourier" else {"weights": weights}
-        frame = seen.frame if own else usable
-        how: dict[str, Any] = {"route": route, "filter": None if own else settings.filter, "samples": samples}
+        own = None if route == "fourier" else weights
+        frame, filtered = (usable, settings.filter) if own is None else (seen.frame, None)
+        how: dict[str, Any] = {"route": route, "filter": filtered, "samples": samples}
         corner = np.s_[: 6 * modulator.side[0], : 6 * modulator.side[1]]  # loads compiled parts, not to be timed
         demultiplex(usable[corner], modulator, **how)
         start = time.perf_counter()
-        found = demultiplex(frame, modulator, **how, **own)
+        found = demultiplex(frame, modulator, **how, weights=own)
         seconds = time.perf_counter() - start
         error = None if truth is None else rms_error(found, truth, modulator.side)
         found_by.append(Route(name, found, error, seconds))
         yield clock.at(k + 1, "Fourier" if k == 0 else "")
     step = 1.0 if samples is not None else modulator.side[0] / modulator.natural_samples[0]
-    return Reconstructions(*found_by, truth, seen.frame, modulator.sample_names, seen.words, step)
+    spatial_route, fourier_route = found_by
+    return Reconstructions(spatial_route, fourier_route, truth, seen.frame, modulator.sample_names, seen.words, step)
 
 
 def _iter_general(

@@ -138,7 +138,8 @@ def _swapped(stage: StageAxes, key: str, value: str) -> StageAxes:
     for name in others:
         if getattr(stage, name)[1] == value[1]:
             changes[name] = getattr(stage, name)[0] + getattr(stage, key)[1]
-    return replace(stage, **changes)
+    right, down, away = (changes.get(name, getattr(stage, name)) for name in ("right", "down", "away"))
+    return replace(stage, right=right, down=down, away=away)
 
 
 @dataclass(frozen=True, eq=False)

@@ -116,7 +116,9 @@ class TargetSettings(PageSettings):
 
     def changed(self, key: str, value: Any) -> Self:
         """Return the settings with one changed; raise `InputError` where it cannot be."""
-        made = replace(self, **{key: value.strip() if isinstance(value, str) else value})
+        if isinstance(value, str):
+            value = value.strip()
+        made = replace(self, **{key: value})
         made.usable()
         return made
 
@@ -181,7 +183,8 @@ class PlaneDrawing:
         if len(self.points) <= MOST_DRAWN:
             return self.points
         last = max(1.0, self.points[MOST_DRAWN, 0])
-        return self.points[self.points[:, 0] < last]
+        drawn: NDArray[np.float64] = self.points[self.points[:, 0] < last]
+        return drawn
 
 
 @dataclass(frozen=True, eq=False)

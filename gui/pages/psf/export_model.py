@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from gui.models.kept_run import going_on
 from gui.models.settings import PageSettings
@@ -91,7 +91,8 @@ class ExportIntent:
 
     def with_choice(self, name: str, on: bool) -> ExportIntent:
         """Return the intent with one choice made; patterns are moved only where the lens is centred."""
-        changed = replace(self, **{name: on})
+        choice: dict[str, Any] = {name: on}
+        changed = replace(self, **choice)
         return replace(changed, lens_centred=True) if name == "moved" and on else _settled(changed)
 
     def choices(self) -> list[Choice]:

@@ -129,7 +129,7 @@ def table_of(found: Difference) -> list[tuple[str, ...]]:
 
 def numbers_of(found: Difference) -> list[tuple[float, ...]]:
     """Return what the rows of the table are sorted by."""
-    rows = []
+    rows: list[tuple[float, ...]] = []
     for k, (whole, types) in enumerate([(found.all, found.types), *((p.all, p.types) for p in found.planes)]):
         for t, one in enumerate((whole, *types)):
             far = float(np.hypot(*one.shift_px))

@@ -54,7 +54,7 @@ def courses_of(found: QualityTrend) -> tuple[Course, ...]:
 
 def rows_of(found: QualityTrend) -> list[tuple[str, ...]]:
     """Return the rows of the table."""
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for one in courses_of(found):
         known = [value for value in one.values[:-1] if value is not None]
         change = "worse" if one.worse else "better" if one.better else ""

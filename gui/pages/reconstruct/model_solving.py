@@ -80,7 +80,8 @@ class Solving:
     def pixels(self) -> int:
         """Number of pixels used."""
         rows, columns = self.window
-        return (rows.stop - rows.start) * (columns.stop - columns.start)
+        used: int = (rows.stop - rows.start) * (columns.stop - columns.start)
+        return used
 
     @property
     def truth(self) -> NDArray[np.float32] | None:
