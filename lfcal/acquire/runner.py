@@ -119,7 +119,7 @@ class Runner:
         if bool((todo & ~moved).any()):
             check_light(rig)
         sensor = Sensor(rig.camera.max_value, plan.camera.sensor.electrons_per_count)
-        taker = Taker(rig, plan, options, schedule, self.control, sensor, self._elapsed_s)
+        taker = Taker(rig, plan, options, schedule, self.control, sensor=sensor, elapsed=self._elapsed_s)
         self._lighting = taker.lighting
         guard = ContentGuard(
             schedule.grid, sensor, coarse=options.order == "coarse", recorded=recorded, whole=whole_frames

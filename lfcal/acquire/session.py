@@ -136,7 +136,7 @@ def iter_record(
         outcome = Outcome("complete", 0, 0, 0.0)
         for run in range(first, len(file.recordings)):
             watching = _Watching(control, preview, observers, gauges, "" if seen is None else seen.words)
-            work = _record_one(folder, file, run, rig, options, watching, found)
+            work = _record_one(folder, file, run, rig, options, watching=watching, found=found)
             file, outcome = yield from _noted_holds(work, lock, control)
             if outcome.how != "complete":
                 break
@@ -306,6 +306,7 @@ def _record_one(
     run: int,
     rig: Rig,
     options: Options,
+    *,
     watching: _Watching,
     found: SessionReport | None,
 ) -> Work[tuple[SessionFile, Outcome]]:

@@ -53,6 +53,7 @@ class Taker:
         options: Options,
         schedule: Schedule,
         control: Control,
+        *,
         sensor: Sensor,
         elapsed: Callable[[], float],
     ) -> None:

@@ -92,7 +92,9 @@ def iter_adaptive(
     what patterns tell
     >>> work.close()  # run to its end, it returns an Adapted
     """
-    campaign = _Campaign(folder, plan, rig, goal, options, control or Control(), preview, observers, workers)
+    campaign = _Campaign(
+        folder, plan, rig, goal, options, control or Control(), preview=preview, observers=observers, workers=workers
+    )
     outcome = yield from campaign.begin(resume=resume)
     steps: list[AdaptiveStep] = []
     fit: Fit | None = None
@@ -125,6 +127,7 @@ class _Campaign:
         goal: Goal,
         options: Options | None,
         control: Control,
+        *,
         preview: Preview | None,
         observers: tuple[Observer, ...],
         workers: int | None,

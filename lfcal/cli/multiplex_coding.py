@@ -108,7 +108,7 @@ def coding(
     lit = code_matrix(code, points, frames=frames, density=density, rng=rng)
     names = _files(patterns, len(lit), screen)
     check_outputs(names, source, sensor, force=force)
-    seen = _plane(source, plane, virtual_depth, depth, _pair(at), points, step, mat_order=mat_order)
+    seen = _plane(source, plane, virtual_depth, depth, _pair(at), points=points, step=step, mat_order=mat_order)
     noise = _noise(sensor, seen.camera, gain, exposure, corrected=not uncorrected)
     light, places = overlapping_patterns(seen.patterns, points, step=step, first=_pair(at))
     verdicts = [coding_pays(light, noise, code=lit, signal_e=signal, limit=limit) for limit in ("time", "full well")]
@@ -212,9 +212,9 @@ def _plane(
     virtual_depth: float | None,
     depth: float | None,
     first: tuple[int, int],
+    *,
     points: int,
     step: int,
-    *,
     mat_order: str = "",
 ) -> _Plane:
     if Path(source).suffix.lower() not in MATRICES:

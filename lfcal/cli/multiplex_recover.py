@@ -96,7 +96,7 @@ def recover(
                 raise InputError.expected(name, "none by iterations", value, remedy)
         known = np.ones(recorded.raw.shape) if weights is None else weights
         shares: Any = modulator_of(modulator) if modulator else map_npy(str(transmissions))
-        told = _by_iterations(light, shares, known, spacing, smoothness, iterations, out, quiet=json)
+        told = _by_iterations(light, shares, known, spacing, smoothness, iterations, out=out, quiet=json)
     else:
         way = _Way(route, filter, out, deviation)
         told = _by_super_pixels(light, modulator_of(str(modulator)), weights, way)
@@ -163,8 +163,8 @@ def _by_iterations(
     spacing: float | None,
     smoothness: float,
     most: int,
-    out: Path,
     *,
+    out: Path,
     quiet: bool,
 ) -> dict[str, Any]:
     import math

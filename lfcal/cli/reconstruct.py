@@ -248,12 +248,14 @@ def command(
         sides = voxel_um(H) if grid is None else (grid.voxel_um, grid.voxel_um)
         named = {"regions": [one.region or Path(one.path).name for one in matrices]} if regions else {}
         times = [frame.time_s for frame in task.frames]
-        saved = partial(saving, P, sides, targets, {"psf": psf.name, **task.details(P), **named}, volume, grid, times)
+        saved = partial(
+            saving, P, sides, targets, {"psf": psf.name, **task.details(P), **named}, volume, grid=grid, times_s=times
+        )
         if run is None:
             with saved() as save:
                 results = _solve(task, P, cleaner(dark, white, view), view, save)
         else:
-            results = _solve_in_units(task, P, shared, out, run, saved, (room, device))
+            results = _solve_in_units(task, P, shared, out, run, saved=saved, where=(room, device))
     _show_results(P, volume, results, targets, json)
     if any(result.failed for result in results):
         raise typer.Exit(1)
@@ -326,6 +328,7 @@ def _solve_in_units(
     shared: Settings,
     out: Path,
     run: RunChoice,
+    *,
     saved: Saved,
     where: tuple[Callable[..., int], str],
 ) -> tuple[FrameResult, ...]:

@@ -50,6 +50,7 @@ def saving(
     targets: Mapping[str, Path],
     details: Mapping[str, Any],
     shape: tuple[int, ...],
+    *,
     grid: MetricGrid | None = None,
     times_s: Sequence[float | None] = (),
 ) -> Iterator[Save]:

@@ -150,7 +150,7 @@ fit_camera = drained(
     ...     found: Fit = fit_camera(measured_of(H, most=8, cutout=21), unknowns=["geometry"])
     >>> gap = found.parameters["gap_um"]
     >>> print(f"gap between lenslets and sensor: {gap.value:.0f} um, known to {gap.sigma:.2f} um")
-    gap between lenslets and sensor: 290 um, known to 0.1... um
+    gap between lenslets and sensor: 290 um, known to 0.2... um
     """,
 )
 

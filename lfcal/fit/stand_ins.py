@@ -95,7 +95,7 @@ def standing_in(
     held = np.array([j for j in range(k) if j not in which and normal.matrix[j, j] > 0], np.intp)
     data = eliminated(matrix, k)
     slope = gradient[:k] - matrix[:k, k:] @ np.linalg.pinv(matrix[k:, k:], rcond=1e-13) @ gradient[k:]
-    return stand_ins(problem.vector.unknowns, which, held, data, slope, point.u, named)
+    return stand_ins(problem.vector.unknowns, which, held, data, slope, point.u, named=named)
 
 
 def iter_held_beside(problem: Problem, point: Point, columns: Columns, groups: Sequence[str]) -> Work[StandIns]:
@@ -151,6 +151,7 @@ def stand_ins(
     data: F8,
     slope: F8,
     u: F8,
+    *,
     named: float = WIDER,
 ) -> StandIns:
     """Return which of the unknowns ``held`` stand behind those found at ``which``.

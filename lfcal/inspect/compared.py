@@ -173,7 +173,9 @@ def iter_fitted(
         for part in parts(index, np.flatnonzero(again)):
             model[part], columns[part] = modelled(known, index[part], starts.of(part))
             yield clock.at(80 + 5 * turn)
-        found = fitted(matrix, known, index, data, valid, model, columns, starts, rounding)
+        found = fitted(
+            matrix, known, index, data, valid, model=model, columns=columns, starts=starts, rounding=rounding
+        )
         moved = starts.nearer(found.values, index[:, 0])
         again = moved.apart_from(starts, index[:, 0])
         if not again.any():

@@ -258,7 +258,17 @@ class Evidence:
         """Return the evidence of other values at the same positions."""
         data = np.where(valid, data, np.float32(0))
         model, columns, starts = self.model, self.columns, self.starts
-        found = fitted(self.matrix, self.camera, self.index, data, valid, model, columns, starts, self.rounding)
+        found = fitted(
+            self.matrix,
+            self.camera,
+            self.index,
+            data,
+            valid,
+            model=model,
+            columns=columns,
+            starts=starts,
+            rounding=self.rounding,
+        )
         return replace(found, asked=self.asked, more_suspected=self.more_suspected)
 
     def followed(self, values: F8 | None = None) -> Evidence:
@@ -287,6 +297,7 @@ def fitted(
     index: NDArray[np.intp],
     data: F4,
     valid: Flags,
+    *,
     model: F4,
     columns: F4,
     starts: Starts,

@@ -84,13 +84,20 @@ def modulation_transfer(
     length = shape[0 if axis == "y" else 1]
     waves = np.rint(wanted * length)
     light = np.abs(modulator.light)
-    found = [_answer(modulator, shape, float(k), axis, light, route, filter) for k in waves]
+    found = [_answer(modulator, shape, float(k), axis, light, route=route, filter=filter) for k in waves]
     transfer, aliased = (np.array(part).T for part in zip(*found, strict=True))
     return Transfer(waves / length, transfer, aliased)
 
 
 def _answer(
-    modulator: Modulator, shape: tuple[int, ...], waves: float, axis: str, light: Array, route: str, filter: str | None
+    modulator: Modulator,
+    shape: tuple[int, ...],
+    waves: float,
+    axis: str,
+    light: Array,
+    *,
+    route: str,
+    filter: str | None,
 ) -> tuple[Array, Array]:
     length = shape[0 if axis == "y" else 1]
     place = np.arange(length)

@@ -195,7 +195,7 @@ def iter_difference(
 
             def one(start: int, stop: int) -> list[F8]:
                 return [
-                    _row_sums(*given[i], there[rows[i]], starts[k], types, rows[i], error[k], shift[k])  # noqa: B023
+                    _row_sums(*given[i], there[rows[i]], starts[k], types, rows[i], error=error[k], shift=shift[k])  # noqa: B023
                     for i in range(start, stop)
                 ]
 
@@ -259,6 +259,7 @@ def _row_sums(
     start: F8,
     types: NDArray[np.intp] | None,
     y: int,
+    *,
     error: NDArray[np.float32],
     shift: NDArray[np.float32],
 ) -> F8:

@@ -167,7 +167,7 @@ def orientation_of_path(
         margin = fits[order[1]].misfit / best.misfit
         return FoundOrientation(frames=len(path.indices), margin=margin, offset_px=place, reason=reason)
     rivals = [fits[other].misfit for other in order if other not in alike]
-    cause, reason = _cause(name, path, expected, fits[name], frame, plan.camera.sensor.shape, slack)
+    cause, reason = _cause(name, path, expected, fits[name], frame, plan.camera.sensor.shape, slack=slack)
     return FoundOrientation(
         "" if reason else name,
         cause,
@@ -249,6 +249,7 @@ def _cause(
     fit: _Fit,
     frame: tuple[int, int],
     sensor: tuple[int, int],
+    *,
     slack: float,
 ) -> tuple[str, str]:
     """Return whether frames or scan run otherwise than planned, and why that cannot be told, or empty."""

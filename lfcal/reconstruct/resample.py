@@ -126,7 +126,7 @@ class Resampling:
         if bend is not None:
             x, y = bend.invert(np.array(origin[::-1], float))
             origin = (float(y), float(x))
-        made = cls._of_lattice(fit.kind, fit.basis_px(), origin, fit.shape, period, lattice_anchor, types)
+        made = cls._of_lattice(fit.kind, fit.basis_px(), origin, fit.shape, period, lattice_anchor, types=types)
         return replace(made, distortion=bend)
 
     @classmethod
@@ -138,7 +138,9 @@ class Resampling:
         x, y = lattice.offset_um
         origin = (sensor.centre_px[0] + y / sensor.pixel_um, sensor.centre_px[1] + x / sensor.pixel_um)
         basis = np.asarray(lattice.basis_um(), float) / sensor.pixel_um
-        made = cls._of_lattice(lattice.kind, basis, origin, sensor.shape, period, lattice_anchor, len(lattice.types))
+        made = cls._of_lattice(
+            lattice.kind, basis, origin, sensor.shape, period, lattice_anchor, types=len(lattice.types)
+        )
         bend = lattice.distortion
         if bend is not None:
             bend = bend.scaled(1 / sensor.pixel_um, (sensor.centre_px[1], sensor.centre_px[0]))
@@ -153,6 +155,7 @@ class Resampling:
         shape: tuple[int, int],
         period: tuple[int, int] | None,
         lattice_anchor: Pair,
+        *,
         types: int,
     ) -> Resampling:
         a, b = np.asarray(basis, float)

@@ -160,7 +160,7 @@ def iter_run(
         folder.mkdir(parents=True, exist_ok=True)
     try:
         with only_writer(folder):
-            parts = yield from _run_in(folder, units, executor, title, attempts, following, joined)
+            parts = yield from _run_in(folder, units, executor, title, attempts, following=following, joined=joined)
     finally:
         with suppress(OSError):
             folder.rmdir()  # what ended before it began leaves nothing: there was no scheduler, for one
@@ -173,6 +173,7 @@ def _run_in(
     executor: Executor,
     title: str,
     attempts: int,
+    *,
     following: Following | None,
     joined: bool,
 ) -> Work[tuple[Path, ...]]:

@@ -322,7 +322,7 @@ def _iterate(
             start, model, floor = _shortened(part, previous, volume, model, data)
             volume, turned_back, pace.model = start, True, model
             reached = data.fit(model, part.mask, floor).likelihood
-        volume = _update(volume, model, floor, part, data, options, strength)
+        volume = _update(volume, model, floor, part, data, options, strength=strength)
     pace.likelihood = likelihood if len(parts) > 1 else reached
     if options.smoothing is not None:
         volume = options.smoothing.apply(volume)
@@ -370,6 +370,7 @@ def _update(
     part: _Part,
     data: Measurement,
     options: EmOptions,
+    *,
     strength: float,
 ) -> NDArray[Any]:
     """Return the volume after the update of one subset; a model below ``floor`` is rounding."""

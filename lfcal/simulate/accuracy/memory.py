@@ -90,14 +90,14 @@ def predict_bytes(
     most = 0
     for z, z_um in enumerate(plan.depths_um):
         chosen, share = budget.at(z_um)
-        most = max(most, _plane_bytes(plan, z, chosen, level, share, sampling, worker_count(workers)))
+        most = max(most, _plane_bytes(plan, z, chosen, level, share, sampling, workers=worker_count(workers)))
     return held + most
 
 
 def task_bytes(task: PlaneTask, *, stepped: bool = False) -> int:
     """Return the bytes that one plane takes at most by one thread, with its values, to be stored in steps or not."""
     values = math.prod(task.plan.shape[1:]) * (8 + (STEPPED if stepped else 0))
-    return values + _plane_bytes(task.plan, task.z, task.effects, task.level, task.tolerance, task.sampling, 1)
+    return values + _plane_bytes(task.plan, task.z, task.effects, task.level, task.tolerance, task.sampling, workers=1)
 
 
 def _plane_bytes(
@@ -107,6 +107,7 @@ def _plane_bytes(
     level: str,
     share: float,
     sampling: Sampling | None,
+    *,
     workers: int,
 ) -> int:
     scene, resolved = resolve_level(scene_for(plan, z, effects), level)

@@ -154,7 +154,14 @@ def polygon_table(
 
 
 def bent_polygon(
-    outline: Points, dx: float, centre: tuple[float, float], n: int, bend: Bend, fine: int = BENT_FINE, every: int = 1
+    outline: Points,
+    dx: float,
+    centre: tuple[float, float],
+    n: int,
+    bend: Bend,
+    fine: int = BENT_FINE,
+    *,
+    every: int = 1,
 ) -> NDArray[np.complex128]:
     """Return a polygon times exp(i phase), low-passed as a whole, on ``n`` x ``n`` samples ``every dx / fine`` apart.
 

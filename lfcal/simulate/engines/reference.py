@@ -196,7 +196,7 @@ class ReferencePlane:
         if not scene.round_lenslets:
             n = x.size
             centre = (-float(x[n // 2]), -float(y[n // 2]))
-            return bent_polygon(aperture_outline(scene), dx, centre, n, bend, BENT_FINE, BENT_FINE)
+            return bent_polygon(aperture_outline(scene), dx, centre, n, bend, BENT_FINE, every=BENT_FINE)
         r2 = x[None, :] ** 2 + y[:, None] ** 2
         if self._disc is None:
             self._disc = disc_table(scene.clear_radius_um, dx, math.sqrt(float(r2.max())) + 3 * dx, fine=512)
