@@ -177,6 +177,8 @@ def functions() -> list[tuple[str, int, int]]:
             if ast.get_docstring(node) is not None:
                 lines -= (first.end_lineno or first.lineno) - first.lineno + 1
             given = [*node.args.posonlyargs, *node.args.args]
+            # numba passes the typing context and all arguments of an intrinsic by position
+            given = [] if given and given[0].arg == "_" else given
             bound = bool(given) and given[0].arg in ("self", "cls")
             found.append((f"{path.relative_to(ROOT)}:{node.name}", lines, len(given) - bound))
     return found
@@ -186,8 +188,12 @@ def test_functions_have_a_reasonable_size() -> None:
     found = functions()
     long = [name for name, lines, _ in found if lines > LONG_BODY]
     assert len(long) <= 0.01 * len(found), long
-    many = [name for name, _, given in found if given > MOST_POSITIONAL]
-    assert len(many) <= 0.01 * len(found), many
+
+
+def test_no_function_has_many_positional_parameters() -> None:
+    """The reader of a call would have to count them."""
+    many = {name for name, _, given in functions() if given > MOST_POSITIONAL}
+    assert many <= {"lfcal/simulate/simulate.py:__init__"}
 
 
 def test_the_formatter_is_never_told_to_look_away() -> None:
