@@ -2,25 +2,17 @@
 
 from __future__ import annotations
 
-from numpy.typing import ArrayLike
+from functools import partial
 
-from lfcal.reconstruct.projectors.projector import Projector
 from lfcal.reconstruct.solvers.em import EmOptions, iter_run
-from lfcal.reconstruct.solvers.records import SolverWork
-from lfcal.reconstruct.solvers.solver import EM, Solver, SolverRun
+from lfcal.reconstruct.solvers.solver import EM, Solver
 
 __all__ = ["SOLVER"]
-
-
-def iterate(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:
-    """Run accelerated Richardson-Lucy."""
-    return iter_run(P, image, run, EmOptions(acceleration="biggs-andrews"))
-
 
 SOLVER = Solver(
     "rl-biggs",
     "Richardson-Lucy, accelerated (Biggs & Andrews 1997): 3 to 10 times fewer iterations",
-    iterate,
+    partial(iter_run, options=EmOptions(acceleration="biggs-andrews")),
     EM,
     rank=40,
     volumes=(7, 8),

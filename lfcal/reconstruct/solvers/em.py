@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -27,12 +29,12 @@ from lfcal.reconstruct.solvers.records import (
 )
 from lfcal.reconstruct.solvers.repeating import Repeating
 from lfcal.reconstruct.solvers.smoothing import DepthSmoothing
-from lfcal.reconstruct.solvers.solver import SolverRun
+from lfcal.reconstruct.solvers.solver import EM, Solver, SolverRun
 from lfcal.reconstruct.solvers.stretch import Stretch, best_share, weaker
 from lfcal.reconstruct.solvers.subsets import Masks, check_partition
 from lfcal.threads import in_order
 
-__all__ = ["EmOptions", "iter_em", "iter_run"]
+__all__ = ["EmOptions", "iter_em", "iter_run", "penalised"]
 
 UNSEEN = 1e-6
 """Voxels whose sensitivity is below this share of the largest are left as they are."""
@@ -224,6 +226,17 @@ def iter_run(P: Projector, image: ArrayLike, run: SolverRun, options: EmOptions)
     """Iterate as ``run`` asks; ``options`` say what makes the solver this one."""
     options = replace(options, tolerance=run.tolerance)
     return iter_em(P, run.measure(P, image), run.iterations, options, initial=run.initial, resume=run.resume)
+
+
+def penalised(name: str, title: str, penalty: Callable[..., Penalty], rank: int) -> Solver:
+    """Return the solver of Richardson-Lucy with a penalty, whose weight is the strength asked for."""
+    iterate = partial(_iter_penalised, penalty=penalty)
+    return Solver(name, title, iterate, EM | {"strength"}, rank=rank, volumes=(3, 4), settles=True)
+
+
+def _iter_penalised(P: Projector, image: ArrayLike, run: SolverRun, *, penalty: Callable[..., Penalty]) -> SolverWork:
+    weight = {} if run.strength is None else {"weight": run.strength}
+    return iter_run(P, image, run, EmOptions(penalty=penalty(**weight)))
 
 
 def _why_stop(change: float, iteration: int, options: EmOptions) -> str:

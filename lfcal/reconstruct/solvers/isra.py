@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from numpy.typing import ArrayLike
 
 from lfcal.progress import drained
@@ -11,7 +13,7 @@ from lfcal.reconstruct.solvers.measurement import Measurement
 from lfcal.reconstruct.solvers.penalty import Penalty
 from lfcal.reconstruct.solvers.records import SolverState, SolverWork
 from lfcal.reconstruct.solvers.smoothing import DepthSmoothing
-from lfcal.reconstruct.solvers.solver import COMMON, Solver, SolverRun
+from lfcal.reconstruct.solvers.solver import COMMON, Solver
 from lfcal.reconstruct.solvers.subsets import Masks
 
 __all__ = ["SOLVER", "isra", "iter_isra"]
@@ -76,15 +78,10 @@ isra = drained(
 )
 
 
-def iterate(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:
-    """Run plain ISRA."""
-    return iter_run(P, image, run, EmOptions("isra"))
-
-
 SOLVER = Solver(
     "isra",
     "least squares without negative values (ISRA)",
-    iterate,
+    partial(iter_run, options=EmOptions("isra")),
     COMMON | {"initial", "left_out"},
     rank=90,
     volumes=(4, 4),

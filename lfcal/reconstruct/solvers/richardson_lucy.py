@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from numpy.typing import ArrayLike
 
 from lfcal.progress import drained
@@ -11,7 +13,7 @@ from lfcal.reconstruct.solvers.measurement import Measurement
 from lfcal.reconstruct.solvers.penalty import Penalty
 from lfcal.reconstruct.solvers.records import SolverState, SolverWork
 from lfcal.reconstruct.solvers.smoothing import DepthSmoothing
-from lfcal.reconstruct.solvers.solver import EM, Solver, SolverRun
+from lfcal.reconstruct.solvers.solver import EM, Solver
 from lfcal.reconstruct.solvers.subsets import Masks
 
 __all__ = ["SOLVER", "iter_richardson_lucy", "richardson_lucy"]
@@ -104,12 +106,12 @@ richardson_lucy = drained(
 )
 
 
-def iterate(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:
-    """Run plain Richardson-Lucy."""
-    return iter_run(P, image, run, EmOptions())
-
-
 SOLVER = Solver(
-    "rl", "Richardson-Lucy, as published (Eberhart et al. 2020, equation 2)", iterate, EM, rank=10, volumes=(3, 3)
+    "rl",
+    "Richardson-Lucy, as published (Eberhart et al. 2020, equation 2)",
+    partial(iter_run, options=EmOptions()),
+    EM,
+    rank=10,
+    volumes=(3, 3),
 )
 """What the registry takes from this module; the same in every module of a solver."""
