@@ -38,7 +38,7 @@ class Background(QObject):
         self._timer.setInterval(POLL_MS)
         self._timer.timeout.connect(self._take)
         self._closed = self._leaving = False
-        self._collector = Collector(self)  # threads must not destroy widgets
+        self._collector = Collector(self, lambda: self.busy)  # threads must not destroy widgets
 
     @property
     def busy(self) -> bool:

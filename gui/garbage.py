@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import gc
 import time
+from collections.abc import Callable
 
 from PySide6.QtCore import QObject, QTimer
 
@@ -40,8 +41,9 @@ class Collector(QObject):
 
     _first = True
 
-    def __init__(self, parent: QObject | None = None) -> None:
+    def __init__(self, parent: QObject | None = None, busy: Callable[[], bool] = lambda: False) -> None:
         super().__init__(parent)
+        self._busy = busy
         self._was_on = gc.isenabled()
         gc.disable()
         if Collector._first:  # to ask how many are left aside would count them
@@ -57,7 +59,7 @@ class Collector(QObject):
         """Collect the youngest generation if it is due; older ones when nothing goes on, or that was long ago."""
         worked_s, self._worked_s = self._worked_s, time.thread_time()
         # what a job brings is about to be shown
-        waiting = bool(getattr(self.parent(), "busy", False))
+        waiting = self._busy()
         self._calm = 0 if waiting or self._worked_s - worked_s >= BUSY_S else self._calm + 1
         self._ticks += 1
         youngest, younger, _ = gc.get_count()

@@ -3,11 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 from PySide6.QtGui import QColor, QPalette
 from PySide6.QtWidgets import QApplication
 
-__all__ = ["DARK", "LIGHT", "NIGHT", "THEMES", "TYPE_COLOURS", "Theme", "apply_theme", "current_theme", "style_sheet"]
+__all__ = [
+    "DARK",
+    "LIGHT",
+    "NIGHT",
+    "THEMES",
+    "TYPE_COLOURS",
+    "Theme",
+    "Themed",
+    "apply_theme",
+    "current_theme",
+    "style_sheet",
+]
 
 
 _STYLE = """
@@ -172,6 +184,15 @@ def style_sheet() -> str:
     that plots hold for menus which are never shown, 2.5 s of processor time a change.
     """
     return _STYLE.format(**vars(current_theme()))
+
+
+@runtime_checkable
+class Themed(Protocol):
+    """A widget that draws with the theme's colours, which no style sheet sets."""
+
+    def apply_theme(self) -> None:
+        """Take the colours of the theme in use."""
+        ...
 
 
 def apply_theme(app: QApplication, theme: Theme) -> None:

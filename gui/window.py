@@ -33,7 +33,7 @@ from gui.models.project import Project, ProjectState
 from gui.palette import Palette, doable
 from gui.project_files import ProjectFiles
 from gui.scripts import Scripts
-from gui.theme import DARK, LIGHT, THEMES, apply_theme, current_theme, style_sheet
+from gui.theme import DARK, LIGHT, THEMES, Themed, apply_theme, current_theme, style_sheet
 from gui.tools import Tools
 from gui.widgets.enlarging import toggle_in
 from gui.widgets.naming import name_controls
@@ -284,9 +284,8 @@ class MainWindow(QMainWindow):
         for part in (self.menuBar(), self.statusBar(), self.rail, *docks, self._manual, *dialogs):
             if part is not None:
                 part.setStyleSheet(style_sheet())
-            redraw = getattr(part, "apply_theme", None)  # of a window with plots: a page redraws its own only
-            if redraw is not None:
-                redraw()
+            if isinstance(part, Themed):  # a window with plots: a page redraws its own only
+                part.apply_theme()
 
     def copy_page(self) -> None:
         """Put a picture of the page on the clipboard."""

@@ -73,7 +73,7 @@ def storage_words(error: OSError | RuntimeError, path: object) -> str:
     """Return in one line what the operating system says about ``path``, and what to do."""
     number = system_error(error)
     known = None if number is None else os.strerror(number)
-    reason = known or getattr(error, "strerror", None) or " ".join(str(error).split())
+    reason = known or (error.strerror if isinstance(error, OSError) else None) or " ".join(str(error).split())
     if number is None and re.search(r"\d+ requested and \d+ written", reason):
         # numpy's words; the system's number is lost
         number, reason = errno.ENOSPC, "the disk took only a part of it"

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gui.models.words import plane_words
 from lfcal.progress import Progress
+
+if TYPE_CHECKING:
+    from lfcal.psf.assembly import AssemblyProgress
 
 __all__ = ["Filling"]
 
@@ -23,16 +27,16 @@ class Filling:
 
     def follows(self, job: int, record: Progress | None) -> bool:
         """Return whether a job with such a record is the one that fills H, or now becomes it."""
-        if getattr(record, "energy", None) is not None and job != self.job:
+        if _of_assembly(record) is not None and job != self.job:
             self.job, self.plane, self.energy = job, None, None
         return job == self.job
 
     def take(self, record: Progress | None) -> bool:
         """Take what a record of the assembly shows; return whether that is news."""
-        energy = getattr(record, "energy", None)
-        if energy is None or energy is self.energy:
+        found = _of_assembly(record)
+        if found is None or found.energy is self.energy:
             return False
-        self.plane, self.energy = int(record.plane), energy  # type: ignore[union-attr]
+        self.plane, self.energy = found.plane, found.energy
         return True
 
     def light(self, z: int) -> NDArray[np.float64] | None:
@@ -54,3 +58,12 @@ class Filling:
         energy = self.light(z)
         there = 0 if energy is None else int(np.isfinite(energy).sum())
         return f"H fills: plane {z}, {there} of {0 if energy is None else energy.size}"
+
+
+def _of_assembly(record: Progress | None) -> AssemblyProgress | None:
+    """Return a record of an assembly; None for any other."""
+    if record is None or type(record) is Progress:
+        return None
+    from lfcal.psf.assembly import AssemblyProgress
+
+    return record if isinstance(record, AssemblyProgress) else None

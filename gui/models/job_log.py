@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 from gui.models.job import plain_record
 from lfcal.progress import Progress
@@ -21,6 +21,8 @@ MOST = 1000
 """Lines kept of one job: solvers say something at every step."""
 
 _sinks: dict[int, Callable[[str], None]] = {}
+_shown: Callable[..., None] | None = None
+"""What this module shows warnings by, once it does."""
 _lock = threading.Lock()
 
 
@@ -137,9 +139,16 @@ def _far(record: Progress) -> str:
     return record.stage + (f": {record.count}{done}" if record.count else "")
 
 
+@runtime_checkable
+class Noted(Protocol):
+    """A result of a job that says something of itself."""
+
+    notes: Any
+
+
 def notes_of(result: Any) -> tuple[str, ...]:
     """Return what a result says of itself: its ``notes``, if those are lines."""
-    notes = getattr(result, "notes", ())
+    notes = result.notes if isinstance(result, Noted) else ()
     return tuple(notes) if isinstance(notes, list | tuple) and all(isinstance(one, str) for one in notes) else ()
 
 
@@ -159,8 +168,9 @@ def warnings_to(sink: Callable[[str], None]) -> Iterator[None]:
 
 def _hook() -> None:
     """Listen to warnings of all threads; whoever listened before goes on to hear them."""
+    global _shown
     before = warnings.showwarning
-    if getattr(before, "of_lfcal", False):
+    if before is _shown:
         return
 
     def show(message: Any, category: Any, *rest: Any, **more: Any) -> None:
@@ -169,5 +179,4 @@ def _hook() -> None:
             sink(f"{category.__name__}: {' '.join(str(message).split())}")
         before(message, category, *rest, **more)
 
-    show.of_lfcal = True  # type: ignore[attr-defined]
-    warnings.showwarning = show
+    warnings.showwarning = _shown = show

@@ -29,6 +29,11 @@ class FramePlan(Protocol):
         """All frames as (plane, number in it), in the order they are recorded."""
         ...
 
+    @property
+    def lit(self) -> object:
+        """Which offsets each frame shows, of points that a display switches; None where the stage moves all."""
+        ...
+
     def stage_um(self) -> NDArray[np.float64]:
         """Return the stage's coordinates ``(frames, 3)`` (µm)."""
         ...

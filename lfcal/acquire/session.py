@@ -107,7 +107,7 @@ def iter_record(
     devices = check_devices(scan, rig)
     if scan is not plan and (only is not None or len(kept_aside)):
         raise InputError.expected("positions to record", "none beside a target", "some", "its frames show many at once")
-    if getattr(plan, "lit", None) is not None and not rig.switches:
+    if not isinstance(plan, ScanPlan) and plan.lit is not None and not rig.switches:
         remedy = "show its pictures (lfcal plan --patterns), and assemble the folder of frames"
         raise InputError.expected("plan", "a target that a stage moves", "frames of a display", remedy)
     goes_on = resume or redo is not None

@@ -34,7 +34,7 @@ NAME = "session.json"
 
 def optics_of(rig: Rig) -> str:
     """Return how frames of the simulator are computed; empty for real ones."""
-    return str(getattr(rig.camera, "optics", ""))
+    return CheckedCamera.of(rig.camera).optics
 
 
 @dataclass(frozen=True, slots=True)

@@ -53,7 +53,7 @@ def print_camera(camera: Camera) -> None:
 
 def _lattice_distortion(camera: Camera) -> list[list[str]]:
     """Return the row of the lattice's own distortion, where it has one."""
-    found = getattr(camera.lattice, "distortion", None)
+    found = camera.lattice.distortion
     if found is None:
         return []
     shown = f"{found.model} of degree {found.degree}, up to {found.largest / camera.sensor.pixel_um:.2f} px"

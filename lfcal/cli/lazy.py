@@ -128,9 +128,10 @@ class LazyGroup(typer.core.TyperGroup):
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Return the command of this name; while help or completion is made, one that has its summary only."""
-        listed = getattr(self.commands, "listed", {}).get(cmd_name)
-        if self._listing and listed is not None:
-            return typer.core.TyperCommand(cmd_name, help=listed.summary, rich_markup_mode="markdown")
+        commands: Any = self.commands
+        if self._listing and isinstance(commands, LazyCommands) and cmd_name in commands.listed:
+            summary = commands.listed[cmd_name].summary
+            return typer.core.TyperCommand(cmd_name, help=summary, rich_markup_mode="markdown")
         return self.commands.get(cmd_name)
 
     def format_help(self, ctx: Any, formatter: Any) -> None:

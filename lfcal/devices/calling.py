@@ -10,6 +10,7 @@ from queue import Empty, SimpleQueue
 from typing import Any, NamedTuple
 
 from lfcal.devices.errors import DeviceLost, driver_errors
+from lfcal.devices.protocols import Waiting
 
 __all__ = ["ANSWER_S", "CANCELLED", "Caller"]
 
@@ -44,13 +45,13 @@ class Caller:
     Parameters
     ----------
     device
-        Where it has an attribute ``waits`` that is False it never waits, and is called directly.
+        Where it is a `Waiting` one that says it never waits, it is called directly.
     name
         For messages.
     """
 
     def __init__(self, device: object, name: str) -> None:
-        self._direct, self._watched = not getattr(device, "waits", True), driver_errors(name)
+        self._direct, self._watched = isinstance(device, Waiting) and not device.waits, driver_errors(name)
         self.name = name
         self._calls: SimpleQueue[_Call | None] = SimpleQueue()
         self._abandoned: SimpleQueue[Any] | None = None

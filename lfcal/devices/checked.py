@@ -12,7 +12,18 @@ import numpy as np
 
 from lfcal.devices.calling import CANCELLED, Caller, never
 from lfcal.devices.errors import CameraError, DeviceError, StageError, driver_errors
-from lfcal.devices.protocols import CameraDevice, Frame, Light, Limits, Point, Roi, Setting, StageDevice
+from lfcal.devices.protocols import (
+    CameraDevice,
+    Frame,
+    Light,
+    Limits,
+    MovedElsewhere,
+    Point,
+    Rendered,
+    Roi,
+    Setting,
+    StageDevice,
+)
 
 __all__ = ["CheckedCamera", "CheckedLight", "CheckedStage"]
 
@@ -145,6 +156,11 @@ class CheckedCamera(_Checked[CameraDevice]):
             raise self._wrong("fixed_settings", "names, each with a Setting of texts", found)
         return dict(found)
 
+    @property
+    def optics(self) -> str:
+        """How the simulator computes its light; empty for a real camera."""
+        return self.device.optics if isinstance(self.device, Rendered) else ""
+
     def grab(self, timeout_s: float, cancelled: Callable[[], bool] = never) -> Frame | None:
         """Return a frame whose exposure started after this call; None once ``cancelled`` is true."""
         frame = self._caller.call("grab", self.device.grab, timeout_s, seconds=timeout_s, cancelled=cancelled)
@@ -227,6 +243,11 @@ class CheckedStage(_Checked[StageDevice]):
         if len(axes) != 3 or not all(low <= high for low, high in axes):
             raise self._wrong("limits", "lowest and highest µm of three axes", found)
         return axes
+
+    @property
+    def moved_elsewhere(self) -> bool:
+        """Whether another program moves it."""
+        return isinstance(self.device, MovedElsewhere) and self.device.moved_elsewhere
 
     def move(self, target: Point, *, seconds: float = MOVE_S, cancelled: Callable[[], bool] = never) -> None:
         """Begin to move to ``target`` (µm); a driver that waits for the arrival has so many ``seconds`` for it."""

@@ -19,12 +19,15 @@ __all__ = [
     "Gauge",
     "Light",
     "Limits",
+    "MovedElsewhere",
     "Point",
+    "Rendered",
     "Roi",
     "Setting",
     "StageDevice",
     "SystemTime",
     "TimeSource",
+    "Waiting",
 ]
 
 T = TypeVar("T")
@@ -244,6 +247,36 @@ class Gauge(Protocol):
 
     def read(self) -> float:
         """Return the reading of now."""
+        ...
+
+
+@runtime_checkable
+class Rendered(Protocol):
+    """What computes its light, and says how: a simulated camera, or its optics. A session records it."""
+
+    @property
+    def optics(self) -> str:
+        """``"pattern"``, or a level of `lfcal.simulate`."""
+        ...
+
+
+@runtime_checkable
+class MovedElsewhere(Protocol):
+    """A stage that may be moved by another program alone."""
+
+    @property
+    def moved_elsewhere(self) -> bool:
+        """Whether it is, so that its moves are not checked."""
+        ...
+
+
+@runtime_checkable
+class Waiting(Protocol):
+    """A device that says whether its driver waits in real time; of all others that is assumed."""
+
+    @property
+    def waits(self) -> bool:
+        """Whether calls take real time: False spares a thread for them."""
         ...
 
 

@@ -246,7 +246,7 @@ def _type_order(camera: Camera, fit: LatticeFit, types: LensTypes | None) -> Che
 
 def _distortion(camera: Camera, fit: LatticeFit) -> list[CheckLine]:
     """Compare the largest displacement from straight rows, where there is any."""
-    described, found = getattr(camera.lattice, "distortion", None), getattr(fit, "distortion", None)
+    described, found = camera.lattice.distortion, fit.distortion
     if described is None and found is None:
         return []
     sizes = [0.0 if d is None else float(d.largest) for d in (described, found)]

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from lfcal.psf._noise_kernels import NoiseRule, reduce_noise
 from lfcal.psf.facts import Origin, unpack_valid
+from lfcal.psf.matrix import PSFMatrix
 from lfcal.threads import for_each_chunk
 
 __all__ = ["denoised", "mean_noise", "noise_of_positions"]
@@ -29,10 +30,10 @@ def noise_of_positions(H: Any, z: int) -> NDArray[np.float64] | None:
 
     NaN where it is not known or the pattern is not measured; None where that is all of them, as of arrays and HT.
     """
-    if getattr(H, "is_transposed", True) or H.facts.noise is None:
+    if not isinstance(H, PSFMatrix) or H.is_transposed or (stored := H.facts.noise) is None:
         return None
     known = H.facts
-    noise = np.array(known.noise[z], np.float64)
+    noise = np.array(stored[z], np.float64)
     bad = ~np.isfinite(noise).all(axis=-1) | (noise < 0).any(axis=-1)
     if known.recorded is not None:
         bad |= known.recorded[z] == 0

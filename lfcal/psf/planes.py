@@ -17,6 +17,7 @@ from lfcal.h5.dataset import H5Data
 __all__ = [
     "ArrayPlanes",
     "DatasetPlanes",
+    "DerivedPlanes",
     "FilePlanes",
     "Planes",
     "ScaledPlanes",
@@ -46,6 +47,13 @@ class Planes(Protocol):
     def transposed(self) -> Planes:
         """Return the planes of the transposed matrix, computed when asked for."""
         ...
+
+
+@runtime_checkable
+class DerivedPlanes(Protocol):
+    """Planes that are made of others: scaled, transposed, in another order."""
+
+    base: Planes
 
 
 class ArrayPlanes:
@@ -168,8 +176,8 @@ def as_planes(data: Any) -> Planes:
 
 def as_stored(planes: Planes) -> Planes:
     """Return planes as they are stored, before scales, transposes and another code's order."""
-    while (base := getattr(planes, "base", None)) is not None:
-        planes = base
+    while isinstance(planes, DerivedPlanes):
+        planes = planes.base
     return planes
 
 

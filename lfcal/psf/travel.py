@@ -9,7 +9,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 
 from lfcal.errors import InputError
-from lfcal.psf.planes import Planes, as_stored
+from lfcal.psf.planes import ArrayPlanes, Planes, as_stored
 
 __all__ = ["reduced"]
 
@@ -54,8 +54,7 @@ def reduced(
         return _turned, (again, transposed)
     for one in planes:
         stored = as_stored(one)
-        array = getattr(stored, "array", None)
-        if not isinstance(array, np.ndarray) or isinstance(array, np.memmap):
+        if not isinstance(stored, ArrayPlanes) or isinstance(stored.array, np.memmap):
             raise InputError.expected(
                 "H for another process", "a file opened by open_psf, or an array", type(stored).__name__, "open it so"
             )

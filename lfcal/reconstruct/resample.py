@@ -114,7 +114,8 @@ class Resampling:
         Parameters
         ----------
         fit
-            Gives ``kind``, ``shape``, ``origin_px`` (row, column) and ``basis_px()``, rows (x, y).
+            Gives ``kind``, ``shape``, ``origin_px`` (row, column), ``distortion`` (None: straight rows) and
+            ``basis_px()``, rows (x, y).
         period
             ``(ny, nx)``; by default the nearest whole numbers.
         lattice_anchor
@@ -122,7 +123,7 @@ class Resampling:
         types
             Lens types: three on a hexagonal array make the period three lenslets wide.
         """
-        bend, origin = getattr(fit, "distortion", None), fit.origin_px
+        bend, origin = fit.distortion, fit.origin_px
         if bend is not None:
             x, y = bend.invert(np.array(origin[::-1], float))
             origin = (float(y), float(x))
@@ -309,7 +310,7 @@ def lattice_anchor_of(H: Any) -> Pair:
     From camera and anchor of a `PSFMatrix`; without a camera, position (0, 0) is half a period before the centre.
     """
     ny, nx = H.shape[1:3]
-    camera = getattr(H, "camera", None)
+    camera = H.camera
     if camera is None:
         return -(ny - 1) / 2, -(nx - 1) / 2
     camera = camera.local(H.anchor)

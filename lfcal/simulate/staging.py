@@ -159,7 +159,7 @@ def light_samples(effects: Iterable[Effect], outlook: Outlook) -> tuple[LightSam
     coloured = [effect for effect in chosen if effect.by_wavelength and effect.wavelengths(outlook) > 1]
     least = max((effect.wavelengths(outlook) for effect in coloured), default=1)
     if coloured and not any(isinstance(effect, Bandwidth) for effect in chosen):
-        widths = (getattr(effect, "width_um", None) for effect in coloured)
+        widths = (effect.spectrum_um() for effect in coloured)
         chosen = (*chosen, Bandwidth(next((width for width in widths if width is not None), None)))
     samples: tuple[LightSample, ...] = (LightSample(0.0, 0.0, outlook.wavelength_um, 1.0),)
     for effect in chosen:

@@ -136,7 +136,7 @@ class _Reader(pickle._Unpickler):  # the one in Python, whose steps can be restr
             made.__setstate__(state)  # type: ignore[union-attr]
             return
         if isinstance(made, type) or not dataclasses.is_dataclass(made):
-            raise _Refused(f"values for {getattr(made, '__name__', type(made).__name__)}")
+            raise _Refused(f"values for {(made if isinstance(made, type) else type(made)).__name__}")
         names = [field.name for field in dataclasses.fields(made)]
         # with slots it is the values in their order; without fields in slots a pair, of which one part is empty
         values = dict(zip(names, state, strict=True)) if isinstance(state, list) else _named(state)

@@ -82,7 +82,7 @@ def test_all_objects_are_looked_through_when_nothing_goes_on(
 def test_while_a_job_is_at_work_something_goes_on(thread: Thread, collected: list[int], qapp: QApplication) -> None:
     """H was opened in the background, the window waited, and was held just when H was to be shown."""
     jobs = Busy()
-    collector = Collector(jobs)
+    collector = Collector(jobs, lambda: jobs.busy)
     try:
         for _ in range(2 * CALM_TICKS):
             thread.tick(collector)

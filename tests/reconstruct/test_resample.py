@@ -26,7 +26,7 @@ def spots(shape, origin, basis, width=1.3):
 
 
 def fit(shape, origin, basis, kind="square"):
-    return SimpleNamespace(kind=kind, shape=shape, origin_px=origin, basis_px=lambda: basis)
+    return SimpleNamespace(kind=kind, shape=shape, origin_px=origin, distortion=None, basis_px=lambda: basis)
 
 
 def test_a_lattice_becomes_periodic():

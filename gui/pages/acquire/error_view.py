@@ -32,6 +32,9 @@ TITLE = (
 class ErrorView(LinePlot):
     """What each fit states, what positions kept aside tell of it, and the error that ends the recording."""
 
+    # before the rest is made the plot takes the theme's colours
+    curve: ErrorCurve | None = None
+
     def __init__(self) -> None:
         super().__init__("positions recorded", "error of H (%)")
         self.plot.setAxisItems({"left": DecadeAxis("left")})
@@ -43,7 +46,6 @@ class ErrorView(LinePlot):
             "Stated: what the unknowns' standard deviations make of H (relative L2). Kept aside: off at positions that "
             "are never fitted, ± 2 standard deviations; hollow: a limit. The session ends below the dashed line"
         )
-        self.curve: ErrorCurve | None = None
         # behind the dots: both fits of one count are seen
         self.bars = pg.ErrorBarItem(x=np.zeros(0), y=np.zeros(0), beam=0.6, pen=pg.mkPen(ASIDE, width=1.4))
         self.stated = self.plot.plot(
@@ -101,8 +103,8 @@ class ErrorView(LinePlot):
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
         super().apply_theme()
-        if getattr(self, "curve", None) is not None:
-            self.show_curve(self.curve)  # type: ignore[arg-type]
+        if self.curve is not None:
+            self.show_curve(self.curve)
 
     def table_lines(self, between: str) -> Iterator[str]:
         """Yield what is known after each fit."""

@@ -353,8 +353,12 @@ class Page(BasePage):
 
     def _measured(self, job: Job) -> None:
         """Show the rungs as they come; those of a measurement that is stopped stay."""
-        found = getattr(job.progress, "ladder", None)
-        if job.number == self._measuring and found is not None and found.rungs and found is not self._ladder:
+        if job.number != self._measuring:
+            return
+        from lfcal.simulate.accuracy.ladder import LadderProgress
+
+        found = job.progress.ladder if isinstance(job.progress, LadderProgress) else None
+        if found is not None and found.rungs and found is not self._ladder:
             self._ladder = found
             self._show_ladder()
 

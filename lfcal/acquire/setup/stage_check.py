@@ -18,6 +18,7 @@ from lfcal.acquire.frame_plan import FramePlan
 from lfcal.acquire.lighting import Lighting
 from lfcal.acquire.looking import Looker
 from lfcal.acquire.options import Options
+from lfcal.acquire.session_file import optics_of
 from lfcal.acquire.setup.stage_depth import DepthFit, DepthLook, check_depth, depth_fit
 from lfcal.acquire.setup.stage_fit import (
     CELL_PX,
@@ -32,6 +33,7 @@ from lfcal.acquire.setup.stage_fit import (
 )
 from lfcal.acquire.spots import Spot, find_spot
 from lfcal.camera import ScanPlan
+from lfcal.devices.checked import CheckedStage
 from lfcal.devices.errors import CameraError, DeviceLost, LimitError, StageError, WrongFrame
 from lfcal.devices.protocols import Point
 from lfcal.devices.rig import Rig
@@ -137,7 +139,7 @@ def iter_stage_check(
     found = None
     if not isinstance(plan, ScanPlan):
         found = _left_out("its sign and scale are measured with a single point, not with a target")
-    elif getattr(rig.stage, "moved_elsewhere", False):
+    elif CheckedStage.of(rig.stage).moved_elsewhere:
         found = _left_out("another program moves it")
     else:
         travel = rig.stage.limits, options.motion(plan).overshoot_um
@@ -191,7 +193,7 @@ def _measured(
             looks[k] = yield from _centred(watch, plan, z, planes[k], look, clock)
     if not looks:
         return StageCheck(notes=tuple(notes), frames=watch.frames)
-    return _judged(plan, looks, str(getattr(rig.camera, "optics", "")), notes, watch.frames)
+    return _judged(plan, looks, optics_of(rig), notes, watch.frames)
 
 
 def _centred(

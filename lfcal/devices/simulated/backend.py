@@ -8,6 +8,7 @@ from dataclasses import replace
 from lfcal import __version__
 from lfcal.camera import ScanPlan, StageAxes
 from lfcal.checks import check_choice
+from lfcal.devices.checked import CheckedCamera, CheckedStage
 from lfcal.devices.options import limits_option, number_option
 from lfcal.devices.protocols import SystemTime, TimeSource
 from lfcal.devices.rig import Rig
@@ -98,7 +99,7 @@ def inject(rig: Rig, fault: Fault) -> None:
     InputError
         If the device that it is a fault of is not simulated.
     """
-    for device in (getattr(rig.camera, "device", rig.camera), getattr(rig.stage, "device", rig.stage), *rig.gauges):
+    for device in (CheckedCamera.of(rig.camera).device, CheckedStage.of(rig.stage).device, *rig.gauges):
         if isinstance(device, SimCamera | SimStage | SimGauge) and fault.kind in device.faults.kinds:
             device.faults.inject(fault)
             return

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lfcal.camera import Camera, StageAxes
 from lfcal.devices.errors import DeviceLost, FrameTimeout
-from lfcal.devices.protocols import Frame, Point, Roi, Setting, TimeSource
+from lfcal.devices.protocols import Frame, Point, Rendered, Roi, Setting, TimeSource
 from lfcal.devices.simulated.faults import CAMERA_FAULTS, Fault, FaultBook
 from lfcal.devices.simulated.stage import SimStage, VirtualTime
 
@@ -75,7 +75,7 @@ class Patch(NamedTuple):
 class Renderer(Protocol):
     """The light of a point source on the sensor.
 
-    Where it has an attribute ``optics``, a session records that text: ``"pattern"``, or a level of the simulator.
+    A session records the ``optics`` of one that is `Rendered`, of another the name of its class.
     """
 
     def render(self, source_um: Point, exposure_s: float, roi: Roi) -> Patch:
@@ -153,7 +153,7 @@ class SimCamera:
     @property
     def optics(self) -> str:
         """How its light is computed, which a session records; real cameras have no such attribute."""
-        return str(getattr(self._renderer, "optics", type(self._renderer).__name__))
+        return self._renderer.optics if isinstance(self._renderer, Rendered) else type(self._renderer).__name__
 
     @property
     def sensor_shape(self) -> tuple[int, int]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,14 +86,25 @@ def _profile(middle: float, sigma: float, period: int) -> tuple[int, NDArray[np.
     return first, (mask * np.exp(-((pixels - middle) ** 2) / (2 * sigma**2))).astype(np.float32)
 
 
+@runtime_checkable
+class LitFrames(Protocol):
+    """Frames of which the light is known before the sensor disturbs it, as of `lfcal.simulate.SimulatedCamera`."""
+
+    def patch(self, index: int) -> tuple[int, int, NDArray[Any]]:
+        """Return first row and column of the lit part of a frame, and its photoelectrons ``(rows, columns)``."""
+        ...
+
+    def patch_of(self, source_um: Point) -> tuple[int, int, NDArray[Any]]:
+        """Return the same of a source anywhere (µm)."""
+        ...
+
+
 class FramesRenderer:
     """Frames of a `FrameSource` (a simulated camera, a recorded session) as what the optics make.
 
     The frame of the plan's position nearest to the source is taken, whole periods away moved by them, and
-    scaled by the exposure. Between and beyond the planes it is made for the place itself, of a source of frames that
-    has ``patch_of(source_um)``. The camera adds black level and noise: of a source that has ``patch(index)``, the
-    electrons before the sensor disturbs them (`lfcal.simulate.SimulatedCamera`), those are taken; else the
-    frames should be free of noise.
+    scaled by the exposure. The camera adds black level and noise. Of `LitFrames` the electrons before the sensor
+    disturbs them are taken, between and beyond the planes those of the place itself; others should be free of noise.
 
     Parameters
     ----------
@@ -109,9 +120,8 @@ class FramesRenderer:
                 "frames", f"the sensor's shape {plan.camera.sensor.shape}", frames.shape, "match them"
             )
         self._plan, self._frames = plan, frames
-        patch_of = getattr(frames, "patch_of", None)
         # a live view shows one place again and again
-        self._patch_of = None if patch_of is None else functools.lru_cache(maxsize=2)(patch_of)
+        self._patch_of = functools.lru_cache(maxsize=2)(frames.patch_of) if isinstance(frames, LitFrames) else None
         self._index = {tuple(frames.info(k).position): k for k in range(len(frames))}
 
     @property
@@ -150,9 +160,8 @@ class FramesRenderer:
     def _light(self, index: int) -> Patch:
         """Return counts above black of frame ``index``."""
         sensor = self._plan.camera.sensor
-        patch = getattr(self._frames, "patch", None)
-        if patch is not None:
-            row, column, electrons = patch(index)
+        if isinstance(self._frames, LitFrames):
+            row, column, electrons = self._frames.patch(index)
             return Patch(row, column, electrons * np.float32(1 / sensor.electrons_per_count))
         return Patch(0, 0, (self._frames.read(index) - np.float32(sensor.black_level)).clip(0))
 

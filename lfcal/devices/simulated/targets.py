@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.camera import ScanPlan
-from lfcal.devices.protocols import Point, Roi
+from lfcal.devices.protocols import Point, Rendered, Roi
 from lfcal.devices.simulated.camera import Patch, Renderer
 from lfcal.devices.simulated.optics import PatternRenderer, chosen_effects
 from lfcal.errors import InputError
@@ -118,7 +118,7 @@ class SwitchedRenderer:
     @property
     def optics(self) -> str:
         """Those of the target."""
-        return str(getattr(self._target, "optics", ""))
+        return self._target.optics if isinstance(self._target, Rendered) else ""
 
     def render(self, source_um: Point, exposure_s: float, roi: Roi) -> Patch:
         """Return the light of the frame whose offset the stage stands at; elsewhere that of the target alone."""

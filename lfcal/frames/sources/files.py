@@ -118,7 +118,8 @@ def _table(path: Path, options: FrameOptions) -> Path | None:
 def _from_folder(path: Path, options: FrameOptions) -> tuple[Manifest, tuple[str, ...]]:
     shape, pattern = options.plan_shape, options.pattern
     if pattern:
-        return _by_pattern(files_below(path, deep="/" in str(getattr(pattern, "template", pattern))), pattern, options)
+        template = pattern.template if isinstance(pattern, NamePattern) else pattern
+        return _by_pattern(files_below(path, deep="/" in template), pattern, options)
     names = [name for name in files_below(path, deep=False) if Path(name).suffix.lower() in image_suffixes()]
     if not names and not (names := _below(path)):
         raise InputError.expected(

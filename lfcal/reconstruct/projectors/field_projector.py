@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from lfcal.errors import InputError
 from lfcal.progress import Clock, Work
+from lfcal.psf.matrix import PSFMatrix
 from lfcal.reconstruct.projectors.blending import field_weights
 from lfcal.reconstruct.projectors.device import ArrayDevice, find_device
 from lfcal.reconstruct.projectors.engine import Cost, DeviceUse
@@ -330,9 +331,11 @@ def _check_together(matrices: Sequence[Any]) -> None:
         raise InputError.expected("regions of the field", "one H or more", "none", "give one")
     first = matrices[0]
     for k, H in enumerate(matrices):
-        what = f"H of region {getattr(H, 'region', '') or k + 1}"
-        if not hasattr(H, "anchor"):
-            raise InputError.expected(what, "a PSFMatrix, which says where it lies", type(H).__name__, "make one of it")
+        if not isinstance(H, PSFMatrix):
+            got = type(H).__name__
+            wanted = "a PSFMatrix, which says where it lies"
+            raise InputError.expected(f"H of region {k + 1}", wanted, got, "make one of it")
+        what = f"H of region {H.region or k + 1}"
         if tuple(H.shape[:3]) != tuple(first.shape[:3]):
             wanted = f"{first.shape[0]} planes of {first.shape[1]} x {first.shape[2]} positions, as the first"
             got = f"{H.shape[0]} of {H.shape[1]} x {H.shape[2]}"

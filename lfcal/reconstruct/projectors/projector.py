@@ -15,6 +15,7 @@ from lfcal.checks import check_number
 from lfcal.errors import InputError
 from lfcal.progress import Clock, Work, drained
 from lfcal.psf.denoising import mean_noise
+from lfcal.psf.matrix import PSFMatrix
 from lfcal.reconstruct.projectors.device import ArrayDevice
 from lfcal.reconstruct.projectors.device_choice import engine_on, forecast_on
 from lfcal.reconstruct.projectors.direct import Direct
@@ -128,7 +129,8 @@ class Projector:
         data = H if hasattr(H, "shape") else np.asarray(H)
         self._reader = PlaneReader(data, np.dtype(dtype), threshold)
         _, ny, nx, nt, ns = self._reader.shape
-        at = getattr(H, "anchor", (0, 0)) if anchor is None else anchor
+        own = H.anchor if isinstance(H, PSFMatrix) else (0, 0)
+        at = own if anchor is None else anchor
         shape = (int(image_shape[0]), int(image_shape[1]))
         self._grid = Grid(shape, (ny, nx), (nt, ns), anchor_pixel(at))
         self._phases = None if phases is None else _phase_mask(phases, (ny, nx))
@@ -204,12 +206,12 @@ class Projector:
     @property
     def camera(self) -> Any:
         """The camera of H, where known."""
-        return getattr(self._reader.H, "camera", None)
+        return self._reader.H.camera if isinstance(self._reader.H, PSFMatrix) else None
 
     @property
     def depths(self) -> NDArray[np.float64]:
         """Depth of each plane (µm) where H has depths, else plane numbers."""
-        depths = getattr(self._reader.H, "depths", None)
+        depths = self._reader.H.depths if isinstance(self._reader.H, PSFMatrix) else None
         return np.arange(self.volume_shape[0], dtype=float) if depths is None else np.asarray(depths, float)
 
     @property

@@ -257,6 +257,10 @@ class Effect(ABC):
             # refuses NaN and infinity, which a file or a command line may bring
             check_number(f"{self.title}: {field.name}", value, at_least=low, at_most=high)
 
+    def spectrum_um(self) -> float | None:
+        """Return the full width of the spectrum that an effect by wavelength states; None: that of the camera."""
+        return None
+
     def magnitude(self, field: str, camera: Camera) -> Any:
         """Return the magnitude ``field``; where it is None the camera's own value, or what is typical of its kind."""
         value = getattr(self, field)

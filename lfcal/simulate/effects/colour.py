@@ -29,6 +29,10 @@ class _Chromatic(SceneEffect):
     by_wavelength: ClassVar[bool] = True
     described: ClassVar[Mapping[str, str]] = {"width_um": "bandwidth_um"}
 
+    def spectrum_um(self) -> float | None:
+        """Return the spectrum's full width where it is stated (µm)."""
+        return self.width_um
+
     def width(self, outlook: Outlook) -> float:
         """Return the spectrum's full width (µm)."""
         return outlook.camera.bandwidth_um if self.width_um is None else self.width_um

@@ -1,0 +1,57 @@
+"""No protocol is asked for by the name of an attribute: what may lack is a method, or a class to ask for."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+
+from tests.architecture.sources import ROOT, tree_of
+from tests.architecture.test_house import FILES
+
+MODULE, PART, DRIVER = "attributes of a module", "what another distribution has registered", "a driver's own answer"
+ALLOWED = {
+    ("gui/log.py", "__version__"): MODULE,
+    ("lfcal/bench/transpose.py", "__version__"): MODULE,
+    ("lfcal/face.py", "__all__"): MODULE,
+    ("lfcal/files.py", "O_NOFOLLOW"): MODULE,
+    ("lfcal/h5/probe.py", "CREATE_NO_WINDOW"): MODULE,
+    ("lfcal/h5/probe.py", "frozen"): MODULE,
+    ("lfcal/system.py", "O_BINARY"): MODULE,
+    ("lfcal/system.py", "O_CLOEXEC"): MODULE,
+    ("lfcal/registry.py", "name"): PART,
+    ("lfcal/fit/parameters.py", "title"): PART,
+    ("lfcal/simulate/effects/registered.py", "title"): PART,
+    ("lfcal/simulate/effects/registered.py", "acts_on"): PART,
+    ("lfcal/devices/checked.py", "name"): DRIVER,
+    ("lfcal/devices/checked.py", "shape"): DRIVER,
+    ("lfcal/devices/checked.py", "dtype"): DRIVER,
+    ("lfcal/cli/__init__.py", "__notes__"): "Python gives exceptions notes when the first is added",
+    ("lfcal/cli/usage.py", "ctx"): "errors of click",
+    ("lfcal/cli/usage.py", "option_name"): "errors of click",
+    ("lfcal/compiled.py", "_cache"): "dispatchers of numba",
+    ("lfcal/compiled.py", "_cache_file"): "dispatchers of numba",
+    ("lfcal/compiled.py", "args"): "signatures of numba",
+    ("lfcal/frames/formats/raw.py", "photometric"): "pages of tifffile",
+}
+"""File and attribute of what Python or other people's libraries may lack, and why it is asked for."""
+
+
+def asked(tree: ast.AST) -> Iterator[str]:
+    """Yield the names in calls ``getattr(x, "name", default)``."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "getattr":
+            name = node.args[1] if len(node.args) > 2 else None
+            if isinstance(name, ast.Constant) and isinstance(name.value, str):
+                yield name.value
+
+
+def test_such_calls_are_found() -> None:
+    code = 'getattr(a, "b", 1), getattr(a(x), "c", None), getattr(a, name, 1), getattr(a, "d"), f(getattr, a, "e", 1)'
+    assert list(asked(ast.parse(code))) == ["b", "c"]
+
+
+def test_no_protocol_is_asked_for_by_an_attribute_s_name() -> None:
+    found = {(path.relative_to(ROOT).as_posix(), name) for path in FILES for name in asked(tree_of(path))}
+    new, gone = sorted(found - ALLOWED.keys()), sorted(ALLOWED.keys() - found)
+    assert not new, f"{new}: give the class or protocol this attribute, with a default"
+    assert not gone, f"{gone}: take them off the list"
