@@ -1,4 +1,4 @@
-"""Functions that `lfcal.progress.drained` derives, as the reference shows them: an extension of griffe."""
+"""Functions whose signature is derived, as the reference shows them: an extension of griffe."""
 
 from __future__ import annotations
 
@@ -18,19 +18,24 @@ from griffe import (
     Extension,
     Function,
     Module,
+    Parameters,
 )
 
 from lfcal.progress import docstring_of
 
 
 class Drained(Extension):
-    """Show ``x = drained(iter_x)`` as a function with parameters, result and docstring.
+    """Show what users call: ``x = drained(iter_x)`` as a function, and the settings of a solver as its parameters.
 
-    The reference is made from the sources, where ``x`` is a value.
+    The reference is made from the sources, where ``x`` is a value, and a solver takes its settings as one.
     """
 
     def on_package(self, *, pkg: Module, **_: Any) -> None:
-        """Replace these values once all modules of a package are read."""
+        """Replace them once all modules of a package are read."""
+        for place in _places(pkg):
+            for solver in place.members.values():
+                if isinstance(solver, Function):
+                    _spread(solver, pkg)
         for place in _places(pkg):
             for name, value in list(place.members.items()):
                 if isinstance(value, Attribute) and _is_drained(value.value):
@@ -43,6 +48,17 @@ def _places(place: Module | Class) -> Iterator[Module | Class]:
     for inner in place.members.values():
         if isinstance(inner, Module | Class):
             yield from _places(inner)
+
+
+def _spread(solver: Function, package: Module) -> None:
+    """Replace the settings of a solver by their fields, where it is decorated by `with_settings`."""
+    for decorator in solver.decorators:
+        call = decorator.value
+        if isinstance(call, ExprCall) and str(call.function) == "with_settings":
+            (settings,) = call.arguments
+            kind = package[str(getattr(settings, "canonical_path", settings)).removeprefix(f"{package.path}.")]
+            own = [one for one in kind.parameters if one.name != "self"]
+            solver.parameters = Parameters(*list(solver.parameters)[:2], *own)
 
 
 def _is_drained(value: Expr | str | None) -> bool:

@@ -15,10 +15,21 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import update_wrapper
+from inspect import Signature
 from types import FunctionType
 from typing import Any, ParamSpec, TypeVar, cast, get_args, get_origin
 
-__all__ = ["Clock", "Progress", "Unwanted", "Work", "drain", "drained", "leave_if_unwanted", "wanted_while"]
+__all__ = [
+    "Clock",
+    "Progress",
+    "Unwanted",
+    "Work",
+    "drain",
+    "drained",
+    "in_place_of",
+    "leave_if_unwanted",
+    "wanted_while",
+]
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -134,16 +145,33 @@ def drained(work: Callable[P, Generator[Progress, None, R]], doc: str = "") -> C
     def whole(*args: P.args, **kwargs: P.kwargs) -> R:
         return run(work(*args, **kwargs))
 
-    # with the globals of the module of ``work``: doctest finds functions by them
-    own = FunctionType(whole.__code__, work.__globals__, closure=whole.__closure__)
-    update_wrapper(own, work)
+    own = in_place_of(work, whole)
     own.__name__ = work.__name__.removeprefix("iter_")
     own.__qualname__ = work.__qualname__.removesuffix(work.__name__) + own.__name__
     own.__doc__ = docstring_of(work.__doc__ or "", doc)
     result = _result_of(work)
-    own.__annotations__ = {**work.__annotations__, "return": result}
-    own.__signature__ = inspect.signature(work).replace(return_annotation=result)  # type: ignore[attr-defined]
+    _sign(own, inspect.signature(work).replace(return_annotation=result))
     return cast(Callable[P, R], own)
+
+
+def in_place_of(function: Callable[..., Any], made: Callable[..., Any], signature: Signature | None = None) -> Any:
+    """Return ``made``, defined in another function, as a function of the module of ``function`` with its docstring.
+
+    Doctest, pickle and `inspect` then treat it as written there. It refers to its closure and to no global names.
+    """
+    # doctest finds functions by the globals of their module
+    own = FunctionType(made.__code__, function.__globals__, closure=made.__closure__)
+    update_wrapper(own, function)
+    if signature is not None:
+        _sign(own, signature)
+    return own
+
+
+def _sign(function: FunctionType, signature: Signature) -> None:
+    function.__signature__ = signature  # type: ignore[attr-defined]
+    known = {name: one.annotation for name, one in signature.parameters.items()}
+    known["return"] = signature.return_annotation
+    function.__annotations__ = {name: said for name, said in known.items() if said is not Signature.empty}
 
 
 def _result_of(work: Callable[..., Any]) -> Any:

@@ -58,17 +58,26 @@ def test_derived_functions_are_shown_as_functions(tmp_path: Path) -> None:
     griffe = pytest.importorskip("griffe", reason="the group of packages that build the documentation is not installed")
     (tmp_path / "adding").mkdir()
     (tmp_path / "adding" / "__init__.py").write_text(SOURCE, encoding="utf-8")
-    extensions = griffe.load_extensions(str(ROOT / "docs_build" / "drained.py"))
+    extensions = griffe.load_extensions("dataclasses", str(ROOT / "docs_build" / "drained.py"))
     made = griffe.load("adding", search_paths=[tmp_path], extensions=extensions, docstring_parser="numpy")
     add, count = made["add"], made["count"]
     assert [(one.name, one.default) for one in add.parameters] == [("a", None), ("b", "1")]
     assert (str(add.returns), str(count.returns)) == ("int", "list[int]")
+    assert [(one.name, one.default) for one in made["solve"].parameters] == [
+        ("P", None),
+        ("image", None),
+        ("iterations", "20"),
+        ("weights", "None"),
+    ]
     assert [section.kind.value for section in add.docstring.parsed] == ["text", "raises", "examples"]
 
 
 SOURCE = '''
 from collections.abc import Generator
+from dataclasses import dataclass, field
+from typing import Any
 from lfcal.progress import Progress, Work, drained
+from lfcal.reconstruct.solvers.solver import with_settings
 
 Counting = Generator[Progress, None, list[int]]
 
@@ -100,4 +109,18 @@ def iter_count() -> Counting:
     """Count."""
 
 count = drained(iter_count)
+
+@dataclass
+class Common:
+    weights: Any = field(default=None, kw_only=True)
+
+@dataclass
+class Settings(Common):
+    iterations: int = 20
+
+@with_settings(Settings)
+def iter_solve(P, image, settings: Settings) -> Work[int]:
+    """Solve."""
+
+solve = drained(iter_solve)
 '''

@@ -1,5 +1,12 @@
 from __future__ import annotations
 
+import ast
+import inspect
+from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -8,11 +15,13 @@ from lfcal.reconstruct import Projector
 from lfcal.reconstruct.metrics import nrmse
 from lfcal.reconstruct.phantoms import phantom
 from lfcal.reconstruct.solvers.choice import SOLVERS, SolverChoice, reconstruct
-from lfcal.reconstruct.solvers.isra import isra
-from lfcal.reconstruct.solvers.least_squares import conjugate_gradient, iter_conjugate_gradient
+from lfcal.reconstruct.solvers.em import EmOptions, EmUpdates, IsraSettings, RichardsonLucySettings
+from lfcal.reconstruct.solvers.isra import isra, iter_isra
+from lfcal.reconstruct.solvers.least_squares import LeastSquaresSettings, conjugate_gradient, iter_conjugate_gradient
 from lfcal.reconstruct.solvers.measurement import NothingMeasured
 from lfcal.reconstruct.solvers.penalty import Tikhonov, TotalVariation
 from lfcal.reconstruct.solvers.richardson_lucy import iter_richardson_lucy, richardson_lucy
+from lfcal.reconstruct.solvers.solver import SolverRun, SolverSettings
 from lfcal.reconstruct.solvers.subsets import angular_subsets, by_energy, interleaved_subsets
 from tests.reconstruct.oracles import dense, lenslet_psf
 
@@ -314,3 +323,46 @@ def test_a_matrix_without_light_is_refused(name: str, level: float) -> None:
     projector = Projector(np.full((1, 2, 2, 3, 3), level, np.float32), (8, 8))
     with pytest.raises(InputError, match="PSF matrix: expected light of the volume on the image"):
         reconstruct(projector, np.ones((8, 8)), SolverChoice(name, 2))
+
+
+SHARED = {"background": 0.0, "weights": None, "saturation": None, "tolerance": 0.0, "resume": None}
+UPDATES = {"penalty": None, "acceleration": "none", "subsets": None, "relaxation": 1.0, "smoothing": None}
+
+
+@pytest.mark.parametrize(
+    ("solve", "own"),
+    [
+        (iter_richardson_lucy, {**UPDATES, "initial": None, "read_noise": 0.0}),
+        (iter_isra, {**UPDATES, "initial": None}),
+        (iter_conjugate_gradient, {"damping": 0.0}),
+    ],
+)
+def test_solvers_take_the_fields_of_their_settings(solve: Callable[..., Any], own: dict[str, Any]) -> None:
+    found = list(inspect.signature(solve).parameters.values())
+    assert [one.name for one in found[:3]] == ["P", "image", "iterations"] and found[2].default == 20
+    assert {one.name: one.default for one in found[3:]} == SHARED | own
+    assert {one.kind for one in found[3:]} == {inspect.Parameter.KEYWORD_ONLY}
+
+
+def test_solvers_refuse_what_is_not_in_their_settings() -> None:
+    P, image = Projector(np.ones((1, 1, 1, 1, 1)), (2, 2)), np.ones((2, 2))
+    least_squares: Any = isra
+    with pytest.raises(TypeError, match="unexpected keyword argument 'read_noise'"):
+        least_squares(P, image, read_noise=1.0)
+    with pytest.raises(TypeError, match="positional argument"):
+        least_squares(P, image, 2, 0.0)
+
+
+def test_settings_of_solvers_are_listed_once() -> None:
+    """Every list of settings builds on that of all solvers, and no solver lists them again."""
+    base = {one.name for one in fields(SolverSettings)}
+    assert base == SHARED.keys()
+    kinds = [RichardsonLucySettings, IsraSettings, LeastSquaresSettings, SolverRun]
+    for kind in kinds:
+        assert issubclass(kind, SolverSettings) and not base & kind.__annotations__.keys()
+    for kind in (EmOptions, IsraSettings):
+        assert issubclass(kind, EmUpdates) and not UPDATES.keys() & kind.__annotations__.keys()
+    for path in Path(inspect.getfile(SolverSettings)).parent.glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.FunctionDef):
+                assert len(node.args.args) + len(node.args.kwonlyargs) <= 10, (path.name, node.name)

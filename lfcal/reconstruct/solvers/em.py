@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, fields, replace
 from functools import partial
 from typing import Any
 
@@ -29,25 +29,23 @@ from lfcal.reconstruct.solvers.records import (
 )
 from lfcal.reconstruct.solvers.repeating import Repeating
 from lfcal.reconstruct.solvers.smoothing import DepthSmoothing
-from lfcal.reconstruct.solvers.solver import EM, Solver, SolverRun
+from lfcal.reconstruct.solvers.solver import EM, Solver, SolverRun, SolverSettings
 from lfcal.reconstruct.solvers.stretch import Stretch, best_share, weaker
 from lfcal.reconstruct.solvers.subsets import Masks, check_partition
 from lfcal.threads import in_order
 
-__all__ = ["EmOptions", "iter_em", "iter_run", "penalised"]
+__all__ = ["EmOptions", "EmUpdates", "IsraSettings", "RichardsonLucySettings", "iter_em", "iter_run", "penalised"]
 
 UNSEEN = 1e-6
 """Voxels whose sensitivity is below this share of the largest are left as they are."""
 
 
-@dataclass(frozen=True)
-class EmOptions:
-    """How a multiplicative solver goes about it.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class EmUpdates:
+    """What the updates of a multiplicative solver can be combined with.
 
     Attributes
     ----------
-    rule
-        ``"richardson-lucy"`` (Poisson likelihood) or ``"isra"`` (least squares, Daube-Witherspoon & Muehllehner 1986).
     penalty
         `TotalVariation` or `Tikhonov`, one step late (Green 1990; Dey et al. 2006); None: none.
     acceleration
@@ -58,6 +56,23 @@ class EmOptions:
         Share of each update that is taken, in (0, 1].
     smoothing
         `DepthSmoothing` after each iteration; None: none.
+    """
+
+    penalty: Penalty | None = None
+    acceleration: str = "none"
+    subsets: Masks | None = None
+    relaxation: float = 1.0
+    smoothing: DepthSmoothing | None = None
+
+
+@dataclass(frozen=True)
+class EmOptions(EmUpdates):
+    """How a multiplicative solver updates: by which rule, with what is named in `EmUpdates`, and until when.
+
+    Attributes
+    ----------
+    rule
+        ``"richardson-lucy"`` (Poisson likelihood) or ``"isra"`` (least squares, Daube-Witherspoon & Muehllehner 1986).
     tolerance
         Stop when the relative change falls below.
     repeating
@@ -69,11 +84,6 @@ class EmOptions:
     """
 
     rule: str = "richardson-lucy"
-    penalty: Penalty | None = None
-    acceleration: str = "none"
-    subsets: Masks | None = None
-    relaxation: float = 1.0
-    smoothing: DepthSmoothing | None = None
     tolerance: float = 0.0
     repeating: Repeating | None = None
     stretch: Stretch | None = None
@@ -92,6 +102,42 @@ class EmOptions:
             )
         if self.stretch is not None and self.acceleration != "nesterov":
             raise InputError.expected("stretched updates", "acceleration nesterov", self.acceleration, "choose it")
+
+
+@dataclass(frozen=True, eq=False)
+class IsraSettings(EmUpdates, SolverSettings):
+    """Settings of ISRA: those of every solver, and what updates are combined with.
+
+    Attributes
+    ----------
+    iterations
+        How many to do, beyond those of ``resume``.
+    initial
+        Start ``(nz, Y, X)``, not negative; by default even, with the light of the image.
+    """
+
+    iterations: int = 20
+    _: KW_ONLY
+    initial: ArrayLike | None = None
+
+    def options(self, rule: str) -> EmOptions:
+        """Return how to update by ``rule``."""
+        own = {one.name: getattr(self, one.name) for one in fields(EmUpdates)}
+        return EmOptions(rule, self.tolerance, **own)
+
+
+@dataclass(frozen=True, eq=False)
+class RichardsonLucySettings(IsraSettings):
+    """Settings of Richardson-Lucy: as those of ISRA.
+
+    Attributes
+    ----------
+    read_noise
+        Rms read noise (counts), which is modelled as further Poisson noise.
+    """
+
+    _: KW_ONLY
+    read_noise: float = 0.0
 
 
 @dataclass(frozen=True)

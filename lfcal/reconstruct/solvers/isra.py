@@ -8,34 +8,15 @@ from numpy.typing import ArrayLike
 
 from lfcal.progress import drained
 from lfcal.reconstruct.projectors.projector import Projector
-from lfcal.reconstruct.solvers.em import EmOptions, iter_em, iter_run
-from lfcal.reconstruct.solvers.measurement import Measurement
-from lfcal.reconstruct.solvers.penalty import Penalty
-from lfcal.reconstruct.solvers.records import SolverState, SolverWork
-from lfcal.reconstruct.solvers.smoothing import DepthSmoothing
-from lfcal.reconstruct.solvers.solver import COMMON, Solver
-from lfcal.reconstruct.solvers.subsets import Masks
+from lfcal.reconstruct.solvers.em import EmOptions, IsraSettings, iter_em, iter_run
+from lfcal.reconstruct.solvers.records import SolverWork
+from lfcal.reconstruct.solvers.solver import COMMON, Solver, with_settings
 
 __all__ = ["SOLVER", "isra", "iter_isra"]
 
 
-def iter_isra(
-    P: Projector,
-    image: ArrayLike,
-    iterations: int = 20,
-    *,
-    background: ArrayLike = 0.0,
-    weights: ArrayLike | None = None,
-    saturation: float | None = None,
-    penalty: Penalty | None = None,
-    acceleration: str = "none",
-    subsets: Masks | None = None,
-    relaxation: float = 1.0,
-    smoothing: DepthSmoothing | None = None,
-    tolerance: float = 0.0,
-    initial: ArrayLike | None = None,
-    resume: SolverState | None = None,
-) -> SolverWork:
+@with_settings(IsraSettings)
+def iter_isra(P: Projector, image: ArrayLike, settings: IsraSettings) -> SolverWork:
     """Deconvolve ``image`` ``(Y, X)`` by the image-space reconstruction algorithm.
 
     ``g <- g * HT(w f) / HT(w (Hg + b))`` (Daube-Witherspoon & Muehllehner 1986). Parameters and errors as for
@@ -57,9 +38,9 @@ def iter_isra(
     2 of 3 residual 0.4
     3 of 3 residual 0.3
     """
-    data = Measurement.of(image, dtype=P.dtype, weights=weights, saturation=saturation, background=background)
-    options = EmOptions("isra", penalty, acceleration, subsets, relaxation, smoothing, tolerance)
-    return iter_em(P, data, iterations, options, initial=initial, resume=resume)
+    data = settings.measurement(P, image)
+    options = settings.options("isra")
+    return iter_em(P, data, settings.iterations, options, initial=settings.initial, resume=settings.resume)
 
 
 isra = drained(

@@ -7,6 +7,7 @@ after 80, where Richardson-Lucy falls to 0.26.
 from __future__ import annotations
 
 import time
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import numpy as np
@@ -26,22 +27,30 @@ from lfcal.reconstruct.solvers.records import (
     squares,
     without_state,
 )
+from lfcal.reconstruct.solvers.solver import SolverSettings, with_settings
 
 __all__ = ["conjugate_gradient", "iter_conjugate_gradient"]
 
 
-def iter_conjugate_gradient(
-    P: Projector,
-    image: ArrayLike,
-    iterations: int = 20,
-    *,
-    background: ArrayLike = 0.0,
-    weights: ArrayLike | None = None,
-    saturation: float | None = None,
-    damping: float = 0.0,
-    tolerance: float = 0.0,
-    resume: SolverState | None = None,
-) -> SolverWork:
+@dataclass(frozen=True, eq=False)
+class LeastSquaresSettings(SolverSettings):
+    """Settings of conjugate gradients: those of every solver, and a damping.
+
+    Attributes
+    ----------
+    iterations
+        How many to do, beyond those of ``resume``.
+    damping
+        lambda relative to the largest value of ``HT w H 1``.
+    """
+
+    iterations: int = 20
+    _: KW_ONLY
+    damping: float = 0.0
+
+
+@with_settings(LeastSquaresSettings)
+def iter_conjugate_gradient(P: Projector, image: ArrayLike, settings: LeastSquaresSettings) -> SolverWork:
     """Minimise ``sum w (Hg + b - f)^2 + lambda |g|^2`` by conjugate gradients (CGLS, Bjoerck 1996, section 7.4).
 
     The volume may become negative. ``likelihood`` of a record is minus half the weighted sum of squares.
@@ -85,9 +94,8 @@ def iter_conjugate_gradient(
     3 of 4 residual 0.18
     4 of 4 residual 0.03
     """
-    data = Measurement.of(
-        image, dtype=P.dtype, weights=weights, saturation=saturation, background=background, signed=True
-    )
+    iterations, damping, resume = settings.iterations, settings.damping, settings.resume
+    data = settings.measurement(P, image, signed=True)
     _check(P, data, iterations, damping)
     weak = damping * _largest(P, data) if damping > 0 else 0.0
     state = resume if resume is not None else _start(P, data)
@@ -107,8 +115,8 @@ def iter_conjugate_gradient(
         )
         history.append(without_state(record))
         yield record
-        if change <= tolerance:
-            stopped = f"changed by no more than {tolerance:g} in iteration {state.iteration}"
+        if change <= settings.tolerance:
+            stopped = f"changed by no more than {settings.tolerance:g} in iteration {state.iteration}"
             break
     return Reconstruction(state.volume, tuple(history), state, data.notes, stopped)
 

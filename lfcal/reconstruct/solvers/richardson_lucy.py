@@ -8,35 +8,15 @@ from numpy.typing import ArrayLike
 
 from lfcal.progress import drained
 from lfcal.reconstruct.projectors.projector import Projector
-from lfcal.reconstruct.solvers.em import EmOptions, iter_em, iter_run
-from lfcal.reconstruct.solvers.measurement import Measurement
-from lfcal.reconstruct.solvers.penalty import Penalty
-from lfcal.reconstruct.solvers.records import SolverState, SolverWork
-from lfcal.reconstruct.solvers.smoothing import DepthSmoothing
-from lfcal.reconstruct.solvers.solver import EM, Solver
-from lfcal.reconstruct.solvers.subsets import Masks
+from lfcal.reconstruct.solvers.em import EmOptions, RichardsonLucySettings, iter_em, iter_run
+from lfcal.reconstruct.solvers.records import SolverWork
+from lfcal.reconstruct.solvers.solver import EM, Solver, with_settings
 
 __all__ = ["SOLVER", "iter_richardson_lucy", "richardson_lucy"]
 
 
-def iter_richardson_lucy(
-    P: Projector,
-    image: ArrayLike,
-    iterations: int = 20,
-    *,
-    background: ArrayLike = 0.0,
-    weights: ArrayLike | None = None,
-    saturation: float | None = None,
-    read_noise: float = 0.0,
-    penalty: Penalty | None = None,
-    acceleration: str = "none",
-    subsets: Masks | None = None,
-    relaxation: float = 1.0,
-    smoothing: DepthSmoothing | None = None,
-    tolerance: float = 0.0,
-    initial: ArrayLike | None = None,
-    resume: SolverState | None = None,
-) -> SolverWork:
+@with_settings(RichardsonLucySettings)
+def iter_richardson_lucy(P: Projector, image: ArrayLike, settings: RichardsonLucySettings) -> SolverWork:
     """Deconvolve ``image`` ``(Y, X)`` by Richardson-Lucy.
 
     ``g <- g / HT1 * HT( f / (Hg + b) )`` (Eberhart et al. 2020, equation 2); with weights, ``HT(w f / (Hg + b)) /
@@ -80,11 +60,9 @@ def iter_richardson_lucy(
     2 of 3 peak 4.00
     3 of 3 peak 4.76
     """
-    data = Measurement.of(
-        image, dtype=P.dtype, weights=weights, saturation=saturation, background=background, read_noise=read_noise
-    )
-    options = EmOptions("richardson-lucy", penalty, acceleration, subsets, relaxation, smoothing, tolerance)
-    return iter_em(P, data, iterations, options, initial=initial, resume=resume)
+    data = settings.measurement(P, image, read_noise=settings.read_noise)
+    options = settings.options("richardson-lucy")
+    return iter_em(P, data, settings.iterations, options, initial=settings.initial, resume=settings.resume)
 
 
 richardson_lucy = drained(

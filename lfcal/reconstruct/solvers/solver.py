@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import KW_ONLY, dataclass, field
+from inspect import signature
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from numpy.typing import ArrayLike
 
 from lfcal.errors import InputError
+from lfcal.progress import in_place_of
 from lfcal.reconstruct.projectors.projector import Projector
 from lfcal.reconstruct.solvers.measurement import Measurement
 from lfcal.reconstruct.solvers.records import SolverState, SolverWork
 
-__all__ = ["COMMON", "EM", "OPTIONS", "Solver", "SolverRun"]
+__all__ = ["COMMON", "EM", "OPTIONS", "Solver", "SolverRun", "SolverSettings", "with_settings"]
+
+Q = ParamSpec("Q")
+S = TypeVar("S")
+
+Solving = Callable[[Projector, ArrayLike, S], SolverWork]
+Called = Callable[Concatenate[Projector, ArrayLike, Q], SolverWork]
 
 OPTIONS: dict[str, Any] = {
     "background": 0.0,
@@ -36,22 +44,80 @@ EM = COMMON | {"read_noise", "initial", "left_out"}
 """Options of every variant of Richardson-Lucy."""
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SolverSettings:
+    """Settings of every solver: how the image is taken, and when a run begins and ends.
+
+    Attributes
+    ----------
+    background
+        Expected value of a pixel without any source (counts), a number or ``(Y, X)``.
+    weights
+        Weight of each pixel ``(Y, X)``, not negative; None: 1.
+    saturation
+        Pixels at or above are left out (counts); None: none.
+    tolerance
+        Stop when the relative change of the volume falls below.
+    resume
+        State to continue from; None: a new start.
+    """
+
+    background: ArrayLike = 0.0
+    weights: ArrayLike | None = None
+    saturation: float | None = None
+    tolerance: float = 0.0
+    resume: SolverState | None = None
+
+    def measurement(
+        self,
+        P: Projector,
+        image: ArrayLike,
+        *,
+        read_noise: float = 0.0,
+        left_out: ArrayLike | None = None,
+        signed: bool = False,
+    ) -> Measurement:
+        """Return ``image`` ``(Y, X)`` with its weights and background; the rest is as for `Measurement.of`."""
+        return Measurement.of(
+            image,
+            dtype=P.dtype,
+            weights=self.weights,
+            saturation=self.saturation,
+            background=self.background,
+            read_noise=read_noise,
+            left_out=left_out,
+            signed=signed,
+        )
+
+
+def with_settings(settings: Callable[Q, S]) -> Callable[[Solving[S]], Called[Q]]:
+    """Let a solver take the fields of its settings as arguments, so that they are listed once, in their class."""
+
+    def taken(solver: Solving[S]) -> Called[Q]:
+        def iterate(P: Projector, image: ArrayLike, *args: Q.args, **kwargs: Q.kwargs) -> SolverWork:
+            return solver(P, image, settings(*args, **kwargs))
+
+        own = signature(solver)
+        first = list(own.parameters.values())[:2]
+        whole = own.replace(parameters=[*first, *signature(settings).parameters.values()])
+        made: Called[Q] = in_place_of(solver, iterate, whole)
+        return made
+
+    return taken
+
+
 @dataclass(frozen=True, eq=False)
-class SolverRun:
+class SolverRun(SolverSettings):
     """What one run of a solver is asked for; options it does not honour have the values of `OPTIONS`.
 
     Attributes
     ----------
     iterations
         How many to do, beyond those of ``resume``.
-    background, read_noise, saturation, strength, subsets, tolerance
+    read_noise, strength, subsets
         As in `SolverChoice`.
-    weights
-        Weight of each pixel ``(Y, X)``, not negative.
     initial
         Start ``(nz, Y, X)``.
-    resume
-        State to go on from.
     left_out
         Mask ``(Y, X)`` of pixels that are not fitted; `SolverProgress.left_out` tells how well they are foretold.
     measured
@@ -71,15 +137,11 @@ class SolverRun:
     """
 
     iterations: int
-    background: float = 0.0
+    _: KW_ONLY
     read_noise: float = 0.0
-    saturation: float | None = None
     strength: float | None = None
     subsets: int | None = None
-    tolerance: float = 0.0
-    weights: ArrayLike | None = None
     initial: ArrayLike | None = None
-    resume: SolverState | None = None
     left_out: ArrayLike | None = None
     measured: Measurement | None = field(default=None, repr=False, compare=False)
     noise: tuple[float, float] | None = None
@@ -88,16 +150,7 @@ class SolverRun:
         """Return ``image`` ``(Y, X)`` with its weights, background and noise; ``signed``: negative pixels stay."""
         if self.measured is not None and not signed:
             return self.measured
-        return Measurement.of(
-            image,
-            dtype=P.dtype,
-            weights=self.weights,
-            saturation=self.saturation,
-            background=self.background,
-            read_noise=self.read_noise,
-            left_out=self.left_out,
-            signed=signed,
-        )
+        return self.measurement(P, image, read_noise=self.read_noise, left_out=self.left_out, signed=signed)
 
 
 def _one(subsets: int | None) -> int:
