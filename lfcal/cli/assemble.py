@@ -276,9 +276,9 @@ def _assemble(
     part: Part, scan: ScanPlan, recipe: CorrectionRecipe, how: _How, words: ScanFrames, run: RunChoice | None
 ) -> dict[str, Any]:
     """Correct, crop and write H; print what was made, or return it for ``json``."""
-    from lfcal.cli.assemble_units import PartFrames, iter_assemble_units
     from lfcal.cli.console import run_work
     from lfcal.cli.orientation import upright
+    from lfcal.cli.part_frames import PartFrames
     from lfcal.frames import check_turned_colours, corrected_view, iter_undamaged
     from lfcal.frames.half_cell import with_partners
     from lfcal.psf.assemble_plan import iter_assemble_plan
@@ -301,13 +301,13 @@ def _assemble(
 
         filler = Filler(read_fit(how.fill), part.plan, settings.workers)
         known |= {"filled": filler.provenance}
+    more: dict[str, Any] = {"provenance": known | lie, "fill": filler}
     if run is None:
-        work = iter_assemble_plan(view, part.plan, part.out, settings, provenance=known | lie, fill=filler)
-        report = run_work(work, quiet=json)
+        report = run_work(iter_assemble_plan(view, part.plan, part.out, settings, **more), quiet=json)
     else:
         same = PartFrames(words, part.name, recipe, turn, how.half_cell, left_out, how.fill)
-        work = iter_assemble_units(view, part, same, settings, run=run, provenance=known | lie, fill=filler)
-        report = run_kept(work, part.out, quiet=json)
+        more |= {"run": run, "reopening": same.reopening(part.source)}
+        report = run_kept(iter_assemble_plan(view, part.plan, part.out, settings, **more), part.out, quiet=json)
     with report.matrix:
         return show_report(report, part.out, time.perf_counter() - start, json)
 

@@ -4,25 +4,39 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from lfcal.camera import ScanPlan
 from lfcal.checks import check_number
 from lfcal.errors import InputError
 from lfcal.frames.part import check_stated
 from lfcal.frames.source import FrameSource
-from lfcal.progress import Work, drain
-from lfcal.psf.assemble import iter_assemble
+from lfcal.plain import plain
+from lfcal.progress import Work, drained
+from lfcal.psf.assembly import AssembledPlanes, Assembly
 from lfcal.psf.assembly_report import AssemblyReport
 from lfcal.psf.cutout import Cutout, find_cutout
 from lfcal.psf.filling import Fill
 from lfcal.psf.gather import Gatherer
+from lfcal.psf.layout import Stored
+from lfcal.psf.make import Reopening, iter_make
+from lfcal.psf.measured_noise import MeasuredNoise
 from lfcal.psf.pedestal import check_pedestal
 from lfcal.psf.steps import check_store_tolerance
 
-__all__ = ["AssemblySettings", "assemble_plan", "find_plan_cutout", "iter_assemble_plan", "known_of"]
+if TYPE_CHECKING:
+    from lfcal.work import RunChoice
+
+__all__ = [
+    "AssemblySettings",
+    "assemble_plan",
+    "find_plan_cutout",
+    "iter_assemble_plan",
+    "known_of",
+    "planes_of_frames",
+]
 
 SAMPLED = 24
 """Frames that a cutout is chosen by."""
@@ -83,6 +97,11 @@ class AssemblySettings:
     workers: int | None = None
     store_tolerance: float | None = None
 
+    @property
+    def stored(self) -> Stored:
+        """How values are stored."""
+        return Stored(self.dtype, self.compression, self.store_tolerance)
+
     def __post_init__(self) -> None:
         """Check what the parts below do not."""
         check_number("energy lost", self.lost, above=0, below=1)
@@ -102,6 +121,8 @@ def iter_assemble_plan(
     *,
     provenance: Mapping[str, Any] | None = None,
     fill: Fill | None = None,
+    run: RunChoice | None = None,
+    reopening: Reopening | None = None,
 ) -> Work[AssemblyReport]:
     """Assemble H of ``plan`` from the frames of ``source``, which are taken as they come.
 
@@ -117,7 +138,7 @@ def iter_assemble_plan(
         How; None: the defaults.
     provenance
         Kept with H, besides plan, corrections and settings.
-    fill
+    fill, run, reopening
         As in `iter_assemble`.
 
     Raises
@@ -141,23 +162,35 @@ def iter_assemble_plan(
     assemble frames 0 of 1254 False
     """
     settings = settings or AssemblySettings()
-    return (
-        yield from iter_assemble(
-            source,
-            plan.shape[:3],
-            find_plan_cutout(source, plan, settings),
-            out,
-            depths=plan.depths_um,
-            camera=plan.camera,
-            strict=settings.strict,
-            dtype=settings.dtype,
-            compression=settings.compression,
-            store_tolerance=settings.store_tolerance,
-            provenance=known_of(source, plan, provenance),
-            fill=fill,
-            workers=settings.workers,
-        )
-    )
+    cutout = find_plan_cutout(source, plan, settings)
+    assembly = Assembly(source, plan.shape[:3], cutout, strict=settings.strict)
+    header = assembly.header(plan.depths_um, plan.camera, known_of(source, plan, provenance))
+    if reopening is not None:
+        # what was found from many frames is not looked for again by others
+        found = replace(settings, cutout=cutout.shape, keep_pedestal=True, workers=None)
+        noise = None if assembly.noise is None else list(assembly.noise)
+        reopening = replace(reopening, values={**reopening.values, "settings": plain(found), "noise": noise})
+    planes = AssembledPlanes(assembly, header, fill, reopening=reopening)
+    return assembly.report((yield from iter_make(planes, out, settings.stored, run=run, workers=settings.workers)))
+
+
+assemble_plan = drained(
+    iter_assemble_plan,
+    """
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lfcal.camera import ScanPlan
+    >>> from lfcal.frames import CorrectionRecipe, corrected_view, open_frames
+    >>> from lfcal.psf import assemble_plan
+    >>> plan = ScanPlan.from_json(Path("session/plan.json").read_text())
+    >>> recipe = CorrectionRecipe(dark="session/dark", white="session/white")
+    >>> with open_frames("session/frames", plan=plan) as frames:
+    ...     report = assemble_plan(corrected_view(frames, recipe, plan), plan)
+    >>> print(report.frames, "frames:", report.matrix)
+    1254 frames: <PSFMatrix (z, y, x, t, s) = (2, 19, 33, 55, 55), float32, camera 'bench (sample session)'>
+    """,
+)
 
 
 def find_plan_cutout(source: FrameSource, plan: ScanPlan, settings: AssemblySettings) -> Cutout:
@@ -198,30 +231,19 @@ def known_of(source: FrameSource, plan: ScanPlan, provenance: Mapping[str, Any] 
     return {**source.metadata.stated(told), "plan": plan.to_dict(), **(provenance or {})}
 
 
-def assemble_plan(
-    source: FrameSource,
-    plan: ScanPlan,
-    out: str | os.PathLike[str] | None = None,
-    settings: AssemblySettings | None = None,
-    *,
-    provenance: Mapping[str, Any] | None = None,
-) -> AssemblyReport:
-    """Assemble H of ``plan`` at once; see `iter_assemble_plan`.
+def planes_of_frames(
+    source: FrameSource, plan: ScanPlan, values: Mapping[str, Any], fill: Fill | None, close: Callable[[], None]
+) -> AssembledPlanes:
+    """Return the planes of frames that another process assembles in units, of the ``values`` of its `Reopening`.
 
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> from lfcal.camera import ScanPlan
-    >>> from lfcal.frames import CorrectionRecipe, corrected_view, open_frames
-    >>> from lfcal.psf import assemble_plan
-    >>> plan = ScanPlan.from_json(Path("session/plan.json").read_text())
-    >>> recipe = CorrectionRecipe(dark="session/dark", white="session/white")
-    >>> with open_frames("session/frames", plan=plan) as frames:
-    ...     report = assemble_plan(corrected_view(frames, recipe, plan), plan)
-    >>> print(report.frames, "frames:", report.matrix)
-    1254 frames: <PSFMatrix (z, y, x, t, s) = (2, 19, 33, 55, 55), float32, camera 'bench (sample session)'>
+    ``close`` closes the frames when the planes are made.
     """
-    return drain(iter_assemble_plan(source, plan, out, settings, provenance=provenance))
+    given = values["settings"]
+    settings = AssemblySettings(**{**given, "cutout": tuple(given["cutout"])})
+    cutout = find_plan_cutout(source, plan, settings)
+    noise = None if values["noise"] is None else MeasuredNoise(*values["noise"])
+    assembly = Assembly(source, plan.shape[:3], cutout, strict=settings.strict, noise=noise, measured=True)
+    return AssembledPlanes(assembly, assembly.header(plan.depths_um), fill, close=close)
 
 
 def _cutout_shape(source: FrameSource, cutout: Cutout, settings: AssemblySettings) -> tuple[int, int]:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,40 +16,25 @@ from lfcal.camera import Camera
 from lfcal.errors import InputError
 from lfcal.frames.orientation import AS_IS
 from lfcal.frames.source import FrameSource, Noise, Position
-from lfcal.progress import Clock, Progress, Work
+from lfcal.progress import Clock, Progress, Work, drained
 from lfcal.psf.assembly_report import AssemblyReport
 from lfcal.psf.cutout import Cutout
 from lfcal.psf.facts import Facts, pack_valid
 from lfcal.psf.filling import Fill
 from lfcal.psf.gather import Gatherer, by_position
+from lfcal.psf.layout import Header, Plane, Stored
+from lfcal.psf.make import PlaneSource, Reopening, Zeros, iter_make
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.measured_noise import MeasuredNoise, measure_noise
-from lfcal.psf.store import PSFWriter
 from lfcal.threads import worker_count
 
-__all__ = ["AssembledPlane", "Assembly", "AssemblyProgress"]
+if TYPE_CHECKING:
+    from lfcal.work import RunChoice
+
+__all__ = ["AssembledPlanes", "Assembly", "AssemblyProgress", "assemble", "iter_assemble"]
 
 FRAME_FACTS = ("codec", "origin")
 """Metadata of a frame source that H keeps with the number of frames."""
-
-
-@dataclass(frozen=True, eq=False)
-class AssembledPlane:
-    """One plane of H.
-
-    Attributes
-    ----------
-    values
-        ``(ny, nx, nt, ns)``, float32; positions that were not recorded are 0.
-    facts
-        What is known of the positions.
-    uncertainty
-        Standard deviation of every entry, where missing positions were filled; or None.
-    """
-
-    values: NDArray[np.float32]
-    facts: Facts
-    uncertainty: NDArray[np.float32] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,35 +140,19 @@ class Assembly:
             found.setdefault("orientation", {"applied": known.orientation})
         return found
 
-    def writer(
+    def header(
         self,
-        out: str | os.PathLike[str],
-        history: Mapping[str, Any],
-        *,
-        depths: ArrayLike | None,
-        camera: Camera | None,
-        dtype: str,
-        compression: str,
-        workers: int | None,
-        store_tolerance: float | None = None,
-    ) -> PSFWriter:
-        """Return what writes H to a file, not yet entered; as in `PSFWriter`."""
-        return PSFWriter(
-            out,
-            (*self.shape, *self.cutout.shape),
-            depths=depths,
-            camera=camera,
-            anchor=self.cutout.anchor,
-            dtype=dtype,
-            compression=compression,
-            provenance=history,
-            workers=workers,
-            store_tolerance=store_tolerance,
-        )
+        depths: ArrayLike | None = None,
+        camera: Camera | None = None,
+        provenance: Mapping[str, Any] | None = None,
+    ) -> Header:
+        """Return what H is, besides its values; ``provenance`` is kept with `history`."""
+        shape = (*self.shape, *self.cutout.shape)
+        return Header(shape, depths, camera, self.cutout.anchor, self.history(provenance))
 
     def iter_plane(
-        self, z: int, clock: Clock, *, before: int = 0, fill: Fill | None = None, workers: int | None = None
-    ) -> Work[AssembledPlane]:
+        self, z: int, clock: Clock, *, values: NDArray[np.float32], before: int = 0, workers: int | None = None
+    ) -> Work[Facts]:
         """Gather plane ``z`` by rows in threads; yields progress in frames as `AssemblyProgress`.
 
         Parameters
@@ -192,8 +161,8 @@ class Assembly:
             Number of the plane.
         clock, before
             Counts frames, ``before`` of which were those of other planes.
-        fill
-            Fills missing positions, which stay marked as never recorded; None leaves them 0.
+        values
+            Zeros ``(ny, nx, nt, ns)`` that become its values.
         workers
             Threads; None takes every processor.
 
@@ -203,7 +172,7 @@ class Assembly:
             If a frame is not finite, or the plane holds no light.
         """
         recorded = self._counts[z]
-        plane = _Gathered(recorded, self.cutout.shape, self._energy[z])
+        plane = _Gathered(recorded, values, self._energy[z])
         first, done = z * recorded.size, before
         row = partial(plane.fill_row, self._gatherer, self._order, self._starts[first : first + recorded.size + 1])
         with ThreadPoolExecutor(worker_count(workers)) as pool:
@@ -225,10 +194,7 @@ class Assembly:
                 f"only zeros ({label} and others)",
                 "check exposure, anchor and dark frame",
             )
-        if fill is None:
-            return AssembledPlane(plane.values, plane.facts())
-        filled = yield from fill(z, plane.values, plane.facts())
-        return AssembledPlane(plane.values, filled.facts, filled.uncertainty)
+        return plane.facts()
 
     def report(self, matrix: PSFMatrix) -> AssemblyReport:
         """Return what a user should know of the H that was made."""
@@ -237,14 +203,78 @@ class Assembly:
         return replace(found, left_out=known.left_out, orientation=known.orientation or AS_IS)
 
 
+class AssembledPlanes(PlaneSource):
+    """The planes of H from frames.
+
+    Parameters
+    ----------
+    assembly
+        The frames.
+    header
+        What H is, besides its values.
+    fill
+        Fills missing positions, which stay marked as never recorded; None leaves them 0.
+    reopening
+        How other processes open the same frames; None: H cannot be made in units.
+    close
+        Closes the frames, where they were opened for these planes.
+    """
+
+    title = "assemble"
+
+    def __init__(
+        self,
+        assembly: Assembly,
+        header: Header,
+        fill: Fill | None = None,
+        *,
+        reopening: Reopening | None = None,
+        close: Callable[[], None] = lambda: None,
+    ) -> None:
+        self.assembly, self.header, self.fill = assembly, header, fill
+        self._reopening, self._close = reopening, close
+        self._clock = Clock("assemble frames", assembly.frames)
+
+    def iter_plane(self, z: int, zeros: Zeros, workers: int | None, *, alone: bool = False) -> Work[Plane]:
+        """Gather plane ``z``; progress counts its frames, or those of all planes."""
+        assembly = self.assembly
+        clock = Clock(f"assemble plane {z}", assembly.frames_of(z)) if alone else self._clock
+        if alone or z == 0:
+            yield clock.at(0)
+        before = 0 if alone else sum(assembly.frames_of(k) for k in range(z))
+        values = zeros()
+        facts = yield from assembly.iter_plane(z, clock, values=values, before=before, workers=workers)
+        if self.fill is None:
+            return Plane(values, facts)
+        filled = yield from self.fill(z, values, facts)
+        return Plane(values, filled.facts, filled.uncertainty)
+
+    def reopening(self, z: int, stored: Stored) -> Reopening:
+        """Return how others open the frames: once for all planes."""
+        if self._reopening is None:
+            remedy = "state what distinguishes these frames from any others (reopening=)"
+            raise InputError.expected("H in units", "how its frames are opened again", "none", remedy)
+        return replace(self._reopening, held=True)
+
+    def shown(self, record: Progress) -> Progress:
+        """Return progress with what is there of H, as far as this process makes it."""
+        if (at := self.assembly.filled) is None:
+            return record
+        known = (record.done, record.total, record.stage, record.seconds, record.note, record.per)
+        return AssemblyProgress(*known, plane=at[0], energy=at[1])
+
+    def close(self) -> None:
+        """Close the frames that were opened for these planes."""
+        self._close()
+
+
 class _Gathered:
     """One plane while it is gathered: ``(ny, nx)`` patterns and their facts."""
 
-    def __init__(self, recorded: NDArray[np.int64], cutout: tuple[int, int], energy: NDArray[np.float64]) -> None:
+    def __init__(self, recorded: NDArray[np.int64], values: NDArray[np.float32], energy: NDArray[np.float64]) -> None:
         shape = recorded.shape
-        self.recorded, self.cutout = recorded, cutout
-        self.values = np.zeros((*shape, *cutout), np.float32)
-        self.energy = energy
+        self.recorded, self.values, self.energy = recorded, values, energy
+        self.cutout: tuple[int, int] = (values.shape[2], values.shape[3])
         self.saturated = np.full(shape, -1, np.int32)
         self.noise = np.full((*shape, 2), np.nan, np.float32)
         self.spread = np.full(shape, np.nan, np.float32)
@@ -334,3 +364,92 @@ def _check_windows(gatherer: Gatherer, order: NDArray[np.int64]) -> tuple[tuple[
             )
         padded[info.position] = None
     return tuple(padded), (largest[0], largest[1])
+
+
+def iter_assemble(
+    source: FrameSource,
+    shape: tuple[int, int, int],
+    cutout: Cutout,
+    out: str | os.PathLike[str] | None = None,
+    *,
+    depths: ArrayLike | None = None,
+    camera: Camera | None = None,
+    drift: ArrayLike | None = None,
+    strict: bool = False,
+    dtype: str = "float32",
+    compression: str = "gzip",
+    provenance: Mapping[str, Any] | None = None,
+    fill: Fill | None = None,
+    workers: int | None = None,
+    store_tolerance: float | None = None,
+    run: RunChoice | None = None,
+    reopening: Reopening | None = None,
+) -> Work[AssemblyReport]:
+    """Assemble H from frames, streaming: one plane is in memory, the file appears whole or not.
+
+    Parameters
+    ----------
+    source
+        The frames, in any order; their samples are taken as they are.
+    shape
+        ``(nz, ny, nx)`` positions of the plan.
+    cutout
+        The shifting cutout.
+    out
+        H file to write; None keeps H in memory as float32.
+    depths, camera, provenance
+        Stored with H.
+    drift
+        ``(len(source), 2)`` how far the image of each frame is off its place (rows, columns; px); None asks
+        the source, whose manifest may say it.
+    strict
+        Missing and repeated positions are errors instead of being recorded in the file.
+    fill
+        Fills missing positions, which stay marked as never recorded; None leaves them 0.
+    dtype, compression, workers, store_tolerance
+        As in `PSFWriter`.
+    run
+        Assemble into a file in units of a plane: by whom, and what becomes of an earlier run. Planes that are done stay
+        where it is stopped.
+    reopening
+        With a ``run``: what distinguishes these frames from any others, and how other processes open them. Without an
+        opener only threads of this process assemble.
+
+    Raises
+    ------
+    InputError
+        If a frame lies outside the plan, is not finite, or its cutout leaves the sensor (with the position).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.frames import ArraySource
+    >>> from lfcal.progress import drain
+    >>> from lfcal.psf import Cutout, iter_assemble
+    >>> frames = ArraySource(np.ones((3, 16, 16), np.uint16), [(0, 0, 0), (0, 0, 1), (0, 1, 0)])
+    >>> report = drain(iter_assemble(frames, (1, 2, 2), Cutout((5, 5), anchor=(7, 8))))
+    >>> print(report.frames, "frames,", report.missing)
+    3 frames, (Position(z=0, y=1, x=1),)
+    """
+    assembly = Assembly(source, shape, cutout, drift=drift, strict=strict)
+    planes = AssembledPlanes(assembly, assembly.header(depths, camera, provenance), fill, reopening=reopening)
+    stored = Stored(dtype, compression, store_tolerance)
+    return assembly.report((yield from iter_make(planes, out, stored, run=run, workers=workers)))
+
+
+assemble = drained(
+    iter_assemble,
+    """
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.frames import ArraySource
+    >>> from lfcal.psf import Cutout, assemble
+    >>> frames = np.zeros((1, 2, 3, 16, 16), np.uint16)
+    >>> for y, x in np.ndindex(2, 3):
+    ...     frames[0, y, x, 7 + y, 8 + x] = 1000  # the image of position (y, x)
+    >>> H = assemble(ArraySource(frames), (1, 2, 3), Cutout((5, 5), anchor=(7, 8))).matrix
+    >>> print(H.shape, H[0, :, :, 2, 2].tolist())
+    (1, 2, 3, 5, 5) [[1000.0, 1000.0, 1000.0], [1000.0, 1000.0, 1000.0]]
+    """,
+)

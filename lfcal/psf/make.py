@@ -36,8 +36,8 @@ if TYPE_CHECKING:
     from lfcal.work import RunChoice, Unit
 
 __all__ = [
-    "PlaneRecipe",
     "PlaneSource",
+    "Reopening",
     "Zeros",
     "do_plane",
     "iter_make",
@@ -52,8 +52,8 @@ Zeros = Callable[[], NDArray[np.float32]]
 
 
 @dataclass(frozen=True)
-class PlaneRecipe:
-    """How another process makes a plane.
+class Reopening:
+    """How another process opens what makes a plane.
 
     Attributes
     ----------
@@ -102,8 +102,8 @@ class PlaneSource:
         """
         raise NotImplementedError
 
-    def recipe(self, z: int, stored: Stored) -> PlaneRecipe | None:
-        """Return how another process makes plane ``z``; None: it is made here, when planes are joined."""
+    def reopening(self, z: int, stored: Stored) -> Reopening | None:
+        """Return how another process opens what makes plane ``z``; None: it is made here, when planes are joined."""
         raise NotImplementedError
 
     def shown(self, record: Progress) -> Progress:
@@ -275,15 +275,15 @@ def units_of(source: PlaneSource, stored: Stored) -> dict[int, Unit]:
 
     found: dict[int, Unit] = {}
     for z in range(source.header.shape[0]):
-        recipe = source.recipe(z, stored)
-        if recipe is None:
+        reopening = source.reopening(z, stored)
+        if reopening is None:
             continue
-        shared = {"opener": recipe.opener, "values": recipe.values, "held": recipe.held}
+        shared = {"opener": reopening.opener, "values": reopening.values, "held": reopening.held}
         # plain lists and numbers, as they are on the other side of a file or a network
         arguments = plain({**shared, "stored": asdict(stored), "z": z})
         task = f"{__name__}:{do_plane.__name__}"
-        beside = recipe.beside_bytes
-        found[z] = Unit(f"plane {z:04d}", task, arguments, inputs=recipe.inputs, beside_bytes=beside)
+        beside = reopening.beside_bytes
+        found[z] = Unit(f"plane {z:04d}", task, arguments, inputs=reopening.inputs, beside_bytes=beside)
     return found
 
 

@@ -12,7 +12,7 @@ from lfcal.errors import InputError
 from lfcal.files import check_other_file
 from lfcal.progress import Clock, Work, drained
 from lfcal.psf.layout import Plane, Stored
-from lfcal.psf.make import PlaneRecipe, PlaneSource, Zeros, iter_write, iter_write_regions
+from lfcal.psf.make import PlaneSource, Reopening, Zeros, iter_write, iter_write_regions
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.opening import mat_order_of, open_psf
 from lfcal.psf.store import facts_of, header_of, stored_type
@@ -65,7 +65,7 @@ class MatrixPlanes(PlaneSource):
         yield clock.at(1 if alone else z + 1)
         return made
 
-    def recipe(self, z: int, stored: Stored) -> PlaneRecipe:
+    def reopening(self, z: int, stored: Stored) -> Reopening:
         """Return how others read plane ``z``: from the same file."""
         matrix = self.matrix
         if not matrix.path:
@@ -79,7 +79,7 @@ class MatrixPlanes(PlaneSource):
             "method": self.method,
             "title": self.title,
         }
-        return PlaneRecipe(f"{__name__}:{open_planes.__name__}", values, (source,))
+        return Reopening(f"{__name__}:{open_planes.__name__}", values, (source,))
 
     def close(self) -> None:
         """Close the file where it was opened by `open_planes`."""
@@ -88,7 +88,7 @@ class MatrixPlanes(PlaneSource):
 
 
 def open_planes(values: Mapping[str, Any], workers: int) -> MatrixPlanes:
-    """Return the planes of a matrix that another process has open; see `MatrixPlanes.recipe`."""
+    """Return the planes of a matrix that another process has open; see `MatrixPlanes.reopening`."""
     matrix = open_psf(values["source"], region=values["region"], mat_order=values["mat_order"])
     if matrix.is_transposed != values["transposed"]:
         matrix = matrix.T

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from lfcal.cli.assemble_units import PartFrames
+from lfcal.cli.part_frames import PartFrames
 from lfcal.cli.scan_frames import ScanFrames
 from lfcal.frames import CorrectionRecipe
 from lfcal.psf import open_psf

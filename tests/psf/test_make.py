@@ -14,7 +14,7 @@ from lfcal.progress import Clock, Work, drain
 from lfcal.psf import PSFMatrix, iter_save, iter_save_regions, open_psf, save
 from lfcal.psf.facts import Facts
 from lfcal.psf.layout import Header, Plane, Stored
-from lfcal.psf.make import PlaneRecipe, PlaneSource, Zeros, iter_make, iter_write, iter_write_regions, units_of
+from lfcal.psf.make import PlaneSource, Reopening, Zeros, iter_make, iter_write, iter_write_regions, units_of
 from lfcal.psf.saving import MatrixPlanes, iter_transpose_file
 from lfcal.work import RunChoice, parts_folder
 from tests.psf.test_joining import contents
@@ -45,10 +45,10 @@ class Numbered(PlaneSource):
         facts = Facts.of((2, 4), (5, 7), error=0.25)
         return Plane(values, facts, uncertainty, {"plane": z} if z < 2 else None)
 
-    def recipe(self, z: int, stored: Stored) -> PlaneRecipe | None:
+    def reopening(self, z: int, stored: Stored) -> Reopening | None:
         if z in self.here:
             return None
-        return PlaneRecipe(f"{__name__}:opened", {"held": self.held}, held=self.held)
+        return Reopening(f"{__name__}:opened", {"held": self.held}, held=self.held)
 
     def close(self) -> None:
         self.closed += 1

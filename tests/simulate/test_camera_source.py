@@ -12,7 +12,7 @@ import pytest
 from lfcal.camera import ScanPlan, preset
 from lfcal.errors import InputError
 from lfcal.frames import FrameSource, Position
-from lfcal.psf.assemble import assemble
+from lfcal.psf import assemble
 from lfcal.psf.cutout import Cutout
 from lfcal.simulate.effects import (
     Backlash,

@@ -32,7 +32,8 @@ def iter_assembly(
     """
     from lfcal.acquire.finish import iter_assemble_session
     from lfcal.acquire.session_file import SessionFile
-    from lfcal.psf.assemble_units import iter_assemble_units
+    from lfcal.psf import iter_assemble_plan
+    from lfcal.psf.make import Reopening
 
     if SessionFile.read(folder).target is not None:
         return (yield from _iter_points(folder, out, recipe))
@@ -44,7 +45,7 @@ def iter_assembly(
         "recipe": None if recipe is None else plain(asdict(recipe)),
         "stamp": stamp_of_files(str(folder), *frames, but=str(out)),
     }
-    make = partial(iter_assemble_units, told=told, run=going_on())
+    make = partial(iter_assemble_plan, run=going_on(), reopening=Reopening("", told))
     return (yield from iter_assemble_session(folder, out, recipe=recipe, make=make))
 
 

@@ -28,8 +28,8 @@ def iter_assembly(opened: Opened, path: str) -> Work[AssemblyReport]:
     InputError
         As `lfcal.psf.upright.iter_upright` and `lfcal.psf.iter_assemble_plan`.
     """
-    from lfcal.psf import AssemblySettings
-    from lfcal.psf.assemble_units import iter_assemble_units
+    from lfcal.psf import AssemblySettings, iter_assemble_plan
+    from lfcal.psf.make import Reopening
 
     given = opened.delivered
     notes = given.frames.metadata.notes
@@ -48,8 +48,14 @@ def iter_assembly(opened: Opened, path: str) -> Work[AssemblyReport]:
         ),
     }
     return (
-        yield from iter_assemble_units(
-            upright, opened.plan, path, settings, told=told, run=going_on(), provenance=known | lie
+        yield from iter_assemble_plan(
+            upright,
+            opened.plan,
+            path,
+            settings,
+            provenance=known | lie,
+            run=going_on(),
+            reopening=Reopening("", told),
         )
     )
 

@@ -1,4 +1,4 @@
-"""H from frames in units of a plane each: how other processes open the same frames.
+"""The frames of one H, as any process opens them that makes a plane of it.
 
 Defect pixels are searched for again in each process; what else is found from many frames, the command finds itself.
 """
@@ -14,25 +14,20 @@ from typing import Any
 import numpy as np
 
 from lfcal.camera import ScanPlan
-from lfcal.cli.channels import Part, open_colour, parts_of
+from lfcal.cli.channels import open_colour, parts_of
 from lfcal.cli.outputs import files_of
 from lfcal.cli.scan_frames import ScanFrames
 from lfcal.frames import CorrectionRecipe, Frames, FrameSource, corrected_view, named_orientation, oriented
 from lfcal.frames.damage import SelectedSource
 from lfcal.frames.half_cell import with_partners
 from lfcal.plain import plain
-from lfcal.progress import Work
-from lfcal.psf import assemble_units
-from lfcal.psf.assemble_plan import AssemblySettings, find_plan_cutout
-from lfcal.psf.assemble_units import AssemblyTool, iter_one_plane
-from lfcal.psf.assembly import Assembly
-from lfcal.psf.assembly_report import AssemblyReport
+from lfcal.psf.assemble_plan import planes_of_frames
+from lfcal.psf.assembly import AssembledPlanes
 from lfcal.psf.filling import Fill
-from lfcal.psf.measured_noise import MeasuredNoise
-from lfcal.work import RunChoice
+from lfcal.psf.make import Reopening
 from lfcal.work.unit import stamp_of
 
-__all__ = ["PartFrames", "do_plane", "iter_assemble_units"]
+__all__ = ["PartFrames", "open_planes"]
 
 
 @dataclass(frozen=True)
@@ -94,6 +89,11 @@ class PartFrames:
         found: dict[str, Any] = plain({"scan": self.scan.plain(), "recipe": recipe, "fill": fill, **own})
         return found
 
+    def reopening(self, source: Frames) -> Reopening:
+        """Return how any process assembles the frames of ``source``, the same ones."""
+        values = {"part": self.plain(), "stamp": stamp_of(self.inputs(source))}
+        return Reopening(f"{__name__}:{open_planes.__name__}", values)
+
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> PartFrames:
         """Return what `plain` gave."""
@@ -110,63 +110,17 @@ def _nobody(colour: str) -> Frames:
     raise AssertionError(f"frames of {colour} are open")
 
 
-def iter_assemble_units(
-    view: FrameSource,
-    part: Part,
-    same: PartFrames,
-    settings: AssemblySettings,
-    *,
-    run: RunChoice,
-    provenance: Mapping[str, Any],
-    fill: Fill | None,
-) -> Work[AssemblyReport]:
-    """Assemble H of a part into its file as `lfcal.psf.assemble_plan.iter_assemble_plan` does, plane by plane.
-
-    Parameters
-    ----------
-    view
-        Its frames, clean and upright.
-    part
-        What is made, and by which plan.
-    same
-        How others open the same frames.
-    settings, provenance, fill
-        As in `lfcal.psf.assemble_plan.iter_assemble_plan`.
-    run
-        By whom, and what becomes of an earlier run.
-
-    Raises
-    ------
-    InputError, FileFormatError, StorageError
-        As that does, and `lfcal.work.iter_made`; the planes that are done stay for the next run.
-    """
-    told = {"part": same.plain(), "stamp": stamp_of(same.inputs(part.source))}
-    task = f"{__name__}:{do_plane.__name__}"
-    return assemble_units.iter_assemble_units(
-        view, part.plan, part.out, settings, told=told, run=run, task=task, provenance=provenance, fill=fill
-    )
-
-
-def do_plane(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]:
-    """Assemble one plane into an H file of its own: the task of a unit."""
-    return iter_one_plane(arguments, out, workers, _made)
-
-
-def _made(shared: Mapping[str, Any], workers: int) -> AssemblyTool:
-    same = PartFrames.of(shared["part"])
-    given = shared["settings"]
-    settings = AssemblySettings(**{**given, "cutout": tuple(given["cutout"]), "workers": workers})
+def open_planes(values: Mapping[str, Any], workers: int) -> AssembledPlanes:
+    """Return the planes of frames as another process opens them, of what `PartFrames.reopening` says."""
+    same = PartFrames.of(values["part"])
     raw, view, plan = same.open()
     try:
-        cutout = find_plan_cutout(view, plan, settings)
         fill: Fill | None = None
         if same.fill is not None:
             from lfcal.fit.stored import Filler, read_fit
 
             fill = Filler(read_fit(same.fill), plan, workers)
-        noise = None if shared["noise"] is None else MeasuredNoise(*shared["noise"])
-        assembly = Assembly(view, plan.shape[:3], cutout, strict=settings.strict, noise=noise, measured=True)
-        return AssemblyTool(plan, assembly, fill, raw.close)
+        return planes_of_frames(view, plan, values, fill, raw.close)
     except BaseException:
         raw.close()
         raise
