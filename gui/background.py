@@ -15,7 +15,7 @@ from gui.computations import Computations
 from gui.garbage import Collector
 from gui.loads import Loads
 
-__all__ = ["COMPUTATIONS_S", "LOADS_S", "Background"]
+__all__ = ["COMPUTATIONS_S", "LOADS_S", "BackgroundThreads"]
 
 POLL_MS = 8
 
@@ -23,7 +23,7 @@ COMPUTATIONS_S, LOADS_S = 5.0, 1.0
 """How long closing waits for computations, and for files (s)."""
 
 
-class Background(QObject):
+class BackgroundThreads(QObject):
     """Threads of the window, and the way back from them into its own."""
 
     trouble = Signal(str)

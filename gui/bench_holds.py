@@ -19,7 +19,7 @@ __all__ = ["first_visits", "holds"]
 IDLE_S = 300.0
 
 
-class Held:
+class LongestTurn:
     """Lets a window work, and notes the longest turn of its event loop in processor time (ms)."""
 
     def __init__(self, app: Any, busy: Callable[[], bool]) -> None:
@@ -58,7 +58,7 @@ def holds(plane: tuple[int, int, int, int], frame: tuple[int, int]) -> dict[str,
     with TemporaryDirectory() as folder:
         window = make_window(app, parse([]), folder=Path(folder))
         window.show()
-        held = Held(app, lambda: window.jobs.busy)
+        held = LongestTurn(app, lambda: window.jobs.busy)
         held.do("start", lambda: None)
         window.context.matrices.put("plane", PSFMatrix(np.broadcast_to(row, (1, ny, nx, nt, ns)).copy()))
         window.go("psf")
@@ -83,7 +83,7 @@ def holds(plane: tuple[int, int, int, int], frame: tuple[int, int]) -> dict[str,
     return held.found
 
 
-def _frames(held: Held, jobs: Any, shape: tuple[int, int]) -> None:
+def _frames(held: LongestTurn, jobs: Any, shape: tuple[int, int]) -> None:
     from gui.widgets.frame_view import FrameView
 
     rng = np.random.default_rng(1)
@@ -115,7 +115,7 @@ def visit_all(folder: Path) -> dict[str, float]:
     app = QApplication(["lfcal"])
     window = make_window(app, parse([]), folder=folder)
     window.show()
-    held = Held(app, lambda: window.jobs.busy)
+    held = LongestTurn(app, lambda: window.jobs.busy)
     held.do("", lambda: None)
     for spec in window.specs:
         held.do(spec.title, lambda key=spec.key: window.go(key))

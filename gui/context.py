@@ -7,7 +7,7 @@ from typing import Any
 
 from PySide6.QtCore import QObject, Signal
 
-from gui.jobs import Job, Jobs, JobState
+from gui.jobs import Jobs, JobState, WindowJob
 from gui.matrices import Matrices
 from gui.models.fitted import FittedCamera
 from gui.models.history import History, Taken
@@ -15,7 +15,7 @@ from gui.models.job import Keeping
 from gui.models.kept_run import KeptRun
 from gui.models.page import PAGES
 from gui.models.project import Project, ProjectState
-from gui.models.step import Step, step_of
+from gui.models.step import CommandStep, step_of
 from lfcal.errors import LfcalError
 from lfcal.progress import Work
 from lfcal.psf import PSFMatrix
@@ -105,9 +105,9 @@ class Context(QObject):
         path: str,
         work: Callable[[], Work[Any]],
         on_done: Callable[[Any], None] | None = None,
-        on_failed: Callable[[Job], None] | None = None,
+        on_failed: Callable[[WindowJob], None] | None = None,
         *,
-        on_end: Callable[[Job], None] | None = None,
+        on_end: Callable[[WindowJob], None] | None = None,
         keeping: Keeping | None = None,
         taken: Taken | None = None,
     ) -> int:
@@ -124,7 +124,7 @@ class Context(QObject):
             elif self.project.begun != begun:
                 self.message.emit(f"{path} is whole; the project it was made for is no longer open")
 
-        def ended(job: Job) -> None:
+        def ended(job: WindowJob) -> None:
             if on_end is not None and self.project.begun == begun:
                 on_end(job)
             if path in (self.state.psf, self.state.reference):
@@ -143,7 +143,13 @@ class Context(QObject):
         )
 
     def taken(
-        self, page: str, title: str, out: str = "", step: Callable[[], Step] | None = None, *, draft: bool = False
+        self,
+        page: str,
+        title: str,
+        out: str = "",
+        step: Callable[[], CommandStep] | None = None,
+        *,
+        draft: bool = False,
     ) -> Taken:
         """Return what enters the history when something that begins now has ended well.
 
@@ -164,7 +170,7 @@ class Context(QObject):
             return Taken(page, title, None, out, str(error), draft)
         return Taken(page, title, made, out, draft=draft)
 
-    def _remember(self, job: Job) -> None:
+    def _remember(self, job: WindowJob) -> None:
         if job.taken is not None and job.state is JobState.DONE:
             self.history.add(job.taken)
 

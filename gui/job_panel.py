@@ -17,7 +17,7 @@ from PySide6.QtWidgets import (
 )
 
 from gui.job_row import JobRow
-from gui.jobs import Job, Jobs
+from gui.jobs import Jobs, WindowJob
 from gui.run_panel import RunView
 
 __all__ = ["ROWS", "JobPanel"]
@@ -93,7 +93,7 @@ class JobPanel(QWidget):
         """Return the numbers of the jobs, from the top."""
         return list(self._shown)
 
-    def _show(self, job: Job) -> None:
+    def _show(self, job: WindowJob) -> None:
         row = self._rows.get(job.number)
         if row is None:
             row = JobRow(self._jobs, job)

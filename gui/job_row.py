@@ -8,7 +8,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QProgressBar, QPushButton
 
 from gui.job_log import JobLogView
-from gui.jobs import Job, Jobs, JobState
+from gui.jobs import Jobs, JobState, WindowJob
 from gui.widgets.headed_card import HeadedCard
 from gui.widgets.words import WrappedLabel
 from lfcal.units import format_seconds
@@ -27,7 +27,7 @@ class JobRow(HeadedCard):
     gone = Signal(int)
     """The user wants to see it no longer; its number."""
 
-    def __init__(self, jobs: Jobs, job: Job) -> None:
+    def __init__(self, jobs: Jobs, job: WindowJob) -> None:
         super().__init__(job.title)
         self._jobs, self._job = jobs, job
         self._view: JobLogView | None = None
@@ -55,11 +55,11 @@ class JobRow(HeadedCard):
         return button
 
     @property
-    def job(self) -> Job:
+    def job(self) -> WindowJob:
         """The job as it was shown last."""
         return self._job
 
-    def show_job(self, job: Job) -> None:
+    def show_job(self, job: WindowJob) -> None:
         """Show the job as it is now."""
         self._job = job if job.active else job.remembered()
         record, place = job.progress, self._place()

@@ -10,18 +10,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from gui.models.job import Job, JobState, Keeping
+from gui.models.job import JobState, Keeping, WindowJob
 from gui.models.job_log import JobLog, warnings_to
 from gui.models.stamp import Stamp, stamp_of
 from gui.workers import keep, words_of
 from lfcal.errors import Cancelled, InputError, LfcalError
 from lfcal.progress import Progress, Unwanted, Work, wanted_while
 
-__all__ = ["Asked", "JobThread"]
+__all__ = ["JobRequest", "JobThread"]
 
 
 @dataclass(frozen=True)
-class Asked:
+class JobRequest:
     """What was asked for when a job was started, by which it begins, and goes on after it was stopped.
 
     Attributes
@@ -44,8 +44,8 @@ class Asked:
 
     work: Callable[[], Work[Any]]
     on_done: Callable[[Any], None] | None = None
-    on_failed: Callable[[Job], None] | None = None
-    on_end: Callable[[Job], None] | None = None
+    on_failed: Callable[[WindowJob], None] | None = None
+    on_end: Callable[[WindowJob], None] | None = None
     before: Callable[[], None] | None = None
     abandon: bool = False
     leave: bool = False
@@ -80,7 +80,7 @@ class JobThread:
     log
         Takes what it says.
     ended
-        Takes the job's number, and the fields of the `Job` that its end changes.
+        Takes the job's number, and the fields of the `WindowJob` that its end changes.
 
     Attributes
     ----------
@@ -92,7 +92,9 @@ class JobThread:
         When its progress was told last, by the window's clock.
     """
 
-    def __init__(self, number: int, asked: Asked, log: JobLog, ended: Callable[[int, dict[str, Any]], None]) -> None:
+    def __init__(
+        self, number: int, asked: JobRequest, log: JobLog, ended: Callable[[int, dict[str, Any]], None]
+    ) -> None:
         self.number, self.asked, self._log, self._ended = number, asked, log, ended
         self.stop = threading.Event()
         self.before_s, self.told = 0.0, 0.0

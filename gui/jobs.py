@@ -14,16 +14,16 @@ from typing import Any
 
 from PySide6.QtCore import QObject, Signal
 
-from gui.background import COMPUTATIONS_S, LOADS_S, Background
+from gui.background import COMPUTATIONS_S, LOADS_S, BackgroundThreads
 from gui.job_line import Line
-from gui.job_thread import Asked, JobThread
+from gui.job_thread import JobRequest, JobThread
 from gui.models.history import Taken
-from gui.models.job import Job, JobState, Keeping
+from gui.models.job import JobState, Keeping, WindowJob
 from gui.models.job_log import JobLog, notes_of
 from gui.workers import wait_for
 from lfcal.progress import Work
 
-__all__ = ["JOBS_S", "LOADS_S", "WAITS", "Job", "JobState", "Jobs"]
+__all__ = ["JOBS_S", "LOADS_S", "WAITS", "JobState", "Jobs", "WindowJob"]
 
 TELL_S = 0.03
 """Between two records of a job that are told (s)."""
@@ -35,14 +35,14 @@ WAITS = "waits for its turn; Jobs shows the order"
 """What a page says of its job that waits."""
 
 
-class Jobs(Background):
+class Jobs(BackgroundThreads):
     """Run `lfcal.progress.Work` in threads; report in the window's thread."""
 
     changed = Signal(object)
-    """A `Job`, whenever one of its fields changes."""
+    """A `WindowJob`, whenever one of its fields changes."""
 
     finished = Signal(object)
-    """A `Job` that is done, stopped or failed."""
+    """A `WindowJob` that is done, stopped or failed."""
 
     queued = Signal()
     """Other jobs wait than before, or in another order."""
@@ -50,9 +50,9 @@ class Jobs(Background):
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._numbers = itertools.count(1)
-        self._jobs: dict[int, Job] = {}
+        self._jobs: dict[int, WindowJob] = {}
         self._logs: dict[int, JobLog] = {}
-        self._asked: dict[int, Asked] = {}  # of jobs that are at work, wait, or can go on
+        self._asked: dict[int, JobRequest] = {}  # of jobs that are at work, wait, or can go on
         self._running: dict[int, JobThread] = {}
         self._line = Line()
         self._abandoned: list[threading.Thread] = []
@@ -64,9 +64,9 @@ class Jobs(Background):
         page: str,
         work: Callable[[], Work[Any]],
         on_done: Callable[[Any], None] | None = None,
-        on_failed: Callable[[Job], None] | None = None,
+        on_failed: Callable[[WindowJob], None] | None = None,
         *,
-        on_end: Callable[[Job], None] | None = None,
+        on_end: Callable[[WindowJob], None] | None = None,
         before: Callable[[], None] | None = None,
         abandon: bool = False,
         leave: bool = False,
@@ -82,7 +82,7 @@ class Jobs(Background):
         title, page
             What it is called, and the page it belongs to.
         work, on_done, on_failed, on_end, before
-            As in `gui.job_thread.Asked`.
+            As in `gui.job_thread.JobRequest`.
         abandon
             Until its first record it only opens files, so that stopping it then need not wait for it.
         leave
@@ -97,11 +97,11 @@ class Jobs(Background):
             What enters the history if it ends well.
         """
         number = next(self._numbers)
-        stamps = Asked.stamps(needs)
-        asked = Asked(work, on_done, on_failed, on_end, before, abandon, leave, at_once, keeping, stamps)
+        stamps = JobRequest.stamps(needs)
+        asked = JobRequest(work, on_done, on_failed, on_end, before, abandon, leave, at_once, keeping, stamps)
         if keeping is not None:
             self._take_over(keeping)
-        self._jobs[number] = Job(number, title, page, taken=taken)
+        self._jobs[number] = WindowJob(number, title, page, taken=taken)
         step = None if taken is None else taken.step
         self._logs[number] = JobLog(title, "" if step is None else step.shell())
         self._asked[number] = asked
@@ -167,7 +167,7 @@ class Jobs(Background):
         for number in (*self._line.waiting, *self._running):
             self.cancel(number)
 
-    def jobs(self) -> list[Job]:
+    def jobs(self) -> list[WindowJob]:
         """Return all jobs since the start, newest first."""
         return sorted(self._jobs.values(), key=lambda job: -job.number)
 
@@ -202,7 +202,7 @@ class Jobs(Background):
             return
         self._logs[number].go_on()
         ended = self._jobs[number]
-        self._jobs[number] = Job(number, ended.title, ended.page, taken=ended.taken)
+        self._jobs[number] = WindowJob(number, ended.title, ended.page, taken=ended.taken)
         self._enter(number)
 
     def discard(self, number: int) -> None:
@@ -254,7 +254,7 @@ class Jobs(Background):
 
         self.hand_over(take)
 
-    def _change(self, number: int, **changes: Any) -> Job:
+    def _change(self, number: int, **changes: Any) -> WindowJob:
         job = replace(self._jobs[number], **changes)
         self._jobs[number] = job
         self.changed.emit(job)
@@ -279,7 +279,7 @@ class Jobs(Background):
             self._advance()
             self.queued.emit()
 
-    def _report(self, job: Job, asked: Asked) -> None:
+    def _report(self, job: WindowJob, asked: JobRequest) -> None:
         try:
             if job.state is JobState.DONE and asked.on_done is not None:
                 asked.on_done(job.result)
@@ -289,7 +289,7 @@ class Jobs(Background):
             if asked.on_end is not None:
                 asked.on_end(job)
 
-    def _log_end(self, job: Job) -> None:
+    def _log_end(self, job: WindowJob) -> None:
         log = self._logs[job.number]
         for note in notes_of(job.result):
             log.say("note", note)

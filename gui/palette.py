@@ -13,7 +13,7 @@ from shiboken6 import isValid
 
 from gui.theme import style_sheet
 
-__all__ = ["Entry", "Palette", "doable"]
+__all__ = ["Palette", "PaletteEntry", "doable"]
 
 SIZE = (520, 420)
 TITLE = "Command palette"
@@ -21,7 +21,7 @@ STEPS = {Qt.Key.Key_Down: 1, Qt.Key.Key_Up: -1}
 
 
 @dataclass(frozen=True)
-class Entry:
+class PaletteEntry:
     """One thing to do: its name, its key if it has one, the call, and whether it can be done now."""
 
     name: str
@@ -34,11 +34,11 @@ class Entry:
         return all(word in self.name.lower() for word in typed.lower().split())
 
 
-def doable(bar: QMenuBar, page: QWidget, title: str) -> list[Entry]:
+def doable(bar: QMenuBar, page: QWidget, title: str) -> list[PaletteEntry]:
     """Return the buttons of ``page``, which is called ``title``, and the actions of the menus that can be used now."""
     # what was listed may be gone when it is chosen: a job's row, a file of the menu
     entries = [
-        Entry(f"{title}: {name}", "", button.click, partial(_pressable, button, page))
+        PaletteEntry(f"{title}: {name}", "", button.click, partial(_pressable, button, page))
         for button in page.findChildren(QPushButton)
         if _pressable(button, page) and (name := _name_of(button))
     ]
@@ -47,7 +47,7 @@ def doable(bar: QMenuBar, page: QWidget, title: str) -> list[Entry]:
             if action.text() and action.isEnabled() and action.menu() is None and not action.isSeparator():
                 shortcut = action.shortcut().toString(QKeySequence.SequenceFormat.NativeText)
                 name = f"{menu.title()}: {action.text()}".replace("&", "")
-                entries.append(Entry(name, shortcut, action.trigger, partial(_triggerable, action)))
+                entries.append(PaletteEntry(name, shortcut, action.trigger, partial(_triggerable, action)))
     return entries
 
 
@@ -68,7 +68,7 @@ def _triggerable(action: QAction) -> bool:
 class Palette(QDialog):
     """A line to type in and what matches it; Enter does the marked one."""
 
-    def __init__(self, parent: QWidget, entries: Sequence[Entry]) -> None:
+    def __init__(self, parent: QWidget, entries: Sequence[PaletteEntry]) -> None:
         super().__init__(parent)
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self.setWindowTitle(TITLE)
@@ -93,7 +93,7 @@ class Palette(QDialog):
         self.line.setFocus()
 
     @property
-    def shown(self) -> list[Entry]:
+    def shown(self) -> list[PaletteEntry]:
         """What matches the line."""
         return [entry for entry in self._entries if entry.matches(self.line.text())]
 

@@ -12,7 +12,7 @@ from PySide6.QtWidgets import QFileDialog, QMenu, QMessageBox, QWidget
 
 from gui.jobs import Jobs
 from gui.locks import FileLock
-from gui.models.autosave import Kept
+from gui.models.autosave import UnsavedCopy
 from gui.models.project import Project, ProjectState, RecentProjects, read_project
 from gui.rescue import Rescue
 from gui.saving import ask_target, may_replace
@@ -207,7 +207,7 @@ class ProjectFiles(QObject):
         return None, box.clickedButton() is copy
 
     # -- restoring -------------------------------------------------------------------------------------
-    def _restore(self, kept: Kept) -> None:
+    def _restore(self, kept: UnsavedCopy) -> None:
         if not self.may_leave():
             self.rescue.later(kept)
             return

@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QWidget
 
 from gui.jobs import Jobs
 from gui.locks import FileLock
-from gui.models.autosave import Claim, Kept, find_kept, keep
+from gui.models.autosave import Claim, UnsavedCopy, find_kept, keep
 from gui.models.project import Project
 from gui.restore_dialog import RestoreDialog
 from lfcal.errors import LfcalError
@@ -50,7 +50,7 @@ class Rescue(QObject):
         self.folder = folder
         self.file = folder / f"{uuid.uuid4().hex[:12]}.lfcal"
         self._lock = FileLock(self.file)
-        self._waiting: list[tuple[Kept, Claim]] = []
+        self._waiting: list[tuple[UnsavedCopy, Claim]] = []
         self.dialog: RestoreDialog | None = None
         self._timer = QTimer(self)
         self._timer.setInterval(AUTOSAVE_MS)
@@ -93,7 +93,7 @@ class Rescue(QObject):
             _let_go,
         )
 
-    def _found(self, found: list[tuple[Kept, Claim]], of: Path | None, asked: bool) -> None:
+    def _found(self, found: list[tuple[UnsavedCopy, Claim]], of: Path | None, asked: bool) -> None:
         mine = [entry for entry in found if of is None or entry[0].project == str(of.absolute())]
         _let_go([entry for entry in found if entry not in mine])
         if len(mine) < len(found):
@@ -113,18 +113,18 @@ class Rescue(QObject):
         self.dialog.later_asked.connect(lambda: self.later(kept))
         self.dialog.open()
 
-    def _end(self, kept: Kept, action: Callable[[], None]) -> None:
+    def _end(self, kept: UnsavedCopy, action: Callable[[], None]) -> None:
         """Do ``action`` with the copy asked about, and ask about the next."""
         action()
         _let_go([entry for entry in self._waiting if entry[0] is kept])
         self._waiting = [entry for entry in self._waiting if entry[0] is not kept]
         self._ask()
 
-    def later(self, kept: Kept) -> None:
+    def later(self, kept: UnsavedCopy) -> None:
         """Leave the copy to the next start."""
         self._end(kept, lambda: None)
 
-    def finish(self, kept: Kept) -> None:
+    def finish(self, kept: UnsavedCopy) -> None:
         """Keep the copy as this window's own work, and only then remove it; others wait for later."""
         if self.keep() or not self.project.unsaved:
             kept.file.unlink(missing_ok=True)
@@ -149,6 +149,6 @@ class Rescue(QObject):
         self._lock.release()
 
 
-def _let_go(entries: list[tuple[Kept, Claim]]) -> None:
+def _let_go(entries: list[tuple[UnsavedCopy, Claim]]) -> None:
     for _, claim in entries:
         claim.release()

@@ -6,7 +6,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QCloseEvent
 from PySide6.QtWidgets import QDialog, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
-from gui.models.autosave import Kept
+from gui.models.autosave import UnsavedCopy
 from gui.theme import style_sheet
 
 __all__ = ["RestoreDialog"]
@@ -27,7 +27,7 @@ class RestoreDialog(QDialog):
     discard_asked = Signal()
     later_asked = Signal()
 
-    def __init__(self, kept: Kept, parent: QWidget | None = None) -> None:
+    def __init__(self, kept: UnsavedCopy, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setStyleSheet(style_sheet())
         self.setWindowTitle("Unsaved work was found")

@@ -8,7 +8,7 @@ from typing import Any
 from PySide6.QtWidgets import QDialog, QFileDialog, QLineEdit, QPlainTextEdit, QPushButton, QVBoxLayout, QWidget
 
 from gui.context import Context
-from gui.jobs import Job
+from gui.jobs import WindowJob
 from gui.theme import style_sheet
 from gui.widgets.cards import heading, line
 from lfcal.progress import Work
@@ -95,14 +95,14 @@ class VerifyDialog(QDialog):
             "\n".join((*lines, "All is what was written." if ok else "Not all is what was written."))
         )
 
-    def _failed(self, job: Job) -> None:
+    def _failed(self, job: WindowJob) -> None:
         self.found.setPlainText(job.error)
 
-    def _job_changed(self, job: Job) -> None:
+    def _job_changed(self, job: WindowJob) -> None:
         if job.number == self._number and job.progress is not None and job.active:
             self.found.setPlainText(f"{job.progress.done} of {job.progress.total} read")
 
-    def _job_finished(self, job: Job) -> None:
+    def _job_finished(self, job: WindowJob) -> None:
         if job.number == self._number:
             self._number = 0
             if self.found.toPlainText().endswith("read") or self.found.toPlainText() == "reading …":

@@ -24,7 +24,7 @@ from gui.context import Context
 from gui.docks import LogView, add_dock
 from gui.icons import icon_of
 from gui.job_panel import JobPanel
-from gui.jobs import JOBS_S, Job, Jobs, JobState
+from gui.jobs import JOBS_S, Jobs, JobState, WindowJob
 from gui.leaving import Leaving
 from gui.manual import Manual
 from gui.menus import WindowMenus, page_key
@@ -205,7 +205,7 @@ class MainWindow(QMainWindow):
             self.context.forget(path)
         self._refresh()
 
-    def _job_changed(self, job: Job) -> None:
+    def _job_changed(self, job: WindowJob) -> None:
         if job.state is JobState.FAILED:
             self.log(f"{job.title}: {job.error}")
         if not job.active or job.progress is None:
@@ -221,7 +221,7 @@ class MainWindow(QMainWindow):
         self._dock_opened = False
         self.dock_timer.stop()
 
-    def _leave_dock(self, job: Job) -> None:
+    def _leave_dock(self, job: WindowJob) -> None:
         """Give the room of the jobs back when they have ended well, unless the user wanted to see them."""
         if job.active or job.state is JobState.FAILED:
             self.dock_timer.stop()

@@ -14,7 +14,7 @@ from gui.models.project import Project, ProjectState, read_project
 from lfcal.errors import LfcalError
 from lfcal.files import read_text, replace_whole
 
-__all__ = ["Claim", "Kept", "find_kept", "keep", "read_kept"]
+__all__ = ["Claim", "UnsavedCopy", "find_kept", "keep", "read_kept"]
 
 
 class Claim(Protocol):
@@ -30,7 +30,7 @@ class Claim(Protocol):
 
 
 @dataclass(frozen=True)
-class Kept:
+class UnsavedCopy:
     """A copy of a project that was not saved when its window ended.
 
     Attributes
@@ -112,13 +112,13 @@ def keep(project: Project, file: Path) -> None:
         part.write_text(json.dumps(data, indent=2), encoding="utf-8")
 
 
-def read_kept(file: Path) -> Kept:
+def read_kept(file: Path) -> UnsavedCopy:
     """Return the copy in ``file`` beside what the project's own file holds; raises `LfcalError` if it is none."""
     text = read_text(file)
     state = ProjectState.from_json(text)
     about = json.loads(text).get("autosave")
     project = about.get("project") if isinstance(about, dict) else ""
-    kept = Kept(file, state, project if isinstance(project, str) else "", file.stat().st_mtime)
+    kept = UnsavedCopy(file, state, project if isinstance(project, str) else "", file.stat().st_mtime)
     own = Path(kept.project)
     if not kept.project or not own.is_file():
         return kept
@@ -126,15 +126,15 @@ def read_kept(file: Path) -> Kept:
         saved: ProjectState | None = read_project(own)
     except LfcalError:
         saved = None  # damaged: the copy is all there is
-    return Kept(file, state, kept.project, kept.time, saved, own.stat().st_mtime if saved is not None else None)
+    return UnsavedCopy(file, state, kept.project, kept.time, saved, own.stat().st_mtime if saved is not None else None)
 
 
-def find_kept(folder: Path, claim: Callable[[Path], Claim]) -> list[tuple[Kept, Claim]]:
+def find_kept(folder: Path, claim: Callable[[Path], Claim]) -> list[tuple[UnsavedCopy, Claim]]:
     """Return the copies that windows left which are gone, newest first, each claimed by the caller.
 
     A copy whose project holds the same is removed; one that cannot be read is put aside under another name.
     """
-    found: list[tuple[Kept, Claim]] = []
+    found: list[tuple[UnsavedCopy, Claim]] = []
     for file in folder.glob("*.lfcal"):
         claimed = claim(file)
         if not claimed.take():

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from lfcal.compiled import njit
 from lfcal.errors import InputError
 
-__all__ = ["COLOUR_MAPS", "Display", "bin_max", "colour_table", "levels_of", "shades", "to_uint8"]
+__all__ = ["COLOUR_MAPS", "DisplaySettings", "bin_max", "colour_table", "levels_of", "shades", "to_uint8"]
 
 COLOUR_MAPS = ("viridis", "cividis", "magma", "gray")
 """Perceptually even maps offered for intensities."""
@@ -31,7 +31,7 @@ DECADES_BELOW = 1e-4
 
 
 @dataclass(frozen=True)
-class Display:
+class DisplaySettings:
     """How values are shown.
 
     Attributes
@@ -68,7 +68,7 @@ def levels_of(image: NDArray[np.generic], *, signed: bool = False) -> tuple[floa
     return (low, high if high > low else low + 1.0)
 
 
-def to_uint8(image: NDArray[np.generic], display: Display, levels: tuple[float, float]) -> NDArray[np.uint8]:
+def to_uint8(image: NDArray[np.generic], display: DisplaySettings, levels: tuple[float, float]) -> NDArray[np.uint8]:
     """Return ``image`` scaled to 0..255 by ``display``; not-a-number becomes 0."""
     if image.dtype in (np.uint8, np.uint16) and image.size > 1 << 18:
         shown: NDArray[np.uint8] = _table(256**image.dtype.itemsize, display.scale, levels)[image]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gui.models.display import Display, bin_max, to_uint8
+from gui.models.display import DisplaySettings, bin_max, to_uint8
 from lfcal.camera import Camera
 
 __all__ = ["FrameNumbers", "Tile", "frame_numbers", "lattice_points", "render_tile", "visible_tile"]
@@ -51,7 +51,7 @@ def visible_tile(
 
 
 def render_tile(
-    frame: NDArray[np.generic], tile: Tile, display: Display, levels: tuple[float, float]
+    frame: NDArray[np.generic], tile: Tile, display: DisplaySettings, levels: tuple[float, float]
 ) -> NDArray[np.uint8]:
     """Return the tile as 0..255."""
     part = frame[tile.rows[0] : tile.rows[1], tile.columns[0] : tile.columns[1]]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gui.models.step import Step
+from gui.models.step import CommandStep
 
 __all__ = ["History", "Taken"]
 
@@ -38,7 +38,7 @@ class Taken:
 
     page: str
     title: str
-    step: Step | None
+    step: CommandStep | None
     out: str = ""
     why: str = ""
     draft: bool = False

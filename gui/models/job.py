@@ -11,7 +11,7 @@ from gui.models.history import Taken
 from lfcal.progress import Progress
 from lfcal.units import format_seconds
 
-__all__ = ["Job", "JobState", "Keeping", "plain_record"]
+__all__ = ["JobState", "Keeping", "WindowJob", "plain_record"]
 
 
 def plain_record(record: Progress) -> Progress:
@@ -47,7 +47,7 @@ class Keeping(Protocol):
 
 
 @dataclass(frozen=True)
-class Job:
+class WindowJob:
     """What the window knows of a piece of long work.
 
     Attributes
@@ -91,7 +91,7 @@ class Job:
         """Whether the job waits or runs."""
         return self.state in (JobState.WAITING, JobState.RUNNING)
 
-    def remembered(self) -> Job:
+    def remembered(self) -> WindowJob:
         """Return the job without what it made, which its last record may hold, too: a volume, a chart."""
         return replace(self, result=None, progress=None if self.progress is None else plain_record(self.progress))
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Profile", "Region", "fwhm", "line_profile", "region_numbers", "value_histogram"]
+__all__ = ["Profile", "RegionNumbers", "fwhm", "line_profile", "region_numbers", "value_histogram"]
 
 MOST = 1 << 20
 """A histogram to choose contrast by looks at no more values: of larger pictures at every second, third … row."""
@@ -68,7 +68,7 @@ def fwhm(distance: NDArray[np.float64], values: NDArray[np.float64]) -> float | 
 
 
 @dataclass(frozen=True)
-class Region:
+class RegionNumbers:
     """Numbers of a rectangle.
 
     Attributes
@@ -104,7 +104,9 @@ class Region:
         return "\n".join(lines)
 
 
-def region_numbers(image: NDArray[Any], rows: tuple[float, float], columns: tuple[float, float]) -> Region | None:
+def region_numbers(
+    image: NDArray[Any], rows: tuple[float, float], columns: tuple[float, float]
+) -> RegionNumbers | None:
     """Return the numbers of the pixels whose centres lie within ``rows`` and ``columns``; None where none does."""
     (top, bottom), (left, right) = (
         (max(0, math.ceil(low)), min(n, math.floor(high) + 1))
@@ -122,7 +124,7 @@ def region_numbers(image: NDArray[Any], rows: tuple[float, float], columns: tupl
         r, c = np.arange(top, bottom), np.arange(left, right)
         centre = float(light.sum(1) @ r / light.sum()), float(light.sum(0) @ c / light.sum())
     low, high = float(known.min()), float(known.max())
-    return Region(
+    return RegionNumbers(
         (top, bottom), (left, right), float(known.mean()), float(known.std()), low, high, float(known.sum()), centre
     )
 

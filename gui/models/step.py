@@ -14,7 +14,7 @@ from gui.models.project import ProjectState
 from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
 
-__all__ = ["CAMERA_FILE", "PLAN_FILE", "Step", "needed_file", "needed_plan", "options_of", "step_of"]
+__all__ = ["CAMERA_FILE", "PLAN_FILE", "CommandStep", "needed_file", "needed_plan", "options_of", "step_of"]
 
 CAMERA_FILE = "lfcal-camera.json"
 PLAN_FILE = "lfcal-plan.json"
@@ -22,7 +22,7 @@ END = "LFCAL_END"
 
 
 @dataclass(frozen=True)
-class Step:
+class CommandStep:
     """One step of a sitting.
 
     Attributes
@@ -54,7 +54,7 @@ class Step:
         return "".join(texts) + self.python.strip("\n") + "\n"
 
 
-def step_of(spec: PageSpec, project: ProjectState, out: str = "") -> Step:
+def step_of(spec: PageSpec, project: ProjectState, out: str = "") -> CommandStep:
     """Return what a page does with the project as it is: the function ``step`` of its module ``step``.
 
     ``out`` is the file or folder that it writes; empty: one with a name such as ``H.h5``.
@@ -67,7 +67,7 @@ def step_of(spec: PageSpec, project: ProjectState, out: str = "") -> Step:
     module = f"{spec.package}.step"
     if importlib.util.find_spec(module) is None:
         raise InputError(f"{spec.title}: this page has no command; its author may add one (step.py in its folder)")
-    found: Step = importlib.import_module(module).step(project, out)
+    found: CommandStep = importlib.import_module(module).step(project, out)
     return found
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from gui.app import safe_now
 from gui.crash_dialog import CrashDialog
 from gui.job_panel import JobPanel
-from gui.models.autosave import Kept
+from gui.models.autosave import UnsavedCopy
 from gui.models.mishaps import Mishap
 from gui.restore_dialog import RestoreDialog
 from gui.scenes.sample import open_sample
@@ -81,7 +81,9 @@ def _mishaps(stage: Stage) -> Iterator[Shot]:
     stage.turn()
     yield Shot("dialog_crash_details", crash)
     crash.close()
-    kept = Kept(stage.folder / "copy.lfcal", window.project.state, str(stage.folder / "bench.lfcal"), time.time())
+    kept = UnsavedCopy(
+        stage.folder / "copy.lfcal", window.project.state, str(stage.folder / "bench.lfcal"), time.time()
+    )
     restore = RestoreDialog(kept, window)
     restore.open()
     stage.turn()

@@ -10,7 +10,7 @@ from typing import Any
 from gui.scenes.stage import Shot, Stage
 from lfcal.camera import ScanPlan
 from lfcal.cli.sample import sample_session
-from lfcal.devices.simulated.faults import Fault
+from lfcal.devices.simulated.faults import DeviceFault
 
 __all__ = ["recording"]
 
@@ -78,7 +78,7 @@ def _record(stage: Stage, page: Any) -> Iterator[Shot]:
     stage.turn(60)
     yield Shot("acquire_record_running")
     yield from _dark_lab(stage, page)
-    page.setup.station.inject(Fault("vanishes", 40, 1))
+    page.setup.station.inject(DeviceFault("vanishes", 40, 1))
     tab.pause()
     stage.until(lambda: not tab.recording, "the camera to be unplugged")
     stage.settle()

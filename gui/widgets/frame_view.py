@@ -13,12 +13,12 @@ from PySide6.QtCore import QEvent, QPointF, QRectF, QTimer, Signal
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from gui.jobs import Jobs
-from gui.models.display import Display
+from gui.models.display import DisplaySettings
 from gui.models.frame_view import Tile, lattice_points, render_tile, visible_tile
 from gui.theme import TYPE_COLOURS
 from gui.widgets.blank import Blank
 from gui.widgets.colour_bar import theme_table
-from gui.widgets.measured import Measured
+from gui.widgets.measured import MeasuredView
 from gui.widgets.picture_menu import offer_menu
 from gui.widgets.plots import line_px, style_axes, theme_plot
 from lfcal.camera import Camera
@@ -26,7 +26,7 @@ from lfcal.camera import Camera
 __all__ = ["FrameView"]
 
 
-class FrameView(Measured, QWidget):
+class FrameView(MeasuredView, QWidget):
     """Show a frame with the lattice and the cutout drawn over it.
 
     Signals
@@ -49,7 +49,7 @@ class FrameView(Measured, QWidget):
         super().__init__(parent)
         self._jobs, self._group = jobs, group
         self._frame: NDArray[Any] | None = None
-        self._display, self._levels = Display(), (0.0, 1.0)
+        self._display, self._levels = DisplaySettings(), (0.0, 1.0)
         self._camera: Camera | None = None
         self._tile: Tile | None = None
         self._pointer: QPointF | None = None
@@ -118,7 +118,7 @@ class FrameView(Measured, QWidget):
         self._tell()
         self.picture_changed.emit()
 
-    def set_display(self, display: Display) -> None:
+    def set_display(self, display: DisplaySettings) -> None:
         """Change scaling and colour map."""
         self._display = display
         self._render()
@@ -283,6 +283,6 @@ class FrameView(Measured, QWidget):
         self._render()
 
     @property
-    def display(self) -> Display:
+    def display(self) -> DisplaySettings:
         """Scaling and colour map in use."""
         return replace(self._display)

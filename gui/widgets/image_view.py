@@ -12,11 +12,11 @@ from PySide6.QtCore import QEvent, QPointF, QRectF, Qt, Signal
 from PySide6.QtGui import QPen
 from PySide6.QtWidgets import QGraphicsItem, QVBoxLayout, QWidget
 
-from gui.models.display import Display, levels_of, to_uint8
+from gui.models.display import DisplaySettings, levels_of, to_uint8
 from gui.theme import current_theme
 from gui.widgets.blank import Blank
 from gui.widgets.colour_bar import ColourBar, bar_table, theme_table
-from gui.widgets.measured import Measured
+from gui.widgets.measured import MeasuredView
 from gui.widgets.picture_menu import offer_menu, save_picture
 from gui.widgets.pixel_axis import count_pixels, pixel_axes
 from gui.widgets.plots import line_px, style_axes, theme_plot
@@ -24,7 +24,7 @@ from gui.widgets.plots import line_px, style_axes, theme_plot
 __all__ = ["ImageView"]
 
 
-class ImageView(Measured, QWidget):
+class ImageView(MeasuredView, QWidget):
     """Show an array; row 0 is at the top, pixel centres are at whole numbers.
 
     Signals
@@ -56,7 +56,7 @@ class ImageView(Measured, QWidget):
     ) -> None:
         super().__init__(parent)
         self._signed = signed
-        self._display = Display(colour_map="RdBu_r" if signed else "viridis")
+        self._display = DisplaySettings(colour_map="RdBu_r" if signed else "viridis")
         self._image: NDArray[Any] | None = None
         self._origin = (0.0, 0.0)
         self._step = 1.0
@@ -160,7 +160,7 @@ class ImageView(Measured, QWidget):
             self._bar_levels = levels
             self.bar.set_levels(levels)
 
-    def set_display(self, display: Display) -> None:
+    def set_display(self, display: DisplaySettings) -> None:
         """Change scaling, colour map and levels; levels that were given with the picture stay."""
         self._display = display
         if self._image is not None:
@@ -171,7 +171,7 @@ class ImageView(Measured, QWidget):
         """Whether levels are symmetric about zero."""
         return self._signed
 
-    def set_signed(self, signed: bool, display: Display) -> None:
+    def set_signed(self, signed: bool, display: DisplaySettings) -> None:
         """Show differences (symmetric levels, diverging map) or intensities with ``display``."""
         self._signed = signed
         self._display = replace(display, scale="linear", colour_map="RdBu_r") if signed else display
@@ -179,7 +179,7 @@ class ImageView(Measured, QWidget):
         self.cursor.setPen(self.overlay_pen("#101418" if signed and not current_theme().red else "#ffffff"))
 
     @property
-    def display(self) -> Display:
+    def display(self) -> DisplaySettings:
         """Scaling, colour map and levels in use."""
         return self._display
 

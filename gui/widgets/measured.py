@@ -12,12 +12,12 @@ from PySide6.QtWidgets import QApplication
 from gui.widgets.measuring import Measuring
 from gui.widgets.picture_menu import save_values
 
-__all__ = ["Measured"]
+__all__ = ["MeasuredView"]
 
 Levels = tuple[float, float]
 
 
-class Measured:
+class MeasuredView:
     """Part of a view, which says what is shown; see `gui.widgets.measuring.Measurable` for the rest that it has.
 
     Attributes

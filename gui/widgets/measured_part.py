@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from PySide6.QtCore import QPoint, Signal
 from PySide6.QtWidgets import QWidget
 
-from gui.widgets.measured import Measured
+from gui.widgets.measured import MeasuredView
 
 __all__ = ["MeasuredPart", "entries_at"]
 
 Levels = tuple[float, float]
 
 
-class MeasuredPart(Measured, QWidget):
+class MeasuredPart(MeasuredView, QWidget):
     """What `gui.widgets.measuring.Measuring` needs of a picture; never shown itself.
 
     Parameters

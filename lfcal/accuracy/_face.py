@@ -7,16 +7,16 @@ from lfcal.accuracy.catalogue import PLACES
 from lfcal.accuracy.curve_file import read_curves, write_curves
 from lfcal.accuracy.drawing import draw_curves
 from lfcal.accuracy.measure import CurveProgress, iter_curves, iter_measure_curve, measure_curve
-from lfcal.accuracy.place import Place, Step, Truth
+from lfcal.accuracy.place import AccuracyStep, Place, Truth
 from lfcal.accuracy.subject import Subject
 
 __all__ = [
     "PLACES",
+    "AccuracyStep",
     "Curve",
     "CurveProgress",
     "Place",
     "Rung",
-    "Step",
     "Subject",
     "Truth",
     "draw_curves",

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 from lfcal.accuracy.base import Curve, Rung
-from lfcal.accuracy.place import Measuring, Place, Step, Truth
+from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
 from lfcal.accuracy.subject import Subject
 from lfcal.checks import check_number
 from lfcal.errors import LfcalError
@@ -66,7 +66,7 @@ class _Run:
     def record(self, note: str = "") -> CurveProgress:
         return CurveProgress(self.number, self.total, "what accuracy costs", self.elapsed, note, curve=self.curve)
 
-    def take(self, found: Truth | Step | Rung | Progress) -> str:
+    def take(self, found: Truth | AccuracyStep | Rung | Progress) -> str:
         """Take what a place tells; return a word on it."""
         if isinstance(found, Truth):
             self.curve = replace(self.curve, truth=found.label, notes=found.notes)
@@ -78,15 +78,15 @@ class _Run:
             now = self.elapsed
             self.longest, self.rung_at = now - self.rung_at, now
             return f"{self.curve.title}: {found.label}"
-        inner = found.label if isinstance(found, Step) else found.stage
+        inner = found.label if isinstance(found, AccuracyStep) else found.stage
         return f"{self.curve.title}: {inner}"
 
-    def over(self, found: Truth | Step | Rung | Progress) -> bool:
+    def over(self, found: Truth | AccuracyStep | Rung | Progress) -> bool:
         """Return whether the seconds are spent; one rung is measured in any case."""
         if not self.curve.rungs or isinstance(found, Truth):
             return False
         ahead = 0.0
-        if isinstance(found, Step):
+        if isinstance(found, AccuracyStep):
             # a step that says nothing takes as long as the one before
             ahead = self.longest if found.seconds is None else found.seconds
         return self.elapsed + ahead > self.limit
@@ -154,12 +154,12 @@ measure_curve = drained(
     """
     Examples
     --------
-    >>> from lfcal.accuracy import Place, Rung, Step, Subject, Truth, measure_curve
+    >>> from lfcal.accuracy import Place, Rung, AccuracyStep, Subject, Truth, measure_curve
     >>> from lfcal.camera import ScanPlan, preset
     >>> def averaging(subject, seconds):
     ...     yield Truth("the mean of all frames")
     ...     for n in (1, 4, 16):
-    ...         yield Step(f"mean of {n}")
+    ...         yield AccuracyStep(f"mean of {n}")
     ...         yield Rung(f"mean of {n}", {}, 0.08 / n**0.5, n, "frames")
     >>> place = Place("averaging", "Frames averaged", "noise over the signal", "frames", "frames", averaging)
     >>> subject = Subject("bench", ScanPlan.for_camera(preset("bench"), virtual_depths=[3], cutout=63))

@@ -10,7 +10,7 @@ from lfcal.accuracy.subject import Subject
 from lfcal.checks import check_choice
 from lfcal.progress import Progress
 
-__all__ = ["Measuring", "Place", "Step", "Truth"]
+__all__ = ["AccuracyStep", "Measuring", "Place", "Truth"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,14 +22,14 @@ class Truth:
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class AccuracyStep:
     """What is done next, and about how long it takes (seconds; None: as long as what came before)."""
 
     label: str
     seconds: float | None = None
 
 
-Measuring = Generator[Truth | Step | Rung | Progress, None, None]
+Measuring = Generator[Truth | AccuracyStep | Rung | Progress, None, None]
 """A running measurement. It may be closed at any time; between two of its records little time passes."""
 
 

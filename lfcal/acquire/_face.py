@@ -19,7 +19,7 @@ from lfcal.acquire.recording.verify import DamagedFrame, SessionReport, iter_ver
 from lfcal.acquire.recording.whole_frames import TargetRecording
 from lfcal.acquire.redo import RedoList
 from lfcal.acquire.runner import Observer, Outcome
-from lfcal.acquire.schedule import Schedule, Step
+from lfcal.acquire.schedule import Schedule, ScheduledFrame
 from lfcal.acquire.session import check_devices, iter_record, record
 from lfcal.acquire.session_file import SessionFile
 from lfcal.acquire.suspects import read_suspects
@@ -48,10 +48,10 @@ __all__ = [
     "RecordingSource",
     "RedoList",
     "Schedule",
+    "ScheduledFrame",
     "SessionFile",
     "SessionForecast",
     "SessionReport",
-    "Step",
     "SuspectFrame",
     "Suspender",
     "Suspicion",

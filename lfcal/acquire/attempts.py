@@ -6,14 +6,14 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from lfcal.acquire.errors import SuspectFrame
-from lfcal.acquire.guard.content import Content, ContentGuard, Seen
+from lfcal.acquire.guard.content import CheckedFrame, Content, ContentGuard
 from lfcal.acquire.guard.doubts import NO_DOUBT, Doubt
-from lfcal.acquire.guard.neighbours import Measured, same_place
-from lfcal.acquire.guard.repeats import Place
+from lfcal.acquire.guard.neighbours import MeasuredFrame, same_place
+from lfcal.acquire.guard.repeats import FramePlace
 from lfcal.acquire.options import Options
 from lfcal.acquire.recording.records import Kind
-from lfcal.acquire.schedule import Schedule, Step
-from lfcal.acquire.taking import Taken, Taker
+from lfcal.acquire.schedule import Schedule, ScheduledFrame
+from lfcal.acquire.taking import TakenFrame, Taker
 from lfcal.camera import ScanPlan
 from lfcal.devices.errors import CameraError, StageError, WrongFrame
 from lfcal.frames.source import Position
@@ -24,9 +24,9 @@ __all__ = ["Attempts"]
 class _Judged(NamedTuple):
     """A frame with its content, what is seen of it, and what is doubted after all."""
 
-    taken: Taken
+    taken: TakenFrame
     content: Content
-    seen: Seen
+    seen: CheckedFrame
     doubt: Doubt
 
 
@@ -48,15 +48,15 @@ class Attempts:
     def __init__(self, taker: Taker, guard: ContentGuard, schedule: Schedule, plan: ScanPlan, options: Options) -> None:
         self._taker, self._guard, self._schedule = taker, guard, schedule
         self._plan, self._options = plan, options
-        self._trusted: tuple[Step, Measured] | None = None
+        self._trusted: tuple[ScheduledFrame, MeasuredFrame] | None = None
         self._standing = NO_DOUBT
         self._attempt = 1
 
-    def trust(self, step: Step, now: Measured) -> None:
+    def trust(self, step: ScheduledFrame, now: MeasuredFrame) -> None:
         """Take ``step`` of an earlier run, which looked like ``now``, for one that is known."""
         self._trusted = step, now
 
-    def record(self, step: Step) -> Taken:
+    def record(self, step: ScheduledFrame) -> TakenFrame:
         """Return frame and note of ``step``, the latter with what is still suspected of the frame.
 
         Raises
@@ -84,7 +84,7 @@ class Attempts:
             self._trusted = step, judged.seen.now
         return judged.taken
 
-    def _looked_into(self, step: Step) -> _Judged:
+    def _looked_into(self, step: ScheduledFrame) -> _Judged:
         """Return a later frame of ``step`` with what is to be thought of it."""
         second = self._again(step)
         if not second.doubt or second.doubt.certain or step.kind is not Kind.POSITION:
@@ -114,15 +114,15 @@ class Attempts:
         known = f"(z, y, x) = {tuple(self._position(step))}, taken again, differs from its frame too"
         return Doubt(changed.what, (known,))
 
-    def _again(self, step: Step) -> _Judged:
+    def _again(self, step: ScheduledFrame) -> _Judged:
         self._taker.mover.forget()
         self._attempt += 1
         return self._judged(step)
 
-    def _judged(self, step: Step) -> _Judged:
+    def _judged(self, step: ScheduledFrame) -> _Judged:
         taken = self._faultless(step)
         exposed = taken.exposed
-        place = Place(self._position(step), (step.period_y, step.period_x))
+        place = FramePlace(self._position(step), (step.period_y, step.period_x))
         content = Content(
             step.kind,
             place,
@@ -135,7 +135,7 @@ class Attempts:
         seen = self._guard.look(content)
         return _Judged(taken, content, seen, seen.doubt)
 
-    def _faultless(self, step: Step) -> Taken:
+    def _faultless(self, step: ScheduledFrame) -> TakenFrame:
         """Return what is taken of ``step``, after as many faults of the devices as are allowed."""
         faults = 0
         while True:
@@ -152,5 +152,5 @@ class Attempts:
             self._taker.mover.forget()
             self._attempt += 1
 
-    def _position(self, step: Step) -> Position:
+    def _position(self, step: ScheduledFrame) -> Position:
         return self._schedule.position(step.flat)

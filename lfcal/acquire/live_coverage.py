@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lfcal.acquire.live_quality import LIMITS, Alarm
 from lfcal.acquire.recording.records import Kind, Note
-from lfcal.acquire.schedule import Step
+from lfcal.acquire.schedule import ScheduledFrame
 
 if TYPE_CHECKING:
     from lfcal.targets import TargetPlan
@@ -95,7 +95,7 @@ class LiveCoverage:
         self._lamp: list[tuple[float, float]] = []
         self._lock = threading.Lock()
 
-    def __call__(self, step: Step, note: Note, frame: NDArray[Any]) -> None:
+    def __call__(self, step: ScheduledFrame, note: Note, frame: NDArray[Any]) -> None:
         """Take an acknowledged frame into account."""
         if step.kind is Kind.DARK:
             return

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lfcal.acquire.recording.records import Kind, Note
 from lfcal.acquire.references import HotPixels, References, light_where
-from lfcal.acquire.schedule import Step
+from lfcal.acquire.schedule import ScheduledFrame
 from lfcal.axes import position_at
 from lfcal.camera import ScanPlan
 
@@ -158,7 +158,7 @@ class LiveQuality:
         self._done = 0
         self._lock = threading.Lock()
 
-    def __call__(self, step: Step, note: Note, frame: NDArray[Any]) -> None:
+    def __call__(self, step: ScheduledFrame, note: Note, frame: NDArray[Any]) -> None:
         """Take an acknowledged frame into account."""
         # each recording of a session counts from 0
         self._before += self._now if note.elapsed_s < self._now else 0.0

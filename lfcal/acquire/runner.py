@@ -15,7 +15,7 @@ from lfcal.acquire.attempts import Attempts
 from lfcal.acquire.control import Aborted, Control
 from lfcal.acquire.errors import AcquisitionStopped, SuspectFrame
 from lfcal.acquire.guard.content import ContentGuard
-from lfcal.acquire.guard.neighbours import Sensor
+from lfcal.acquire.guard.neighbours import SensorLimits
 from lfcal.acquire.known import Known
 from lfcal.acquire.lighting import check_light
 from lfcal.acquire.motion import check_limits
@@ -23,7 +23,7 @@ from lfcal.acquire.options import Options
 from lfcal.acquire.preview import LiveFrame, Preview
 from lfcal.acquire.recording.records import Kind, Note
 from lfcal.acquire.recording.writer import Acknowledged, Sink, Writer
-from lfcal.acquire.schedule import Schedule, Step
+from lfcal.acquire.schedule import Schedule, ScheduledFrame
 from lfcal.acquire.taking import Taker
 from lfcal.camera import ScanPlan
 from lfcal.devices.protocols import Roi
@@ -37,7 +37,7 @@ __all__ = ["Observer", "Outcome", "Runner"]
 HOLD_S, TICK_S = 0.2, 0.01
 """How long a session that holds waits before it looks again, and how much of it always passes really (s)."""
 
-Observer = Callable[[Step, Note, NDArray[Any]], None]
+Observer = Callable[[ScheduledFrame, Note, NDArray[Any]], None]
 """Called with step, note and frame after each acknowledgement, in the recording thread."""
 
 
@@ -118,7 +118,7 @@ class Runner:
         check_limits(schedule.targets[moved], rig.stage.limits, motion.overshoot_um)
         if bool((todo & ~moved).any()):
             check_light(rig)
-        sensor = Sensor(rig.camera.max_value, plan.camera.sensor.electrons_per_count)
+        sensor = SensorLimits(rig.camera.max_value, plan.camera.sensor.electrons_per_count)
         taker = Taker(rig, plan, options, schedule, self.control, sensor=sensor, elapsed=self._elapsed_s)
         self._lighting = taker.lighting
         guard = ContentGuard(
@@ -148,7 +148,7 @@ class Runner:
         self._began = time.perf_counter()
         self._since = self._rig.time.monotonic()
         writer = Writer(self._sink)
-        step: Step | None = None
+        step: ScheduledFrame | None = None
         yield self._progress()
         try:
             try:
@@ -191,7 +191,7 @@ class Runner:
                 observer(step, note, frame)
 
     # -- one step --------------------------------------------------------------------------------------
-    def _record(self, step: Step) -> tuple[NDArray[Any], Note]:
+    def _record(self, step: ScheduledFrame) -> tuple[NDArray[Any], Note]:
         """Return frame and note of ``step``, and show the frame."""
         taken = self._attempts.record(step)
         note = taken.note
@@ -201,7 +201,7 @@ class Runner:
             self._preview.put(LiveFrame(exposed.data, taken.roi, cutout, self._position(step), exposed.saturated, kind))
         return taken.frame, note
 
-    def _position(self, step: Step) -> Position:
+    def _position(self, step: ScheduledFrame) -> Position:
         return self._schedule.position(step.flat)
 
     def _elapsed_s(self) -> float:
@@ -237,7 +237,7 @@ class Runner:
             self._rig.stage.stop()
         self._lighting.restore()
 
-    def _report(self, step: Step | None, error: BaseException) -> str:
+    def _report(self, step: ScheduledFrame | None, error: BaseException) -> str:
         where = "before the first frame"
         if step is not None:
             where = f"{step.kind.name.lower()} (z, y, x) = {tuple(self._position(step))}"

@@ -19,10 +19,10 @@ from lfcal.devices.protocols import Point, Roi
 from lfcal.errors import InputError
 from lfcal.frames.source import Position
 
-__all__ = ["Schedule", "Step", "window_shape"]
+__all__ = ["Schedule", "ScheduledFrame", "window_shape"]
 
 
-class Step(NamedTuple):
+class ScheduledFrame(NamedTuple):
     """One frame to record.
 
     ``slot`` is its place in the file of its kind, ``flat`` the plan's position as ``(z * ny + y) * nx + x``,
@@ -48,7 +48,7 @@ class Schedule:
     Attributes
     ----------
     kinds, slots, flat, planes, targets, origins, periods
-        As in `Step`; ``targets`` ``(N, 3)``, ``origins`` and ``periods`` ``(N, 2)``.
+        As in `ScheduledFrame`; ``targets`` ``(N, 3)``, ``origins`` and ``periods`` ``(N, 2)``.
     window
         Rows and columns of every frame kept.
     roi
@@ -95,7 +95,7 @@ class Schedule:
         """Return the position that is counted as ``flat``."""
         return position_at(flat, self.grid[1:])
 
-    def steps(self, todo: NDArray[np.bool_] | None = None) -> Iterator[Step]:
+    def steps(self, todo: NDArray[np.bool_] | None = None) -> Iterator[ScheduledFrame]:
         """Iterate over the steps in order, those of ``todo`` ``(N,)`` only."""
         which = np.arange(len(self)) if todo is None else np.flatnonzero(todo)
         kinds = list(Kind)
@@ -112,7 +112,7 @@ class Schedule:
                 strict=True,
             )
             for kind, slot, flat, z, (a, b, c), (row, column), (py, px) in columns:
-                yield Step(kinds[kind], slot, flat, z, (a, b, c), row, column, py, px)
+                yield ScheduledFrame(kinds[kind], slot, flat, z, (a, b, c), row, column, py, px)
 
     @classmethod
     def of(

@@ -10,24 +10,24 @@ from numpy.typing import NDArray
 
 from lfcal.acquire.control import Control
 from lfcal.acquire.exposing import ExposedFrame, Exposer
-from lfcal.acquire.guard.neighbours import Measured, Sensor, measured
+from lfcal.acquire.guard.neighbours import MeasuredFrame, SensorLimits, measured
 from lfcal.acquire.lighting import Lighting
 from lfcal.acquire.motion import Mover
 from lfcal.acquire.options import Options
 from lfcal.acquire.recording.records import Kind, Note
-from lfcal.acquire.schedule import Schedule, Step
+from lfcal.acquire.schedule import Schedule, ScheduledFrame
 from lfcal.camera import ScanPlan
 from lfcal.devices.protocols import Point, Roi
 from lfcal.devices.rig import Rig
 
-__all__ = ["Taken", "Taker"]
+__all__ = ["TakenFrame", "Taker"]
 
 
-class Taken(NamedTuple):
+class TakenFrame(NamedTuple):
     """A frame ``(rows, columns)`` as it is to be kept, in numbers, its note, and all that was read of ``roi``."""
 
     frame: NDArray[Any]
-    now: Measured
+    now: MeasuredFrame
     note: Note
     exposed: ExposedFrame
     roi: Roi
@@ -54,7 +54,7 @@ class Taker:
         schedule: Schedule,
         control: Control,
         *,
-        sensor: Sensor,
+        sensor: SensorLimits,
         elapsed: Callable[[], float],
     ) -> None:
         self._rig, self._plan, self._options, self._schedule = rig, plan, options, schedule
@@ -66,7 +66,7 @@ class Taker:
         self._exposures = plan.exposures
         self._sensor = sensor
 
-    def take(self, step: Step, attempt: int = 1) -> Taken:
+    def take(self, step: ScheduledFrame, attempt: int = 1) -> TakenFrame:
         """Return the frame of ``step``; raises `DeviceError` if a device fails."""
         self._exposer.read_region(self._schedule.roi_of(step.kind))
         dark = step.kind is Kind.DARK
@@ -84,13 +84,13 @@ class Taker:
         saturated = int(np.count_nonzero(frame >= self._sensor.ceiling if mask is None else mask))
         now = measured(frame, saturated, self._sensor)
         note = self._note(step, exposed, now, stage_um=here, place=(row, column), attempts=attempt)
-        return Taken(frame, now, note, exposed, self._exposer.roi)
+        return TakenFrame(frame, now, note, exposed, self._exposer.roi)
 
     def _note(
         self,
-        step: Step,
+        step: ScheduledFrame,
         exposed: ExposedFrame,
-        now: Measured,
+        now: MeasuredFrame,
         *,
         stage_um: Point,
         place: tuple[int, int],
@@ -115,7 +115,7 @@ class Taker:
             peak=now.peak,
         )
 
-    def _crop(self, step: Step, exposed: ExposedFrame) -> tuple[NDArray[Any], NDArray[Any] | None, int, int]:
+    def _crop(self, step: ScheduledFrame, exposed: ExposedFrame) -> tuple[NDArray[Any], NDArray[Any] | None, int, int]:
         """Return the part that is kept, contiguous, with its saturation mask and first sensor row and column."""
         roi = self._exposer.roi
         # dark frames keep the whole region: the cutouts of all positions lie in it

@@ -106,11 +106,11 @@ def run(trial: Trial) -> Outcome:
     import numpy as np
 
     from lfcal.psf.aperture import fit_aperture
-    from lfcal.psf.aperture.synthetic import Disturbance, Fault, depth_sum_of
+    from lfcal.psf.aperture.synthetic import Disturbance, IrisFault, depth_sum_of
 
     seed = [trial.blades, round(100 * trial.curvature), round(100 * trial.snr), trial.number, trial.side]
     disturbance = Disturbance(1 / trial.snr, 2.0, trial.ripple, trial.pitch_px, trial.pattern)
-    fault, fill = Fault(trial.stuck, trial.out), FILL.get(trial.case, 0.42)
+    fault, fill = IrisFault(trial.stuck, trial.out), FILL.get(trial.case, 0.42)
     image, truth = depth_sum_of(
         trial.side, trial.blades, trial.curvature, disturbance, np.random.default_rng(seed), fill=fill, fault=fault
     )

@@ -83,7 +83,7 @@ def _against(fit: LatticeFit, camera: WhiteCamera) -> tuple[float, float, float]
     import numpy as np
     from scipy.spatial import cKDTree
 
-    from lfcal.lattice.forms import FORMS, Frame, design
+    from lfcal.lattice.forms import FORMS, DistortionFrame, design
 
     fitted = fit.centres_px(fit.index[:, 0], fit.index[:, 1])[:, ::-1]
     true = camera.places[cKDTree(camera.places).query(fitted)[1]]
@@ -91,7 +91,7 @@ def _against(fit: LatticeFit, camera: WhiteCamera) -> tuple[float, float, float]
     distance = np.hypot(*off.T)
     assert fit.errors is not None
     form = next(form for form in FORMS if form.name == fit.form)
-    columns = design(fit.model, form, fit.index, Frame.of(fit.shape)).reshape(-1, form.size)
+    columns = design(fit.model, form, fit.index, DistortionFrame.of(fit.shape)).reshape(-1, form.size)
     # the free numbers that the distances amount to, whitened by their covariance
     size = np.sqrt(np.diag(fit.errors.covariance))
     numbers = np.linalg.lstsq(columns * size, off.T.ravel(), rcond=None)[0]

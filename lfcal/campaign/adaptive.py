@@ -27,7 +27,7 @@ from lfcal.campaign.steps import FEWEST, Adapted, AdaptiveStep, Goal
 from lfcal.devices.rig import Rig
 from lfcal.errors import InputError
 from lfcal.fit import Fit, Measured, iter_fit_camera
-from lfcal.fit.design import Design, iter_next_positions
+from lfcal.fit.design import PositionDesign, iter_next_positions
 from lfcal.fit.earlier import Earlier
 from lfcal.fit.information import Expected
 from lfcal.frames.described import stated_noise
@@ -180,7 +180,7 @@ class _Campaign:
             return None
         return (yield from self._record(only=_positions(design.positions), kept_aside=_positions(design.kept_aside)))
 
-    def more(self, design: Design, step: AdaptiveStep) -> Work[Outcome]:
+    def more(self, design: PositionDesign, step: AdaptiveStep) -> Work[Outcome]:
         """Record as many of the positions of ``design`` as the goal is expected to need."""
         # the design's errors are those up to the brightness of each plane, the fit's have it in them
         scale = step.expected_error / design.start_error if design.start_error else 1.0
@@ -225,7 +225,7 @@ class _Campaign:
         fit = yield from iter_fit_camera(measured, unknowns=self._goal.unknowns, workers=self._workers)
         return fit, measured
 
-    def choice(self, fit: Fit, measured: Measured) -> Work[Design]:
+    def choice(self, fit: Fit, measured: Measured) -> Work[PositionDesign]:
         """Choose at most as many further positions as there are already."""
         left = self._most - len(self._recorded())
         sensor = self._plan.camera.sensor

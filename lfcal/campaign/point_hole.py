@@ -11,7 +11,7 @@ from lfcal.fit.fit import Finished
 from lfcal.fit.judge import chi_square, covariance
 from lfcal.fit.normal import Columns
 from lfcal.fit.result import Fit
-from lfcal.fit.select import Selection, gain_of
+from lfcal.fit.select import GroupSelection, gain_of
 from lfcal.progress import Work
 
 __all__ = ["HOLE", "hole_words", "is_told", "iter_called_for", "moved_far", "not_told", "without_hole"]
@@ -45,7 +45,7 @@ def iter_called_for(finished: Finished) -> Work[bool]:
     found = yield from problem.columns(point, own, "size of the holes", own=False)
     shared = columns.shared.copy()
     shared[own] = found.shared[own]
-    selection = Selection(problem, point, Columns(shared, columns.own))
+    selection = GroupSelection(problem, point, Columns(shared, columns.own))
     gain, enough = gain_of(selection, groups, (HOLE,))
     beyond = max(0.0, selection.left(groups) - selection.samples)
     return gain > max(enough, CALLED_FOR * beyond)

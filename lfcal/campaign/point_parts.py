@@ -17,7 +17,7 @@ from lfcal.campaign.points import Points
 from lfcal.checks import check_number, check_tuple
 from lfcal.errors import InputError
 from lfcal.fit import Measured
-from lfcal.fit.regional import Region, Regional
+from lfcal.fit.regional import FieldRegion, Regional
 from lfcal.frames.source import FrameSource, Noise
 
 __all__ = ["measured_modulo", "measured_points", "tile_plan", "tiles_of"]
@@ -172,11 +172,11 @@ def _one(
     return values / share, good, (max(0.0, float(two.constant)), float(two.slope))
 
 
-def _region(tile: Tile, parts: tuple[int, int], k: int) -> Region:
+def _region(tile: Tile, parts: tuple[int, int], k: int) -> FieldRegion:
     row, column = divmod(k, parts[1])
     rows, columns = tile
     period = (rows.stop - rows.start, columns.stop - columns.start)
-    return Region(f"part-{row}-{column}", period, (float(rows.start), float(columns.start)))
+    return FieldRegion(f"part-{row}-{column}", period, (float(rows.start), float(columns.start)))
 
 
 def _spread(part: NDArray[np.intp], most: int | None) -> NDArray[np.intp]:

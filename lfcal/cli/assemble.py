@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.cli.channels import Part, open_colour, parts_of
+from lfcal.cli.channels import ChannelPart, open_colour, parts_of
 from lfcal.cli.completing import complete_orientation
 from lfcal.cli.listed import ColumnsOption, OriginOption, report_notes, tell_size
 from lfcal.cli.options import (
@@ -273,7 +273,7 @@ class _How:
 
 
 def _assemble(
-    part: Part, scan: ScanPlan, recipe: CorrectionRecipe, how: _How, words: ScanFrames, run: RunChoice | None
+    part: ChannelPart, scan: ScanPlan, recipe: CorrectionRecipe, how: _How, words: ScanFrames, run: RunChoice | None
 ) -> dict[str, Any]:
     """Correct, crop and write H; print what was made, or return it for ``json``."""
     from lfcal.cli.console import run_work
@@ -326,7 +326,7 @@ def _assemble_regions(
         source, scan = open_colour(own.open, recipe.channel)
         with source:
             corrected = replace(recipe, shift=chosen_shift(shift, source)[0])
-            return _assemble(Part(source, scan, recipe.channel, part), scan, corrected, how, own, None)
+            return _assemble(ChannelPart(source, scan, recipe.channel, part), scan, corrected, how, own, None)
 
     saving = {"dtype": settings.dtype, "compression": settings.compression, "workers": settings.workers}
     return make_regions(read_regions(words.frames), out, region, given, **saving)

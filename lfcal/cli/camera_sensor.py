@@ -17,7 +17,7 @@ from lfcal.files import replace_whole
 if TYPE_CHECKING:
     from lfcal.camera import Camera
     from lfcal.frames.photon_transfer.result import SensorMeasurement
-    from lfcal.frames.photon_transfer.values import Measured
+    from lfcal.frames.photon_transfer.values import MeasuredValue
 
 __all__ = ["register"]
 
@@ -112,7 +112,7 @@ def _refusal(found: SensorMeasurement, known: Camera) -> InputError | None:
 def _as_json(found: SensorMeasurement) -> dict[str, Any]:
     values: dict[str, Any] = {}
     for name in SHOWN:
-        one: Measured | None = getattr(found, name)
+        one: MeasuredValue | None = getattr(found, name)
         values[name] = None if one is None else one._asdict()
     points = found.curve.points
     return {

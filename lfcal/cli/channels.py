@@ -13,11 +13,11 @@ if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
     from lfcal.frames import Frames
 
-__all__ = ["Part", "open_colour", "parts_of"]
+__all__ = ["ChannelPart", "open_colour", "parts_of"]
 
 
 @dataclass(frozen=True)
-class Part:
+class ChannelPart:
     """One H file to make.
 
     ``name`` is the colour that was asked for, empty for the frames as they are. ``plan`` is the plan that H is made by;
@@ -46,7 +46,7 @@ def open_colour(opened: Callable[..., tuple[Frames, ScanPlan]], channel: str) ->
 
 def parts_of(
     channel: str, source: Frames, plan: ScanPlan, out: Path, reopen: Callable[[str], Frames], *, quiet: bool = False
-) -> list[Part]:
+) -> list[ChannelPart]:
     """Return what is to be made of the frames.
 
     Parameters
@@ -75,11 +75,11 @@ def parts_of(
     for name in wanted:
         path = out.with_name(f"{out.stem}_{name}{out.suffix}") if channel == "each" else out
         if component or not name:
-            parts.append(Part(source if name in ("", component) else reopen(name), plan, "", path, name))
+            parts.append(ChannelPart(source if name in ("", component) else reopen(name), plan, "", path, name))
             continue
         scan = colour_scan(source, plan, name)
         if scan is None:
-            parts.append(Part(source, plan, name, path, name))
+            parts.append(ChannelPart(source, plan, name, path, name))
             continue
         own = ThinnedSource(source, scan)
         rows, columns = scan.plan.cutout
@@ -88,5 +88,5 @@ def parts_of(
                 f"note: channel {name}: {len(own)} of {len(source)} frames have their point on a pixel of it; "
                 f"period {scan.plan.period[0]} x {scan.plan.period[1]}, cutout {rows} x {columns} of its pixels"
             )
-        parts.append(Part(own, scan.plan, name, path, name))
+        parts.append(ChannelPart(own, scan.plan, name, path, name))
     return parts

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-__all__ = ["CHANNELS", "Planes", "Reading", "mean_plane", "read_planes", "read_white"]
+__all__ = ["CHANNELS", "ColourReading", "Planes", "mean_plane", "read_planes", "read_white"]
 
 CHANNELS = ("", "R", "G", "B", "each")
 """Colours that are taken; empty: all of a mosaic, the only one of a grey frame."""
@@ -24,7 +24,7 @@ Planes = dict[str, "NDArray[np.float32]"]
 
 
 @dataclass(frozen=True)
-class Reading:
+class ColourReading:
     """How frames are read: colour, pattern of their colour filters, dark frame, first pixel on the sensor."""
 
     channel: str
@@ -33,7 +33,7 @@ class Reading:
     origin: tuple[int, int] | None
 
 
-def read_planes(path: Path, reading: Reading) -> Planes:
+def read_planes(path: Path, reading: ColourReading) -> Planes:
     """Return the colours of a frame less its dark frame, ``(rows, columns)`` each; "" is the plane of a grey frame.
 
     Frame and dark frame are files, or folders whose frames are averaged.
@@ -110,7 +110,7 @@ def read_white(path: Path, dark: Path | None, channel: str = "", cfa: str = "") 
     """Return a white image less its dark frame: grey, one colour, or the mean of a mosaic's colours."""
     check_choice("channel", channel, ("", *COLOURS))
     try:
-        return mean_plane(read_planes(path, Reading(channel, cfa, dark, None)))
+        return mean_plane(read_planes(path, ColourReading(channel, cfa, dark, None)))
     except FileFormatError as error:
         # one lattice has one image
         raise FileFormatError(str(error).replace(", or all: --channel each", "")) from None

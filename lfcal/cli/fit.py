@@ -115,12 +115,12 @@ def command(
     from lfcal.campaign.point_files import point_outputs
     from lfcal.cli.cameras import load_camera
     from lfcal.cli.console import print_json, run_work
-    from lfcal.cli.fit_check import Asked, check_h
+    from lfcal.cli.fit_check import CheckRequest, check_h
     from lfcal.cli.fit_field import Regions, fit_regions, names_of
-    from lfcal.cli.fit_object import Place, object_dict, object_error, object_words, read_object
+    from lfcal.cli.fit_object import ObjectPlace, object_dict, object_error, object_words, read_object
     from lfcal.cli.fit_source import (
         SOME,
-        Reading,
+        PatternReading,
         check_frame_options,
         is_matrix,
         open_upright,
@@ -171,7 +171,7 @@ def command(
         if plan is not None and not any(source.is_dir() for source in sources):
             raise InputError.expected("--plan", "a folder of frames, which it applies to", "files", "leave it out")
         recipe = CorrectionRecipe(dark=dark, black_level=black_level, white=white or "")
-        asked = Asked(
+        asked = CheckRequest(
             parse_noise(noise),
             (2.0 if limit is None else limit) / 100,
             SOME if positions is None else positions,
@@ -236,7 +236,7 @@ def command(
         _check_regions(out, sources, *read, more=made, no_h=no_h, force=again)
         recipe = CorrectionRecipe(dark=dark, black_level=black_level, white=white or "")
         start = load_camera(camera) if camera else None
-        how = Reading(start, positions, parse_noise(noise), plan, recipe, orientation)
+        how = PatternReading(start, positions, parse_noise(noise), plan, recipe, orientation)
         begin = chosen if effects else None
         runs = [run_choice(place, *by_whom, resume=resume, force=force) for place in places]
         run = next((one for one in runs if one is not None), None)
@@ -250,7 +250,7 @@ def command(
     run = None if hybrid or no_h else run_choice(out / MODEL, *by_whom, resume=resume, force=force)
     recipe = CorrectionRecipe(dark=dark, black_level=black_level, white=white or "")
     start = load_camera(camera) if camera else None
-    how = Reading(start, positions, parse_noise(noise), plan, recipe, orientation)
+    how = PatternReading(start, positions, parse_noise(noise), plan, recipe, orientation)
     measured, known = read_patterns(source, how, quiet=json)
     # what cannot be read ends this before the fit
     aside = withheld_points(source, validate_on, how, measured, quiet=json) if more else None
@@ -277,7 +277,7 @@ def command(
         if not json:
             show_validation(found)
     if shot is not None:
-        beside = object_error([Place.of(out / MODEL, fit)], *shot, how.noise, workers)
+        beside = object_error([ObjectPlace.of(out / MODEL, fit)], *shot, how.noise, workers)
         known_of["object"] = object_dict(beside)
         if not json:
             typer.echo(object_words(beside))

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from lfcal.frames import CorrectionRecipe, FrameSource
     from lfcal.psf import PSFMatrix
 
-__all__ = ["Asked", "check_h", "new_frame", "single_frames"]
+__all__ = ["CheckRequest", "check_h", "new_frame", "single_frames"]
 
 NAMES = ("*z{z}_y{y}_x{x}.*", "*y{y}_x{x}.*")
 """Names of single files that say where their source is."""
@@ -33,7 +33,7 @@ EXPLANATIONS = 4
 
 
 @dataclass(frozen=True)
-class Asked:
+class CheckRequest:
     """What is asked of an old H, and how frames are read.
 
     Attributes
@@ -60,7 +60,7 @@ class Asked:
     orientation: str
 
 
-def check_h(old: Path, sources: list[Path], asked: Asked, *, json: bool) -> bool:
+def check_h(old: Path, sources: list[Path], asked: CheckRequest, *, json: bool) -> bool:
     """Hold new frames against an old H; print the answer, and return whether it holds."""
     from lfcal.cli.console import print_json, run_work
     from lfcal.cli.matrices import open_matrix
@@ -78,7 +78,7 @@ def check_h(old: Path, sources: list[Path], asked: Asked, *, json: bool) -> bool
     return found.holds is True
 
 
-def _frames(H: PSFMatrix, source: Path, asked: Asked, stack: ExitStack, *, quiet: bool) -> list[NewFrame]:
+def _frames(H: PSFMatrix, source: Path, asked: CheckRequest, stack: ExitStack, *, quiet: bool) -> list[NewFrame]:
     """Return the frames of a file, a folder or a session, with what is known of where their sources are."""
     from lfcal.cli.orientation import upright
     from lfcal.cli.scan_frames import ScanFrames, find_plan

@@ -13,7 +13,7 @@ import typer
 from lfcal.errors import InputError
 
 if TYPE_CHECKING:
-    from lfcal.cli.fit_source import Reading
+    from lfcal.cli.fit_source import PatternReading
     from lfcal.fit import Measured
     from lfcal.fit.field import FieldFit
     from lfcal.fit.validate import Validation
@@ -77,7 +77,7 @@ class Regions:
 
 def fit_regions(
     sources: Sequence[Path],
-    how: Reading,
+    how: PatternReading,
     groups: str | tuple[str, ...],
     effects: tuple[dict[str, str], Sequence[Effect]] | None,
     out: Path,
@@ -90,7 +90,7 @@ def fit_regions(
 ) -> None:
     """Fit one camera to the patterns of several regions, and write it; each H in units where ``run`` says by whom."""
     from lfcal.cli.console import print_json, run_work
-    from lfcal.cli.fit_object import Place, object_dict, object_error, object_words, read_object
+    from lfcal.cli.fit_object import ObjectPlace, object_dict, object_error, object_words, read_object
     from lfcal.cli.fit_source import is_matrix, open_upright, read_patterns
     from lfcal.cli.fit_validate import validation_dict, withheld_points
     from lfcal.fit.field import iter_fit_field
@@ -130,7 +130,7 @@ def fit_regions(
     found = _validated(fit, aside, other, by_name, out, more.validate_on, json=json)
     beside = None
     if shot is not None:
-        places = [Place.of(out / name / MODEL, own) for name, own in fit.fits.items()]
+        places = [ObjectPlace.of(out / name / MODEL, own) for name, own in fit.fits.items()]
         beside = object_error(places, *shot, how.noise, workers)
         if not json:
             typer.echo(object_words(beside))

@@ -17,16 +17,16 @@ from lfcal.errors import InputError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lfcal.cli.fit_source import Reading
+    from lfcal.cli.fit_source import PatternReading
     from lfcal.fit import Fit, Measured
     from lfcal.fit.compared import Compared
     from lfcal.fit.locate import NewFrame
 
-__all__ = ["Place", "nearest", "object_dict", "object_error", "object_words", "read_object"]
+__all__ = ["ObjectPlace", "nearest", "object_dict", "object_error", "object_words", "read_object"]
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class ObjectPlace:
     """Where H holds.
 
     Attributes
@@ -44,14 +44,16 @@ class Place:
     gains: tuple[float, ...]
 
     @classmethod
-    def of(cls, H: Path, fit: Fit) -> Place:
+    def of(cls, H: Path, fit: Fit) -> ObjectPlace:
         """Return the place of a fit's H."""
         plan = fit.planned
         row, column = (a + (n - 1) / 2 for a, n in zip(plan.anchor, plan.period, strict=True))
         return cls(H, (row, column), tuple(map(float, fit.levels.gains)))
 
 
-def read_object(frame: Path, scene: Path, how: Reading, fitted: Measured) -> tuple[NewFrame, NDArray[np.float32]]:
+def read_object(
+    frame: Path, scene: Path, how: PatternReading, fitted: Measured
+) -> tuple[NewFrame, NDArray[np.float32]]:
     """Return the frame of a known object, corrected, and the object; before anything is fitted."""
     from lfcal.frames import corrected_view
     from lfcal.reconstruct.volumes import load_volume
@@ -71,7 +73,7 @@ def read_object(frame: Path, scene: Path, how: Reading, fitted: Measured) -> tup
     return shot, volume
 
 
-def nearest(places: Sequence[Place], shape: tuple[int, int], origin: tuple[float, float]) -> NDArray[np.intp]:
+def nearest(places: Sequence[ObjectPlace], shape: tuple[int, int], origin: tuple[float, float]) -> NDArray[np.intp]:
     """Return for each pixel ``(rows, columns)`` of a frame the number of the place whose middle is nearest.
 
     ``origin`` is the frame's first pixel (row, column) on the sensor.
@@ -83,7 +85,7 @@ def nearest(places: Sequence[Place], shape: tuple[int, int], origin: tuple[float
 
 
 def object_error(
-    places: Sequence[Place],
+    places: Sequence[ObjectPlace],
     shot: NewFrame,
     volume: NDArray[np.float32],
     given: tuple[float, float] | None,

@@ -20,14 +20,22 @@ if TYPE_CHECKING:
     from lfcal.frames import CorrectionRecipe
     from lfcal.psf import PSFMatrix
 
-__all__ = ["Reading", "check_frame_options", "is_matrix", "open_upright", "own_words", "parse_noise", "read_patterns"]
+__all__ = [
+    "PatternReading",
+    "check_frame_options",
+    "is_matrix",
+    "open_upright",
+    "own_words",
+    "parse_noise",
+    "read_patterns",
+]
 
 SOME = 40
 """Positions that are taken of a source that has more."""
 
 
 @dataclass(frozen=True)
-class Reading:
+class PatternReading:
     """How patterns are read.
 
     Attributes
@@ -115,7 +123,7 @@ def parse_noise(text: str) -> tuple[float, float] | None:
     return values[0], values[1]
 
 
-def read_patterns(source: Path, how: Reading, *, quiet: bool) -> tuple[Measured, dict[str, Any]]:
+def read_patterns(source: Path, how: PatternReading, *, quiet: bool) -> tuple[Measured, dict[str, Any]]:
     """Return the patterns to fit, and what is known of their source for the provenance of what is made of them."""
     from lfcal.cli.cameras import tell_assumed
     from lfcal.cli.listed import report_notes
@@ -149,7 +157,7 @@ def read_patterns(source: Path, how: Reading, *, quiet: bool) -> tuple[Measured,
         return measured_of(matrix, camera, noise=how.noise, most=most or None, left_out=apart), known
 
 
-def _most(how: Reading, aside: list[list[int]]) -> int:
+def _most(how: PatternReading, aside: list[list[int]]) -> int:
     """Return how many positions are taken, 0 for all: of a session that chose them, all."""
     return (0 if aside else SOME) if how.most is None else how.most
 
@@ -174,7 +182,7 @@ def _none_left(source: Path) -> InputError:
 
 
 def _left(
-    index: NDArray[np.intp], how: Reading, period: tuple[int, int], aside: list[list[int]] | None = None
+    index: NDArray[np.intp], how: PatternReading, period: tuple[int, int], aside: list[list[int]] | None = None
 ) -> NDArray[np.intp]:
     """Return positions that may be taken, spread evenly, no more than are asked for."""
     from lfcal.fit.spread import spread_out
@@ -184,7 +192,7 @@ def _left(
     return found[spread_out(found, most, period)] if most and len(found) > most else found
 
 
-def _with_noise(matrix: PSFMatrix, how: Reading) -> tuple[Reading, str]:
+def _with_noise(matrix: PSFMatrix, how: PatternReading) -> tuple[PatternReading, str]:
     """Return how patterns are read, with the noise that H states of its frames, and where that is known from."""
     from lfcal.psf.provenance import noise_of
 
@@ -197,7 +205,7 @@ def _with_noise(matrix: PSFMatrix, how: Reading) -> tuple[Reading, str]:
     return how, f"noise of the frames: {found.source} (variance {found.floor:.3g} + {found.slope:.3g} x signal)"
 
 
-def _check_noise(matrix: PSFMatrix, source: Path, how: Reading) -> None:
+def _check_noise(matrix: PSFMatrix, source: Path, how: PatternReading) -> None:
     if how.noise is not None:
         return
     noise = None if matrix.facts.noise is None else matrix.facts.noise[matrix.recorded > 0]
@@ -231,7 +239,7 @@ def _recorded(source: Path) -> dict[str, Any]:
 
 
 def _picked(
-    source: Path, how: Reading, stack: ExitStack, *, quiet: bool
+    source: Path, how: PatternReading, stack: ExitStack, *, quiet: bool
 ) -> tuple[PSFMatrix, dict[str, Any], list[list[int]]]:
     """Return patterns of positions of a folder of frames or a session, corrected and cut out, and which to keep aside.
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 if TYPE_CHECKING:
-    from lfcal.cli.fit_source import Reading
+    from lfcal.cli.fit_source import PatternReading
     from lfcal.fit import Fit, Measured
     from lfcal.fit.judge import ModelError
     from lfcal.fit.validate import PointError, Validation
@@ -33,7 +33,9 @@ LISTED = 8
 """Points with the largest errors that are listed; validation.json has all."""
 
 
-def withheld_points(source: Path, other: Path | None, how: Reading, fitted: Measured, *, quiet: bool) -> Measured:
+def withheld_points(
+    source: Path, other: Path | None, how: PatternReading, fitted: Measured, *, quiet: bool
+) -> Measured:
     """Return the patterns of positions that were not fitted, or those of another source."""
     from lfcal.cli.fit_source import read_patterns
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ROUTES",
-    "Recorded",
+    "RecordedFrame",
     "Weighing",
     "check_told",
     "fourier_file",
@@ -29,7 +29,7 @@ __all__ = [
 ROUTES = ("spatial", "fourier", "both")
 
 
-class Recorded(NamedTuple):
+class RecordedFrame(NamedTuple):
     """A frame as recorded, its colour filters where the file names them, and its black level where it states one."""
 
     raw: NDArray[Any]
@@ -37,19 +37,19 @@ class Recorded(NamedTuple):
     black_level: Any
 
 
-def read_frame(path: Path, page: int = 0) -> Recorded:
+def read_frame(path: Path, page: int = 0) -> RecordedFrame:
     """Return one page of a file with what the file says of it."""
     from lfcal.frames import open_image
 
     image = open_image(path)
     try:
         frame: NDArray[Any] = image.read(image.check_page(page))
-        return Recorded(frame, str(image.metadata.get("cfa", "")), image.metadata.get("black_level"))
+        return RecordedFrame(frame, str(image.metadata.get("cfa", "")), image.metadata.get("black_level"))
     finally:
         image.close()
 
 
-def level_of(frame: Recorded, given: float | None, sensor: Sensor | None = None) -> Any:
+def level_of(frame: RecordedFrame, given: float | None, sensor: Sensor | None = None) -> Any:
     """Return the level of no light: the one given, else the file's, else the sensor's, else 0."""
     if given is not None:
         return given

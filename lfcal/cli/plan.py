@@ -26,7 +26,14 @@ from lfcal.cli.options import (
     WorkersOption,
 )
 from lfcal.cli.outputs import check_output
-from lfcal.cli.plan_for_fit import Wanted, check_wanted, half_positions, ready_plan, show_chosen, write_positions
+from lfcal.cli.plan_for_fit import (
+    WantedPositions,
+    check_wanted,
+    half_positions,
+    ready_plan,
+    show_chosen,
+    write_positions,
+)
 from lfcal.cli.plan_pace import WITHOUT_READOUT, FrameRateOption, Pace
 from lfcal.cli.plan_regions import RegionsOption, plan_regions
 from lfcal.cli.plan_target import (
@@ -288,7 +295,9 @@ def command(
     if not for_fit:
         refuse(context, "--for-fit", "none", "full", "candidates")
     pace = Pace(speed, frame_rate)
-    wanted = Wanted(for_fit, half_cell, chosen, earlier, unknowns, full, beside, candidates, draw, pace, workers)
+    wanted = WantedPositions(
+        for_fit, half_cell, chosen, earlier, unknowns, full, beside, candidates, draw, pace, workers
+    )
     check_wanted(wanted, out, camera, positions, force=force)
     aimed = TargetWanted(source, tolerance, crosstalk, pose, pose_within, most_frames, pace, signal, patterns)
     if regions and (for_fit or half_cell or positions is not None):

@@ -18,11 +18,11 @@ from lfcal.errors import InputError
 if TYPE_CHECKING:
     from lfcal.camera import Forecast, ScanPlan
     from lfcal.cli.plan_pace import Pace
-    from lfcal.fit.design import Design
+    from lfcal.fit.design import PositionDesign
     from lfcal.fit.earlier import Earlier
     from lfcal.fit.nuisance import Spread
 
-__all__ = ["Wanted", "check_wanted", "half_positions", "ready_plan", "show_chosen", "write_positions"]
+__all__ = ["WantedPositions", "check_wanted", "half_positions", "ready_plan", "show_chosen", "write_positions"]
 
 FIT_FILES = ("camera.json", "effects.json", "fit.json")
 
@@ -33,7 +33,7 @@ TOLD, ASIDE = "tells most of the optics", "kept aside: tells how good the fit is
 
 
 @dataclass(frozen=True)
-class Wanted:
+class WantedPositions:
     """Which positions are to be chosen, by the options' words."""
 
     count: int
@@ -54,7 +54,7 @@ class Wanted:
         return [path for path in (self.out, self.draw) if path is not None]
 
 
-def check_wanted(wanted: Wanted, out: Path | None, *inputs: Path | str | None, force: bool) -> None:
+def check_wanted(wanted: WantedPositions, out: Path | None, *inputs: Path | str | None, force: bool) -> None:
     """Raise where positions are not to be chosen and options say how, or an output cannot be written."""
     if wanted.count and wanted.half_cell:
         raise InputError("--half-cell: is a whole scan of half the positions; leave it out beside --for-fit")
@@ -101,7 +101,7 @@ def ready_plan(path: Path) -> ScanPlan | None:
     return ScanPlan.from_json(text) if '"lfcal-plan"' in text else None
 
 
-def show_chosen(plan: ScanPlan, wanted: Wanted, *, json: bool) -> dict[str, Any]:
+def show_chosen(plan: ScanPlan, wanted: WantedPositions, *, json: bool) -> dict[str, Any]:
     """Choose positions, write the list and the picture, and print the curve; return what ``--json`` prints."""
     from lfcal.acquire.redo import RedoList
     from lfcal.fit.design import iter_next_positions
@@ -149,13 +149,13 @@ def show_chosen(plan: ScanPlan, wanted: Wanted, *, json: bool) -> dict[str, Any]
     return facts
 
 
-def _read_out(found: Design, plan: ScanPlan, pace: Pace) -> Design:
+def _read_out(found: PositionDesign, plan: ScanPlan, pace: Pace) -> PositionDesign:
     """Return what was found with the readout of its frames in its times."""
     each = pace.reading(plan.frames_averaged)
     return replace(found, curve=tuple(replace(p, hours=p.hours + p.positions * each) for p in found.curve))
 
 
-def _steadiness(wanted: Wanted, earlier: Earlier | None) -> Spread:
+def _steadiness(wanted: WantedPositions, earlier: Earlier | None) -> Spread:
     """Return what an earlier fit found, or else what is usual; sources lie as far beside their places as is wanted."""
     from lfcal.fit.nuisance import Spread
 
@@ -163,7 +163,7 @@ def _steadiness(wanted: Wanted, earlier: Earlier | None) -> Spread:
     return found if wanted.beside is None else replace(found, stage_px=wanted.beside)
 
 
-def _show(found: Design, whole: Forecast, earlier: Earlier | None, pace: Pace) -> None:
+def _show(found: PositionDesign, whole: Forecast, earlier: Earlier | None, pace: Pace) -> None:
     from lfcal.fit.model import Fineness
     from lfcal.fit.problem import ERRORS
     from lfcal.units import format_seconds, format_share

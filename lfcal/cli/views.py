@@ -11,7 +11,7 @@ import typer
 
 from lfcal.camera import Camera
 from lfcal.checks import check_choice, check_number
-from lfcal.cli.colour_planes import CHANNELS, Reading, read_planes
+from lfcal.cli.colour_planes import CHANNELS, ColourReading, read_planes
 from lfcal.cli.console import print_json, print_table
 from lfcal.cli.listed import OriginOption
 from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
@@ -19,7 +19,7 @@ from lfcal.cli.outputs import check_outputs
 from lfcal.cli.plan import load_camera, parse_depths
 from lfcal.cli.usage import refuse
 from lfcal.cli.views_files import save_picture, save_stack, stack_names, view_names
-from lfcal.cli.views_input import Given, Scene, cutting_of
+from lfcal.cli.views_input import Given, ViewedFrame, cutting_of
 from lfcal.cli.views_report import as_json, rows
 from lfcal.errors import InputError
 
@@ -106,9 +106,9 @@ def command(
         check_slopes(wish.slopes)
     if out is not None:
         check_outputs([out / name for name in _names(wish)], frame, white, lattice, dark, camera, force=force)
-    reading = Reading(channel, cfa, dark, parse_origin(origin))
+    reading = ColourReading(channel, cfa, dark, parse_origin(origin))
     planes = read_planes(frame, reading)
-    scene = Scene(planes, cutting_of(planes, Given(white, lattice, kind, pitch), described, reading), described)
+    scene = ViewedFrame(planes, cutting_of(planes, Given(white, lattice, kind, pitch), described, reading), described)
     views = {label: _views(scene, part, wish) for label, part in _lattices(scene, wish).items()}
     written = [] if out is None else _save(scene, views, wish, out)
     if json:
@@ -139,7 +139,7 @@ def _names(wish: _Wish) -> list[str]:
     return names + (TOTAL if wish.types == "together" else [])
 
 
-def _lattices(scene: Scene, wish: _Wish) -> dict[str, FrameLattice]:
+def _lattices(scene: ViewedFrame, wish: _Wish) -> dict[str, FrameLattice]:
     """Return the lattices that views are cut on: all lenslets, or those of each type."""
     from lfcal.lattice import type_lattice
 
@@ -150,7 +150,7 @@ def _lattices(scene: Scene, wish: _Wish) -> dict[str, FrameLattice]:
     return {label: type_lattice(cutting.lattice, cutting.type_of, k) for k, label in enumerate(_labels(wish))}
 
 
-def _views(scene: Scene, lattice: FrameLattice, wish: _Wish) -> list[Views]:
+def _views(scene: ViewedFrame, lattice: FrameLattice, wish: _Wish) -> list[Views]:
     """Return the views of each colour."""
     from lfcal.lattice import TypeLattice, extract_views
 
@@ -171,7 +171,7 @@ def _views(scene: Scene, lattice: FrameLattice, wish: _Wish) -> list[Views]:
     ]
 
 
-def _save(scene: Scene, views: dict[str, list[Views]], wish: _Wish, out: Path) -> list[Path]:
+def _save(scene: ViewedFrame, views: dict[str, list[Views]], wish: _Wish, out: Path) -> list[Path]:
     """Write views and focal stacks; return the files in the order of `_names`."""
     stacks, more = _stacks(scene, views, wish)
     for label, colours in views.items():
@@ -185,7 +185,7 @@ def _save(scene: Scene, views: dict[str, list[Views]], wish: _Wish, out: Path) -
 
 
 def _stacks(
-    scene: Scene, views: dict[str, list[Views]], wish: _Wish
+    scene: ViewedFrame, views: dict[str, list[Views]], wish: _Wish
 ) -> tuple[dict[str, NDArray[Any]], dict[str, NDArray[Any]]]:
     """Return the focal stacks ``(n, rows, columns)``, or with colours second, and what else is to be written."""
     import numpy as np

@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lfcal.camera import Camera
-from lfcal.cli.colour_planes import Planes, Reading, mean_plane, read_planes
+from lfcal.cli.colour_planes import ColourReading, Planes, mean_plane, read_planes
 from lfcal.cli.lattice_file import load_lattice
 from lfcal.errors import InputError
 
 if TYPE_CHECKING:
     from lfcal.lattice.micro_images import FrameLattice, TypeOf
 
-__all__ = ["Cutting", "Given", "Scene", "cutting_of"]
+__all__ = ["Cutting", "Given", "ViewedFrame", "cutting_of"]
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Given:
 
 
 @dataclass(frozen=True)
-class Scene:
+class ViewedFrame:
     """A frame by its colours, on what it is cut, and the camera where it is described."""
 
     planes: Planes
@@ -48,7 +48,7 @@ class Scene:
     camera: Camera | None
 
 
-def cutting_of(frame: Planes, given: Given, camera: Camera | None, reading: Reading) -> Cutting:
+def cutting_of(frame: Planes, given: Given, camera: Camera | None, reading: ColourReading) -> Cutting:
     """Return what views of ``frame`` are cut on.
 
     A white image says it best; without one a measured lattice or the camera's description does, and micro-images count
@@ -82,7 +82,7 @@ def _radius(lattice: FrameLattice, camera: Camera | None) -> float:
     return min(*clear, lattice.pitch_px, lattice.row_pitch_px) / 2
 
 
-def _by_white(frame: Planes, white: Path, given: Given, camera: Camera | None, reading: Reading) -> Cutting:
+def _by_white(frame: Planes, white: Path, given: Given, camera: Camera | None, reading: ColourReading) -> Cutting:
     """Return what a white image says; its lattice is fitted, unless it was measured before."""
     from lfcal.lattice import classify_lens_types, cropped, expected_blur, fit_lattice
 

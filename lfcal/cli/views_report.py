@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lfcal.cli.views_input import Scene
+from lfcal.cli.views_input import ViewedFrame
 
 if TYPE_CHECKING:
     from lfcal.lattice import Views
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 __all__ = ["as_json", "rows"]
 
 
-def rows(scene: Scene, found: dict[str, list[Views]]) -> list[list[str]]:
+def rows(scene: ViewedFrame, found: dict[str, list[Views]]) -> list[list[str]]:
     """Return the rows of the table of a frame's views, ``found`` by lens type and colour."""
     views = next(iter(found.values()))[0]
     lattice, count = scene.cutting.lattice, len(views.offsets)
@@ -38,7 +38,7 @@ def _spoken(label: str) -> str:
     return label.replace("_type", ", type ")
 
 
-def as_json(scene: Scene, found: dict[str, list[Views]], written: list[Path]) -> dict[str, Any]:
+def as_json(scene: ViewedFrame, found: dict[str, list[Views]], written: list[Path]) -> dict[str, Any]:
     """Return the same as plain values."""
     lattice, views = scene.cutting.lattice, next(iter(found.values()))[0]
     return {

@@ -28,18 +28,18 @@ from lfcal.devices.protocols import (
     SystemTime,
     TimeSource,
 )
-from lfcal.devices.registry import Backend, Finding, find_backends, get_backend, open_rig
+from lfcal.devices.registry import Backend, BackendStatus, find_backends, get_backend, open_rig
 from lfcal.devices.rig import Rig
 from lfcal.devices.simulated.backend import simulated_rig
 
 __all__ = [
     "Backend",
+    "BackendStatus",
     "CameraDevice",
     "CameraError",
     "DeviceError",
     "DeviceLost",
     "DeviceMissing",
-    "Finding",
     "Frame",
     "FrameTimeout",
     "IncompleteFrame",

@@ -20,7 +20,7 @@ __all__ = [
     "BACKENDS",
     "GROUP",
     "Backend",
-    "Finding",
+    "BackendStatus",
     "backend_registry",
     "check_options",
     "find_backends",
@@ -60,7 +60,7 @@ class Backend(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class BackendStatus:
     """What was found of a backend: its version, or the reason why it is absent."""
 
     name: str
@@ -113,29 +113,29 @@ def get_backend(name: str) -> Backend:
     return BACKENDS.get(name)
 
 
-def find_backends() -> list[Finding]:
+def find_backends() -> list[BackendStatus]:
     """Return what is found of every backend, with the reason where it cannot be used.
 
     Examples
     --------
-    >>> from lfcal.devices import Finding, find_backends
-    >>> found: list[Finding] = find_backends()
+    >>> from lfcal.devices import BackendStatus, find_backends
+    >>> found: list[BackendStatus] = find_backends()
     >>> print([one.title for one in found if one.name == "sim" and one.available])
     ['simulated camera and stage']
     """
     findings = [_probed(backend) for backend in BACKENDS]
     known = {finding.name for finding in findings}
     failures = BACKENDS.failures().items()
-    return findings + [Finding(name, name, "", reason) for name, reason in failures if name not in known]
+    return findings + [BackendStatus(name, name, "", reason) for name, reason in failures if name not in known]
 
 
-def _probed(backend: Backend) -> Finding:
+def _probed(backend: Backend) -> BackendStatus:
     try:
-        return Finding(backend.name, backend.title, backend.probe(), "")
+        return BackendStatus(backend.name, backend.title, backend.probe(), "")
     except LfcalError as error:
-        return Finding(backend.name, backend.title, "", str(error))
+        return BackendStatus(backend.name, backend.title, "", str(error))
     except (Exception, SystemExit) as error:  # a foreign package may fail in any way
-        return Finding(backend.name, backend.title, "", f"{type(error).__name__}: {error}")
+        return BackendStatus(backend.name, backend.title, "", f"{type(error).__name__}: {error}")
 
 
 def open_rig(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from lfcal.errors import InputError
 from lfcal.fit.judge import ChiSquare, ModelError
-from lfcal.fit.locate import Found, NewFrame, window_of
+from lfcal.fit.locate import LocatedPattern, NewFrame, window_of
 
 __all__ = ["Compared", "Says", "compared_with"]
 
@@ -59,7 +59,7 @@ class Compared:
     """
 
     label: str
-    found: Found
+    found: LocatedPattern
     displacement_px: tuple[float, float]
     displacement_sigma: tuple[float, float]
     gain: float
@@ -97,7 +97,7 @@ class Says(Protocol):
         """Return how wrong that may be itself (relative L2)."""
 
 
-def compared_with(expected: Says, frame: NewFrame, at: Found, noise: tuple[float, float]) -> Compared:
+def compared_with(expected: Says, frame: NewFrame, at: LocatedPattern, noise: tuple[float, float]) -> Compared:
     """Return a frame beside what is expected, with the gain, background and place of the source that fit best."""
     raw, there = window_of(frame, at.row, at.column, expected.noise.shape)
     data, good = raw.astype(np.float64), there & expected.valid
@@ -150,7 +150,7 @@ def compared_with(expected: Says, frame: NewFrame, at: Found, noise: tuple[float
     )
 
 
-def _beside(at: Found, offset: F8, place: tuple[float, float]) -> tuple[float, float]:
+def _beside(at: LocatedPattern, offset: F8, place: tuple[float, float]) -> tuple[float, float]:
     """Return how far a source is from where its frame says it was (dy, dx)."""
     return float(at.row + offset[0] - place[0]), float(at.column + offset[1] - place[1])
 

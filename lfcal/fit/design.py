@@ -20,7 +20,7 @@ from lfcal.fit.setup import Setup, called_for
 from lfcal.fit.spread import kept_aside, spread_out
 from lfcal.progress import Clock, Work, drained
 
-__all__ = ["CurvePoint", "Design", "iter_next_positions", "next_positions"]
+__all__ = ["CurvePoint", "PositionDesign", "iter_next_positions", "next_positions"]
 
 KEPT_ASIDE = 0.2
 """Share of the positions that are spread evenly and never fitted: they tell how good the fit is."""
@@ -58,7 +58,7 @@ class CurvePoint:
 
 
 @dataclass(frozen=True, eq=False)
-class Design:
+class PositionDesign:
     """Positions to record, and what to expect of them.
 
     Attributes
@@ -109,7 +109,7 @@ def iter_next_positions(
     candidates: int = CANDIDATES,
     stage_um_per_s: float = 1000.0,
     workers: int | None = None,
-) -> Work[Design]:
+) -> Work[PositionDesign]:
     """Return the positions to record next by what they do to the error of H.
 
     I-optimal design: with the covariance C of the unknowns that the patterns give, and the mean M of the outer
@@ -181,7 +181,7 @@ def iter_next_positions(
     sigmas = {one.name: one.sigma_of(0.0, float(s)) for one, s in zip(told.unknowns, spread, strict=True)}
     yield clock.at(3)
     before = start if earlier is not None else None
-    return Design(index[rows], index[aside], curve, told.pattern_error, before, sigmas, len(index))
+    return PositionDesign(index[rows], index[aside], curve, told.pattern_error, before, sigmas, len(index))
 
 
 next_positions = drained(iter_next_positions)

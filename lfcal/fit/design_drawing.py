@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 
 from lfcal.figures import LINES, figure, save_figure
-from lfcal.fit.design import Design
+from lfcal.fit.design import PositionDesign
 
 __all__ = ["draw_design"]
 
 
-def draw_design(design: Design, path: str | os.PathLike[str], positions: int, hours: float) -> None:
+def draw_design(design: PositionDesign, path: str | os.PathLike[str], positions: int, hours: float) -> None:
     """Draw the expected error of H from chosen positions and from as many spread evenly.
 
     Parameters

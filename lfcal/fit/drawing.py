@@ -15,7 +15,7 @@ from lfcal.fit.model import Fineness, predict
 from lfcal.fit.result import Fit
 from lfcal.fit.weighing import BEND
 
-__all__ = ["Leftover", "draw_leftover", "draw_parameters", "draw_patterns", "leftover_of"]
+__all__ = ["FitResiduals", "draw_leftover", "draw_parameters", "draw_patterns", "leftover_of"]
 
 F4 = NDArray[np.float32]
 
@@ -24,7 +24,7 @@ SHOWN = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Leftover:
+class FitResiduals:
     """What a fit leaves of its patterns.
 
     Attributes
@@ -53,7 +53,7 @@ class Leftover:
     maps: NDArray[np.float64]
 
 
-def leftover_of(fit: Fit, measured: Measured) -> Leftover:
+def leftover_of(fit: Fit, measured: Measured) -> FitResiduals:
     """Return what is left of the patterns ``measured`` that were fitted or kept aside; outliers are left out."""
     index = np.array(list(fit.residuals), np.intp).reshape(-1, 3)
     rows = {tuple(at): k for k, at in enumerate(measured.index.tolist())}
@@ -71,7 +71,7 @@ def leftover_of(fit: Fit, measured: Measured) -> Leftover:
     types = np.stack([lens_types(fit.camera, measured.plan, int(y), int(x)) for _, y, x in index.tolist()])
     planes, kinds = range(measured.plan.shape[0]), range(len(fit.camera.lattice.types))
     empty = np.full(residual.shape[1:], np.nan)
-    return Leftover(
+    return FitResiduals(
         index,
         measured.patterns[own],
         (light + fit.levels.backgrounds[z, None, None]).astype(np.float32),
@@ -97,7 +97,7 @@ def lens_types(camera: Camera, plan: ScanPlan, y: int, x: int) -> NDArray[np.int
     return camera.lattice.type_at(points)
 
 
-def draw_patterns(left: Leftover, path: str | os.PathLike[str]) -> None:
+def draw_patterns(left: FitResiduals, path: str | os.PathLike[str]) -> None:
     """Draw measured, model and residual of some patterns, from the best to the worst."""
     order = np.argsort(np.nan_to_num(left.chi2))
     chosen = order[np.unique(np.linspace(0, len(order) - 1, SHOWN).round().astype(int))]
@@ -122,7 +122,7 @@ def draw_patterns(left: Leftover, path: str | os.PathLike[str]) -> None:
         save_figure(fig, path)
 
 
-def draw_leftover(left: Leftover, path: str | os.PathLike[str]) -> None:
+def draw_leftover(left: FitResiduals, path: str | os.PathLike[str]) -> None:
     """Draw the mean square of the residuals over each plane's cutouts, and chi² by position, plane and lens type."""
     shown = [z for z in range(len(left.maps)) if np.isfinite(left.maps[z]).any()]
     few = [shown[k] for k in np.unique(np.linspace(0, len(shown) - 1, min(3, len(shown))).round().astype(int))]

@@ -18,7 +18,7 @@ from lfcal.psf import PSFMatrix
 from lfcal.simulate.effects.described import effect_from
 from lfcal.simulate.engines.base import EnergyError
 
-__all__ = ["Behind", "Expected", "behind", "plan_of"]
+__all__ = ["Behind", "ExpectedPattern", "behind", "plan_of"]
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
@@ -118,7 +118,7 @@ def _aside(provenance: Mapping[str, Any]) -> tuple[float, float]:
     return (float(said[0]), float(said[1])) if good and said is not None else (0.0, 0.0)
 
 
-class Expected:
+class ExpectedPattern:
     """The pattern that H says a source beside one of its positions has.
 
     Parameters

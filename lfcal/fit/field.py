@@ -12,7 +12,7 @@ from lfcal.camera import Camera, ScanPlan
 from lfcal.fit.fit import check_stage, groups_of, iter_retrieved, iter_summarised, problem_of
 from lfcal.fit.lacking import check_groups
 from lfcal.fit.measured import Measured
-from lfcal.fit.parameters import Frame, Vector, field_of
+from lfcal.fit.parameters import ScanScales, Vector, field_of
 from lfcal.fit.problem import Problem
 from lfcal.fit.questions import as_described, check_described, check_light
 from lfcal.fit.regional import Regional, regional_of
@@ -169,7 +169,7 @@ def iter_fit_field(
         called_for(measured.plan) if effects is None else tuple(effects),
         (0.0,) * measured.plan.shape[0],
     )
-    check_groups(setup, measured.plan, core, Frame.over(measured.plans))
+    check_groups(setup, measured.plan, core, ScanScales.over(measured.plans))
     for k in range(len(measured.regions)):
         check_light(measured.of_region(k))
     check_described(measured)
@@ -203,7 +203,7 @@ def _nearby(measured: Regional, problem: Problem, setup: Setup, groups: Sequence
     found: list[dict[str, float]] = []
     for k in order.tolist():
         own = measured.of_region(k)
-        alone = Problem(own, Vector(setup, Frame.of(own.plan), groups), workers)
+        alone = Problem(own, Vector(setup, ScanScales.of(own.plan), groups), workers)
         start = alone.vector.at(_changes(seen, fields[k], setup)) if seen else None
         note = f"region {measured.regions[k].name}"
         point = yield from as_described(alone, groups, start=start, note=note)

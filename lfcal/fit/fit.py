@@ -19,7 +19,7 @@ from lfcal.fit.model import Fineness
 from lfcal.fit.normal import Columns, Local
 from lfcal.fit.nuisance import Spread, own_steps, spread_of
 from lfcal.fit.outliers import outliers_of
-from lfcal.fit.parameters import GROUPS, Frame, Vector
+from lfcal.fit.parameters import GROUPS, ScanScales, Vector
 from lfcal.fit.problem import Point, Problem
 from lfcal.fit.questions import (
     PLAIN,
@@ -214,7 +214,7 @@ def iter_retrieved(
 
 def problem_of(measured: Measured, setup: Setup, groups: Sequence[str], workers: int | None = None) -> Problem:
     """Return the problem of fitting ``groups`` of unknowns about a setup."""
-    frame = Frame.over(measured.plans) if len(measured.plans) > 1 else Frame.of(measured.plan)
+    frame = ScanScales.over(measured.plans) if len(measured.plans) > 1 else ScanScales.of(measured.plan)
     return Problem(measured, Vector(setup, frame, groups), workers)
 
 

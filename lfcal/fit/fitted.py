@@ -12,13 +12,13 @@ from lfcal.camera import Camera, ScanPlan
 from lfcal.fit.judge import ModelError
 from lfcal.fit.nuisance import Spread
 from lfcal.fit.setup import Setup
-from lfcal.fit.weighing import Levels
+from lfcal.fit.weighing import PatternLevels
 from lfcal.progress import Work
 
-__all__ = ["Fitted", "Place"]
+__all__ = ["Fitted", "FittedPlace"]
 
 
-class Place(Protocol):
+class FittedPlace(Protocol):
     """A position."""
 
     @property
@@ -56,7 +56,7 @@ class Fitted(Protocol):
         ...
 
     @property
-    def levels(self) -> Levels:
+    def levels(self) -> PatternLevels:
         """Gain and background of each plane."""
         ...
 
@@ -66,7 +66,7 @@ class Fitted(Protocol):
         ...
 
     @property
-    def outliers(self) -> Sequence[Place]:
+    def outliers(self) -> Sequence[FittedPlace]:
         """Patterns that were left out."""
         ...
 

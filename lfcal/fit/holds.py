@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.checks import check_number
 from lfcal.errors import InputError
 from lfcal.fit.compared import Compared, compared_with
-from lfcal.fit.expected import Behind, Expected, behind
+from lfcal.fit.expected import Behind, ExpectedPattern, behind
 from lfcal.fit.followed import followed
 from lfcal.fit.frame_noise import DARK, noises_of
 from lfcal.fit.judge import ChiSquare, ModelError
-from lfcal.fit.locate import Found, NewFrame, find_source
+from lfcal.fit.locate import LocatedPattern, NewFrame, find_source
 from lfcal.fit.spread import spread_out
 from lfcal.fit.suspects import Left, Suspect, changes_of, held_against
 from lfcal.progress import Clock, Work, drained
@@ -176,7 +176,7 @@ def iter_check(
     variances, source = noises_of(matrix, given, noise)
     compared = []
     for k, (frame, at) in enumerate(zip(given, found, strict=True)):
-        expected = Expected(matrix, at.z, at.y, at.x, camera)
+        expected = ExpectedPattern(matrix, at.z, at.y, at.x, camera)
         compared.append(compared_with(expected, frame, at, variances[k]))
         yield clock.at(len(given) + k + 1)
     tells = suspects and camera is not None and camera.explains and not any(one.strange for one in compared)
@@ -222,7 +222,7 @@ def _as_frames(frames: ArrayLike | NewFrame | Sequence[NewFrame]) -> list[NewFra
     return [NewFrame(values.astype(np.float32))]
 
 
-def _placed(matrix: PSFMatrix, frame: NewFrame) -> Found:
+def _placed(matrix: PSFMatrix, frame: NewFrame) -> LocatedPattern:
     """Return where a frame's source is: at its place, or where it fits much better."""
     if frame.place is None:
         return find_source(matrix, frame)

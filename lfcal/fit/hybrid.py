@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.fit.fitted import Fitted
-from lfcal.fit.hybrid_patterns import Recorded, iter_plane_data, model_uncertainty
+from lfcal.fit.hybrid_patterns import RecordedPatterns, iter_plane_data, model_uncertainty
 from lfcal.fit.leftover import Leftover, iter_leftover
-from lfcal.fit.leftover_size import PlaneData
+from lfcal.fit.leftover_size import PlaneResiduals
 from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness
 from lfcal.fit.problem import ERRORS
@@ -133,7 +133,7 @@ def iter_hybrid_planes(
     InputError
         If the patterns are of another scan, or their noise is not known.
     """
-    recorded = Recorded.of(source, fit.planned, noise)
+    recorded = RecordedPatterns.of(source, fit.planned, noise)
     found: list[tuple[Facts, NDArray[np.float64]]] = []
     for z in range(fit.planned.shape[0]):
         model = yield from fit.iter_plane(z, workers)
@@ -179,7 +179,7 @@ def hybrid_note(summary: HybridSummary) -> dict[str, Any]:
     return {"hybrid": asdict(summary)}
 
 
-def _joined(fit: Fitted, data: PlaneData, facts: Facts, left: Leftover) -> HybridPlane:
+def _joined(fit: Fitted, data: PlaneResiduals, facts: Facts, left: Leftover) -> HybridPlane:
     """Return the plane of model and estimate, where the estimate is better than none."""
     assert facts.origin is not None
     own = data.recorded & (not left.kind.empty)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
 from lfcal.fit.fitted import Fitted
-from lfcal.fit.leftover_size import PlaneData
+from lfcal.fit.leftover_size import PlaneResiduals
 from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness, PlaneModel
 from lfcal.progress import Clock, Work
@@ -20,7 +20,7 @@ from lfcal.psf import PSFMatrix
 from lfcal.psf.facts import Facts, Origin
 from lfcal.threads import for_each_chunk, worker_count
 
-__all__ = ["Recorded", "iter_plane_data", "model_uncertainty"]
+__all__ = ["RecordedPatterns", "iter_plane_data", "model_uncertainty"]
 
 F4 = NDArray[np.float32]
 
@@ -59,7 +59,7 @@ def model_uncertainty(model: F4, share: float) -> F4:
 
 
 @dataclass(frozen=True, eq=False)
-class Recorded:
+class RecordedPatterns:
     """The recorded patterns of a scan, read as they are asked for."""
 
     counts: NDArray[np.uint16]
@@ -67,7 +67,7 @@ class Recorded:
     read: Callable[[int, int, int], tuple[F4, NDArray[np.bool_]]]
 
     @classmethod
-    def of(cls, source: PSFMatrix | Measured, planned: ScanPlan, given: tuple[float, float] | None) -> Recorded:
+    def of(cls, source: PSFMatrix | Measured, planned: ScanPlan, given: tuple[float, float] | None) -> RecordedPatterns:
         """Return those of an H or of patterns; raises `InputError` where they are of another scan."""
         shape = planned.shape
         if isinstance(source, Measured):
@@ -110,8 +110,8 @@ def _check_scan(planned: ScanPlan, shape: tuple[int, ...], depths: ArrayLike, an
 
 
 def iter_plane_data(
-    fit: Fitted, recorded: Recorded, z: int, model: F4, workers: int | None
-) -> Work[tuple[PlaneData, Facts]]:
+    fit: Fitted, recorded: RecordedPatterns, z: int, model: F4, workers: int | None
+) -> Work[tuple[PlaneResiduals, Facts]]:
     """Return model and residuals of plane ``z``, and of which positions they are; outliers count as not recorded.
 
     Yields progress in patterns.
@@ -128,7 +128,7 @@ def iter_plane_data(
         precision[y, x] = np.where(valid, 1.0 / variance, 0.0)
     around = _whole_period(fit.planned)
     own = counts > 0
-    data = PlaneData(model, residual, precision, own, around)
+    data = PlaneResiduals(model, residual, precision, own, around)
     yield from _iter_take_own(fit, data, z, workers)
     far = _outliers(data)
     for one in fit.outliers:
@@ -144,7 +144,7 @@ def _whole_period(plan: ScanPlan) -> bool:
     return min(plan.period) > 2 and max(abs(left) for left in plan.period_residual_px) < 1.0
 
 
-def _iter_take_own(fit: Fitted, data: PlaneData, z: int, workers: int | None) -> Work[None]:
+def _iter_take_own(fit: Fitted, data: PlaneResiduals, z: int, workers: int | None) -> Work[None]:
     """Take out of each residual what lamp and displaced source make of it, where the fit found that they are unsteady.
 
     A pattern's own is what its neighbours do not share: what they share the model lacks. Yields progress in patterns.
@@ -201,7 +201,7 @@ def _iter_take_own(fit: Fitted, data: PlaneData, z: int, workers: int | None) ->
             yield clock.at(turn * len(places) + last)
 
 
-def _matter(fit: Fitted, data: PlaneData, places: NDArray[np.intp]) -> tuple[bool, bool]:
+def _matter(fit: Fitted, data: PlaneResiduals, places: NDArray[np.intp]) -> tuple[bool, bool]:
     """Return whether lamp and stage change patterns by more than what the model lacks may look like them."""
     some = data.model[tuple(places[:: max(1, len(places) // SOME)].T)].astype(np.float64)
     slope = math.sqrt(sum(float(np.square(np.gradient(some, axis=axis)).sum()) for axis in (1, 2)) / 2)
@@ -215,7 +215,7 @@ SHARED = 3.0
 
 
 def _not_shared(
-    values: NDArray[np.float64], errors: NDArray[np.float64], places: NDArray[np.intp], data: PlaneData
+    values: NDArray[np.float64], errors: NDArray[np.float64], places: NDArray[np.intp], data: PlaneResiduals
 ) -> NDArray[np.float64]:
     """Return what of each position's values ``(n, k)`` its neighbours do not share, shrunk by its error.
 
@@ -241,7 +241,7 @@ def _not_shared(
     return out
 
 
-def _outliers(data: PlaneData) -> NDArray[np.bool_]:
+def _outliers(data: PlaneResiduals) -> NDArray[np.bool_]:
     """Return which positions ``(ny, nx)`` are not like the others, by chi² against median and spread of all."""
     far = np.zeros(data.recorded.shape, np.bool_)
     own = data.recorded

@@ -6,22 +6,22 @@ from collections.abc import Sequence
 
 from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
-from lfcal.fit.parameters import GROUPS, Frame
+from lfcal.fit.parameters import GROUPS, ScanScales
 from lfcal.fit.setup import Setup
 
 __all__ = ["check_groups", "lacking"]
 
 
-def lacking(setup: Setup, plan: ScanPlan, frame: Frame | None = None) -> dict[str, str]:
+def lacking(setup: Setup, plan: ScanPlan, frame: ScanScales | None = None) -> dict[str, str]:
     """Return the groups without an unknown, by name, and what camera or scan would need for them, for people.
 
     ``frame`` is that of several regions; None is that of the plan's own.
     """
-    frame = frame or Frame.of(plan)
+    frame = frame or ScanScales.of(plan)
     return {group.name: group.needs for group in GROUPS if not group.unknowns(setup, frame)}
 
 
-def check_groups(setup: Setup, plan: ScanPlan, names: Sequence[str], frame: Frame | None = None) -> None:
+def check_groups(setup: Setup, plan: ScanPlan, names: Sequence[str], frame: ScanScales | None = None) -> None:
     """Raise `InputError` where a group that was asked for by name has no unknowns: it would be left out silently."""
     if not names:
         return

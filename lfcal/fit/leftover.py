@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.fit.leftover_field import Field, Moving, sampled_variance
-from lfcal.fit.leftover_size import PlaneData, sized
+from lfcal.fit.leftover_field import Moving, ResidualField, sampled_variance
+from lfcal.fit.leftover_size import PlaneResiduals, sized
 from lfcal.fit.spread import spread_out
 from lfcal.progress import Clock, Work
 from lfcal.threads import for_each_chunk, one_blas_thread, worker_count
 
-__all__ = ["Kind", "Leftover", "iter_leftover", "left_out", "spot_velocity"]
+__all__ = ["Leftover", "ResidualKind", "iter_leftover", "left_out", "spot_velocity"]
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
@@ -61,7 +61,7 @@ TILE = 32
 
 
 @dataclass(frozen=True, slots=True)
-class Kind:
+class ResidualKind:
     """Of what kind a plane's residual is.
 
     Attributes
@@ -102,7 +102,7 @@ class Leftover:
         Variance of what the model lacks, where nothing is measured.
     """
 
-    kind: Kind
+    kind: ResidualKind
     value: F4
     variance: F4
     prior: F4
@@ -138,7 +138,7 @@ def _correlation(values: F4, axis: int, step: int, shift: int, *, around: bool) 
     return float((a * b).sum(dtype=np.float64)) / scale if scale > 0 else 0.0
 
 
-def _field(data: PlaneData, kind: Kind) -> Field:
+def _field(data: PlaneResiduals, kind: ResidualKind) -> ResidualField:
     spots, stray = data.sizes
     if kind.spots is None or kind.stray is None:
         # one part alone has all of the variance
@@ -151,13 +151,13 @@ def _field(data: PlaneData, kind: Kind) -> Field:
     if kind.stray is not None:
         parts.append(kind.stray)
         shown.append(stray)
-    return Field(parts, shown, around=data.around)
+    return ResidualField(parts, shown, around=data.around)
 
 
-def chosen_kind(part: PlaneData, velocity: float, seed: int = 0) -> Kind:
+def chosen_kind(part: PlaneResiduals, velocity: float, seed: int = 0) -> ResidualKind:
     """Return of what kind a plane's residual is, by patterns that are left out to be predicted by the others."""
     spots, stray = (bool(size.any()) for size in part.sizes)
-    usual = Kind(Moving(velocity, *USUAL) if spots else None, Moving(-velocity, *STRAY) if stray else None)
+    usual = ResidualKind(Moving(velocity, *USUAL) if spots else None, Moving(-velocity, *STRAY) if stray else None)
     places = np.argwhere(part.recorded)
     if len(places) < FEW:
         return usual
@@ -180,7 +180,7 @@ def chosen_kind(part: PlaneData, velocity: float, seed: int = 0) -> Kind:
     return min(found, key=lambda one: abs(math.log(one.spread)))
 
 
-def left_out(part: PlaneData) -> list[Flags]:
+def left_out(part: PlaneResiduals) -> list[Flags]:
     """Return sets ``(ny, nx)`` of recorded positions, each of them spread over the plane; none is in two."""
     found: list[Flags] = []
     places = np.argwhere(part.recorded)
@@ -193,7 +193,7 @@ def left_out(part: PlaneData) -> list[Flags]:
     return found
 
 
-def _middle(data: PlaneData) -> tuple[slice, slice]:
+def _middle(data: PlaneResiduals) -> tuple[slice, slice]:
     """Return rows and columns of the cutout's middle that hold as much as is tried."""
     ny, nx, nt, ns = data.model.shape
     side = max(5, math.isqrt(TRIED // (ny * nx)))
@@ -201,7 +201,7 @@ def _middle(data: PlaneData) -> tuple[slice, slice]:
     return rows, columns
 
 
-def _best(data: PlaneData, aside: Flags, kinds: Sequence[Kind]) -> tuple[Kind, F8]:
+def _best(data: PlaneResiduals, aside: Flags, kinds: Sequence[ResidualKind]) -> tuple[ResidualKind, F8]:
     """Return the kind that predicts the patterns ``aside`` best, and by how much it is better at each of them."""
     found: list[tuple[float, int, F8]] = []
     kept = data.without(aside)
@@ -216,7 +216,7 @@ def _best(data: PlaneData, aside: Flags, kinds: Sequence[Kind]) -> tuple[Kind, F
     return kinds[-k], gains
 
 
-def _spread(data: PlaneData, sets: Sequence[Flags], kind: Kind, seed: int) -> float:
+def _spread(data: PlaneResiduals, sets: Sequence[Flags], kind: ResidualKind, seed: int) -> float:
     """Return what left-out patterns scatter about their prediction beyond noise, over what is stated (squares).
 
     Each set is predicted by all others. Where noise is most of what is seen, one set tells it to two fifths.
@@ -237,7 +237,7 @@ def _spread(data: PlaneData, sets: Sequence[Flags], kind: Kind, seed: int) -> fl
     return min(9.0, max(0.25, (0.5 * found / len(sets) + 1.0) / (0.5 * known / len(sets) + 1.0)))
 
 
-def _shares(part: PlaneData, kind: Kind, seed: int) -> F4:
+def _shares(part: PlaneResiduals, kind: ResidualKind, seed: int) -> F4:
     """Return the share of the variance that is left ``(ny, nx, ratios)``, by position and by variance over noise.
 
     The ratio is that of `RATIOS`, to the noise that a recorded pattern has or would have.
@@ -262,7 +262,7 @@ def _shares(part: PlaneData, kind: Kind, seed: int) -> F4:
     return np.clip(found, 0.0, 1.0).astype(np.float32)
 
 
-def _ratio(part: PlaneData, field: Field) -> NDArray[np.intp]:
+def _ratio(part: PlaneResiduals, field: ResidualField) -> NDArray[np.intp]:
     """Return which of `RATIOS` each entry's variance over noise is nearest to.
 
     Of what is not recorded the noise is as it would be at this brightness.
@@ -277,7 +277,7 @@ def _ratio(part: PlaneData, field: Field) -> NDArray[np.intp]:
     return found
 
 
-def iter_leftover(data: PlaneData, note: str, *, seed: int = 0, workers: int | None = None) -> Work[Leftover]:
+def iter_leftover(data: PlaneResiduals, note: str, *, seed: int = 0, workers: int | None = None) -> Work[Leftover]:
     """Estimate what a plane's patterns show beyond the model; yields progress in tiles of the cutout."""
     _, _, nt, ns = data.model.shape
     tiles = [(t, s) for t in range(0, nt, TILE) for s in range(0, ns, TILE)]
@@ -287,7 +287,7 @@ def iter_leftover(data: PlaneData, note: str, *, seed: int = 0, workers: int | N
     value, variance = np.zeros_like(data.model), np.zeros_like(data.model)
     if not data.sizes:
         yield clock.at(1 + len(tiles))
-        return Leftover(Kind(), value, variance, np.zeros_like(value))
+        return Leftover(ResidualKind(), value, variance, np.zeros_like(value))
     part = data.window(*_middle(data))
     kind = chosen_kind(part, spot_velocity(part.model, around=data.around), seed)
     shares = _shares(part, kind, seed)

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
-__all__ = ["Field", "Moving", "sampled_variance"]
+__all__ = ["Moving", "ResidualField", "sampled_variance"]
 
 F4 = NDArray[np.float32]
 
@@ -82,7 +82,7 @@ def smoothing(n: int, size: int, by: Moving, *, around: bool) -> csr_matrix:
     return csr_matrix((diags_array(1.0 / length) @ total).astype(np.float32))
 
 
-class Field:
+class ResidualField:
     """The sum of several parts over positions and pixels ``(ny, nx, nt, ns)``.
 
     Parameters
@@ -152,7 +152,7 @@ class Field:
         return self.covariance(root * found)
 
 
-def sampled_variance(field: Field, precision: F4, count: int, rng: np.random.Generator) -> F4:
+def sampled_variance(field: ResidualField, precision: F4, count: int, rng: np.random.Generator) -> F4:
     """Return the variance of the field about its estimate, as a mean over ``count`` samples."""
     total = np.zeros(field.shape, np.float32)
     noise = np.where(precision > 0, 1.0 / np.sqrt(np.maximum(precision, 1e-30)), 0.0).astype(np.float32)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["PlaneData", "amplitudes", "sized"]
+__all__ = ["PlaneResiduals", "amplitudes", "sized"]
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
@@ -22,7 +22,7 @@ KNOTS = np.log(np.array([0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0]))
 
 
 @dataclass(frozen=True, eq=False)
-class PlaneData:
+class PlaneResiduals:
     """A plane's model and what was measured of it.
 
     Attributes
@@ -53,15 +53,15 @@ class PlaneData:
         """Positions ``(ny, nx)``."""
         return self.model.shape[0], self.model.shape[1]
 
-    def window(self, rows: slice, columns: slice) -> PlaneData:
+    def window(self, rows: slice, columns: slice) -> PlaneResiduals:
         """Return the plane in some of the cutout's pixels."""
         model, residual, precision, *sizes = (
             np.ascontiguousarray(one[:, :, rows, columns])
             for one in (self.model, self.residual, self.precision, *self.sizes)
         )
-        return PlaneData(model, residual, precision, self.recorded, self.around, tuple(sizes))
+        return PlaneResiduals(model, residual, precision, self.recorded, self.around, tuple(sizes))
 
-    def without(self, aside: Flags) -> PlaneData:
+    def without(self, aside: Flags) -> PlaneResiduals:
         """Return the plane with the positions ``aside`` not measured."""
         keep = ~aside
         return replace(self, precision=self.precision * keep[:, :, None, None], recorded=self.recorded & keep)
@@ -80,7 +80,7 @@ def amplitudes(model: F4) -> tuple[F4, F4]:
     return ((near * far) ** 0.25).astype(np.float32), np.broadcast_to(mean.astype(np.float32), model.shape)
 
 
-def sized(data: PlaneData) -> PlaneData:
+def sized(data: PlaneResiduals) -> PlaneResiduals:
     """Return the plane with the standard deviations of what spots and stray light lack; without where noise is all.
 
     Residuals have E[R² - V] = s² A² + c² B² with the amplitudes A and B, and s by brightness. Weights lie between those

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lfcal.errors import InputError
 from lfcal.psf import PSFMatrix
 
-__all__ = ["Found", "NewFrame", "find_source", "window_of"]
+__all__ = ["LocatedPattern", "NewFrame", "find_source", "window_of"]
 
 F4 = NDArray[np.float32]
 
@@ -65,7 +65,7 @@ class NewFrame:
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class LocatedPattern:
     """A position of H, where its cutout lies, and how alike the patterns are.
 
     Attributes
@@ -104,7 +104,7 @@ def window_of(frame: NewFrame, row: int, column: int, cutout: tuple[int, int]) -
     return out, valid
 
 
-def find_source(matrix: PSFMatrix, frame: NewFrame) -> Found:
+def find_source(matrix: PSFMatrix, frame: NewFrame) -> LocatedPattern:
     """Return the position of H that a frame's light fits best.
 
     The array is where it was: at every pixel H has one pattern, that of its place in the period. Where the frame's
@@ -121,7 +121,7 @@ def find_source(matrix: PSFMatrix, frame: NewFrame) -> Found:
     else:
         middle, reach = (round(frame.place[0]), round(frame.place[1])), (NEAR, NEAR)
     planes = range(matrix.shape[0]) if frame.plane is None else (frame.plane,)
-    best: Found | None = None
+    best: LocatedPattern | None = None
     for row in range(middle[0] - reach[0], middle[0] + reach[0] + 1):
         for column in range(middle[1] - reach[1], middle[1] + reach[1] + 1):
             found = _best_plane(matrix, frame, (row, column), base, planes)
@@ -139,12 +139,12 @@ def find_source(matrix: PSFMatrix, frame: NewFrame) -> Found:
 
 def _best_plane(
     matrix: PSFMatrix, frame: NewFrame, at: tuple[int, int], base: NDArray[np.intp], planes: Iterable[int]
-) -> Found | None:
+) -> LocatedPattern | None:
     y, x = (int(v) for v in (np.array(at) - base) % np.array(matrix.period))
     values, valid = window_of(frame, *at, matrix.cutout)
     if valid.mean() < INSIDE:
         return None
-    best: Found | None = None
+    best: LocatedPattern | None = None
     for z in planes:
         own = np.asarray(matrix[z, y, x], np.float32)
         good = valid & matrix.valid(z, y, x) & np.isfinite(own)
@@ -153,7 +153,7 @@ def _best_plane(
             continue
         likeness = _correlation(values[good], own[good])
         if best is None or likeness > best.correlation:
-            best = Found(z, y, x, *at, likeness)
+            best = LocatedPattern(z, y, x, *at, likeness)
     return best
 
 

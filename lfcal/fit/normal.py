@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.fit.weighing import Levels, Response, Weighed
+from lfcal.fit.weighing import PatternLevels, Response, Weighed
 
 __all__ = ["Columns", "Local", "Normal", "normal_equations"]
 
@@ -99,7 +99,7 @@ def normal_equations(
     columns: Columns,
     model: F4,
     seen: Weighed,
-    levels: Levels,
+    levels: PatternLevels,
     planes: NDArray[np.intp],
     local: Local,
 ) -> Normal:

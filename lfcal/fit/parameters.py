@@ -16,14 +16,14 @@ from lfcal.errors import InputError
 from lfcal.fit.setup import Setup
 from lfcal.registry import Registry
 
-__all__ = ["GROUP", "GROUPS", "Frame", "Group", "Unknown", "Vector", "field_of", "find_groups"]
+__all__ = ["GROUP", "GROUPS", "Group", "ScanScales", "Unknown", "Vector", "field_of", "find_groups"]
 
 GROUP = "lfcal.unknowns"
 """Entry point group of groups of unknowns of other distributions."""
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class ScanScales:
     """What of the scan unknowns need for their scales.
 
     Attributes
@@ -44,12 +44,12 @@ class Frame:
     fields_um: tuple[tuple[float, float], ...] = ()
 
     @classmethod
-    def of(cls, plan: ScanPlan) -> Frame:
+    def of(cls, plan: ScanPlan) -> ScanScales:
         """Return what of ``plan`` unknowns need."""
         return cls(plan.shape[0], max(plan.cutout) / 2, field_of(plan))
 
     @classmethod
-    def over(cls, plans: Sequence[ScanPlan]) -> Frame:
+    def over(cls, plans: Sequence[ScanPlan]) -> ScanScales:
         """Return what of the plans of several regions unknowns need: the lever is half the way between them."""
         fields = np.array([field_of(plan) for plan in plans])
         middle = fields.mean(0)
@@ -175,11 +175,11 @@ class Group(ABC):
     """What a camera, or a scan, must have for there to be any of its unknowns, for people."""
 
     @abstractmethod
-    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+    def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return the unknowns about a setup; none where the camera has no such thing."""
 
     @abstractmethod
-    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
         """Return the setup, from which the fit started, with the unknowns' ``values`` by name."""
 
 
@@ -218,7 +218,7 @@ class Vector:
         For an unknown group.
     """
 
-    def __init__(self, setup: Setup, frame: Frame, groups: Sequence[str]) -> None:
+    def __init__(self, setup: Setup, frame: ScanScales, groups: Sequence[str]) -> None:
         self.setup, self.frame = setup, frame
         found = [(GROUPS.get(name), GROUPS.get(name).unknowns(setup, frame)) for name in groups]
         self.groups = tuple(group for group, own in found if own)

@@ -14,7 +14,7 @@ from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.normal import Columns, Local, Normal, normal_equations
 from lfcal.fit.parameters import Vector
-from lfcal.fit.weighing import Levels, Weighed, levels_of, weighed
+from lfcal.fit.weighing import PatternLevels, Weighed, levels_of, weighed
 from lfcal.progress import Clock, Work
 from lfcal.simulate.engines.base import EnergyError, Sampling
 from lfcal.threads import for_each_chunk, one_blas_thread, worker_count
@@ -55,7 +55,7 @@ class Point:
     u: F8
     local: Local
     model: F4
-    levels: Levels
+    levels: PatternLevels
     seen: Weighed
     sampling: Sampling
     doubtful: bool

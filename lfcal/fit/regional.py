@@ -13,14 +13,14 @@ from lfcal.camera import Camera, ScanPlan
 from lfcal.errors import InputError
 from lfcal.fit.measured import Measured
 
-__all__ = ["Region", "Regional", "regional_of"]
+__all__ = ["FieldRegion", "Regional", "regional_of"]
 
 APART = 2.0
 """Cutouts by which the middles of two regions must be apart: nearer, they show the same place of the field."""
 
 
 @dataclass(frozen=True, slots=True)
-class Region:
+class FieldRegion:
     """A place of the field that was scanned.
 
     Attributes
@@ -48,7 +48,7 @@ class Regional(Measured):
         Which region each pattern ``(n,)`` is of.
     """
 
-    regions: tuple[Region, ...] = ()
+    regions: tuple[FieldRegion, ...] = ()
     region: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp))
 
     def __post_init__(self) -> None:
@@ -109,7 +109,7 @@ def regional_of(patterns: Mapping[str, Measured], camera: Camera | None = None) 
     if len(parts) < 2:
         raise InputError.expected("regions of the field", "two or more", len(parts), "name an H of each region")
     first = parts[0].plan if camera is None else replace(parts[0].plan, camera=camera)
-    regions: list[Region] = []
+    regions: list[FieldRegion] = []
     for name, own in patterns.items():
         _check_alike(name, own.plan, first)
         middle = np.array(own.plan.anchor) + np.array(own.plan.period) / 2
@@ -118,7 +118,7 @@ def regional_of(patterns: Mapping[str, Measured], camera: Camera | None = None) 
             if apart < APART * max(first.cutout):
                 wanted = f"{APART * max(first.cutout):.0f} px or more from {other.name!r}"
                 raise InputError.expected(f"region {name!r}", wanted, f"{apart:.0f} px", "scan it elsewhere")
-        regions.append(Region(name, own.plan.period, own.plan.anchor))
+        regions.append(FieldRegion(name, own.plan.period, own.plan.anchor))
     joined: dict[str, Any] = {
         key: np.concatenate([getattr(own, key) for own in parts])
         for key in ("index", "patterns", "noise", "places_px", "valid", "left_out")

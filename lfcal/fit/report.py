@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from lfcal.files import replace_whole
-from lfcal.fit.drawing import Leftover, draw_leftover, draw_parameters, draw_patterns, leftover_of
+from lfcal.fit.drawing import FitResiduals, draw_leftover, draw_parameters, draw_patterns, leftover_of
 from lfcal.fit.measured import Measured
 from lfcal.fit.page import PAGE, add_section, page_of, paragraphs, picture_of, section_of, table_of, text_of
 from lfcal.fit.result import Fit
@@ -65,7 +65,7 @@ def add_picture(folder: Path, title: str, words: str, picture: Path, caption: st
     add_section(folder, section_of(title, paragraphs([words]) + picture_of(picture.read_bytes(), caption)))
 
 
-def _page(fit: Fit, left: Leftover, drawn: dict[str, bytes], source: str, notes: Sequence[str]) -> str:
+def _page(fit: Fit, left: FitResiduals, drawn: dict[str, bytes], source: str, notes: Sequence[str]) -> str:
     title = f"{source or fit.camera.name}: the optics from {len(left.index)} patterns"
     patterns, leftover, drawing = (
         picture_of(content, caption) for content, caption in zip(drawn.values(), CAPTIONS, strict=True)
@@ -107,7 +107,7 @@ def parameters(fit: Fit) -> str:
     return table_of(("parameter", "found", "described", "unit", "group"), rows)
 
 
-def _chi2(left: Leftover) -> str:
+def _chi2(left: FitResiduals) -> str:
     rows = [(f"plane {z}", f"{value:.3f}") for z, value in enumerate(left.by_plane) if value == value]
     rows += [(f"lens type {k}", f"{value:.3f}") for k, value in enumerate(left.by_type) if value == value]
     return table_of(("", "χ²"), rows)

@@ -19,7 +19,7 @@ from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness, iter_model_plane
 from lfcal.fit.nuisance import Spread
 from lfcal.fit.setup import Setup
-from lfcal.fit.weighing import Levels
+from lfcal.fit.weighing import PatternLevels
 from lfcal.plain import plain
 from lfcal.progress import Work, drained
 from lfcal.psf import PSFMatrix
@@ -140,7 +140,7 @@ class Fit:
     outliers: tuple[Outlier, ...]
     answers: Mapping[str, str]
     spread: Spread
-    levels: Levels = field(repr=False)
+    levels: PatternLevels = field(repr=False)
     residuals: Mapping[tuple[int, int, int], NDArray[np.float32]] = field(repr=False)
     here: InRegion | None = None
 

@@ -15,7 +15,7 @@ from lfcal.fit.problem import Point, Problem
 from lfcal.fit.solver import shared_of, solve, stepped, with_prior
 from lfcal.simulate.engines.base import EnergyError
 
-__all__ = ["Selection", "choose", "gain_of", "prune"]
+__all__ = ["GroupSelection", "choose", "gain_of", "prune"]
 
 F8 = NDArray[np.float64]
 
@@ -26,7 +26,7 @@ STEPS = 6
 """Steps by which the others take the place of a group that is left."""
 
 
-class Selection:
+class GroupSelection:
     """The sums of squares of fitted and left-out patterns as quadratic forms of all unknowns about a point.
 
     ``samples`` is the number of left-out ones: what noise alone makes of their sum.
@@ -55,7 +55,7 @@ class Selection:
         return (4.0 + 4.0 * math.sqrt(q)) * max(1.0, left / self.samples)
 
 
-def gain_of(selection: Selection, chosen: Sequence[str], added: Sequence[str]) -> tuple[float, float]:
+def gain_of(selection: GroupSelection, chosen: Sequence[str], added: Sequence[str]) -> tuple[float, float]:
     """Return by how much groups ``added`` to ``chosen`` lower the sum of left-out squares, and what is enough."""
     others = [one for one in chosen if one not in added]
     without, with_it = selection.left(others), selection.left([*others, *added])
@@ -83,7 +83,7 @@ def choose(
     Each is tried by the linear fit about ``point``, with the derivatives ``columns`` by all of them. It must take away
     the share ``least`` of what is left: far from the best point all help a little.
     """
-    selection = Selection(problem, point, columns)
+    selection = GroupSelection(problem, point, columns)
     found, left = list(chosen), [name for name in candidates if name not in chosen]
     while left:
         gains = {added: gain_of(selection, found, added) for added in _trials(left)}
@@ -126,7 +126,7 @@ def _helps(problem: Problem, point: Point, columns: Columns, chosen: Sequence[st
     """
     others = [one for one in chosen if one != name]
     which = problem.vector.of_groups(others)
-    selection = Selection(problem, point, columns)
+    selection = GroupSelection(problem, point, columns)
     now = selection.left(chosen)
     u = point.u.copy()
     u[problem.vector.of_groups([name])] = 0.0
@@ -139,7 +139,7 @@ def _helps(problem: Problem, point: Point, columns: Columns, chosen: Sequence[st
         trial, damping, gained = stepped(problem, trial, columns, which.tolist(), damping)
         if gained <= 0:
             break
-    left = Selection(problem, trial, columns).left(others)
+    left = GroupSelection(problem, trial, columns).left(others)
     return left - now > selection.threshold([name], now)
 
 
@@ -149,7 +149,7 @@ def _cost_of_leaving(
     """Return by how much left-out squares grow where a group's unknowns go back to their start, and what is enough."""
     k = problem.vector.of_groups([name])
     back = np.tensordot(-point.u[k], columns.shared[k], axes=1)
-    selection = Selection(problem, point, columns)
+    selection = GroupSelection(problem, point, columns)
     now = selection.left(chosen)
     others = [one for one in chosen if one != name]
     u = point.u.copy()
@@ -158,5 +158,5 @@ def _cost_of_leaving(
         u, point.local, (point.model + back).astype(np.float32), point.sampling, lamps=point.levels.lamps
     )
     # the noise stays that of the better model
-    before = Selection(problem, start, columns)
+    before = GroupSelection(problem, start, columns)
     return before.left(others) - now, selection.threshold([name], now)

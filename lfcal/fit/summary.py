@@ -17,7 +17,7 @@ from lfcal.fit.problem import Point, Problem
 from lfcal.fit.questions import order_of_types
 from lfcal.fit.result import Fit, InRegion, Outlier, Parameter
 from lfcal.fit.stand_ins import StandIns, standing_in
-from lfcal.fit.weighing import Levels
+from lfcal.fit.weighing import PatternLevels
 
 __all__ = ["summarised", "unidentified"]
 
@@ -113,7 +113,7 @@ def summarised(
     found = []
     for plan, own, k in measured.parts():
         planes = slice(k * nz, (k + 1) * nz)
-        light = Levels(point.levels.gains[planes], point.levels.backgrounds[planes], point.levels.lamps[own])
+        light = PatternLevels(point.levels.gains[planes], point.levels.backgrounds[planes], point.levels.lamps[own])
         places = [(int(z), int(y), int(x)) for z, y, x in measured.index[own]]
         here = None
         if len(measured.plans) > 1:

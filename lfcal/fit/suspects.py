@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from lfcal.errors import InputError
 from lfcal.fit.expected import Behind
 from lfcal.fit.model import Fineness, predict
-from lfcal.fit.parameters import GROUPS, Frame, Unknown, Vector
+from lfcal.fit.parameters import GROUPS, ScanScales, Unknown, Vector
 from lfcal.fit.problem import STEP
 from lfcal.simulate.engines.base import EnergyError
 
@@ -101,7 +101,7 @@ def changes_of(camera: Behind, index: NDArray[np.intp], offsets_px: F8) -> Chang
     """Return the derivatives of patterns by everything that a fit can find, by steps of each unknown."""
     plan = camera.plan
     groups = [group.name for group in GROUPS if group.name not in OF_THE_SCAN and not (group.late or group.held)]
-    vector = Vector(camera.setup, Frame.of(plan), groups)
+    vector = Vector(camera.setup, ScanScales.of(plan), groups)
     titles = {group.name: group.title for group in GROUPS}
     start = predict(camera.setup, plan, index, offsets_px, Fineness.coarse).astype(np.float64)
     used, columns, which = [], [], []

@@ -18,7 +18,7 @@ from lfcal.figures import COLOURS, LINES, figure, save_figure
 from lfcal.fit.dated import Dated
 from lfcal.psf.quality.trend import MONTH_S, SHORTEST_S, TOO_SHORT
 
-__all__ = ["Drift", "Jump", "Point", "Trend", "draw_trend", "trend"]
+__all__ = ["Jump", "ParameterDrift", "Trend", "TrendPoint", "draw_trend", "trend"]
 
 SIGMAS = 5.0
 """Standard deviations by which a parameter must have changed to have moved."""
@@ -34,7 +34,7 @@ PLANNED = ("distance", "depths")
 
 
 @dataclass(frozen=True, slots=True)
-class Point:
+class TrendPoint:
     """A parameter at one time; ``compared`` says whether its value means the same as that of the newest fit."""
 
     fit: str
@@ -55,7 +55,7 @@ class Jump:
 
 
 @dataclass(frozen=True, slots=True)
-class Drift:
+class ParameterDrift:
     """One parameter over time.
 
     Attributes
@@ -79,7 +79,7 @@ class Drift:
     name: str
     unit: str
     group: str
-    points: tuple[Point, ...]
+    points: tuple[TrendPoint, ...]
     span_s: float
     per_month: float
     per_month_sigma: float
@@ -106,12 +106,12 @@ class Trend:
     """
 
     fits: tuple[Dated, ...]
-    drifts: tuple[Drift, ...]
+    drifts: tuple[ParameterDrift, ...]
     limit: float
     notes: tuple[str, ...]
 
     @property
-    def moved(self) -> tuple[Drift, ...]:
+    def moved(self) -> tuple[ParameterDrift, ...]:
         """The parameters that have moved."""
         return tuple(one for one in self.drifts if one.moved)
 
@@ -179,17 +179,17 @@ def _check_one_camera(fits: Sequence[Dated]) -> None:
             raise InputError.expected("fits", "one at a time", f"{one.label} as old as another", "name each fit once")
 
 
-def _drift(name: str, fits: Sequence[Dated], sigmas: float) -> Drift:
+def _drift(name: str, fits: Sequence[Dated], sigmas: float) -> ParameterDrift:
     own = [one for one in fits if name in one.values]
     newest = fits[-1]
     points = tuple(
-        Point(one.label, one.when, _value(name, one, newest), one.values[name][1], _same(name, one, newest))
+        TrendPoint(one.label, one.when, _value(name, one, newest), one.values[name][1], _same(name, one, newest))
         for one in own
     )
     used = [point for point in points if point.compared]
     unit, group = own[-1].units[name], own[-1].groups_of[name]
     if len(used) < 2:
-        return Drift(name, unit, group, points, math.nan, math.nan, math.nan, math.nan, math.nan, (), False)
+        return ParameterDrift(name, unit, group, points, math.nan, math.nan, math.nan, math.nan, math.nan, (), False)
     pairs = [(a, b, _apart(a, b)) for a, b in pairwise(used)]
     jumps = tuple(Jump(a.fit, b.fit, b.value - a.value, far) for a, b, far in pairs if abs(far) > sigmas)
     whole = _apart(used[0], used[-1])
@@ -197,7 +197,7 @@ def _drift(name: str, fits: Sequence[Dated], sigmas: float) -> Drift:
     moved = bool(jumps) or abs(whole) > sigmas or (len(used) > 2 and error > 0 and abs(slope) > sigmas * error)
     span = (used[-1].when - used[0].when).total_seconds()
     rate = (slope, error) if span >= SHORTEST_S else (math.nan, math.nan)
-    return Drift(name, unit, group, points, span, *rate, used[-1].value - used[0].value, whole, jumps, moved)
+    return ParameterDrift(name, unit, group, points, span, *rate, used[-1].value - used[0].value, whole, jumps, moved)
 
 
 def _same(name: str, one: Dated, newest: Dated) -> bool:
@@ -220,14 +220,14 @@ def _value(name: str, one: Dated, newest: Dated) -> float:
     return float(moved[SHIFTS[name]])
 
 
-def _apart(a: Point, b: Point) -> float:
+def _apart(a: TrendPoint, b: TrendPoint) -> float:
     """Return the change from one value to another in standard deviations of both."""
     spread = math.hypot(a.sigma, b.sigma)
     change = b.value - a.value
     return change / spread if spread > 0 else math.copysign(math.inf, change) if change else 0.0
 
 
-def _slope(points: Sequence[Point]) -> tuple[float, float]:
+def _slope(points: Sequence[TrendPoint]) -> tuple[float, float]:
     """Return slope per month and its standard deviation, by weighted least squares.
 
     Where values scatter about the line by more than their own standard deviations, the scatter counts.

@@ -13,7 +13,7 @@ from lfcal.errors import InputError
 from lfcal.figures import LINES, figure, save_figure
 from lfcal.fit.compared import Compared, compared_with
 from lfcal.fit.judge import ModelError
-from lfcal.fit.locate import Found, NewFrame
+from lfcal.fit.locate import LocatedPattern, NewFrame
 from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness, PlaneModel
 from lfcal.fit.result import Fit
@@ -232,7 +232,7 @@ def predicted_frame(light: F8, frame: NewFrame, noise: tuple[float, float], cuto
     if frame.values.shape != light.shape:
         raise InputError.expected(f"{frame.label}, pixels", light.shape, frame.values.shape, "take one of this sensor")
     rows, columns = light.shape
-    at = Found(0, 0, 0, frame.origin[0] + (rows - 1) // 2, frame.origin[1] + (columns - 1) // 2, 1.0)
+    at = LocatedPattern(0, 0, 0, frame.origin[0] + (rows - 1) // 2, frame.origin[1] + (columns - 1) // 2, 1.0)
     margin = (min(cutout[0] // 2, rows // 3), min(cutout[1] // 2, columns // 3))
     return compared_with(_Image(light, margin), frame, at, noise)
 
@@ -264,7 +264,7 @@ def _point(fit: Fit, withheld: Measured, k: int, model: PlaneModel, near: PlaneM
         label=f"(z, y, x) = ({z}, {y}, {x})",
     )
     noise = (float(withheld.noise[k, 0]), float(withheld.noise[k, 1]))
-    at, response = Found(z, y, x, row, column, 1.0), fit.spread.response
+    at, response = LocatedPattern(z, y, x, row, column, 1.0), fit.spread.response
     beside = compared_with(_ByModel(model, y, x, plan.cutout, response), frame, at, noise)
     periodic = None
     if near is not None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from lfcal.fit.measured import Measured
 
-__all__ = ["BEND", "Levels", "Response", "Weighed", "levels_of", "weighed"]
+__all__ = ["BEND", "PatternLevels", "Response", "Weighed", "levels_of", "weighed"]
 
 BEND = 4.0
 """Residual (sigmas) from which on it counts linearly, after Huber: noise alone hardly ever reaches it."""
@@ -45,7 +45,7 @@ class Response:
 
 
 @dataclass(frozen=True, eq=False)
-class Levels:
+class PatternLevels:
     """How a model becomes a recorded pattern: recorded = gain (1 + lamp) model + background.
 
     Attributes
@@ -65,7 +65,7 @@ class Levels:
         found: F8 = self.gains[planes] * (1.0 + self.lamps)
         return found
 
-    def between(self, seen: NDArray[np.intp], depths_um: Sequence[float]) -> Levels:
+    def between(self, seen: NDArray[np.intp], depths_um: Sequence[float]) -> PatternLevels:
         """Return the levels with gains of all other planes than those ``seen`` between their neighbours' in depth.
 
         Beyond the outermost plane that was seen its gain holds. A gain is counts over share of the light: without a
@@ -143,7 +143,7 @@ def variance(measured: Measured, light: F4, *, doubtful: bool, error: float) -> 
     return found
 
 
-def levels_of(measured: Measured, model: F4, lamps: F8, *, doubtful: bool, error: float) -> Levels:
+def levels_of(measured: Measured, model: F4, lamps: F8, *, doubtful: bool, error: float) -> PatternLevels:
     """Return gain and background of each plane that fit the patterns best, by weighted least squares.
 
     ``model`` ``(n, m)`` are predictions of unit gain. Patterns left out do not count.
@@ -171,11 +171,11 @@ def levels_of(measured: Measured, model: F4, lamps: F8, *, doubtful: bool, error
             if det > 1e-9 * a * c:
                 gain, background = (c * e - b * f) / det, (a * f - b * e) / det
         gains[z], backgrounds[z] = gain, background
-    return Levels(gains, backgrounds, lamps)
+    return PatternLevels(gains, backgrounds, lamps)
 
 
 def weighed(
-    measured: Measured, model: F4, levels: Levels, *, doubtful: bool, error: float, inverse: F4 | None = None
+    measured: Measured, model: F4, levels: PatternLevels, *, doubtful: bool, error: float, inverse: F4 | None = None
 ) -> Weighed:
     """Return the residuals of predictions ``model`` ``(n, m)`` of unit gain.
 

@@ -20,7 +20,7 @@ from lfcal.fit.expected import Behind
 from lfcal.inspect.compared import iter_fitted, patterns_of
 from lfcal.inspect.evidence import Evidence
 from lfcal.inspect.modelled import best_alike, plane_of
-from lfcal.inspect.turned import Match, few_positions, iter_matches
+from lfcal.inspect.turned import OrientationMatch, few_positions, iter_matches
 from lfcal.progress import Clock, Work
 from lfcal.psf import PSFMatrix
 from lfcal.psf.aperture import Iris
@@ -305,12 +305,12 @@ def _orientation(few: _Few) -> Work[Explanation | None]:
     return replace(turned, words=f"{words}, or {types.words}")
 
 
-def _far(best: Match) -> float:
+def _far(best: OrientationMatch) -> float:
     """Return what is not alike (1 - correlation²) up to which an orientation may be the best one."""
     return 4 * (1 - best.alike**2) + 0.02
 
 
-def _upright(few: _Few, match: Match) -> tuple[F4, NDArray[np.bool_]]:
+def _upright(few: _Few, match: OrientationMatch) -> tuple[F4, NDArray[np.bool_]]:
     """Return the patterns of a match upright; of oblong cutouts that lie on their side the middle."""
     turn = ORIENTATIONS[match.name]
     data, valid = patterns_of(few.matrix, match.found)
@@ -328,7 +328,7 @@ def _turned(apply: Callable[[NDArray[np.generic]], NDArray[np.generic]], pattern
     return np.stack([apply(pattern) for pattern in patterns])
 
 
-def _rule(match: Match, period: tuple[int, int]) -> str:
+def _rule(match: OrientationMatch, period: tuple[int, int]) -> str:
     """Return by which orientation H's positions follow from the camera's, but for a displacement; empty: by none.
 
     Positions count within the period. Where patterns stayed at their places the rule is that nothing was done.

@@ -21,7 +21,7 @@ from lfcal.progress import Work
 from lfcal.psf import PSFMatrix
 from lfcal.psf.quality import QualityReport
 from lfcal.psf.quality.metric import RANK, Merit, Metric
-from lfcal.psf.quality.verdict import BAD, FAIR, Problem, counted, judged_sentence, listed, problems_of, where
+from lfcal.psf.quality.verdict import BAD, FAIR, QualityProblem, counted, judged_sentence, listed, problems_of, where
 from lfcal.units import format_count, format_seconds, format_share
 
 __all__ = ["BAD", "FAIR", "MEASURED", "Inspection", "is_bad", "is_fair", "iter_inspection", "worst_first"]
@@ -155,13 +155,13 @@ class Inspection:
         return "unknown"
 
     @property
-    def problems(self) -> tuple[Problem, ...]:
+    def problems(self) -> tuple[QualityProblem, ...]:
         """What is wrong with H, the worst first: faults that matter, and metrics that none of them explains."""
         found = [self._problem(one) for one in self.findings if is_bad(one) or is_fair(one) or _single(one)]
         found += problems_of(self._left, self.quality.shape)
         return tuple(sorted(found, key=lambda one: RANK[one.merit]))
 
-    def _problem(self, finding: Finding) -> Problem:
+    def _problem(self, finding: Finding) -> QualityProblem:
         frames = math.prod(self.quality.shape[:3])
         if finding.cost is None:
             cost = f"not measured; it changes {format_share(min(finding.share, 1.0))} of the light"
@@ -171,7 +171,7 @@ class Inspection:
         merit: Merit = "bad" if is_bad(finding) else "fair" if is_fair(finding) else "good"
         places = where(finding.positions.tolist(), frames) or "all positions"
         repeat = len(finding.positions) if finding.redo and finding.extent is not None else 0
-        return Problem(finding.title, finding.detail, places, cost, finding.fault.advice, merit, repeat)
+        return QualityProblem(finding.title, finding.detail, places, cost, finding.fault.advice, merit, repeat)
 
     @property
     def verdict(self) -> str:

@@ -14,7 +14,7 @@ from lfcal.progress import Clock, Work
 from lfcal.psf import PSFMatrix
 from lfcal.psf.orientation import AS_IS, ORIENTATIONS
 
-__all__ = ["Match", "few_positions", "iter_matches"]
+__all__ = ["OrientationMatch", "few_positions", "iter_matches"]
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
@@ -27,7 +27,7 @@ EVERY = 97
 
 
 @dataclass(frozen=True, eq=False)
-class Match:
+class OrientationMatch:
     """Patterns of H that, in one orientation, are most like those of the camera at some positions.
 
     Attributes
@@ -54,7 +54,7 @@ def few_positions(matrix: PSFMatrix, recorded: NDArray[np.intp]) -> NDArray[np.i
     return ends[spread_out(ends, min(FEW, len(ends)), matrix.period)]
 
 
-def iter_matches(matrix: PSFMatrix, known: Behind, index: NDArray[np.intp]) -> Work[list[Match]]:
+def iter_matches(matrix: PSFMatrix, known: Behind, index: NDArray[np.intp]) -> Work[list[OrientationMatch]]:
     """Return the match of each orientation, the best first; every pattern of the planes of ``index`` is looked at.
 
     Parameters
@@ -92,7 +92,7 @@ def iter_matches(matrix: PSFMatrix, known: Behind, index: NDArray[np.intp]) -> W
             places[:, own, 0] = np.where(better, y, places[:, own, 0])
             places[:, own, 1] = np.where(better, columns, places[:, own, 1])
     found = [
-        Match(name, float(np.median(alike[k])), index, np.column_stack([index[:, 0], places[k]]))
+        OrientationMatch(name, float(np.median(alike[k])), index, np.column_stack([index[:, 0], places[k]]))
         for k, name in enumerate(ORIENTATIONS)
     ]
     return sorted(found, key=lambda one: (-one.alike, one.name != AS_IS))

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from lfcal.compiled import njit
 
-__all__ = ["Lenslets", "Template", "fold", "lenslet_statistics", "register"]
+__all__ = ["Template", "WhiteLenslets", "fold", "lenslet_statistics", "register"]
 
 
-class Lenslets(NamedTuple):
+class WhiteLenslets(NamedTuple):
     """The lenslets of a white image and the pixels taken about each."""
 
     centres: NDArray[np.float64]  # (n, 2) as (x, y) (pixels)
@@ -31,7 +31,7 @@ class Template(NamedTuple):
 @njit()
 def fold(
     image: NDArray[np.float32],
-    lenslets: Lenslets,
+    lenslets: WhiteLenslets,
     scales: NDArray[np.float64],
     sums: NDArray[np.float64],
     start: int,
@@ -75,7 +75,7 @@ SHIFT_X, SHIFT_Y, GAIN, LEVEL, EXPLAINED = range(5)
 @njit()
 def register(
     image: NDArray[np.float32],
-    lenslets: Lenslets,
+    lenslets: WhiteLenslets,
     template: Template,
     out: NDArray[np.float64],
     start: int,

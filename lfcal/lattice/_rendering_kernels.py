@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from lfcal.compiled import njit
 
-__all__ = ["Plane", "render_rows"]
+__all__ = ["RefocusPlane", "render_rows"]
 
 Float = NDArray[Any]
 
 
-class Plane(NamedTuple):
+class RefocusPlane(NamedTuple):
     """A plane of the scene, and where the samples of its image lie on the sensor."""
 
     slope: float  # (S - c) over the place below the lenslet; not 0
@@ -27,7 +27,7 @@ class Plane(NamedTuple):
 
 @njit()
 def render_rows(
-    frame: Float, white: Float, lenslets: NDArray[np.float64], plane: Plane, sums: Float, rows: tuple[int, int]
+    frame: Float, white: Float, lenslets: NDArray[np.float64], plane: RefocusPlane, sums: Float, rows: tuple[int, int]
 ) -> None:
     """Add rows ``rows[0] … rows[1]`` of a plane's image to ``sums`` ``(4, rows, columns)``.
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lfcal.compiled import njit
 
-__all__ = ["Reading", "Sites", "largest_box", "sample_rows"]
+__all__ = ["Sites", "ViewReading", "largest_box", "sample_rows"]
 
 Float = NDArray[Any]
 
@@ -32,7 +32,7 @@ class Sites(NamedTuple):
     share: Float  # (rows, columns, k): share of each of them
 
 
-class Reading(NamedTuple):
+class ViewReading(NamedTuple):
     """How a lenslet's measurements are read from the frame."""
 
     step_y: float  # distance of measurements (pixels)
@@ -140,7 +140,7 @@ def _used(near: NDArray[np.int32], share: Float, place: NDArray[np.int32]) -> ND
 
 
 @njit()
-def _read(frame: NDArray[Any], corner: Float, first: int, reading: Reading, lines: Float) -> None:
+def _read(frame: NDArray[Any], corner: Float, first: int, reading: ViewReading, lines: Float) -> None:
     """Read rows ``first …`` of the measurements of lenslets ``corner`` ``(n, 2)`` to ``lines`` ``(n, v, across)``."""
     step_x, taps = reading.step_x, reading.taps
     (high, wide), across = frame.shape, lines.shape[2]
@@ -169,7 +169,7 @@ def _read(frame: NDArray[Any], corner: Float, first: int, reading: Reading, line
 
 
 @njit()
-def sample_rows(frame: NDArray[Any], sites: Sites, reading: Reading, out: Float, start: int, stop: int) -> None:
+def sample_rows(frame: NDArray[Any], sites: Sites, reading: ViewReading, out: Float, start: int, stop: int) -> None:
     """Write rows ``start … stop`` of the samples to ``out`` ``(down, across, rows, columns)``.
 
     A sample is the sum of its lenslets' measurements by their shares; lenslets without a share count for nothing.

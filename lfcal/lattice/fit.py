@@ -12,7 +12,7 @@ from lfcal.checks import check_choice, check_number
 from lfcal.errors import InputError
 from lfcal.lattice.checkered import check_cell, mean_cell
 from lfcal.lattice.doubts import check_white, evenness
-from lfcal.lattice.forms import Frame, fit_form
+from lfcal.lattice.forms import DistortionFrame, fit_form
 from lfcal.lattice.growth import followed, start_reach
 from lfcal.lattice.iris_centre import iris_centre
 from lfcal.lattice.lattice_fit import LatticeErrors, LatticeFit
@@ -85,7 +85,7 @@ def fit_lattice(
     rough = guess_lattice(image, kind, pitch_px)
     model = LatticeModel.of(rough.kind, rough.basis, rough.centre)
     model = model.centred_on((np.array(image.shape[::-1]) - 1) / 2)
-    frame = Frame.of(image.shape)
+    frame = DistortionFrame.of(image.shape)
     model = centred(image, model, workers, start_reach(model, frame))
     model = followed(image, model, workers)
     flat = evened(image, model, workers)
@@ -101,7 +101,7 @@ def fit_lattice(
 
 
 def _settled(
-    flat: NDArray[np.float32], model: LatticeModel, frame: Frame, workers: int | None
+    flat: NDArray[np.float32], model: LatticeModel, frame: DistortionFrame, workers: int | None
 ) -> tuple[LatticeModel, PlacedLenslets]:
     """Return the lenslets placed about a lattice that does not move any more."""
     # a better lattice makes a sharper mean micro-image, which places the lenslets better
@@ -141,7 +141,7 @@ def _on_the_iris(
 
 def _described(shape: tuple[int, int], lenslets: PlacedLenslets, chosen: Selection, light: Array) -> LatticeFit:
     fitted = chosen.fitted
-    model, frame = fitted.model, Frame.of(shape)
+    model, frame = fitted.model, DistortionFrame.of(shape)
     errors = LatticeErrors.of(fitted, chosen.covariance, frame)
     x, y = model.places(np.zeros((1, 2), np.intp))[0]
     measured = np.where(lenslets.dead[:, None], np.nan, lenslets.places)

@@ -13,7 +13,7 @@ from lfcal.camera.distortion import monomials, polynomial_powers
 from lfcal.errors import InputError
 from lfcal.lattice.model import LatticeModel
 
-__all__ = ["FORMS", "FittedForm", "Form", "Frame", "design", "fit_form", "huber"]
+__all__ = ["FORMS", "DistortionFrame", "FittedForm", "LatticeForm", "design", "fit_form", "huber"]
 
 Array = NDArray[np.float64]
 HUBER = 1.5
@@ -21,7 +21,7 @@ HUBER = 1.5
 
 
 @dataclass(frozen=True, slots=True)
-class Form:
+class LatticeForm:
     """Which numbers of a lattice are free.
 
     Attributes
@@ -49,27 +49,27 @@ class Form:
 
 
 FORMS = (
-    Form("affine", sheared=False),
-    Form("affine with shear"),
-    Form("radial", radial=1),
-    Form("radial of two terms", radial=2),
-    Form("quadratic", degree=2),
-    Form("cubic", degree=3),
-    Form("quartic", degree=4),
-    Form("quintic", degree=5),
+    LatticeForm("affine", sheared=False),
+    LatticeForm("affine with shear"),
+    LatticeForm("radial", radial=1),
+    LatticeForm("radial of two terms", radial=2),
+    LatticeForm("quadratic", degree=2),
+    LatticeForm("cubic", degree=3),
+    LatticeForm("quartic", degree=4),
+    LatticeForm("quintic", degree=5),
 )
 """In the order of their free numbers."""
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class DistortionFrame:
     """Where distortions count from: the middle of the frame (x, y), and half its diagonal (pixels)."""
 
     middle: tuple[float, float]
     scale: float
 
     @classmethod
-    def of(cls, shape: tuple[int, ...]) -> Frame:
+    def of(cls, shape: tuple[int, ...]) -> DistortionFrame:
         """Return that of a frame of ``shape`` (rows, columns)."""
         x, y = ((n - 1) / 2 for n in (shape[1], shape[0]))
         return cls((x, y), math.hypot(x, y))
@@ -86,7 +86,7 @@ class Frame:
 class FittedForm:
     """A form fitted: the lattice, the residuals ``(n, 2)`` (pixels), their weights and standard deviation per axis."""
 
-    form: Form
+    form: LatticeForm
     model: LatticeModel
     residual: Array
     weight: Array
@@ -102,7 +102,7 @@ def huber(residual: Array) -> tuple[Array, float]:
     return np.minimum(1.0, HUBER / np.maximum(distance / sigma, 1e-9)), sigma
 
 
-def design(model: LatticeModel, form: Form, index: NDArray[np.intp], frame: Frame) -> Array:
+def design(model: LatticeModel, form: LatticeForm, index: NDArray[np.intp], frame: DistortionFrame) -> Array:
     """Return the derivatives ``(2, n, free numbers)`` of the places (x, y).
 
     Order: origin x and y, vector along a row x and y, ratio, shear, then the terms: polynomials along x, then along
@@ -137,7 +137,7 @@ def design(model: LatticeModel, form: Form, index: NDArray[np.intp], frame: Fram
     return out
 
 
-def _moved(model: LatticeModel, form: Form, frame: Frame, step: Array) -> LatticeModel:
+def _moved(model: LatticeModel, form: LatticeForm, frame: DistortionFrame, step: Array) -> LatticeModel:
     """Return the model after a step of its free numbers."""
     bend = model.distortion
     if form.degree:
@@ -160,7 +160,7 @@ def _moved(model: LatticeModel, form: Form, frame: Frame, step: Array) -> Lattic
     )
 
 
-def _start(model: LatticeModel, form: Form, frame: Frame) -> LatticeModel:
+def _start(model: LatticeModel, form: LatticeForm, frame: DistortionFrame) -> LatticeModel:
     """Return where the fit of a form starts; a radial one from the cubic terms of ``model``."""
     bend = model.distortion
     if form.radial:
@@ -176,7 +176,7 @@ def _start(model: LatticeModel, form: Form, frame: Frame) -> LatticeModel:
     return replace(model, distortion=bend)
 
 
-def _radial(bend: LatticeDistortion | None, frame: Frame, terms: int) -> LatticeDistortion | None:
+def _radial(bend: LatticeDistortion | None, frame: DistortionFrame, terms: int) -> LatticeDistortion | None:
     """Return the radial distortion nearest to the first orders of a cubic, or a radial one with so many terms.
 
     k |u - c|² (u - c) has the cubic terms k (u_x³ + u_x u_y², …) and the quadratic ones
@@ -199,10 +199,10 @@ def _radial(bend: LatticeDistortion | None, frame: Frame, terms: int) -> Lattice
 
 def fit_form(
     model: LatticeModel,
-    form: Form,
+    form: LatticeForm,
     index: NDArray[np.intp],
     places: Array,
-    frame: Frame,
+    frame: DistortionFrame,
     *,
     weight: Array | None = None,
     rounds: int = 8,
@@ -234,7 +234,7 @@ def fit_form(
     return FittedForm(form, model, residual, heavy if weight is None else weight, sigma)
 
 
-def _near(bend: LatticeDistortion | None, frame: Frame) -> bool:
+def _near(bend: LatticeDistortion | None, frame: DistortionFrame) -> bool:
     """Return whether a distortion's centre lies about the frame: from far outside, any bend is as good as another."""
     return bend is None or math.dist(bend.centre, frame.middle) <= 1.5 * frame.scale
 

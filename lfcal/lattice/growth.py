@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.lattice.forms import Form, Frame, fit_form
+from lfcal.lattice.forms import DistortionFrame, LatticeForm, fit_form
 from lfcal.lattice.model import LatticeModel
 from lfcal.lattice.rounds import place_all
 from lfcal.lattice.selection import flexible_form, thinned
@@ -29,13 +29,13 @@ TRACKING_DEGREE = 3
 """A higher order would run away from the measured region."""
 
 
-def start_reach(model: LatticeModel, frame: Frame) -> float:
+def start_reach(model: LatticeModel, frame: DistortionFrame) -> float:
     """Return the radius of the first region (pixels)."""
     wanted = max(START_PITCHES * model.pitch, min(START_SHARE * frame.scale, START_PX))
     return wanted if 3 * (wanted / model.pitch) ** 2 >= MIN_REGION else frame.scale
 
 
-def tracking_form(count: int) -> Form:
+def tracking_form(count: int) -> LatticeForm:
     """Return the form that runs ahead of ``count`` lenslets."""
     form = flexible_form(count // 2)
     return form if form.degree <= TRACKING_DEGREE else flexible_form(100)
@@ -43,7 +43,7 @@ def tracking_form(count: int) -> Form:
 
 def followed(image: NDArray[np.float32], model: LatticeModel, workers: int | None) -> LatticeModel:
     """Return the lattice fitted in growing regions, each placed about what the smaller one foretells."""
-    frame = Frame.of(image.shape)
+    frame = DistortionFrame.of(image.shape)
     reach = start_reach(model, frame)
     # the first region is placed twice: its start is the spectrum's alone
     reaches = [reach]

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfcal.camera import Camera, LatticeDistortion, LensletLattice
 from lfcal.errors import InputError
-from lfcal.lattice.forms import FittedForm, Frame, design
+from lfcal.lattice.forms import DistortionFrame, FittedForm, design
 from lfcal.lattice.local_means import gridded
 from lfcal.lattice.model import LatticeModel
 
@@ -44,7 +44,7 @@ class LatticeErrors:
     covariance: Array = field(repr=False)
 
     @classmethod
-    def of(cls, fitted: FittedForm, covariance: Array, frame: Frame) -> LatticeErrors:
+    def of(cls, fitted: FittedForm, covariance: Array, frame: DistortionFrame) -> LatticeErrors:
         """Return the errors of a fitted form from the covariance of its free numbers."""
         model, form = fitted.model, fitted.form
         unit = model.along / model.pitch

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.errors import InputError
-from lfcal.lattice._kernels import Lenslets, Template, fold, lenslet_statistics, register
+from lfcal.lattice._kernels import Template, WhiteLenslets, fold, lenslet_statistics, register
 from lfcal.threads import chunks, for_each_chunk, worker_count
 
 __all__ = ["LensletPlaces", "MicroImage", "light_of", "mean_micro_image", "place_lenslets"]
@@ -116,7 +116,7 @@ def mean_micro_image(
 
     def work(first: int, last: int) -> None:
         for k in range(first, last):
-            fold(image, Lenslets(centres, radius, SAMPLES_PER_PIXEL), scales, sums[k], *parts[k])
+            fold(image, WhiteLenslets(centres, radius, SAMPLES_PER_PIXEL), scales, sums[k], *parts[k])
 
     for_each_chunk(work, len(parts), workers)
     total, count = _spread(sums.sum(0), _spreads(centres[scales > 0]))
@@ -154,7 +154,7 @@ def place_lenslets(
 ) -> LensletPlaces:
     """Fit shift and contrast of the mean micro-image to each lenslet within ``radius`` pixels of its lattice point."""
     out = np.empty((len(centres), 5))
-    lenslets = Lenslets(centres, radius, SAMPLES_PER_PIXEL)
+    lenslets = WhiteLenslets(centres, radius, SAMPLES_PER_PIXEL)
 
     def work(a: int, b: int) -> None:
         register(image, lenslets, Template(micro.table, micro.slopes), out, a, b)

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.camera import Camera
 from lfcal.checks import check_number
 from lfcal.errors import InputError
-from lfcal.lattice._rendering_kernels import Plane, render_rows
+from lfcal.lattice._rendering_kernels import RefocusPlane, render_rows
 from lfcal.lattice.lens_types import expected_blur
 from lfcal.lattice.micro_images import FrameLattice, TypeOf
 from lfcal.lattice.refocus import MIN_WEIGHT, virtual_depth_of_slope
@@ -143,7 +143,7 @@ def render(
         plane = _plane(float(slope), radius, grid, samples)
         sums = np.zeros((4, *size), np.float32)
 
-        def work(a: int, b: int, into: Image = sums, near: Array = lenslets, at: Plane = plane) -> None:
+        def work(a: int, b: int, into: Image = sums, near: Array = lenslets, at: RefocusPlane = plane) -> None:
             render_rows(light, lit, near, at, into, (a, b))
 
         for_each_chunk(work, size[0], workers)
@@ -175,9 +175,11 @@ def _lit(white: ArrayLike | None, dark: ArrayLike | float, lattice: FrameLattice
     return lit
 
 
-def _plane(slope: float, radius: float, grid: ViewGrid, samples: int) -> Plane:
+def _plane(slope: float, radius: float, grid: ViewGrid, samples: int) -> RefocusPlane:
     corner = [c + (0.5 / samples - 0.5) * step for c, step in zip(grid.corner_px, grid.step_px, strict=True)]
-    return Plane(slope, float(radius), corner[0], corner[1], grid.step_px[0] / samples, grid.step_px[1] / samples)
+    return RefocusPlane(
+        slope, float(radius), corner[0], corner[1], grid.step_px[0] / samples, grid.step_px[1] / samples
+    )
 
 
 def _mean_and_variance(sums: Image) -> tuple[Image, Image]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.lattice.forms import FORMS, FittedForm, Form, Frame, design, fit_form
+from lfcal.lattice.forms import FORMS, DistortionFrame, FittedForm, LatticeForm, design, fit_form
 from lfcal.lattice.model import LatticeModel
 
 __all__ = ["Selection", "covariance", "flexible_form", "select_form", "thinned"]
@@ -80,13 +80,13 @@ class Selection:
     correlation: float
 
 
-def flexible_form(count: int) -> Form:
+def flexible_form(count: int) -> LatticeForm:
     """Return the most flexible form that ``count`` lenslets determine well."""
     fitting = [form for form in FORMS[1:] if not form.radial and 2 * count >= FLEXIBLE_SHARE * form.size]
     return fitting[-1] if fitting else FORMS[0]
 
 
-def select_form(model: LatticeModel, index: NDArray[np.intp], places: Array, frame: Frame) -> Selection:
+def select_form(model: LatticeModel, index: NDArray[np.intp], places: Array, frame: DistortionFrame) -> Selection:
     """Fit every form and return the one that the places call for.
 
     A form with more numbers is taken when it foretells left-out blocks better, by more than chance would have it and
@@ -129,7 +129,7 @@ def thinned(count: int) -> NDArray[np.intp]:
 
 
 def _compared(
-    model: LatticeModel, index: NDArray[np.intp], places: Array, frame: Frame
+    model: LatticeModel, index: NDArray[np.intp], places: Array, frame: DistortionFrame
 ) -> tuple[list[FittedForm], list[float], float]:
     """Return the fits of all forms that can be told, what each loses on left-out blocks, and the correlation."""
     largest = fit_form(model, flexible_form(len(index)), index, places, frame)
@@ -143,7 +143,7 @@ def _compared(
 
 
 def _offered(
-    largest: FittedForm, form: Form, index: NDArray[np.intp], places: Array, frame: Frame
+    largest: FittedForm, form: LatticeForm, index: NDArray[np.intp], places: Array, frame: DistortionFrame
 ) -> FittedForm | None:
     if form is not FORMS[0] and 2 * len(index) < MIN_SHARE * form.size:
         return None
@@ -165,7 +165,7 @@ def _correlation(fit: FittedForm, blocks: Blocks) -> float:
     return max(1.0, float((sums**2).sum()) / max(float((values**2).sum()), 1e-300) / kept)
 
 
-def _left_out(fit: FittedForm, index: NDArray[np.intp], frame: Frame, blocks: Blocks) -> float:
+def _left_out(fit: FittedForm, index: NDArray[np.intp], frame: DistortionFrame, blocks: Blocks) -> float:
     """Return the weighted sum of squares of each fold's residuals under a fit to the others (linear about the fit)."""
     columns = design(fit.model, fit.form, index, frame)[:, blocks.order]
     residual, weight = fit.residual[blocks.order], fit.weight[blocks.order]
@@ -193,7 +193,7 @@ def _moves(old: FittedForm, new: FittedForm, index: NDArray[np.intp]) -> float:
     return math.sqrt(float(((old.model.places(index) - new.model.places(index)) ** 2).sum(1).mean()))
 
 
-def covariance(fit: FittedForm, index: NDArray[np.intp], frame: Frame, correlation: float) -> Array:
+def covariance(fit: FittedForm, index: NDArray[np.intp], frame: DistortionFrame, correlation: float) -> Array:
     """Return the covariance of a fit's free numbers under the weights used.
 
     A^-1 B A^-1 of M-estimators (Huber 1981) with B from the residuals themselves, times ``correlation``.

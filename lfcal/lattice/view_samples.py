@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.lattice._view_kernels import Reading, Sites, sample_rows
+from lfcal.lattice._view_kernels import Sites, ViewReading, sample_rows
 from lfcal.lattice.view_grid import ViewGrid
 from lfcal.threads import for_each_chunk
 
@@ -46,6 +46,6 @@ def sample_views(
     """
     half = ((out.shape[0] - 1) / 2 * step_px[0], (out.shape[1] - 1) / 2 * step_px[1])
     sites = Sites(grid.centres_px - np.array(half), grid.near, np.ascontiguousarray(grid.share, out.dtype))
-    reading = Reading(float(step_px[0]), float(step_px[1]), TAPS[filter])
+    reading = ViewReading(float(step_px[0]), float(step_px[1]), TAPS[filter])
     for_each_chunk(lambda a, b: sample_rows(frame, sites, reading, out, a, b), grid.shape[0], workers)
     return out

@@ -8,13 +8,13 @@ from typing import Any, Protocol
 
 from lfcal.camera import Camera, LensletLattice, Microscope
 from lfcal.errors import InputError
-from lfcal.simulate.pupil import Iris
+from lfcal.simulate.pupil import PupilIris
 from lfcal.simulate.scene import Scene
 
-__all__ = ["ScanGrid", "scene_of"]
+__all__ = ["ScenePlan", "scene_of"]
 
 
-class ScanGrid(Protocol):
+class ScenePlan(Protocol):
     """What of a scan plan a scene needs."""
 
     @property
@@ -30,7 +30,7 @@ class ScanGrid(Protocol):
 
 def scene_of(
     camera: Camera,
-    grid: ScanGrid | None = None,
+    grid: ScenePlan | None = None,
     z_um: float | None = None,
     *,
     virtual_depth: float | None = None,
@@ -94,7 +94,7 @@ def _described(camera: Camera) -> dict[str, Any]:
     }
     if isinstance(optics, Microscope):
         return known | {"objective": optics}
-    iris = Iris(optics.blades, optics.blade_curvature, optics.blade_rotation_rad)
+    iris = PupilIris(optics.blades, optics.blade_curvature, optics.blade_rotation_rad)
     return known | {"iris": iris, "pupil_um": optics.image_distance_um}
 
 

@@ -12,14 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.checks import check_number
 from lfcal.errors import InputError
 
-__all__ = ["Iris", "Wavefront", "check_wavefront", "pixel_response", "seidel"]
+__all__ = ["PupilIris", "Wavefront", "check_wavefront", "pixel_response", "seidel"]
 
 Wavefront = tuple[tuple[int, int, float], ...]
 """Zernike terms ``(n, m, waves)``."""
 
 
 @dataclass(frozen=True, slots=True)
-class Iris:
+class PupilIris:
     """The main lens's iris, in units of the radius of the disc f/(2 N): its area is that disc's, pi.
 
     Attributes

@@ -24,7 +24,7 @@ from lfcal.axes import check_cutout
 from lfcal.camera import LensletLattice, Microscope
 from lfcal.checks import check_choice, check_number, check_wavelength
 from lfcal.errors import InputError
-from lfcal.simulate.pupil import Iris, Wavefront, check_wavefront, seidel
+from lfcal.simulate.pupil import PupilIris, Wavefront, check_wavefront, seidel
 from lfcal.simulate.specimen import Specimen, cone_radius_um
 
 TOUCHING = 1.001
@@ -33,7 +33,7 @@ TOUCHING = 1.001
 LAWS = (-0.5, 1.5)
 """Least and largest lens law: 0 is the sine condition, 1 the tangent law."""
 
-__all__ = ["LAWS", "Defects", "ImageMap", "Iris", "Scene", "Wavefront", "seidel"]
+__all__ = ["LAWS", "Defects", "ImageMap", "PupilIris", "Scene", "Wavefront", "seidel"]
 
 Defects = tuple[tuple[int, int, float], ...]
 """Lenslets that pass less light: row and column of the lattice, and the share of light that passes."""
@@ -120,7 +120,7 @@ class Scene:
     cutout: tuple[int, int]
     period: tuple[int, int]
     f_number: float
-    iris: Iris = field(default_factory=Iris)
+    iris: PupilIris = field(default_factory=PupilIris)
     aperture: str = "circle"
     pupil_um: float = math.inf
     wavefront: Wavefront = ()

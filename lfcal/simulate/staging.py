@@ -17,7 +17,7 @@ from lfcal.simulate.effects.base import Effect, LightEffect, LightSample, PsfEff
 from lfcal.simulate.effects.light import Bandwidth
 from lfcal.simulate.effects.outlook import Outlook
 from lfcal.simulate.engines.base import LEVELS
-from lfcal.simulate.scene import Iris, Scene
+from lfcal.simulate.scene import PupilIris, Scene
 
 __all__ = [
     "filter_kernel",
@@ -92,7 +92,7 @@ def ideal_scene(plan: ScanPlan, outlook: Outlook, *, halo: int = 0, on_sensor: b
         cutout=(plan.cutout[0] + 2 * halo, plan.cutout[1] + 2 * halo),
         z_um=outlook.z_um,
         anchor_px=(about[0] - residual_y, about[1] - residual_x),
-        iris=Iris(),
+        iris=PupilIris(),
         pixel_um=width,
         pixel_aspect=aspect,
         pupil_um=math.inf,

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.simulate.scene import Iris, Scene
+from lfcal.simulate.scene import PupilIris, Scene
 
 __all__ = ["folded", "is_mirror_symmetric", "mirrored_rows"]
 
@@ -41,7 +41,7 @@ def is_mirror_symmetric(scene: Scene) -> bool:
     )
 
 
-def _iris_is_symmetric(iris: Iris) -> bool:
+def _iris_is_symmetric(iris: PupilIris) -> bool:
     if iris.stop is not None and iris.stop[1] != 0:
         return False
     if iris.blades == 0 or iris.curvature == 1:

@@ -23,7 +23,7 @@ from lfcal.threads import worker_count
 __all__ = ["iter_light_field", "light_field", "plume", "points", "vesicle"]
 
 
-class Responses(Protocol):
+class ResponseSource(Protocol):
     """Where responses come from, a few positions at a time."""
 
     @property
@@ -117,7 +117,7 @@ def iter_light_field(
     ...     print(steps[0], steps[-1], sep=" … ")  # of 2 planes of 19 rows
     1 of 38 … 38 of 38
     """
-    source: Responses = (
+    source: ResponseSource = (
         _Stored(through) if isinstance(through, PSFMatrix) else _Simulated(through, effects, level, tolerance, sampling)
     )
     nz, ny, nx, nt, ns = source.shape

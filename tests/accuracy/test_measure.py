@@ -10,9 +10,9 @@ import pytest
 
 from lfcal.accuracy import (
     PLACES,
+    AccuracyStep,
     Place,
     Rung,
-    Step,
     Subject,
     Truth,
     iter_curves,
@@ -32,7 +32,7 @@ def place(work: Callable[..., Iterator[object]], name: str = "made up") -> Place
 def rungs(count: int) -> Iterator[object]:
     yield Truth("exact", ("note",))
     for k in range(count):
-        yield Step(f"rung {k}")
+        yield AccuracyStep(f"rung {k}")
         yield Rung(f"rung {k}", {"k": k}, 1 / (k + 1), k, "seconds")
 
 
@@ -83,7 +83,7 @@ def test_no_step_begins_that_would_end_too_late(subject: Subject, clock: Clock) 
     def slow() -> Iterator[object]:
         yield Truth("exact")
         for k in range(100):
-            yield Step(f"rung {k}")
+            yield AccuracyStep(f"rung {k}")
             begun.append(k)
             clock.now += 3.0
             yield Rung(f"rung {k}", {}, 1.0, k, "seconds")
@@ -98,7 +98,7 @@ def test_a_step_that_says_how_long_it_takes_is_believed(subject: Subject, clock:
         yield Truth("exact")
         clock.now += 1.0
         yield Rung("first", {}, 1.0, 1.0, "seconds")
-        yield Step("second", last)
+        yield AccuracyStep("second", last)
         yield Rung("second", {}, 0.5, 2.0, "seconds")
 
     assert len(measure_curve(place(lambda: steps(8.9)), subject, 10.0).rungs) == 2

@@ -12,7 +12,7 @@ from typing import Any
 
 from lfcal.acquire.options import Options
 from lfcal.acquire.recording.records import Kind, Note
-from lfcal.acquire.schedule import Step
+from lfcal.acquire.schedule import ScheduledFrame
 from lfcal.acquire.session import record
 from lfcal.camera import ScanPlan
 from lfcal.devices.simulated.backend import simulated_rig
@@ -22,7 +22,7 @@ def main() -> None:
     folder = Path(sys.argv[1])
     plan = ScanPlan.from_json(Path(f"{folder}.plan.json").read_text())
 
-    def acknowledge(step: Step, _note: Note, _frame: Any) -> None:
+    def acknowledge(step: ScheduledFrame, _note: Note, _frame: Any) -> None:
         if step.kind is Kind.POSITION:
             os.write(1, b"%d\n" % step.flat)
 

@@ -16,7 +16,7 @@ from lfcal.camera import ScanPlan, preset
 from lfcal.devices.protocols import Point
 from lfcal.devices.rig import Rig
 from lfcal.devices.simulated.backend import simulated_rig
-from lfcal.devices.simulated.faults import Fault
+from lfcal.devices.simulated.faults import DeviceFault
 
 CAREFUL = Options(darks=0, reference_every=0, origin_tolerance_px=0.5, keep_free_bytes=0, check_stage=False)
 """Positions alone, all checks of frames on; that of the stage moves and exposes, which counted faults do not expect."""
@@ -37,7 +37,7 @@ def small_plan(
     return ScanPlan(camera, period, cutout, depths, anchor, **options)
 
 
-def rig_for(plan: ScanPlan, *faults: Fault, **options: Any) -> Rig:
+def rig_for(plan: ScanPlan, *faults: DeviceFault, **options: Any) -> Rig:
     return simulated_rig(plan, faults=faults, **options)
 
 

@@ -20,7 +20,7 @@ from lfcal.acquire.redo import RedoList
 from lfcal.acquire.session import record
 from lfcal.acquire.session_file import SessionFile
 from lfcal.camera import Forecast
-from lfcal.devices.simulated.faults import Fault
+from lfcal.devices.simulated.faults import DeviceFault
 from lfcal.errors import FileFormatError, InputError
 from lfcal.frames.source import Position
 from lfcal.progress import drain
@@ -55,7 +55,7 @@ def test_only_chosen_positions_are_recorded(tmp_path: Path) -> None:
 def test_such_a_session_is_interrupted_and_resumed(tmp_path: Path) -> None:
     options = replace(CAREFUL, retries=0)
     with pytest.raises(AcquisitionStopped, match="2 of 5 positions are safe"):
-        record(tmp_path / "s", PLAN, rig_for(PLAN, Fault("times out", 2, 9)), options, only=CHOSEN)
+        record(tmp_path / "s", PLAN, rig_for(PLAN, DeviceFault("times out", 2, 9)), options, only=CHOSEN)
     assert len(verify(tmp_path / "s").never_taken) == 3
     done = record(tmp_path / "s", PLAN, rig_for(PLAN), resume=True)
     assert done.how == "complete" and done.acknowledged == 5 and set(frames_of(tmp_path / "s")) == set(CHOSEN)
@@ -77,7 +77,7 @@ def test_an_interrupted_recording_of_as_many_positions_as_another_is_not_complet
     """What was never taken is not lost because another recording of the session had as many positions."""
     record(tmp_path / "s", PLAN, rig_for(PLAN), CAREFUL, only=CHOSEN[:2])
     with pytest.raises(AcquisitionStopped):
-        faulty = rig_for(PLAN, Fault("times out", 1, 99))
+        faulty = rig_for(PLAN, DeviceFault("times out", 1, 99))
         record(tmp_path / "s", PLAN, faulty, replace(CAREFUL, retries=0), redo=CHOSEN[2:4])
     assert len(frames_of(tmp_path / "s")) == 3
     report = verify(tmp_path / "s")

@@ -29,7 +29,7 @@ from lfcal.devices.errors import (
     StaleFrame,
     WrongFrame,
 )
-from lfcal.devices.simulated.faults import Fault
+from lfcal.devices.simulated.faults import DeviceFault
 from lfcal.devices.simulated.stage import StageModel
 from lfcal.errors import LfcalError, StorageError
 from lfcal.system import write_at
@@ -71,7 +71,7 @@ def check_places(folder: Path) -> None:
 def test_a_fault_that_passes_is_mended(
     tmp_path: Path, undisturbed: dict[Any, np.ndarray], kind: str, error: type[Exception]
 ) -> None:
-    outcome = record(tmp_path, PLAN, rig_for(PLAN, Fault(kind, 8)), CAREFUL)
+    outcome = record(tmp_path, PLAN, rig_for(PLAN, DeviceFault(kind, 8)), CAREFUL)
     assert outcome.how == "complete"
     assert_same_frames(frames_of(tmp_path), undisturbed)
     check_places(tmp_path)
@@ -84,7 +84,7 @@ def test_a_fault_that_passes_is_mended(
 def test_a_fault_that_stays_stops_safely_and_the_session_resumes(
     tmp_path: Path, undisturbed: dict[Any, np.ndarray], kind: str, error: type[Exception]
 ) -> None:
-    rig = rig_for(PLAN, Fault(kind, 11, 1000))
+    rig = rig_for(PLAN, DeviceFault(kind, 11, 1000))
     with pytest.raises(AcquisitionStopped) as caught:
         record(tmp_path, PLAN, rig, CAREFUL)
     assert type(caught.value.cause) is error
@@ -106,7 +106,7 @@ def test_a_fault_that_stays_stops_safely_and_the_session_resumes(
 def test_a_jumping_clock_changes_nothing_but_the_time_of_day(
     tmp_path: Path, undisturbed: dict[Any, np.ndarray]
 ) -> None:
-    record(tmp_path, PLAN, rig_for(PLAN, Fault("clock jumps", 9)), CAREFUL)
+    record(tmp_path, PLAN, rig_for(PLAN, DeviceFault("clock jumps", 9)), CAREFUL)
     assert_same_frames(frames_of(tmp_path), undisturbed)
     with RecordingSource(tmp_path) as source:
         notes = sorted((source.record(k) for k in range(len(source))), key=lambda note: int(note["sequence"]))
@@ -176,7 +176,7 @@ def test_a_stage_that_moves_during_the_exposure_spoils_the_frame(tmp_path: Path)
     """The counter-test: with a tolerance that sees nothing, the frame of the bumped stage is kept, and differs."""
     blind = replace(CAREFUL, tolerance_um=(1e3, 1e3, 1e3))
     record(tmp_path / "a", PLAN, rig_for(PLAN), blind)
-    record(tmp_path / "b", PLAN, rig_for(PLAN, Fault("bumped", 8)), blind)
+    record(tmp_path / "b", PLAN, rig_for(PLAN, DeviceFault("bumped", 8)), blind)
     a, b = frames_of(tmp_path / "a"), frames_of(tmp_path / "b")
     assert any(not np.array_equal(a[key], b[key]) for key in a)
 

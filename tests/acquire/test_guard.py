@@ -19,7 +19,7 @@ from lfcal.camera import ScanPlan, preset
 from lfcal.devices.protocols import Roi
 from lfcal.devices.registry import open_rig
 from lfcal.devices.rig import Rig
-from lfcal.devices.simulated.faults import Fault
+from lfcal.devices.simulated.faults import DeviceFault
 from lfcal.devices.simulated.optics import PatternRenderer
 from lfcal.devices.simulated.stage import StageModel
 from tests.acquire.rigs import CAREFUL, assert_same_frames, frames_of, rig_for, small_plan
@@ -70,7 +70,7 @@ def test_a_fault_of_one_frame_is_cured_by_taking_it_again(
     tmp_path: Path, undisturbed: dict[tuple[int, int, int], np.ndarray], kind: str
 ) -> None:
     notes: list[Note] = []
-    rig = rig_for(PLAN, Fault(kind, BEGIN))
+    rig = rig_for(PLAN, DeviceFault(kind, BEGIN))
     assert record(tmp_path, PLAN, rig, CAREFUL, observers=(lambda _s, note, _f: notes.append(note),)).how == "complete"
     assert_same_frames(frames_of(tmp_path), undisturbed)
     assert sum(note.attempts > 1 for note in notes) == 1
@@ -81,7 +81,7 @@ def test_a_fault_of_one_frame_is_cured_by_taking_it_again(
 def test_a_fault_that_lasts_stops_with_reason_and_position(
     tmp_path: Path, undisturbed: dict[tuple[int, int, int], np.ndarray], kind: str
 ) -> None:
-    rig = rig_for(PLAN, Fault(kind, BEGIN, 10**6))
+    rig = rig_for(PLAN, DeviceFault(kind, BEGIN, 10**6))
     if kind in CURED:
         assert record(tmp_path, PLAN, rig, CAREFUL).how == "complete"
     else:
@@ -104,7 +104,7 @@ def test_a_fault_that_lasts_is_named_where_the_session_goes_on(
     tmp_path: Path, undisturbed: dict[tuple[int, int, int], np.ndarray], kind: str, times: int
 ) -> None:
     options = replace(CAREFUL, on_suspect="flag")
-    assert record(tmp_path, PLAN, rig_for(PLAN, Fault(kind, BEGIN, times)), options).how == "complete"
+    assert record(tmp_path, PLAN, rig_for(PLAN, DeviceFault(kind, BEGIN, times)), options).how == "complete"
     check_nothing_silent(tmp_path, undisturbed)
     named = suspects_of(tmp_path)
     if kind not in CURED and times > 3:
@@ -185,7 +185,13 @@ def test_a_pattern_that_jumps_and_fades_to_black_costs_frames_and_raises_nothing
 def test_a_resumed_session_and_one_recorded_again_raise_nothing(tmp_path: Path) -> None:
     for _ in range(3):
         with pytest.raises(AcquisitionStopped):
-            record(tmp_path, PLAN, rig_for(PLAN, Fault("vanishes", 40)), CAREFUL, resume=bool(list(tmp_path.iterdir())))
+            record(
+                tmp_path,
+                PLAN,
+                rig_for(PLAN, DeviceFault("vanishes", 40)),
+                CAREFUL,
+                resume=bool(list(tmp_path.iterdir())),
+            )
     record(tmp_path, PLAN, rig_for(PLAN), CAREFUL, resume=True)
     record(tmp_path, PLAN, rig_for(PLAN), replace(CAREFUL, reference_every=0), redo=[(1, 6, 8), (0, 3, 3), (0, 0, 0)])
     assert not suspects_of(tmp_path)
@@ -194,18 +200,18 @@ def test_a_resumed_session_and_one_recorded_again_raise_nothing(tmp_path: Path) 
 def test_positions_recorded_again_are_held_against_those_around_them(tmp_path: Path) -> None:
     """Steps were lost, the list is recorded again, and nobody homed the stage: nothing of that run may count."""
     options = replace(CAREFUL, on_suspect="flag")
-    record(tmp_path, PLAN, rig_for(PLAN, Fault("loses steps", 90)), options)
+    record(tmp_path, PLAN, rig_for(PLAN, DeviceFault("loses steps", 90)), options)
     named = sorted(suspects_of(tmp_path))
     assert named
     with pytest.raises(AcquisitionStopped, match="content guard: image: expected within"):
-        record(tmp_path, PLAN, rig_for(PLAN, Fault("loses steps", 0)), CAREFUL, redo=named)
+        record(tmp_path, PLAN, rig_for(PLAN, DeviceFault("loses steps", 0)), CAREFUL, redo=named)
     assert sorted(suspects_of(tmp_path)) == named
 
 
 def test_a_frame_that_an_earlier_run_kept_is_known_after_a_resume(tmp_path: Path) -> None:
     """The camera hands out an image of before: nothing in the memory of this run shows it, but the recording does."""
     with pytest.raises(AcquisitionStopped):
-        record(tmp_path, PLAN, rig_for(PLAN, Fault("vanishes", 40)), CAREFUL)
+        record(tmp_path, PLAN, rig_for(PLAN, DeviceFault("vanishes", 40)), CAREFUL)
     old = frames_of(tmp_path)[0, 0, 0]
     schedule = Schedule.of(PLAN, CAREFUL)
     step = list(schedule.steps())[43]
@@ -256,7 +262,7 @@ def test_no_plane_of_the_r29_raises_an_alarm_with_the_quick_pattern(tmp_path: Pa
 @pytest.mark.parametrize("kind", FAULTS)
 def test_faults_that_last_are_named_with_the_default_optics(tmp_path: Path, kind: str) -> None:
     plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[4.0])
-    with open_rig(plan, "sim", {"faults": Fault(kind, 200, 10**6).text()}) as rig:
+    with open_rig(plan, "sim", {"faults": DeviceFault(kind, 200, 10**6).text()}) as rig:
         assert record(tmp_path, plan, rig, replace(CAREFUL, on_suspect="flag")).how == "complete"
     named = suspects_of(tmp_path)
     if kind in CURED:

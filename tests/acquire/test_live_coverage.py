@@ -11,7 +11,7 @@ from lfcal.acquire.live_coverage import LiveCoverage
 from lfcal.acquire.session import record
 from lfcal.camera import ScanPlan
 from lfcal.devices.simulated.backend import simulated_rig
-from lfcal.devices.simulated.faults import Fault
+from lfcal.devices.simulated.faults import DeviceFault
 from lfcal.devices.simulated.targets import TargetPattern
 from lfcal.targets import Target, TargetPlan, Wishes, plan_target
 from tests.acquire.rigs import CAREFUL
@@ -25,7 +25,7 @@ def small_target() -> TargetPlan:
     return plan_target(scan, target, Wishes(most_frames=4, level="geometric"))
 
 
-def watched(folder: Path, plan: TargetPlan, *faults: Fault, light: float = 1.0) -> LiveCoverage:
+def watched(folder: Path, plan: TargetPlan, *faults: DeviceFault, light: float = 1.0) -> LiveCoverage:
     watching = LiveCoverage(plan)
     optics = TargetPattern(plan.scan, plan.target, np.full(9, light))
     rig = simulated_rig(plan.scan, optics=optics, faults=faults)

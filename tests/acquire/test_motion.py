@@ -8,7 +8,7 @@ import pytest
 from lfcal.acquire.control import Aborted, Control
 from lfcal.acquire.motion import Motion, Mover, check_limits
 from lfcal.devices.errors import LimitError, NotInPosition, StageError
-from lfcal.devices.simulated.faults import Fault
+from lfcal.devices.simulated.faults import DeviceFault
 from lfcal.devices.simulated.stage import SimStage, StageModel, VirtualTime
 from lfcal.errors import InputError
 
@@ -93,7 +93,7 @@ def test_limits_are_checked_with_the_approach_and_before_anything_moves() -> Non
 )
 def test_faults_of_the_stage_are_seen(kind: str, error: type[Exception]) -> None:
     time = VirtualTime()
-    stage = SimStage(time, faults=[Fault(kind, 1)])
+    stage = SimStage(time, faults=[DeviceFault(kind, 1)])
     with pytest.raises(error):
         mover(stage, time, timeout_s=5.0, settle_s=0.1).go((100.0, 100.0, 100.0))
 

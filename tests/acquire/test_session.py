@@ -26,7 +26,7 @@ from lfcal.camera import StageAxes
 from lfcal.devices.errors import DeviceLost, LimitError
 from lfcal.devices.protocols import Frame, Point, Roi, Setting
 from lfcal.devices.rig import Rig
-from lfcal.devices.simulated.camera import Patch, Renderer
+from lfcal.devices.simulated.camera import LightPatch, Renderer
 from lfcal.devices.simulated.optics import PatternRenderer
 from lfcal.errors import FileFormatError, InputError, StorageError
 from lfcal.frames import CorrectionRecipe, corrected_view
@@ -226,7 +226,7 @@ class Refocused:
     def __init__(self, renderer: Renderer) -> None:
         self._renderer = renderer
 
-    def render(self, source_um: Point, exposure_s: float, roi: Roi) -> Patch:
+    def render(self, source_um: Point, exposure_s: float, roi: Roi) -> LightPatch:
         patch = self._renderer.render(source_um, exposure_s, roi)
         profiles = []
         for axis, size in ((1, patch.counts.shape[0]), (0, patch.counts.shape[1])):

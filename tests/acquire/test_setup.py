@@ -30,7 +30,7 @@ from lfcal.acquire.setup import (
 )
 from lfcal.camera import ScanPlan, StageAxes, preset
 from lfcal.devices.errors import LimitError
-from lfcal.devices.simulated.faults import Fault
+from lfcal.devices.simulated.faults import DeviceFault
 from lfcal.errors import InputError
 from lfcal.progress import drain
 from tests.acquire.rigs import deceived_rig, rig_for, scaled, small_plan
@@ -270,7 +270,7 @@ def test_exposure_suggestions_are_honest() -> None:
 
 def test_live_view_reports_and_survives_lost_frames() -> None:
     plan = PLAN
-    rig = rig_for(plan, Fault("times out", 1), Fault("incomplete", 2))
+    rig = rig_for(plan, DeviceFault("times out", 1), DeviceFault("incomplete", 2))
     x, y, z = plan.stage_um(np.array([0, 5, 9])).tolist()
     rig.stage.move((x, y, z))
     rig.time.sleep(1e4)

@@ -24,8 +24,8 @@ from lfcal.devices.errors import FrameTimeout, LimitError
 from lfcal.devices.protocols import Point
 from lfcal.devices.registry import open_rig
 from lfcal.devices.rig import Rig
-from lfcal.devices.simulated.camera import Patch, Renderer
-from lfcal.devices.simulated.faults import Fault
+from lfcal.devices.simulated.camera import LightPatch, Renderer
+from lfcal.devices.simulated.faults import DeviceFault
 from lfcal.devices.simulated.optics import PatternRenderer, simulated_optics
 from lfcal.devices.simulated.stage import StageModel
 from lfcal.errors import Cancelled, InputError
@@ -192,7 +192,7 @@ class _Focused:
     def __init__(self, plan: ScanPlan) -> None:
         self._pattern = PatternRenderer(plan)
 
-    def render(self, *args: Any) -> Patch:
+    def render(self, *args: Any) -> LightPatch:
         patch = self._pattern.render(*args)
         counts = np.zeros_like(patch.counts)
         counts[len(counts) // 2, 2::5] = 900
@@ -200,7 +200,7 @@ class _Focused:
 
 
 class _Dark(_Focused):
-    def render(self, *args: Any) -> Patch:
+    def render(self, *args: Any) -> LightPatch:
         patch = self._pattern.render(*args)
         return patch._replace(counts=np.zeros_like(patch.counts))
 
@@ -210,7 +210,7 @@ class _Trembling(_Focused):
 
     rng = np.random.default_rng(1)
 
-    def render(self, *args: Any) -> Patch:
+    def render(self, *args: Any) -> LightPatch:
         patch = self._pattern.render(*args)
         return patch._replace(row=patch.row + int(self.rng.integers(-1, 2)))
 
@@ -324,10 +324,15 @@ def test_limits_are_refused_before_the_check_moves_anything(tmp_path: Path) -> N
 
 
 def test_a_fault_that_passes_is_met_again_and_one_that_stays_ends_it(tmp_path: Path) -> None:
-    for fault in (Fault("times out", 3), Fault("incomplete", 4, 2), Fault("move fails", 5), Fault("stops short", 7)):
+    for fault in (
+        DeviceFault("times out", 3),
+        DeviceFault("incomplete", 4, 2),
+        DeviceFault("move fails", 5),
+        DeviceFault("stops short", 7),
+    ):
         assert checked(rig_for(PLAN, fault), PLAN).fits, fault
     with pytest.raises(FrameTimeout):
-        record(tmp_path / "s", PLAN, rig_for(PLAN, Fault("times out", 3, 99)), CHECKED)
+        record(tmp_path / "s", PLAN, rig_for(PLAN, DeviceFault("times out", 3, 99)), CHECKED)
     assert not list(tmp_path.iterdir())
 
 

@@ -14,7 +14,7 @@ from lfcal.acquire.suspending import Bound, Suspender
 from lfcal.devices.errors import DeviceError
 from lfcal.devices.gauges import FileGauge
 from lfcal.devices.protocols import Gauge
-from lfcal.devices.simulated.faults import Fault
+from lfcal.devices.simulated.faults import DeviceFault
 from lfcal.errors import InputError
 from lfcal.progress import drain
 from tests.acquire.rigs import CAREFUL, assert_same_frames, frames_of, rig_for, small_plan
@@ -44,7 +44,7 @@ def test_what_says_no_bound_is_refused(text: str) -> None:
 @pytest.mark.parametrize(("gauge", "fault"), [("temperature=20:22", "too warm"), ("lamp=95:105", "lamp low")])
 def test_a_session_holds_and_goes_on_by_itself(tmp_path: Path, gauge: str, fault: str) -> None:
     record(tmp_path / "usual", PLAN, rig_for(PLAN), CAREFUL)
-    rig = rig_for(PLAN, Fault(fault, 1, 5))
+    rig = rig_for(PLAN, DeviceFault(fault, 1, 5))
     assert all(isinstance(one, Gauge) for one in rig.gauges)
     held: list[tuple[int, str]] = []
     options = replace(WARM, suspend=(gauge,))

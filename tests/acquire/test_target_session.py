@@ -23,7 +23,7 @@ from lfcal.axes import Position
 from lfcal.camera import ScanPlan
 from lfcal.devices.rig import Rig
 from lfcal.devices.simulated.backend import simulated_rig
-from lfcal.devices.simulated.faults import Fault
+from lfcal.devices.simulated.faults import DeviceFault
 from lfcal.devices.simulated.targets import SwitchedRenderer, TargetPattern
 from lfcal.errors import FileFormatError, InputError
 from lfcal.frames import open_frames
@@ -46,7 +46,7 @@ def plan() -> TargetPlan:
     return replace(made, offsets_px=(made.offsets_px[0][:5], made.offsets_px[1]))
 
 
-def rig_of(plan: TargetPlan, *faults: Fault, target: Target | None = None) -> Rig:
+def rig_of(plan: TargetPlan, *faults: DeviceFault, target: Target | None = None) -> Rig:
     there = target or plan.target
     optics = TargetPattern(plan.scan, there, np.ones(len(there.holes)))
     return simulated_rig(plan.scan, optics=optics, faults=faults)
@@ -104,7 +104,7 @@ def test_darks_and_references_belong_to_it(plan: TargetPlan, session: Path) -> N
 def test_an_interrupted_session_goes_on(plan: TargetPlan, session: Path, tmp_path: Path, at: int) -> None:
     folder = tmp_path / "session"
     with pytest.raises(Exception, match=r"vanish|no answer"):
-        record(folder, plan, rig_of(plan, Fault("vanishes", at)), CAREFUL)
+        record(folder, plan, rig_of(plan, DeviceFault("vanishes", at)), CAREFUL)
     before = SessionFile.read(folder).runs[-1].acknowledged
     assert 0 < before < 11
     part = open_frames(folder)
@@ -144,7 +144,7 @@ def test_frames_are_recorded_again_by_their_position(plan: TargetPlan, session: 
 def test_a_moved_stage_is_found_on_resuming(plan: TargetPlan, tmp_path: Path) -> None:
     folder = tmp_path / "session"
     with pytest.raises(Exception, match=r"vanish|no answer"):
-        record(folder, plan, rig_of(plan, Fault("vanishes", 5)), CAREFUL)
+        record(folder, plan, rig_of(plan, DeviceFault("vanishes", 5)), CAREFUL)
     step = plan.scan.camera.step_um(plan.scan.depths_um[0])
     lost = replace(plan.target, pose=replace(plan.target.pose, right_um=3 * step))
     with pytest.raises(InputError, match="image of the last recorded position"):
@@ -162,12 +162,12 @@ def test_another_plan_does_not_go_on(plan: TargetPlan, session: Path) -> None:
 @pytest.mark.parametrize(("fault", "doubt"), [("blank", "light"), ("frozen", "again")])
 def test_spoilt_frames_never_count(plan: TargetPlan, tmp_path: Path, fault: str, doubt: str) -> None:
     with pytest.raises(Exception, match=doubt):
-        record(tmp_path / "s", plan, rig_of(plan, Fault(fault, 4, 20)), CAREFUL)
+        record(tmp_path / "s", plan, rig_of(plan, DeviceFault(fault, 4, 20)), CAREFUL)
     assert SessionFile.read(tmp_path / "s").runs[-1].acknowledged == 4
 
 
 def test_a_torn_frame_is_taken_again(plan: TargetPlan, session: Path, tmp_path: Path) -> None:
-    record(tmp_path / "s", plan, rig_of(plan, Fault("torn", 4)), CAREFUL)
+    record(tmp_path / "s", plan, rig_of(plan, DeviceFault("torn", 4)), CAREFUL)
     with TargetRecording(tmp_path / "s") as source, TargetRecording(session) as good:
         assert [int(source.record(k)["attempts"]) > 1 for k in range(len(source))] == [k == 4 for k in range(11)]
         for k in range(11):

@@ -222,3 +222,19 @@ def late_constants(path: Path) -> Iterator[str]:
 def test_constants_stand_before_the_functions_that_use_them() -> None:
     wrong = [f"{path.relative_to(ROOT)}: {name}" for path in FILES for name in late_constants(path)]
     assert not wrong
+
+
+PAGES = "the page of its folder, which its specification finds by this name"
+SAME_NAME = {"Page": PAGES}
+"""Class names that stand in several files, and why."""
+
+
+def test_no_public_class_name_stands_in_two_files() -> None:
+    """A name that means two things has to be looked up at every place. Benchmarks are no part of the product."""
+    files: dict[str, list[str]] = {}
+    for path in FILES:
+        for node in tree_of(path).body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_") and "bench" not in path.parts:
+                files.setdefault(node.name, []).append(str(path.relative_to(ROOT)))
+    assert {name: where for name, where in files.items() if len(where) > 1 and name not in SAME_NAME} == {}
+    assert all(len(files[name]) > 1 for name in SAME_NAME), "an exception that is needed no longer"

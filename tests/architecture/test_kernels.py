@@ -170,9 +170,9 @@ WINDOWS = (
     "print(np.argwhere(image).tolist())"
 )
 REGION = (
-    "import numpy as np; from lfcal.frames.corrections._kernels import Terms, correct_rows; "
+    "import numpy as np; from lfcal.frames.corrections._kernels import CorrectionTerms, correct_rows; "
     "none, out = np.zeros((0, 0), np.float32), np.zeros((3, 4), np.float32); "
-    "terms = Terms(none, none, np.float32(1), np.float32(2), 0.5, 10.0, 0.25); "
+    "terms = CorrectionTerms(none, none, np.float32(1), np.float32(2), 0.5, 10.0, 0.25); "
     "correct_rows(np.full((3, 4), 9, np.uint16), terms, (0, 0), 0, 3, out); print(out.tolist())"
 )
 

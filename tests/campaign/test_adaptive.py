@@ -26,7 +26,7 @@ from lfcal.campaign.steps import FEWEST
 from lfcal.devices.registry import open_rig
 from lfcal.devices.rig import Rig
 from lfcal.errors import InputError
-from lfcal.fit.design import CurvePoint, Design
+from lfcal.fit.design import CurvePoint, PositionDesign
 from lfcal.fit.judge import ModelError
 from lfcal.fit.nuisance import Spread
 from lfcal.fit.setup import described_effects
@@ -260,7 +260,7 @@ def test_no_more_positions_are_recorded_than_the_goal_is_expected_to_need(goal: 
     """Of 40 that were chosen; a fifth of them are kept aside."""
     index = np.stack([np.zeros(40, int), np.arange(40) // 8, np.arange(40) % 8], 1)
     curve = tuple(CurvePoint(n, error, error, 0.0) for n, error in ((8, 0.008), (20, 0.004), (40, 0.001)))
-    design = Design(index[:32], index[32:], curve, 0.01, 0.02, {}, 40)
+    design = PositionDesign(index[:32], index[32:], curve, 0.01, 0.02, {}, 40)
     asked: dict[str, list[Position]] = {}
 
     def record_them(**parts: list[Position]) -> Iterator[None]:

@@ -15,7 +15,7 @@ from lfcal.acquire.session_file import SessionFile
 from lfcal.camera import RegionPlan
 from lfcal.campaign.regions import first_begun, is_regions, iter_record_regions, read_regions
 from lfcal.cli import main
-from lfcal.devices.simulated.faults import Fault
+from lfcal.devices.simulated.faults import DeviceFault
 from lfcal.errors import InputError
 from lfcal.frames import open_frames
 from lfcal.progress import drain
@@ -38,7 +38,7 @@ def run(*arguments: object, monkeypatch: pytest.MonkeyPatch) -> int:
     return 0
 
 
-def record(folder: Path, *faults: Fault, plan: RegionPlan = PLAN, resume: bool = False) -> int:
+def record(folder: Path, *faults: DeviceFault, plan: RegionPlan = PLAN, resume: bool = False) -> int:
     work = iter_record_regions(folder, plan, rig_for(plan.scan, *faults), CAREFUL, resume=resume)
     outcome = drain(work)
     assert outcome.how == "complete" and outcome.total == 54
@@ -76,7 +76,7 @@ def test_the_first_region_that_was_begun_is_found(tmp_path: Path) -> None:
 def test_an_interrupted_session_goes_on_where_it_was(tmp_path: Path, at: int) -> None:
     record(tmp_path / "whole")
     with pytest.raises(Exception, match=r"vanish|no answer"):
-        record(tmp_path / "s", Fault("vanishes", at))
+        record(tmp_path / "s", DeviceFault("vanishes", at))
     assert record(tmp_path / "s", resume=True) == 54
     for name in PLAN.names:
         assert_same_frames(frames_of(tmp_path / "whole" / name), frames_of(tmp_path / "s" / name))

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lfcal.accuracy import PLACES, Place, Rung, Step, Truth
+from lfcal.accuracy import PLACES, AccuracyStep, Place, Rung, Truth
 from lfcal.psf import PSFMatrix, save
 from tests.acquire.rigs import small_plan
 from tests.cli.conftest import Run
@@ -119,7 +119,7 @@ def _stopped() -> Iterator[object]:
     yield Truth("exact")
     yield Rung("a rung that was measured", {"k": 1}, 0.5, 1.0, "seconds")
     os.kill(os.getpid(), signal.SIGINT)
-    yield Step("the next")
+    yield AccuracyStep("the next")
     raise AssertionError("it went on")
 
 

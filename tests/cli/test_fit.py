@@ -16,7 +16,7 @@ import pytest
 
 import lfcal.fit
 from lfcal.camera import Camera, ScanPlan
-from lfcal.cli.fit_source import Reading, parse_noise, read_patterns
+from lfcal.cli.fit_source import PatternReading, parse_noise, read_patterns
 from lfcal.cli.fit_validate import withheld_points
 from lfcal.errors import InputError
 from lfcal.fit import Fit, Measured
@@ -160,7 +160,7 @@ def test_frames_are_corrected_and_cut_out(lfcal: Lfcal, place: Path, fitted: lis
 
 
 def test_of_many_positions_some_are_taken(place: Path) -> None:
-    how = Reading(None, 5, None, None, CorrectionRecipe(), "check")
+    how = PatternReading(None, 5, None, None, CorrectionRecipe(), "check")
     found, known = read_patterns(place / "few.h5", how, quiet=True)
     assert len(found) == 5 and found.left_out.sum() == 1 and known == {"source": "few.h5"}
     for most in (0, 1000):
@@ -207,7 +207,7 @@ def test_a_plane_without_patterns_is_told(lfcal: Lfcal, place: Path) -> None:
 def test_where_every_position_is_fitted_none_is_left_to_predict(lfcal: Lfcal, place: Path) -> None:
     run = lfcal("fit", "few.h5", "--validate", "--no-h")
     assert run.code == 2 and "few.h5, recorded positions: expected some besides those fitted, got none" in run.err
-    how = Reading(None, 3, None, None, CorrectionRecipe(), "check")
+    how = PatternReading(None, 3, None, None, CorrectionRecipe(), "check")
     first, _ = read_patterns(place / "few.h5", how, quiet=True)
     rest = withheld_points(place / "few.h5", None, how, first, quiet=True)
     assert len(rest) == 3 and not {tuple(at) for at in rest.index.tolist()} & {tuple(at) for at in first.index.tolist()}

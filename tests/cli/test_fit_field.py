@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from lfcal.camera import Camera, ScanPlan
-from lfcal.cli.fit_object import Place, nearest, object_error
+from lfcal.cli.fit_object import ObjectPlace, nearest, object_error
 from lfcal.fit import Setup
 from lfcal.fit.locate import NewFrame
 from lfcal.fit.model import Fineness, predict
@@ -196,7 +196,7 @@ def test_each_point_of_an_object_is_seen_by_h_of_the_nearest_region(judged: tupl
     volume, frame = known_object(1.0)
     part = np.s_[900:1060, 1150:2300]
     shot, volume = NewFrame(frame[part].astype(np.float32) - 50, origin=(900, 1150)), volume[:, *part]
-    places = [Place(place / "fit" / n / "H.h5", ANCHORS[n], (1.0,)) for n in ("centre", "edge")]
+    places = [ObjectPlace(place / "fit" / n / "H.h5", ANCHORS[n], (1.0,)) for n in ("centre", "edge")]
     assert nearest(places, (2000, 2400), (0, 0))[985, [1000, 1719, 1721, 2250]].tolist() == [0, 0, 1, 1]
     assert nearest(places, (2000, 1400), (0, 1000))[985, [0, 719, 721]].tolist() == [0, 0, 1]
     # with one of them for all of the field coma is lacking

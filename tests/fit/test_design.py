@@ -17,7 +17,7 @@ from lfcal.camera import Forecast, ScanPlan
 from lfcal.errors import FileFormatError, InputError
 from lfcal.fit import Fit, fit_camera
 from lfcal.fit.chosen import Chosen, choose
-from lfcal.fit.design import Design, next_positions
+from lfcal.fit.design import PositionDesign, next_positions
 from lfcal.fit.design_drawing import draw_design
 from lfcal.fit.earlier import Earlier, read_earlier
 from lfcal.fit.files import effects_text, fit_dict, json_text, measured_camera
@@ -144,7 +144,7 @@ def test_what_patterns_tell_is_that_of_dense_least_squares() -> None:
 
 
 @cache
-def small_design() -> Design:
+def small_design() -> PositionDesign:
     return next_positions(SMALL, 15, candidates=80, workers=1)
 
 

@@ -14,7 +14,7 @@ from lfcal.fit.field import FieldFit, _changes, _Laid, fit_field
 from lfcal.fit.fit import problem_of
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.normal import Local
-from lfcal.fit.parameters import Frame, Vector, field_of
+from lfcal.fit.parameters import ScanScales, Vector, field_of
 from lfcal.fit.regional import Regional, regional_of
 from lfcal.fit.setup import RegionPlace, Setup, called_for, described_effects
 from lfcal.fit.summary import summarised
@@ -26,7 +26,7 @@ from tests.fit.field_common import ANCHORS, LAW, ON_AXIS, camera, plan_at, recor
 PLACES = (RegionPlace(), RegionPlace(0.2, -0.1), RegionPlace(-0.1, 0.15))
 WAVES = ("geometry", "focal_lengths", "iris", "wavefront")
 THREE = ("centre", "edge", "corner")
-FRAME = Frame.over([plan_at(name) for name in THREE])
+FRAME = ScanScales.over([plan_at(name) for name in THREE])
 
 
 def few(count: int = 4) -> Regional:
@@ -78,7 +78,7 @@ def test_unknowns_over_the_field_are_effects_of_the_simulator() -> None:
     again = Vector(setup, FRAME, ("field_wavefront", "field_curvature"))
     assert again.setup_at(np.zeros(len(again))).effect(FieldAberrations) == setup.effect(FieldAberrations)
     # one region, or two, do not tell all of it
-    one, two = (Frame.of(plan_at("edge")), Frame.over([plan_at("centre"), plan_at("edge")]))
+    one, two = (ScanScales.of(plan_at("edge")), ScanScales.over([plan_at("centre"), plan_at("edge")]))
     assert len(Vector(described(), one, ("field_wavefront", "region_places"))) == 0
     names = [u.name for u in Vector(described(), two, ("field_wavefront",)).unknowns]
     assert names == ["field_coma", "field_astigmatism", "field_spherical"]
@@ -191,7 +191,7 @@ def test_only_what_changes_over_the_field_is_fitted() -> None:
 def test_h_of_another_place_is_that_of_its_wavefront() -> None:
     measured = few(3)
     problem = problem_of(measured, described(), ("pitch",), 1)
-    assert problem.vector.frame == Frame.over(measured.plans)
+    assert problem.vector.frame == ScanScales.over(measured.plans)
     point = problem.point(np.zeros(1), Local(np.zeros((len(measured), 2))), Fineness.coarse)
     columns = drain(problem.columns(point, [0], "", own=False))
     fits = summarised(problem, point, columns, groups=("pitch",), tried=(), outliers=())
@@ -219,7 +219,7 @@ def test_an_objective_has_the_symmetric_part_of_the_law() -> None:
     plan = microscope_plan("centre")
     start = Setup(plan.camera, called_for(plan), (0.0, 0.0))
     vector = Vector(
-        start, Frame.over([microscope_plan(name) for name in THREE]), ("field_wavefront", "field_curvature")
+        start, ScanScales.over([microscope_plan(name) for name in THREE]), ("field_wavefront", "field_curvature")
     )
     assert [one.name for one in vector.unknowns] == ["field_spherical", "field_sag_um"]
     setup = vector.setup_at(vector.at({"field_spherical": 0.2, "field_sag_um": 400.0}))
@@ -246,7 +246,7 @@ def test_a_microscopes_field_is_found() -> None:
         patterns[name] = measured(own, rng.poisson(clean) + rng.standard_normal(clean.shape), index, (1.0, 1.0))
     names = ("geometry", "wavefront", "field_wavefront", "field_curvature")
     fit = fit_field(patterns, unknowns=names, workers=1)
-    radius = max(np.hypot(*at) for at in Frame.over([microscope_plan(name) for name in THREE]).fields_um)
+    radius = max(np.hypot(*at) for at in ScanScales.over([microscope_plan(name) for name in THREE]).fields_um)
     by = (radius / 12000.0) ** 2
     wanted = {"field_spherical": 0.3 * by, "field_sag_um": 400.0 * by, "zernike_4_0": 0.05, "gap_um": lattice.gap_um}
     for name, value in wanted.items():

@@ -17,7 +17,7 @@ from lfcal.fit.files import iter_write_hybrid
 from lfcal.fit.hybrid import HybridSummary
 from lfcal.fit.hybrid_patterns import _matter
 from lfcal.fit.judge import ModelError
-from lfcal.fit.leftover_size import PlaneData
+from lfcal.fit.leftover_size import PlaneResiduals
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.nuisance import Spread
 from lfcal.progress import drain
@@ -155,7 +155,7 @@ def test_what_the_model_lacks_is_not_taken_for_lamp_or_stage() -> None:
     fit = replace(whole(), left_out_error=ModelError(0.016**2, 1e-6, 0.001, 5))
     plane = modelled()[0]
     own = np.ones(PLAN.period, bool)
-    data = PlaneData(plane, 0 * plane, np.ones_like(plane), own, True)
+    data = PlaneResiduals(plane, 0 * plane, np.ones_like(plane), own, True)
     matters = partial(_matter, data=data, places=np.argwhere(own))
     assert matters(replace(fit, spread=Spread(0.0, 0.007))) == (False, False)
     assert matters(replace(fit, spread=Spread(0.0, 0.009))) == (True, False)

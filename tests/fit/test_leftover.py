@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from lfcal.fit.leftover import iter_leftover, left_out, spot_velocity
-from lfcal.fit.leftover_field import Field, Moving, sampled_variance
-from lfcal.fit.leftover_size import PlaneData, amplitudes, sized
+from lfcal.fit.leftover_field import Moving, ResidualField, sampled_variance
+from lfcal.fit.leftover_size import PlaneResiduals, amplitudes, sized
 from lfcal.progress import drain
 
 SMALL = (3, 4, 5, 5)
@@ -18,7 +18,7 @@ def ones(shape: tuple[int, ...] = SMALL) -> np.ndarray:
     return np.ones(shape, np.float32)
 
 
-def dense(field: Field) -> np.ndarray:
+def dense(field: ResidualField) -> np.ndarray:
     """Return K as a matrix, column by column."""
     n = int(np.prod(field.shape))
     columns = [field.covariance(np.eye(n, dtype=np.float32)[k].reshape(field.shape)).ravel() for k in range(n)]
@@ -38,7 +38,7 @@ def spots(ny: int = 10, nx: int = 12, size: int = 17, *, velocity: float = -0.5)
 
 def plane(
     model: np.ndarray, beyond: np.ndarray, recorded: np.ndarray, seed: int = 0
-) -> tuple[PlaneData, np.ndarray, np.ndarray]:
+) -> tuple[PlaneResiduals, np.ndarray, np.ndarray]:
     """Return what is recorded of a model and what it lacks, the truth, and the noisy patterns."""
     rng = np.random.default_rng(seed)
     truth = np.maximum(model + beyond, 0)
@@ -46,7 +46,7 @@ def plane(
     precision = recorded[:, :, None, None] / (READ**2 + np.maximum(model, 0))
     residual = np.where(precision > 0, data - model, 0)
     return (
-        PlaneData(model, residual.astype(np.float32), precision.astype(np.float32), recorded, False),
+        PlaneResiduals(model, residual.astype(np.float32), precision.astype(np.float32), recorded, False),
         truth,
         data,
     )
@@ -60,7 +60,7 @@ def off(found: np.ndarray, truth: np.ndarray, keep: np.ndarray) -> float:
 def test_correlations_are_those_that_are_stated(around: bool) -> None:
     """By the formula, between entries in the middle: it is of continuous places, W of whole ones."""
     shape, moving = (1, 9, 1, 11), Moving(-0.5, 2.0, 1.0)
-    field = Field([moving], [ones(shape)], around=around)
+    field = ResidualField([moving], [ones(shape)], around=around)
     found = dense(field).reshape(9, 11, 9, 11)
     assert np.allclose(np.einsum("xsxs->xs", found), 1.0, atol=1e-5)
     step, apart = np.arange(9) - 4, np.arange(11) - 5
@@ -75,7 +75,7 @@ def test_correlations_are_those_that_are_stated(around: bool) -> None:
 def test_the_estimate_and_its_variance_are_those_of_dense_algebra() -> None:
     rng = np.random.default_rng(1)
     amplitude = (1.0 + rng.random(SMALL)).astype(np.float32)
-    field = Field([Moving(-0.5, 1.5, 0.7), Moving(0.5, 2.5, 0.7)], [amplitude, 0.5 * ones()], around=False)
+    field = ResidualField([Moving(-0.5, 1.5, 0.7), Moving(0.5, 2.5, 0.7)], [amplitude, 0.5 * ones()], around=False)
     precision = (rng.random(SMALL) < 0.7) / (0.2 + rng.random(SMALL))
     residual = np.where(precision > 0, rng.standard_normal(SMALL), 0).astype(np.float32)
     k, w = dense(field), precision.ravel()
@@ -108,7 +108,7 @@ def test_a_field_is_found_with_its_size_and_uncertainty() -> None:
     model = spots()
     near = amplitudes(model)[0]
     size = 0.06
-    drawn = Field([Moving(-0.5, 2.5, 0.7)], [np.float32(size) * near], around=False)
+    drawn = ResidualField([Moving(-0.5, 2.5, 0.7)], [np.float32(size) * near], around=False)
     beyond = drawn.sample(np.random.default_rng(4))
     recorded = np.ones(model.shape[:2], bool)
     recorded[1::3, 1::2] = False
@@ -141,7 +141,7 @@ def test_what_neighbours_do_not_share_tells_nothing_of_them() -> None:
 def test_positions_are_left_out_by_turns_all_over_the_plane() -> None:
     recorded = np.random.default_rng(3).random((9, 11)) < 0.8
     empty = np.zeros((9, 11, 3, 3), np.float32)
-    data = PlaneData(empty, empty, empty, recorded, around=True)
+    data = PlaneResiduals(empty, empty, empty, recorded, around=True)
     sets = left_out(data)
     assert len(sets) == 5 and all(one.sum() == recorded.sum() // 5 for one in sets)
     assert np.sum(sets, axis=0).max() == 1 and not np.any(sets, axis=0)[~recorded].any()
@@ -163,7 +163,7 @@ def test_positions_are_left_out_by_turns_all_over_the_plane() -> None:
 def test_large_cutouts_are_solved_in_tiles(across: int, steps: int, parts: tuple[tuple[slice, ...], ...]) -> None:
     """As they are at once, where the residual is of one part alone."""
     model = np.tile(spots(6, 6, 15), (1, 1, 3, across))
-    beyond = Field([Moving(-0.5, 1.5, 0.5)], [0.1 * amplitudes(model)[0]], around=False).sample(
+    beyond = ResidualField([Moving(-0.5, 1.5, 0.5)], [0.1 * amplitudes(model)[0]], around=False).sample(
         np.random.default_rng(0)
     )
     data, truth, patterns = plane(model, beyond, np.ones((6, 6), bool))

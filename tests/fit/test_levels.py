@@ -13,7 +13,7 @@ from lfcal.fit import Fit, fit_camera
 from lfcal.fit.files import fit_dict, iter_write_model
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.report import iter_fit_report
-from lfcal.fit.weighing import Levels
+from lfcal.fit.weighing import PatternLevels
 from lfcal.progress import drain
 from lfcal.psf import open_psf
 from tests.fit.common import measured, setup_of, small_plan
@@ -62,7 +62,7 @@ def test_it_is_said_in_numbers_report_and_file(fit: tuple[Fit, np.ndarray], tmp_
 
 
 def test_gains_between_are_by_depth_in_any_order() -> None:
-    levels = Levels(np.array([3.0, 1.0, 1.0, 7.0, 1.0]), np.zeros(5), np.zeros(0))
+    levels = PatternLevels(np.array([3.0, 1.0, 1.0, 7.0, 1.0]), np.zeros(5), np.zeros(0))
     depths = (30.0, 40.0, 20.0, 70.0, 90.0)
     gains = levels.between(np.array([0, 3]), depths).gains
     np.testing.assert_allclose(gains, [3.0, 4.0, 3.0, 7.0, 7.0])

@@ -7,7 +7,7 @@ import pytest
 
 from lfcal.fit.normal import Columns, Local, normal_equations
 from lfcal.fit.solver import solve
-from lfcal.fit.weighing import BEND, Levels, levels_of, weighed
+from lfcal.fit.weighing import BEND, PatternLevels, levels_of, weighed
 from tests.fit.common import measured, small_plan
 
 PLAN = small_plan(5, (2.2, 2.7))
@@ -23,7 +23,7 @@ def problem(seed: int = 0, noise: tuple[float, float] = (4.0, 0.5)):
     light = model * gains[PLANES, None]
     data = light + backgrounds[PLANES, None] + np.sqrt(noise[0] + noise[1] * light) * rng.standard_normal((N, M))
     found = measured(PLAN, data.reshape(N, 5, 5), INDEX, noise).with_left_out(np.zeros(N, bool))
-    return rng, found, model, Levels(gains, backgrounds, np.zeros(N))
+    return rng, found, model, PatternLevels(gains, backgrounds, np.zeros(N))
 
 
 def test_gains_and_backgrounds_are_those_of_weighted_least_squares() -> None:
@@ -47,7 +47,9 @@ def test_weights_are_the_model_s_and_not_the_data_s() -> None:
     for _ in range(n // N):
         data = rng.poisson(20.0, (N, M)) + 3.0 * rng.standard_normal((N, M))
         patterns = measured(PLAN, data.reshape(N, 5, 5), INDEX, noise)
-        seen = weighed(patterns, model, Levels(np.full(2, 300.0), np.zeros(2), np.zeros(N)), doubtful=False, error=0.0)
+        seen = weighed(
+            patterns, model, PatternLevels(np.full(2, 300.0), np.zeros(2), np.zeros(N)), doubtful=False, error=0.0
+        )
         chi2.append(np.square(seen.residual, dtype=float).mean())
     assert np.mean(chi2) == pytest.approx(1.0, abs=0.03)
 
@@ -71,7 +73,7 @@ def test_eliminating_each_pattern_s_own_unknowns_changes_no_step(stage: float, l
     )
     seen = weighed(patterns, model, levels, doubtful=False, error=0.0)
     local = Local(0.02 * rng.standard_normal((N, 2)), stage, lamp)
-    levels = Levels(levels.gains, levels.backgrounds, 0.001 * rng.standard_normal(N) * (lamp > 0))
+    levels = PatternLevels(levels.gains, levels.backgrounds, 0.001 * rng.standard_normal(N) * (lamp > 0))
     found = normal_equations(columns, model, seen, levels, PLANES, local)
     step = solve(found.matrix, found.gradient)
 

@@ -12,7 +12,7 @@ import pytest
 from lfcal.camera import preset
 from lfcal.errors import InputError
 from lfcal.fit.groups.array import about
-from lfcal.fit.parameters import GROUPS, Frame, Unknown, Vector, find_groups
+from lfcal.fit.parameters import GROUPS, ScanScales, Unknown, Vector, find_groups
 from lfcal.fit.setup import Setup, described_effects
 from lfcal.simulate.effects import LensletSpherical, MechanicalVignetting, Zernike
 from tests.distribution import install
@@ -22,7 +22,7 @@ def vector(name: str, groups: tuple[str, ...] | None = None, **extra: object) ->
     camera = preset(name)
     effects = (*described_effects(camera), *extra.get("effects", ()))  # type: ignore[misc]
     setup = Setup(camera, effects, (0.0, 0.0))
-    return Vector(setup, Frame(2, 27.0, (900.0, -700.0)), groups or GROUPS.names())
+    return Vector(setup, ScanScales(2, 27.0, (900.0, -700.0)), groups or GROUPS.names())
 
 
 @pytest.mark.parametrize("name", ["bench", "r29", "lfm_20x05", "lfm_60x12"])

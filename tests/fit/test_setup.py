@@ -8,7 +8,7 @@ import pytest
 
 from lfcal.camera import ScanPlan, preset
 from lfcal.errors import InputError
-from lfcal.fit.parameters import Frame, Vector
+from lfcal.fit.parameters import ScanScales, Vector
 from lfcal.fit.setup import Setup, called_for, described_effects, with_given
 from lfcal.simulate.effects import Crosstalk, IndexMismatch, Spherical, VectorialPupil
 from tests.fit.common import small_camera
@@ -42,7 +42,7 @@ def test_given_effects_take_the_places_of_others() -> None:
 
 def test_the_depth_in_a_specimen_is_unknown_where_there_is_one() -> None:
     camera = preset("lfm_20x05")
-    frame, plain = Frame(1, 20.0), described_effects(camera)
+    frame, plain = ScanScales(1, 20.0), described_effects(camera)
     assert len(Vector(Setup(camera, plain, (0.0,)), frame, ("specimen",))) == 0
     vector = Vector(Setup(camera, (*plain, IndexMismatch(1.38, 20.0)), (0.0,)), frame, ("specimen",))
     (one,) = vector.unknowns

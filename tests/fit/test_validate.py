@@ -16,7 +16,7 @@ from lfcal.fit.model import Fineness, predict
 from lfcal.fit.nuisance import Spread
 from lfcal.fit.setup import described_effects
 from lfcal.fit.validate import Validation, draw_validation, validate
-from lfcal.fit.weighing import Levels
+from lfcal.fit.weighing import PatternLevels
 from tests.fit.common import small_camera, small_plan
 
 NOISE = (16.0, 1.0)
@@ -41,7 +41,7 @@ def fit_of(plan: ScanPlan, camera: Camera | None = None, fitted: int = 0) -> Fit
         outliers=(),
         answers={},
         spread=Spread(),
-        levels=Levels(np.ones(1), np.zeros(1), np.zeros(0)),
+        levels=PatternLevels(np.ones(1), np.zeros(1), np.zeros(0)),
         residuals={tuple(at): np.zeros(plan.cutout, np.float32) for at in index.tolist()},
     )
 

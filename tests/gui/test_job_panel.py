@@ -16,7 +16,7 @@ from pytestqt.qtbot import QtBot
 from gui.job_panel import JobPanel
 from gui.jobs import Jobs
 from gui.models.history import Taken
-from gui.models.step import Step
+from gui.models.step import CommandStep
 from gui.window import MainWindow
 from lfcal.errors import InputError
 from lfcal.progress import Progress
@@ -53,7 +53,7 @@ def failing() -> Any:
 def test_a_job_s_log_is_read_copied_and_saved(jobs: Jobs, qtbot: QtBot, tmp_path: Path) -> None:
     panel = JobPanel(jobs)
     qtbot.addWidget(panel)
-    taken = Taken("frames", "Assemble", Step(("assemble", "frames"), ""), "H.h5")
+    taken = Taken("frames", "Assemble", CommandStep(("assemble", "frames"), ""), "H.h5")
     with pytest.warns(RuntimeWarning, match="mean of empty slice"):
         number = jobs.start("Assemble H.h5", "frames", working, taken=taken)
         qtbot.waitUntil(lambda: not jobs.busy, timeout=GUARD_MS)

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from pytestqt.qtbot import QtBot
 
-from gui.jobs import JOBS_S, LOADS_S, Job, Jobs, JobState
+from gui.jobs import JOBS_S, LOADS_S, Jobs, JobState, WindowJob
 from gui.window import MainWindow
 from gui.workers import words_of
 from lfcal.errors import InputError
@@ -37,7 +37,7 @@ def counting(n: int, cleaned: list[str]) -> Generator[Progress, None, str]:
 
 
 def test_a_job_reports_in_the_windows_thread(jobs: Jobs, qtbot: QtBot) -> None:
-    seen: list[tuple[Job, threading.Thread]] = []
+    seen: list[tuple[WindowJob, threading.Thread]] = []
     results: list[str] = []
     jobs.changed.connect(lambda job: seen.append((job, threading.current_thread())))
     cleaned: list[str] = []
@@ -80,7 +80,7 @@ def failing() -> Generator[Progress, None, None]:
 
 
 def test_errors_come_in_words_with_details(jobs: Jobs, qtbot: QtBot) -> None:
-    failed: list[Job] = []
+    failed: list[WindowJob] = []
     with qtbot.waitSignal(jobs.finished, timeout=GUARD_MS):
         jobs.start("Failing", "psf", failing, on_failed=failed.append)
     job = failed[0]
@@ -214,7 +214,7 @@ def test_closing_waits_no_longer_for_what_is_left_than_for_a_file(
 
 def test_what_a_job_made_is_told_and_not_remembered(jobs: Jobs, qtbot: QtBot) -> None:
     made: list[Any] = []
-    ends: list[Job] = []
+    ends: list[WindowJob] = []
     jobs.finished.connect(ends.append)
     jobs.start("Short", "psf", lambda: counting(2, []), made.append)
     qtbot.waitUntil(lambda: bool(ends), timeout=GUARD_MS)

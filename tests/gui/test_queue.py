@@ -13,7 +13,7 @@ from pytestqt.qtbot import QtBot
 
 from gui.job_line import Line
 from gui.job_panel import JobPanel
-from gui.jobs import Job, Jobs, JobState
+from gui.jobs import Jobs, JobState, WindowJob
 from gui.window import MainWindow
 from lfcal.progress import Progress
 from tests.gui.waiting import GUARD_MS, idle
@@ -130,7 +130,7 @@ def test_the_next_begins_whatever_became_of_the_one_before(
 def test_a_job_whose_file_changed_while_it_waited_says_so(
     jobs: Jobs, qtbot: QtBot, tmp_path: Path, gate: Callable[[str], Gate]
 ) -> None:
-    path, before, ends = tmp_path / "H.h5", gate("before"), list[Job]()
+    path, before, ends = tmp_path / "H.h5", gate("before"), list[WindowJob]()
     path.write_text("as it was")
     jobs.finished.connect(ends.append)
     jobs.start("before", "frames", before.work)

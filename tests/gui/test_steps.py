@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 from gui.models.history import History, Taken
 from gui.models.page import PAGES
 from gui.models.project import ProjectState
-from gui.models.step import Step, step_of
+from gui.models.step import CommandStep, step_of
 from gui.pages.acquire.model import AcquireSettings
 from gui.pages.acquire.step import assembled
 from gui.pages.acquire.step import step as recording_step
@@ -77,7 +77,7 @@ def parsed(arguments: tuple[str, ...]) -> dict[str, Any]:
     return dict(context.params)
 
 
-def run(step: Step) -> str:
+def run(step: CommandStep) -> str:
     """Write the files of a step and run its command; return what it prints."""
     for name, text in step.files:
         Path(name).write_text(text, encoding="utf-8")
@@ -86,7 +86,7 @@ def run(step: Step) -> str:
     return found.output
 
 
-def do(step: Step) -> dict[str, Any]:
+def do(step: CommandStep) -> dict[str, Any]:
     """Run the script of a step; return its names."""
     names: dict[str, Any] = {}
     exec(compile(step.script(), "script", "exec"), names)

@@ -27,7 +27,7 @@ from gui.base_page import EmptyState
 from gui.crash_dialog import CrashDialog
 from gui.job_log import JobLogView
 from gui.manual import Manual
-from gui.models.autosave import Kept
+from gui.models.autosave import UnsavedCopy
 from gui.models.job_log import JobLog
 from gui.models.page import PAGES
 from gui.models.project import ProjectState
@@ -145,7 +145,7 @@ def test_other_dialogs(qtbot: QtBot, tmp_path: Path, window: MainWindow) -> None
         JobLogView(JobLog("work")),
         Manual(),
         Preferences(QSettings(str(tmp_path / "s.ini"), QSettings.Format.IniFormat)),
-        RestoreDialog(Kept(tmp_path / "copy.lfcal", ProjectState(), "", 0.0)),
+        RestoreDialog(UnsavedCopy(tmp_path / "copy.lfcal", ProjectState(), "", 0.0)),
         Welcome([], shown=True),
         ImportDialog(window.jobs),
         ExportDialog(H, ExportIntent()),

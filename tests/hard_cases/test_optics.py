@@ -22,7 +22,7 @@ from lfcal.simulate.engines.propagator import sensor_propagator
 from lfcal.simulate.engines.radial import focus_integral
 from lfcal.simulate.engines.reference import ReferencePlane
 from lfcal.simulate.engines.wave import WavePlane
-from lfcal.simulate.scene import Iris, seidel
+from lfcal.simulate.scene import PupilIris, seidel
 from tests.hard_cases.record import hard_case, worst
 from tests.simulate.scenes import PIXEL, camera_scene, microscope_scene, moments, relative_error
 
@@ -235,7 +235,7 @@ def test_evanescent():
 def test_empty_plane():
     values = [0.0]
     for v in (3.0, 0.1):
-        scene = camera_scene(v, iris=Iris(9, stop=(9.0, 0.0, 1.0)))
+        scene = camera_scene(v, iris=PupilIris(9, stop=(9.0, 0.0, 1.0)))
         values += [float(np.abs(p).max()) for p in (wave(scene), GeometricPlane(scene).point(*AT), reference(scene))]
     return worst(*values)
 
@@ -330,7 +330,7 @@ def test_long_lenslets():
 )
 def test_centring():
     lattice = LensletLattice("square", 15 * PIXEL, 5 * 15 * PIXEL, (LensType(600.0),), clear_um=78.0)
-    scene = camera_scene(3.0, lattice=lattice, iris=Iris())
+    scene = camera_scene(3.0, lattice=lattice, iris=PupilIris())
     images = [
         wave(scene, at=(0.0, 0.0)),
         wave(replace(scene, image_um=0.0), at=(0.0, 0.0)),

@@ -8,7 +8,7 @@ import numpy as np
 
 from lfcal.simulate.engines import polygon
 from lfcal.simulate.engines.polygon import area, iris_outline, regular
-from lfcal.simulate.scene import Iris
+from lfcal.simulate.scene import PupilIris
 from tests.hard_cases.record import hard_case, worst
 
 
@@ -31,7 +31,7 @@ def test_polygon_at_zero():
     bound=2e-3,
 )
 def test_blades():
-    straight = np.hypot(*iris_outline(Iris(6, 1e-9)).T)
-    round_ = np.hypot(*iris_outline(Iris(6, 1 - 1e-9)).T)
+    straight = np.hypot(*iris_outline(PupilIris(6, 1e-9)).T)
+    round_ = np.hypot(*iris_outline(PupilIris(6, 1 - 1e-9)).T)
     corner = math.sqrt(2 * math.pi / (6 * math.sin(math.pi / 3)))
     return worst(abs(float(straight.max()) - corner), float(np.abs(round_ - 1).max()))

@@ -16,7 +16,7 @@ from lfcal.simulate.engines.geometric import GeometricPlane
 from lfcal.simulate.engines.masks import disc_table
 from lfcal.simulate.engines.microscope import DebyePlane
 from lfcal.simulate.engines.wave import WavePlane
-from lfcal.simulate.scene import Iris
+from lfcal.simulate.scene import PupilIris
 from tests.hard_cases.record import hard_case, worst
 from tests.simulate.scenes import PIXEL, camera_scene, microscope_scene, relative_error
 
@@ -200,7 +200,7 @@ def test_pixel_border():
     bound=1e-6,
 )
 def test_faint_squares():
-    image = GeometricPlane(camera_scene(1e4, iris=Iris())).point(0.0, 0.0)
+    image = GeometricPlane(camera_scene(1e4, iris=PupilIris())).point(0.0, 0.0)
     return float(np.finfo(np.float32).tiny / (1e-4 * float(image.max())) ** 2)
 
 

@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lfcal.camera import LatticeDistortion
-from lfcal.lattice.forms import FORMS, Form, Frame, design, fit_form, huber
+from lfcal.lattice.forms import FORMS, DistortionFrame, LatticeForm, design, fit_form, huber
 from lfcal.lattice.model import LatticeModel
 
 SHAPE = (300, 400)
-FRAME = Frame.of(SHAPE)
+FRAME = DistortionFrame.of(SHAPE)
 BY_NAME = {form.name: form for form in FORMS}
 BENDS = {
     "radial": LatticeDistortion("radial", (230.0, 120.0), FRAME.scale, ((2.5,),)),
@@ -138,4 +138,4 @@ def test_weights_of_a_gaussian_keep_most() -> None:
 
 def test_sizes_are_counted_and_ordered() -> None:
     assert [form.size for form in FORMS] == [5, 6, 9, 10, 12, 20, 30, 42]
-    assert Form("x", degree=2).size == 12
+    assert LatticeForm("x", degree=2).size == 12

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lfcal.lattice.fit import fit_lattice
-from lfcal.lattice.forms import Frame
+from lfcal.lattice.forms import DistortionFrame
 from lfcal.lattice.growth import start_reach, tracking_form
 from lfcal.lattice.model import LatticeModel
 from tests.lattice.white_frames import barrel, draw_white
@@ -28,14 +28,14 @@ def test_a_distortion_of_half_a_pitch_does_not_lose_the_lattice() -> None:
 
 
 def test_the_first_region_is_small_but_never_too_small() -> None:
-    frame = Frame.of((4384, 6576))
+    frame = DistortionFrame.of((4384, 6576))
 
-    def reach(pitch: float, frame: Frame = frame) -> float:
+    def reach(pitch: float, frame: DistortionFrame = frame) -> float:
         return start_reach(LatticeModel("square", np.zeros(2), np.array([pitch, 0.0]), 1.0), frame)
 
     assert reach(15.0) == 700.0
     assert reach(90.0) == 900.0
-    small = Frame.of((100, 120))
+    small = DistortionFrame.of((100, 120))
     assert 3 * (reach(24.0, small) / 24.0) ** 2 >= 60
 
 

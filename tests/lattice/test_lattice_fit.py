@@ -8,7 +8,7 @@ import pytest
 
 from lfcal.camera import Camera, LensletLattice, MainLens, Sensor
 from lfcal.lattice.fit import fit_lattice
-from lfcal.lattice.forms import FORMS, Frame, fit_form
+from lfcal.lattice.forms import FORMS, DistortionFrame, fit_form
 from lfcal.lattice.lattice_fit import LatticeErrors, LatticeFit
 from lfcal.lattice.model import LatticeModel
 from tests.lattice.white_frames import WhiteFrame, barrel, draw_white
@@ -86,7 +86,7 @@ def test_the_camera_takes_the_distortion_over(bent: tuple[WhiteFrame, LatticeFit
 
 
 def test_errors_of_the_place_are_row_first() -> None:
-    frame, model = Frame.of(SHAPE), LatticeModel("square", np.array([3.0, -2.0]), np.array([12.0, 0.0]), 1.0)
+    frame, model = DistortionFrame.of(SHAPE), LatticeModel("square", np.array([3.0, -2.0]), np.array([12.0, 0.0]), 1.0)
     index = np.stack(np.meshgrid(np.arange(-9, 10), np.arange(-9, 10)), axis=-1).reshape(-1, 2)
     fitted = fit_form(model, FORMS[0], index, model.places(index), frame)
     assert fitted is not None

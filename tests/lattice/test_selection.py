@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from lfcal.camera import LatticeDistortion
-from lfcal.lattice.forms import Frame
+from lfcal.lattice.forms import DistortionFrame
 from lfcal.lattice.model import LatticeModel
 from lfcal.lattice.selection import ENOUGH, flexible_form, select_form, thinned
 
 SHAPE = (500, 600)
-FRAME = Frame.of(SHAPE)
+FRAME = DistortionFrame.of(SHAPE)
 STRAIGHT = LatticeModel("hexagonal", np.array([300.0, 250.0]), np.array([18.0, 0.4]), 0.866)
 
 
@@ -90,7 +90,7 @@ def test_few_lenslets_are_not_asked_for_many_numbers() -> None:
     small = LatticeModel("square", np.array([50.0, 50.0]), np.array([14.0, 0.0]), 1.0)
     index = small.within((90, 90), 7.0)
     seen = small.places(index) + np.random.default_rng(0).normal(0, 0.05, (len(index), 2))
-    assert select_form(small, index, seen, Frame.of((90, 90))).fitted.form.size <= 6
+    assert select_form(small, index, seen, DistortionFrame.of((90, 90))).fitted.form.size <= 6
 
 
 def test_thinning_keeps_the_field() -> None:

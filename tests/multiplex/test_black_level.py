@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lfcal.camera import Sensor
-from lfcal.cli.multiplex_frames import Recorded, level_of
+from lfcal.cli.multiplex_frames import RecordedFrame, level_of
 from lfcal.errors import InputError
 from lfcal.multiplex import pixel_weights, without_black_level
 from lfcal.multiplex.black_level import black_level_map
@@ -32,7 +32,7 @@ def test_levels_of_a_pattern_lie_at_their_places() -> None:
 
 def test_the_given_level_counts_then_the_files_then_the_sensors() -> None:
     sensor, raw = Sensor(black_level=64.0), np.zeros((2, 2), np.uint16)
-    stated, silent = Recorded(raw, "", (10.0, 20.0, 20.0, 10.0)), Recorded(raw, "", None)
+    stated, silent = RecordedFrame(raw, "", (10.0, 20.0, 20.0, 10.0)), RecordedFrame(raw, "", None)
     assert level_of(stated, 0.0, sensor) == 0.0, "0 is a level"
     assert level_of(stated, None, sensor) == (10.0, 20.0, 20.0, 10.0)
     assert level_of(silent, None, sensor) == 64.0 and level_of(silent, None) == 0.0

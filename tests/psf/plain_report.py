@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 from lfcal.psf.report import write
-from lfcal.psf.report.pictures import Picture
+from lfcal.psf.report.pictures import ReportPicture
 
 
 def undrawn(patch: pytest.MonkeyPatch) -> None:
     """Let a report have one empty picture, and no paper; page and lists are as ever."""
-    patch.setattr(write, "pictures", lambda *_: [lambda: Picture("slices", "none.png", "", b"")])
+    patch.setattr(write, "pictures", lambda *_: [lambda: ReportPicture("slices", "none.png", "", b"")])
     patch.setattr(write, "pdf", lambda *_: b"")

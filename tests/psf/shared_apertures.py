@@ -10,9 +10,9 @@ import pytest
 from numpy.typing import ArrayLike
 
 from lfcal.psf.aperture import Aperture, fit
-from lfcal.psf.aperture.verdict import Verdict
+from lfcal.psf.aperture.verdict import EdgeVerdict
 
-Answer = tuple[Aperture, Verdict | None]
+Answer = tuple[Aperture, EdgeVerdict | None]
 
 KEPT: dict[tuple[bytes, tuple[int, ...], float], Answer] = {}
 

@@ -12,7 +12,7 @@ from lfcal.psf.aperture.compare import circle
 from lfcal.psf.aperture.edge import measured_edge
 from lfcal.psf.aperture.locate import find_patch
 from lfcal.psf.aperture.profile import edge_profile
-from lfcal.psf.aperture.synthetic import Disturbance, Fault, depth_sum_of
+from lfcal.psf.aperture.synthetic import Disturbance, IrisFault, depth_sum_of
 from lfcal.psf.aperture.verdict import CERTAIN
 
 CLEAN = Disturbance(noise=1e-3, ripple=0, tilt=0, vignetting=0, hot=0, ellipticity=0, pedestal=0)
@@ -141,7 +141,7 @@ def test_the_blur_of_the_edge_is_not_taken_for_curved_blades(radius):
 @pytest.mark.few(1)
 @pytest.mark.parametrize(("stuck", "out"), [(2, -0.2), (6, 0.08), (0, -0.08)])
 def test_a_stuck_blade_is_named_with_how_far(stuck, out):
-    disturbance, fault = Disturbance(0.5), Fault(stuck, out)
+    disturbance, fault = Disturbance(0.5), IrisFault(stuck, out)
     image, truth = depth_sum_of(187, 7, 0.3, disturbance, np.random.default_rng(5), fill=0.36, fault=fault)
     found = fit_aperture(image)
     assert found.confident and (found.kind, found.blades) == ("stuck blade", 7)
@@ -154,7 +154,7 @@ def test_a_stuck_blade_is_named_with_how_far(stuck, out):
 
 
 def test_something_dark_inside_is_an_obstruction():
-    fault = Fault(obstructed=0.2)
+    fault = IrisFault(obstructed=0.2)
     image, truth = depth_sum_of(151, 8, 0.0, Disturbance(0.05), np.random.default_rng(2), fault=fault)
     found = fit_aperture(image)
     assert found.confident and (found.kind, found.blades) == ("obstructed", 8)
@@ -167,7 +167,7 @@ def test_something_dark_inside_is_an_obstruction():
     ("blades", "curvature", "central", "noise"), [(9, 1.0, 0.35, 0.01), (6, 0.0, 0.35, 0.1), (8, 0.0, 0.7, 0.05)]
 )
 def test_an_annular_stop_is_named_with_its_size(blades, curvature, central, noise):
-    fault = Fault(central=central)
+    fault = IrisFault(central=central)
     image, truth = depth_sum_of(151, blades, curvature, Disturbance(noise), np.random.default_rng(3), fault=fault)
     found = fit_aperture(image)
     assert found.confident and (found.kind, found.blades) == ("annular", truth.blades)
@@ -179,7 +179,7 @@ def test_an_annular_stop_is_named_with_its_size(blades, curvature, central, nois
 
 
 def test_a_central_obstruction_is_named_where_the_shape_is_unclear():
-    image, _ = depth_sum_of(151, 9, 1.0, Disturbance(0.3), np.random.default_rng(3), fault=Fault(central=0.4))
+    image, _ = depth_sum_of(151, 9, 1.0, Disturbance(0.3), np.random.default_rng(3), fault=IrisFault(central=0.4))
     found = fit_aperture(image)
     assert found.refusal == "unclear" and math.isnan(found.confidence)
     assert "unknown shape" in found.describe() and "central obstruction" in found.describe()

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from lfcal.acquire import Options, record
 from lfcal.camera import Marks, ScanPlan
-from lfcal.cli.fit_source import Reading, read_patterns
+from lfcal.cli.fit_source import PatternReading, read_patterns
 from lfcal.devices import simulated_rig
 from lfcal.frames import ArraySource, CorrectionRecipe, corrected_view, open_frames
 from lfcal.frames.described import sensor_noise
@@ -203,7 +203,7 @@ def test_fit_takes_the_noise_that_was_measured(tmp_path: Path, capsys: pytest.Ca
     recipe = CorrectionRecipe(dark=darks(tmp_path / "dark", 4.0, 8))
     view = corrected_view(frames(4.0, 0.25, 3000.0), recipe, plan())
     assemble_plan(view, plan(), tmp_path / "H.h5").matrix.close()
-    how = Reading(camera=None, most=None, noise=None, plan=None, recipe=CorrectionRecipe(), orientation="check")
+    how = PatternReading(camera=None, most=None, noise=None, plan=None, recipe=CorrectionRecipe(), orientation="check")
     measured, known = read_patterns(tmp_path / "H.h5", how, quiet=True)
     np.testing.assert_allclose(measured.noise, np.broadcast_to([4.5, 0.25], measured.noise.shape), rtol=0.15)
     assert "noise of the frames: floor from darks, slope from neighbouring positions" in capsys.readouterr().err

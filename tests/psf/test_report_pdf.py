@@ -7,7 +7,7 @@ import pytest
 from lfcal.psf import PSFMatrix
 from lfcal.psf.quality import QualityReport, inspect
 from lfcal.psf.report.beside import Beside, ToldFault
-from lfcal.psf.report.pdf import Block, blocks, iter_pages
+from lfcal.psf.report.pdf import PageBlock, blocks, iter_pages
 from lfcal.psf.report.pictures import pictures
 from tests.psf.test_report import matrix
 
@@ -22,7 +22,7 @@ def quality(H: PSFMatrix) -> QualityReport:
     return inspect(H)
 
 
-def texts(content: list[Block]) -> list[str]:
+def texts(content: list[PageBlock]) -> list[str]:
     """Return the words of each page; those that do not lie on it end the test."""
     found = []
     for fig in iter_pages(content):
@@ -66,6 +66,6 @@ def test_faults_come_with_picture_and_remedy(H: PSFMatrix, quality: QualityRepor
 
 
 def test_a_heading_stands_with_what_it_is_about() -> None:
-    content = [Block("x", 9) for _ in range(66)] + [Block("heading", keep=True), Block("words", 60)]
+    content = [PageBlock("x", 9) for _ in range(66)] + [PageBlock("heading", keep=True), PageBlock("words", 60)]
     pages = texts(content)
     assert len(pages) == 2 and "heading" in pages[1] and "words" in pages[1]

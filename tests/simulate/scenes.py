@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.camera import LensletLattice, LensType, Microscope
-from lfcal.simulate.scene import Iris, Scene
+from lfcal.simulate.scene import PupilIris, Scene
 
 PIXEL = 5.5
 
@@ -28,7 +28,7 @@ def camera_scene(v: float = 3.0, **changes: Any) -> Scene:
         "cutout": (61, 61),
         "period": (26, 45),
         "f_number": 5.0,
-        "iris": Iris(9, 0.0, 0.1),
+        "iris": PupilIris(9, 0.0, 0.1),
     }
     return Scene(**(values | changes))
 

@@ -11,7 +11,7 @@ from scipy.special import j1
 from lfcal.errors import InputError
 from lfcal.simulate.engines.field import choose_mode, field_spectrum, field_table
 from lfcal.simulate.engines.radial import focus_integral
-from lfcal.simulate.scene import Iris, seidel
+from lfcal.simulate.scene import PupilIris, seidel
 from tests.simulate.scenes import PIXEL, camera_scene, microscope_scene
 
 
@@ -27,7 +27,7 @@ def without_phase(a, b):
     return a * np.exp(1j * np.angle((b * a.conj()).sum()))
 
 
-@pytest.mark.parametrize("iris", [Iris(), Iris(stop=(0.0, 0.0, 50.0))])
+@pytest.mark.parametrize("iris", [PupilIris(), PupilIris(stop=(0.0, 0.0, 50.0))])
 def test_in_focus_it_is_the_airy_pattern(iris):
     """A plain circle takes the radial route, the same circle with a stop the FFT."""
     scene = camera_scene(0.0, iris=iris)
@@ -47,11 +47,11 @@ def test_in_focus_it_is_the_airy_pattern(iris):
     ("v", "more"),
     [
         (3.0, {}),
-        (3.0, {"iris": Iris(9, 0.0, 0.1), "exact_defocus": True}),
-        (40.0, {"iris": Iris(9, 0.0, 0.1)}),  # a part of a large shadow
+        (3.0, {"iris": PupilIris(9, 0.0, 0.1), "exact_defocus": True}),
+        (40.0, {"iris": PupilIris(9, 0.0, 0.1)}),  # a part of a large shadow
         (0.3, {}),
-        (0.3, {"iris": Iris(9, 0.0, 0.1)}),
-        (3.0, {"iris": Iris(9, stop=(5.0, 0.0, 1.0))}),  # no light
+        (0.3, {"iris": PupilIris(9, 0.0, 0.1)}),
+        (3.0, {"iris": PupilIris(9, stop=(5.0, 0.0, 1.0))}),  # no light
     ],
 )
 def test_the_spectrum_is_that_of_the_table(v, more):
@@ -65,7 +65,7 @@ def test_the_spectrum_is_that_of_the_table(v, more):
 
 @pytest.mark.parametrize("v", [0.3, -0.3, 0.7])
 def test_near_field_of_a_polygon_route_is_the_radial_integral(v):
-    scene = camera_scene(v, iris=Iris(stop=(0.0, 0.0, 50.0)))
+    scene = camera_scene(v, iris=PupilIris(stop=(0.0, 0.0, 50.0)))
     field, x = about(field_table(scene, PIXEL / 3, 90.0, "U"), 60.0)
     r = np.hypot(x[:, None], x[None, :])
     u = -2 * math.pi * scene.reduced_image_um / (4 * scene.f_number**2 * scene.wavelength_um)
@@ -77,10 +77,10 @@ def test_near_field_of_a_polygon_route_is_the_radial_integral(v):
 @pytest.mark.parametrize(
     ("number", "bound", "iris"),
     [
-        (11.0, 0.012, Iris(9, 0.0, 0.1)),
-        (14.0, 0.009, Iris()),
-        (17.0, 0.007, Iris(9, 0.0, 0.1)),
-        (-14.0, 0.009, Iris(6, 0.5)),
+        (11.0, 0.012, PupilIris(9, 0.0, 0.1)),
+        (14.0, 0.009, PupilIris()),
+        (17.0, 0.007, PupilIris(9, 0.0, 0.1)),
+        (-14.0, 0.009, PupilIris(6, 0.5)),
     ],
 )
 def test_both_modes_agree_where_both_hold(number, bound, iris):
@@ -108,7 +108,7 @@ def test_modes_are_chosen_by_the_fresnel_number():
 @pytest.mark.parametrize("v", [5.0, -5.0])
 def test_shadow_is_the_iris_seen_from_the_image(v):
     """Behind the array the shadow stands upright, before it upside down."""
-    scene = camera_scene(v, iris=Iris(3, 0.0, 0.0), main_diffraction=False)
+    scene = camera_scene(v, iris=PupilIris(3, 0.0, 0.0), main_diffraction=False)
     field, x = about(field_table(scene, PIXEL / 2, 300.0), 290.0)
     light = np.abs(field) ** 2
     vertex = (np.abs(x) > 1.2 * scene.shadow_radius_um) & (np.sign(x) == np.sign(v))
@@ -121,14 +121,14 @@ def test_shadow_is_the_iris_seen_from_the_image(v):
 def test_energy_is_one_through_the_iris_and_less_past_a_second_stop(v):
     whole = field_table(camera_scene(v), PIXEL / 3, 500.0)
     assert (np.abs(whole.values) ** 2).sum() * whole.dx_um**2 == pytest.approx(1.0, abs=5e-3)
-    cut = field_table(camera_scene(v, iris=Iris(9, 0.0, 0.1, stop=(1.0, 0.0, 1.0))), PIXEL / 3, 500.0)
+    cut = field_table(camera_scene(v, iris=PupilIris(9, 0.0, 0.1, stop=(1.0, 0.0, 1.0))), PIXEL / 3, 500.0)
     assert (np.abs(cut.values) ** 2).sum() * cut.dx_um**2 == pytest.approx(0.391, abs=0.02)
 
 
 @pytest.mark.parametrize("corner", [0.0, 1.0])
 def test_part_of_a_large_shadow_is_the_part_of_the_whole(corner):
     """Where an edge is in sight the part is the same; far from any, the ripple of far edges averages out."""
-    whole = camera_scene(60.0, iris=Iris(5, 0.0, 0.2, stop=(0.96 * corner, 0.0, 1.0) if corner else None))
+    whole = camera_scene(60.0, iris=PupilIris(5, 0.0, 0.2, stop=(0.96 * corner, 0.0, 1.0) if corner else None))
     small, _ = about(field_table(whole, 5.0, 300.0), 280.0)
     large, _ = about(field_table(whole, 5.0, 0.95 * whole.shadow_radius_um), 280.0)
     light = np.abs(large) ** 2
@@ -144,5 +144,5 @@ def test_tables_that_cannot_be_are_refused():
         field_table(camera_scene(0.1), 0.02, 500.0)
     with pytest.raises(InputError, match="raise the samples"):
         field_table(camera_scene(0.1), 5.0, 100.0)
-    dark = field_table(camera_scene(3.0, iris=Iris(9, stop=(5.0, 0.0, 1.0))), 2.0, 100.0)
+    dark = field_table(camera_scene(3.0, iris=PupilIris(9, stop=(5.0, 0.0, 1.0))), 2.0, 100.0)
     assert not dark.values.any()

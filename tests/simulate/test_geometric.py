@@ -11,7 +11,7 @@ from lfcal.camera import preset
 from lfcal.simulate.camera_scene import scene_of
 from lfcal.simulate.engines.geometric import GeometricPlane
 from lfcal.simulate.engines.polygon import half_planes, iris_outline
-from lfcal.simulate.scene import Iris, Scene
+from lfcal.simulate.scene import PupilIris, Scene
 from tests.simulate.scenes import PIXEL, camera_scene, microscope_scene, moments, relative_error
 
 
@@ -54,7 +54,7 @@ def thrown(scene: Scene, y_um: float, x_um: float, rays: int = 200_000) -> np.nd
 @pytest.mark.few(2)
 @pytest.mark.parametrize("v", [4.0, -2.5, 0.3, 0.0])
 def test_spots_against_random_rays(v):
-    scene = scene_of(preset("bench"), virtual_depth=v, cutout=(57, 57), iris=Iris(7, 0.3, 0.2))
+    scene = scene_of(preset("bench"), virtual_depth=v, cutout=(57, 57), iris=PupilIris(7, 0.3, 0.2))
     image = GeometricPlane(scene).point(2.1 * PIXEL, -3.7 * PIXEL)
     wanted = thrown(scene, 2.1 * PIXEL, -3.7 * PIXEL)
     assert image.sum() == pytest.approx(wanted.sum(), abs=6e-3)
@@ -85,7 +85,7 @@ def test_spots_that_cross_the_edge_are_cut_not_dropped():
 
 def test_both_forms_of_the_map_meet_where_they_change():
     edge = 14.5 / 15  # shadow as large as a lenslet
-    near, far = (GeometricPlane(camera_scene(edge * f, iris=Iris())).point(3.0, 8.0) for f in (1 - 1e-6, 1 + 1e-6))
+    near, far = (GeometricPlane(camera_scene(edge * f, iris=PupilIris())).point(3.0, 8.0) for f in (1 - 1e-6, 1 + 1e-6))
     assert relative_error(near, far) < 5e-3
 
 
@@ -108,6 +108,6 @@ def test_source_offset_is_a_point_elsewhere():
 
 
 def test_wrong_rotation_of_the_iris_would_show():
-    right = GeometricPlane(camera_scene(4.0, iris=Iris(3, 0.0, 0.4))).point(0.0, 0.0)
-    turned = GeometricPlane(camera_scene(4.0, iris=Iris(3, 0.0, 0.4 + math.pi))).point(0.0, 0.0)
+    right = GeometricPlane(camera_scene(4.0, iris=PupilIris(3, 0.0, 0.4))).point(0.0, 0.0)
+    turned = GeometricPlane(camera_scene(4.0, iris=PupilIris(3, 0.0, 0.4 + math.pi))).point(0.0, 0.0)
     assert relative_error(turned, right) > 0.3

@@ -14,7 +14,7 @@ from lfcal.simulate.engines.grid import GridPlane
 from lfcal.simulate.engines.nodes import MANY_ANGLES, conserving_rule
 from lfcal.simulate.engines.reference import ReferencePlane
 from lfcal.simulate.response import PlaneResponse
-from lfcal.simulate.scene import Iris, Scene
+from lfcal.simulate.scene import PupilIris, Scene
 from tests.simulate.common import BASE, small_plan
 from tests.simulate.scenes import PIXEL, camera_scene, microscope_scene, relative_error
 
@@ -49,7 +49,7 @@ def test_it_converges_to_the_reference(v: float, exact: bool) -> None:
         {"wavefront": ((3, 1, 0.2), (4, 0, 0.15))},
         {"pixel_fill": 0.7},
         {"pupil_um": 9000.0},
-        {"iris": Iris(blades=6, rotation_rad=0.3)},
+        {"iris": PupilIris(blades=6, rotation_rad=0.3)},
         {"glass": (300.0, 1.52), "exact_rays": True, "exact_defocus": True},
         {"accept": (6.0, 0.1, -0.05)},
     ],

@@ -14,7 +14,16 @@ from lfcal.camera import ScanPlan, preset
 from lfcal.errors import InputError
 from lfcal.simulate.accuracy import forecast
 from lfcal.simulate.accuracy.forecast import predict_seconds
-from lfcal.simulate.accuracy.ladder import Ladder, Rung, _marked, _places, draw_ladder, iter_ladder, ladder, rung_label
+from lfcal.simulate.accuracy.ladder import (
+    Ladder,
+    LadderRung,
+    _marked,
+    _places,
+    draw_ladder,
+    iter_ladder,
+    ladder,
+    rung_label,
+)
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.simulate import simulate_psf
@@ -55,7 +64,7 @@ def test_the_picked_rung_is_the_fastest_within_the_tolerance(measured: Ladder) -
 
 def test_efficient_rungs_are_beaten_by_no_other() -> None:
     points = [(1.0, 0.5), (2.0, 0.1), (2.5, 0.2), (3.0, 0.05), (3.0, 0.04), (9.0, 0.04)]
-    rungs = _marked([Rung("wave", None, str(k), e, 0.0, 0.0, t) for k, (t, e) in enumerate(points)])
+    rungs = _marked([LadderRung("wave", None, str(k), e, 0.0, 0.0, t) for k, (t, e) in enumerate(points)])
     assert [r.label for r in rungs if r.efficient] == ["0", "1", "4"]
 
 

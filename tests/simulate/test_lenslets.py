@@ -17,7 +17,7 @@ from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.engines.microscope import DebyePlane, debye_plane
 from lfcal.simulate.response import PlaneResponse, at_wavelength
-from lfcal.simulate.scene import Iris, Scene
+from lfcal.simulate.scene import PupilIris, Scene
 from lfcal.simulate.sensor.camera_source import SimulatedCamera
 from lfcal.simulate.staging import outlook_of
 from tests.simulate.common import BASE, FAST, difference, small_camera, small_plan, switched
@@ -103,7 +103,7 @@ def test_the_microscope_takes_the_path_over_lenslets() -> None:
 
 def test_rows_are_not_mirrored_about_a_defective_lenslet() -> None:
     lattice = replace(camera_scene().lattice, rotation_rad=0.0)
-    scene = camera_scene(3.0, cutout=(45, 45), iris=Iris(), lattice=lattice)
+    scene = camera_scene(3.0, cutout=(45, 45), iris=PupilIris(), lattice=lattice)
     defect = replace(scene, defects=((1, 0, 0.0),))
     for one, mirrored in ((scene, True), (defect, False)):
         engine = engine_for(one, "wave", Sampling(3, 4, 4, coherent=False))

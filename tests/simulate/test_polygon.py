@@ -18,16 +18,18 @@ from lfcal.simulate.engines.polygon import (
     spectrum,
     transform,
 )
-from lfcal.simulate.scene import Iris
+from lfcal.simulate.scene import PupilIris
 
 
-@pytest.mark.parametrize("iris", [Iris(), Iris(5), Iris(9, 0.3, 0.1), Iris(6, 0.9, 1.0), Iris(7, 1.0)])
+@pytest.mark.parametrize(
+    "iris", [PupilIris(), PupilIris(5), PupilIris(9, 0.3, 0.1), PupilIris(6, 0.9, 1.0), PupilIris(7, 1.0)]
+)
 def test_every_iris_has_the_area_of_the_disc(iris):
     assert area(iris_outline(iris)) == pytest.approx(math.pi, rel=1e-12)
 
 
 def test_straight_blades_are_a_polygon_with_its_first_vertex_at_the_rotation():
-    outline = iris_outline(Iris(9, 0.0, 0.25))
+    outline = iris_outline(PupilIris(9, 0.0, 0.25))
     assert len(outline) == 9
     assert math.atan2(outline[0, 1], outline[0, 0]) == pytest.approx(0.25)
 
@@ -37,7 +39,7 @@ def test_curvature_goes_from_polygon_to_circle():
         r = np.hypot(*iris_outline(iris).T)
         return r.min() / r.max()
 
-    values = [roundness(Iris(6, k, 0.3)) for k in (0.05, 0.3, 0.6, 0.9, 0.99)]
+    values = [roundness(PupilIris(6, k, 0.3)) for k in (0.05, 0.3, 0.6, 0.9, 0.99)]
     assert all(a < b for a, b in itertools.pairwise(values))
     assert values[0] < math.cos(math.pi / 6) + 0.02
     assert values[-1] > 0.998
@@ -45,7 +47,7 @@ def test_curvature_goes_from_polygon_to_circle():
 
 @pytest.mark.parametrize("curvature", [0.2, 0.5, 0.8])
 def test_blade_radius_is_the_apothem_over_the_curvature(curvature):
-    outline = iris_outline(Iris(8, curvature, 0.0), sagitta=1e-5)
+    outline = iris_outline(PupilIris(8, curvature, 0.0), sagitta=1e-5)
     normal, offset = half_planes(outline)
     turned = np.array([math.cos(math.pi / 8), math.sin(math.pi / 8)])
     apothem = (outline @ turned).max()
@@ -70,8 +72,8 @@ def test_clip_of_overlapping_squares():
 def test_second_stop_takes_a_lens_out_of_the_pupil():
     offset = 0.8
     wanted = 2 * math.acos(offset / 2) - offset / 2 * math.sqrt(4 - offset**2)  # two unit circles
-    assert area(iris_outline(Iris(stop=(offset, 0.0, 1.0)))) == pytest.approx(wanted, rel=1e-3)
-    assert len(iris_outline(Iris(9, stop=(5.0, 0.0, 1.0)))) == 0
+    assert area(iris_outline(PupilIris(stop=(offset, 0.0, 1.0)))) == pytest.approx(wanted, rel=1e-3)
+    assert len(iris_outline(PupilIris(9, stop=(5.0, 0.0, 1.0)))) == 0
 
 
 def test_disc_transform_is_the_limit_of_polygons():

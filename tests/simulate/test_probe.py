@@ -15,7 +15,7 @@ from lfcal.camera import LensletLattice, LensType, ScanPlan
 from lfcal.simulate import simulate_psf
 from lfcal.simulate.accuracy import probe, sampling
 from lfcal.simulate.accuracy.probe import settle
-from lfcal.simulate.accuracy.sampling import Fringes, Step, steps_for
+from lfcal.simulate.accuracy.sampling import Fringes, LevelSampling, steps_for
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.reference import ReferencePlane
 from lfcal.simulate.scene import Scene
@@ -121,7 +121,7 @@ def test_steps_become_finer_and_dearer(scene: Scene, held: bool, monkeypatch: Mo
     assert all(s.sampling.nodes_per_px >= Fringes.of(scene).nodes for s in steps if s.sampling.coherent)
 
 
-def finer_or_equal(after: Step, before: Step) -> bool:
+def finer_or_equal(after: LevelSampling, before: LevelSampling) -> bool:
     a, b = after.sampling, before.sampling
     if after.level == "grid":
         return before.level == "wave" or (a.samples_per_px, a.margin_px) >= (b.samples_per_px, b.margin_px)
@@ -188,10 +188,10 @@ def test_what_nothing_judges_is_as_much_better_as_steps_are() -> None:
 def test_windows_that_fail_by_adding_intensities_give_way_to_the_grid(monkeypatch: MonkeyPatch) -> None:
     scene = camera_scene(3.0, cutout=(41, 41))
     steps = steps_for(scene, "wave")
-    tried: list[Step] = []
+    tried: list[LevelSampling] = []
     measured = probe._Judge.measured
 
-    def far_off(self: probe._Judge, step: Step, before: probe.Settled | None = None) -> probe.Settled:
+    def far_off(self: probe._Judge, step: LevelSampling, before: probe.Settled | None = None) -> probe.Settled:
         tried.append(step)
         found = measured(self, step, before)
         return replace(found, error=0.5) if step.level == "wave" else found

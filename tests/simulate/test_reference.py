@@ -11,7 +11,7 @@ from lfcal.simulate.engines import reference
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.propagator import sensor_propagator
 from lfcal.simulate.engines.reference import ReferencePlane, pixel_bins
-from lfcal.simulate.scene import Iris
+from lfcal.simulate.scene import PupilIris
 from tests.simulate.scenes import PIXEL, camera_scene, microscope_scene, moments, relative_error
 
 
@@ -49,7 +49,7 @@ def test_finer_grids_come_to_the_same():
 
 
 def test_rows_are_points_and_follow_the_source():
-    scene = camera_scene(2.5, cutout=(45, 45), iris=Iris())
+    scene = camera_scene(2.5, cutout=(45, 45), iris=PupilIris())
     engine = ReferencePlane(scene, Sampling(5.0))
     row = engine.rows([1], [2, 47])[0]
     assert np.array_equal(row[0], engine.point(1 * PIXEL, 2 * PIXEL))

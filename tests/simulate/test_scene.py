@@ -12,7 +12,7 @@ from lfcal.camera import PRESETS, preset
 from lfcal.errors import InputError
 from lfcal.simulate.camera_scene import scene_of
 from lfcal.simulate.engines.zernike import zernike_radial
-from lfcal.simulate.scene import Iris, Scene, seidel
+from lfcal.simulate.scene import PupilIris, Scene, seidel
 from tests.simulate.scenes import camera_scene
 
 
@@ -152,9 +152,9 @@ def test_bad_questions_are_refused():
     with pytest.raises(InputError, match="nonsense"):
         scene_of(camera, virtual_depth=2.0, cutout=(31, 31), nonsense=1)
     with pytest.raises(InputError):
-        Iris(2)
+        PupilIris(2)
     with pytest.raises(InputError):
-        Iris(6, stop=(0.0, 0.0, -1.0))
+        PupilIris(6, stop=(0.0, 0.0, -1.0))
 
 
 def test_scenes_compare_and_change():

@@ -11,7 +11,7 @@ import pytest
 
 from lfcal.simulate.engines.field import field_table
 from lfcal.simulate.engines.propagator import sensor_propagator
-from lfcal.simulate.scene import Iris, Scene
+from lfcal.simulate.scene import PupilIris, Scene
 from lfcal.simulate.symmetry import folded, is_mirror_symmetric, mirrored_rows
 from tests.simulate.scenes import camera_scene, microscope_scene
 
@@ -51,7 +51,7 @@ def test_the_propagator_is_its_formula_at_every_frequency(n: int) -> None:
 def test_even_aberrations_are_those_of_the_whole_pupil(v: float, exact: bool) -> None:
     """A term that is not even, of no waves, has the whole pupil computed."""
     even = ((2, 0, 0.4), (4, 0, -0.8))
-    iris = Iris(blades=5, rotation_rad=0.2)
+    iris = PupilIris(blades=5, rotation_rad=0.2)
     scene = camera_scene(v, iris=iris, exact_rays=exact, wavefront=even)
     whole = camera_scene(v, iris=iris, exact_rays=exact, wavefront=(*even, (2, -2, 0.0)))
     dx = 0.2 * scene.reduced_pixel_um
@@ -67,11 +67,11 @@ def test_even_aberrations_are_those_of_the_whole_pupil(v: float, exact: bool) ->
 @pytest.mark.parametrize(
     "scene",
     [
-        camera_scene(iris=Iris(9)),
-        camera_scene(iris=Iris(0)),
+        camera_scene(iris=PupilIris(9)),
+        camera_scene(iris=PupilIris(0)),
         microscope_scene(),
-        camera_scene(iris=Iris(9, 1.0, 0.1)),
-        camera_scene(iris=Iris(stop=(0.3, 0.0, 0.8))),
+        camera_scene(iris=PupilIris(9, 1.0, 0.1)),
+        camera_scene(iris=PupilIris(stop=(0.3, 0.0, 0.8))),
     ],
 )
 def test_a_regular_camera_is_alike_upside_down(scene: Scene) -> None:
@@ -83,7 +83,7 @@ def test_a_regular_camera_is_alike_upside_down(scene: Scene) -> None:
 
 @pytest.mark.parametrize("offset_px", [0.0, 0.5, 1.5])
 def test_rows_are_paired_about_any_line_that_mirrors_the_array(offset_px: float) -> None:
-    plain = camera_scene(iris=Iris(9))
+    plain = camera_scene(iris=PupilIris(9))
     at = (0.0, offset_px * plain.pixel_um / plain.scale)
     scene = replace(plain, lattice=replace(plain.lattice, offset_um=at))
     rows = np.arange(-6, 7)
@@ -100,8 +100,8 @@ def test_rows_are_paired_about_any_line_that_mirrors_the_array(offset_px: float)
         {"tilt": (0.0, 0.01)},
         {"pixel_aspect": 1.01},
         {"accept": (0.0, 0.02)},
-        {"iris": Iris(9, 0.0, 0.1)},
-        {"iris": Iris(stop=(0.0, 0.3, 0.8))},
+        {"iris": PupilIris(9, 0.0, 0.1)},
+        {"iris": PupilIris(stop=(0.0, 0.3, 0.8))},
         {"wavefront": ((2, -2, 0.1),)},
     ],
 )

@@ -15,7 +15,7 @@ from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.engines.field import field_table
 from lfcal.simulate.engines.polygon import area, half_planes
 from lfcal.simulate.engines.tables import build_tables
-from lfcal.simulate.scene import Iris, Scene
+from lfcal.simulate.scene import PupilIris, Scene
 from tests.simulate.common import peak_bytes
 from tests.simulate.scenes import camera_scene
 
@@ -43,7 +43,7 @@ def test_a_list_of_lit_samples_is_not_made() -> None:
     [
         camera_scene(8.0),
         camera_scene(8.0, wavefront=((4, 0, 1.0), (2, 2, 0.5))),
-        camera_scene(8.0, iris=Iris()),
+        camera_scene(8.0, iris=PupilIris()),
         camera_scene(0.3),
         camera_scene(0.3, wavefront=((4, 0, 1.0), (2, 2, 0.5))),
     ],
@@ -79,7 +79,7 @@ def through_the_array(scene: Scene, source_um: tuple[float, float]) -> float:
     ("kind", "clear"), [("square", 1.41), ("square", 1.2), ("hexagonal", 1.15), ("hexagonal", 1.08)]
 )
 def test_lenslets_wider_than_their_cells_end_there(kind: str, clear: float) -> None:
-    scene = camera_scene(3.0, iris=Iris(), cutout=(75, 75), period=(1, 1))
+    scene = camera_scene(3.0, iris=PupilIris(), cutout=(75, 75), period=(1, 1))
     pitch = scene.lattice.pitch_um
     lattice = replace(scene.lattice, kind=kind, types=(LensType.focused_at(3.0, 412.5),), clear_um=clear * pitch)
     scene = replace(scene, lattice=lattice)

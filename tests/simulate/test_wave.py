@@ -15,7 +15,7 @@ from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.engines.field import FieldTable
 from lfcal.simulate.engines.reference import ReferencePlane
 from lfcal.simulate.engines.wave import WavePlane
-from lfcal.simulate.scene import Iris, seidel
+from lfcal.simulate.scene import PupilIris, seidel
 from lfcal.simulate.symmetry import mirrored_rows
 from tests.simulate.scenes import PIXEL, camera_scene, moments, relative_error
 
@@ -71,7 +71,7 @@ def test_default_sampling_is_good_to_a_few_percent():
 @pytest.mark.parametrize(
     "change",
     [
-        {"wavefront": seidel(spherical=0.3, coma=0.2), "iris": Iris()},
+        {"wavefront": seidel(spherical=0.3, coma=0.2), "iris": PupilIris()},
         {"pixel_fill": 0.7},
         {"pupil_um": 20e3},
         {"aperture": "cell"},
@@ -182,7 +182,7 @@ def test_finite_pupil_spreads_the_micro_images():
 
 
 def test_mirrored_rows_are_computed_once():
-    scene = camera_scene(3.0, iris=Iris(7, 0.2, math.pi / 7))
+    scene = camera_scene(3.0, iris=PupilIris(7, 0.2, math.pi / 7))
     assert mirrored_rows(scene, np.array([-2, 0, 2, 5])) == {2: 0}
     engine = WavePlane(scene, QUICK)
     both = engine.rows([-2, 2], [4])
@@ -190,7 +190,7 @@ def test_mirrored_rows_are_computed_once():
     alone = WavePlane(scene, QUICK)
     assert relative_error(alone.rows([2], [4])[0], both[1]) < 1e-5
     assert alone.certificate.responses == responses
-    assert mirrored_rows(replace(scene, iris=Iris(7, 0.2, 0.1)), np.array([-2, 2])) == {}
+    assert mirrored_rows(replace(scene, iris=PupilIris(7, 0.2, 0.1)), np.array([-2, 2])) == {}
     assert mirrored_rows(replace(scene, wavefront=((1, -1, 0.1),)), np.array([-2, 2])) == {}
 
 

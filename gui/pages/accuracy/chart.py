@@ -8,7 +8,7 @@ from typing import Any
 import pyqtgraph as pg
 from PySide6.QtCore import Qt, Signal
 
-from gui.pages.accuracy.model import Point
+from gui.pages.accuracy.model import ChartPoint
 from gui.theme import current_theme
 from gui.widgets.plots import DecadeAxis, LinePlot, line_px
 
@@ -37,7 +37,7 @@ class ParetoChart(LinePlot):
         self.plot.showGrid(x=True, y=True, alpha=0.15)
         self.blank.show_blank(False)
         self.blank.show_blank(True)
-        self._points: tuple[Point, ...] = ()
+        self._points: tuple[ChartPoint, ...] = ()
         self.blank.words = "Press Measure."
         self.front = pg.PlotDataItem()
         self.limit = pg.InfiniteLine(angle=0, movable=False)
@@ -48,7 +48,7 @@ class ParetoChart(LinePlot):
         self.set_labels("cost", "error (%)")
         self.graphics.setCursor(Qt.CursorShape.ArrowCursor)
 
-    def show_points(self, points: Sequence[Point], log_percent: float) -> None:
+    def show_points(self, points: Sequence[ChartPoint], log_percent: float) -> None:
         """Show points, and the error asked about as a line at ``log_percent``, its decimal logarithm in per cent."""
         self._points = tuple(points)
         self.blank.show_blank(not self._points)
@@ -83,7 +83,7 @@ class ParetoChart(LinePlot):
             bounds = (middle - 1.08 * half, middle + 1.08 * half)
             self.plot.getViewBox().setRange(**{f"{name}Range": bounds}, padding=0.02)
 
-    def _colour(self, point: Point) -> str:
+    def _colour(self, point: ChartPoint) -> str:
         theme = current_theme()
         if point.picked:
             return theme.good

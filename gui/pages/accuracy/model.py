@@ -22,8 +22,8 @@ from lfcal.units import format_share
 __all__ = [
     "FIELDS",
     "AccuracySettings",
-    "Kept",
-    "Point",
+    "ChartPoint",
+    "MeasuredCurves",
     "axis_labels",
     "iter_measure",
     "key_of",
@@ -80,7 +80,7 @@ class AccuracySettings(PageSettings):
 
 
 @dataclass
-class Kept:
+class MeasuredCurves:
     """The curves of a measurement that is at work in a thread, the newest of each place.
 
     The window reads it at any time: each change puts one finished curve into the place of another.
@@ -100,7 +100,9 @@ def key_of(project: ProjectState, settings: AccuracySettings) -> object:
     return ("plan", project.plan) if settings.subject == "plan" else ("psf", project.psf)
 
 
-def iter_measure(project: ProjectState, settings: AccuracySettings, places: Iterable[str], kept: Kept) -> Work[None]:
+def iter_measure(
+    project: ProjectState, settings: AccuracySettings, places: Iterable[str], kept: MeasuredCurves
+) -> Work[None]:
     """Measure place after place; whatever is measured is in ``kept`` at once."""
     chosen = [PLACES.get(name) for name in places]
     with ExitStack() as stack:
@@ -111,7 +113,7 @@ def iter_measure(project: ProjectState, settings: AccuracySettings, places: Iter
             kept.curves[place.name] = yield from _keeping(work, kept)
 
 
-def _keeping(work: Work[Curve], kept: Kept) -> Work[Curve]:
+def _keeping(work: Work[Curve], kept: MeasuredCurves) -> Work[Curve]:
     while True:
         try:
             record = next(work)
@@ -136,7 +138,7 @@ def _subject(project: ProjectState, settings: AccuracySettings, stack: ExitStack
 
 # -- showing -----------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
-class Point:
+class ChartPoint:
     """A rung in the chart: decimal logarithms of its cost, as the axis has it, and of its error in per cent."""
 
     x: float
@@ -146,11 +148,11 @@ class Point:
     words: str
 
 
-def points_of(curve: Curve, error: float) -> tuple[Point, ...]:
+def points_of(curve: Curve, error: float) -> tuple[ChartPoint, ...]:
     """Return the rungs as points, in their order; the cheapest within ``error`` is picked."""
     picked, (_, scale) = curve.cheapest(error), cost_axis(curve)
     return tuple(
-        Point(
+        ChartPoint(
             math.log10(max(rung.cost / scale, FLOOR)),
             math.log10(100 * max(rung.error, FLOOR)),
             rung.efficient,

@@ -8,10 +8,10 @@ from typing import Any
 
 from gui.base_page import BasePage
 from gui.context import Context
-from gui.jobs import Job, JobState
+from gui.jobs import JobState, WindowJob
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
-from gui.pages.accuracy.model import AccuracySettings, Kept, iter_measure, key_of, subjects
+from gui.pages.accuracy.model import AccuracySettings, MeasuredCurves, iter_measure, key_of, subjects
 from gui.pages.accuracy.model_use import use_of
 from gui.pages.accuracy.panel import AccuracyPanel
 from lfcal.accuracy import PLACES, Curve
@@ -25,7 +25,7 @@ class Page(BasePage):
 
     def __init__(self, spec: PageSpec, context: Context) -> None:
         super().__init__(spec, context)
-        self.kept = Kept()
+        self.kept = MeasuredCurves()
         self._key: object = None
         self._job = 0
         self._used: tuple[str, str] = ("", "")
@@ -95,7 +95,7 @@ class Page(BasePage):
         key = key_of(state, settings)
         if key != self._key:  # curves of another plan or H say nothing of this one
             self.stop()
-            self._key, self.kept = key, Kept()
+            self._key, self.kept = key, MeasuredCurves()
         self.panel.show_settings(settings, there)
         self._show_curve()
 
@@ -136,14 +136,14 @@ class Page(BasePage):
         )
         self._show(state)
 
-    def _failed(self, job: Job) -> None:
+    def _failed(self, job: WindowJob) -> None:
         self.refuse(job.error)
 
-    def _job_changed(self, job: Job) -> None:
+    def _job_changed(self, job: WindowJob) -> None:
         if job.number == self._job and job.state is JobState.RUNNING:
             self._show_curve()
 
-    def _job_finished(self, job: Job) -> None:
+    def _job_finished(self, job: WindowJob) -> None:
         if job.number == self._job:
             self._job = 0
             self._show(self.context.state)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from gui.models.project import ProjectState
-from gui.models.step import PLAN_FILE, Step, needed_file, needed_plan, options_of
+from gui.models.step import PLAN_FILE, CommandStep, needed_file, needed_plan, options_of
 from gui.pages.accuracy.model import AccuracySettings
 
 __all__ = ["step"]
 
 
-def step(project: ProjectState, out: str = "") -> Step:
+def step(project: ProjectState, out: str = "") -> CommandStep:
     """Return how the place that is looked at is measured."""
     chosen = AccuracySettings.of(project)
     by_plan = chosen.subject == "plan"
@@ -27,4 +27,4 @@ from lfcal.psf import open_psf
 print(measure_curve(PLACES.get({chosen.place!r}), {opened}, {chosen.seconds!r}))
 """
     files = ((PLAN_FILE, needed_plan(project).to_json()),) if by_plan else ()
-    return Step(("accuracy", name, *options_of(pairs)), python, files)
+    return CommandStep(("accuracy", name, *options_of(pairs)), python, files)

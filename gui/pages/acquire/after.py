@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from gui.context import Context
-from gui.jobs import Job
+from gui.jobs import WindowJob
 from gui.models.filling import Filling
 from gui.pages.acquire.model_assembly import iter_assembly
 from gui.pages.acquire.model_stills import recipe_of
@@ -26,7 +26,7 @@ class Afterwards:
         self._recording, self.filling = recording, Filling()
         context.jobs.changed.connect(self._fill)
 
-    def _fill(self, job: Job) -> None:
+    def _fill(self, job: WindowJob) -> None:
         """Show H as it fills, unless the map is that of a session that is being recorded."""
         if job.page != "acquire" or not self.filling.follows(job.number, job.progress):
             return

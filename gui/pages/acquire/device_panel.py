@@ -94,7 +94,7 @@ class DevicePanel(QWidget):
     def set_backends(
         self, findings: Sequence[Any], options: Mapping[str, Mapping[str, str]], has_stage: Mapping[str, bool]
     ) -> None:
-        """Show what was found: `lfcal.devices.registry.Finding` records, and the options of each backend."""
+        """Show what was found: `lfcal.devices.registry.BackendStatus` records, and the options of each backend."""
         self._options, self._has_stage = dict(options), dict(has_stage)
         self._reasons = {f.name: f.reason for f in findings}
         self.backend.clear()

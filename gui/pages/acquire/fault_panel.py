@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QLabel, QListWidget, QPushButton, QSpinBox, QVBoxL
 from gui.pages.acquire.model_faults import COUNTED, KINDS, fault_words
 from gui.widgets.cards import choice_box, line
 from gui.widgets.folded import Folded
-from lfcal.devices.simulated.faults import Fault, parse_faults
+from lfcal.devices.simulated.faults import DeviceFault, parse_faults
 from lfcal.errors import LfcalError
 
 __all__ = ["FaultPanel"]
@@ -34,7 +34,7 @@ class FaultPanel(QWidget):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self._faults: list[Fault] = []
+        self._faults: list[DeviceFault] = []
         self._connected = False
         self.kind = choice_box(KINDS, "What shall go wrong, to rehearse what the recording does about it")
         self.kind.setAccessibleName("kind of fault")
@@ -106,7 +106,7 @@ class FaultPanel(QWidget):
         self.at.setToolTip(f"The {counted} at which it begins, counted from 0, from {since}")
 
     def _add(self) -> None:
-        fault = Fault(self.kind.currentData(), self.at.value(), self.times.value())
+        fault = DeviceFault(self.kind.currentData(), self.at.value(), self.times.value())
         if self._connected:
             self.hint.setText(f"{NOW}\nLast: {fault_words(fault, now=True)}")
             self.injected.emit(fault)
@@ -118,7 +118,7 @@ class FaultPanel(QWidget):
         if 0 <= row < len(self._faults):
             self._changed([fault for k, fault in enumerate(self._faults) if k != row])
 
-    def _changed(self, faults: list[Fault]) -> None:
+    def _changed(self, faults: list[DeviceFault]) -> None:
         self._faults = faults
         self._show()
         self.edited.emit(";".join(fault.text() for fault in faults))

@@ -11,7 +11,7 @@ from PySide6.QtCore import QObject, Signal
 from PySide6.QtWidgets import QFileDialog, QMessageBox
 
 from gui.context import Context
-from gui.jobs import Job, JobState
+from gui.jobs import JobState, WindowJob
 from gui.pages.acquire import model_findings as findings
 from gui.pages.acquire.model import AcquireSettings
 from gui.pages.acquire.model_station import Station
@@ -155,7 +155,7 @@ class SetupMeasuring(QObject):
         elif self.context.project.update("exposures as measured", plan=replace(plan, exposure_s=found)):
             self.panel.show_result(key, findings.exposure_words(found, plan))
 
-    def _job_finished(self, job: Job) -> None:
+    def _job_finished(self, job: WindowJob) -> None:
         if job.number != self._job:
             return
         self._job = 0

@@ -18,7 +18,7 @@ from lfcal.acquire.recording.reader import RecordingFile
 from lfcal.acquire.recording.records import RECORD
 from lfcal.errors import FileFormatError
 
-__all__ = ["EarlierFrames", "Known", "PlaneSum"]
+__all__ = ["EarlierFrames", "EarlierRuns", "PlaneSum"]
 
 SECONDS = 30.0
 """How long the frames of one plane are read at most (s)."""
@@ -32,7 +32,7 @@ GOLDEN = (5**0.5 - 1) / 2
 
 
 @dataclass(frozen=True, eq=False)
-class Known:
+class EarlierRuns:
     """What earlier runs of a session recorded.
 
     Attributes
@@ -89,7 +89,7 @@ class _Frames:
     records: NDArray[Any]
 
     @classmethod
-    def of(cls, files: list[RecordingFile], known: Known) -> _Frames:
+    def of(cls, files: list[RecordingFile], known: EarlierRuns) -> _Frames:
         grid = known.grid
         where, slots = np.full((2, grid[0] * grid[1] * grid[2]), -1, np.intp)
         for k, file in enumerate(files):  # oldest first: a later frame of a position counts
@@ -132,7 +132,7 @@ class EarlierFrames:
         self,
         folder: Path,
         quality: LiveQuality | LiveCoverage,
-        known: Known | None,
+        known: EarlierRuns | None,
         *,
         seconds: float = SECONDS,
         clock: Callable[[], float] = time.monotonic,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lfcal.devices.simulated.faults import CAMERA_FAULTS, FAULTS, GAUGE_FAULTS, STAGE_FAULTS, Fault
+from lfcal.devices.simulated.faults import CAMERA_FAULTS, FAULTS, GAUGE_FAULTS, STAGE_FAULTS, DeviceFault
 
 __all__ = ["COUNTED", "KINDS", "fault_words"]
 
@@ -43,7 +43,7 @@ KINDS = tuple((kind, _SAID.get(kind, kind)) for kind in FAULTS)
 """Pairs of kind and words, for a list."""
 
 
-def fault_words(fault: Fault, *, now: bool = False) -> str:
+def fault_words(fault: DeviceFault, *, now: bool = False) -> str:
     """Return a fault in a line; ``now``: its calls are counted from now."""
     counted = COUNTED[fault.kind]
     last = f" to {fault.at + fault.times - 1}" if fault.times > 1 else ""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gui.pages.acquire.model_earlier import EarlierFrames, Known, PlaneSum
+from gui.pages.acquire.model_earlier import EarlierFrames, EarlierRuns, PlaneSum
 from gui.pages.acquire.model_station import Station
 from lfcal.acquire.blocks import coarse_order
 from lfcal.acquire.control import Control
@@ -23,7 +23,7 @@ from lfcal.acquire.options import Options
 from lfcal.acquire.preview import Preview
 from lfcal.acquire.recording.records import Kind
 from lfcal.acquire.runner import Outcome
-from lfcal.acquire.schedule import Step, window_shape
+from lfcal.acquire.schedule import ScheduledFrame, window_shape
 from lfcal.camera import ScanPlan
 from lfcal.frames.source import Position
 from lfcal.progress import Work
@@ -69,7 +69,7 @@ class Recorder:
         resume: bool = False,
         redo: Sequence[tuple[int, int, int]] = (),
         goal: Goal | None = None,
-        known: Known | None = None,
+        known: EarlierRuns | None = None,
     ) -> None:
         self.folder, self.recorded, self.options, self.resume = folder, plan, options, resume
         self.plan = scan_of(plan)
@@ -136,7 +136,7 @@ class Recorder:
         seconds = time.monotonic() - self.started
         return self.taken / seconds if seconds > 0 else 0.0
 
-    def _count(self, step: Step, *_: Any) -> None:
+    def _count(self, step: ScheduledFrame, *_: Any) -> None:
         self.taken += step.kind is Kind.POSITION
 
 
@@ -176,7 +176,7 @@ class FolderState:
     target: TargetPlan | None = None
     recordings: tuple[str, ...] = ()
 
-    def known(self, but: Sequence[Position] = ()) -> Known | None:
+    def known(self, but: Sequence[Position] = ()) -> EarlierRuns | None:
         """Return what is acknowledged, without positions to record again; None: nothing is."""
         if self.there is None or self.plan is None:
             return None
@@ -187,7 +187,7 @@ class FolderState:
             grid = frame_grid(self.target)
             flat = np.ravel_multi_index(tuple(frame_positions(self.target)[self.there].T), grid)
         again = np.ravel_multi_index(tuple(np.array(but, np.intp).reshape(-1, 3).T), grid, mode="clip")
-        return Known(np.setdiff1d(flat, again), grid, self.recordings)
+        return EarlierRuns(np.setdiff1d(flat, again), grid, self.recordings)
 
     @property
     def complete(self) -> bool:

@@ -21,7 +21,7 @@ from lfcal.camera import ScanPlan
 from lfcal.devices.errors import LimitError, StageError
 from lfcal.devices.protocols import Limits, Point
 from lfcal.devices.rig import Rig
-from lfcal.devices.simulated.faults import Fault
+from lfcal.devices.simulated.faults import DeviceFault
 from lfcal.errors import InputError
 from lfcal.progress import Work
 
@@ -190,7 +190,7 @@ class Station:
         here[axis] += by_um
         return self.move((here[0], here[1], here[2]))
 
-    def inject(self, fault: Fault) -> None:
+    def inject(self, fault: DeviceFault) -> None:
         """Let a fault strike the simulator so many calls from now; also while a session uses it."""
         from lfcal.devices.simulated.backend import inject
 

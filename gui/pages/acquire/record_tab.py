@@ -10,7 +10,7 @@ from typing import Any
 from PySide6.QtCore import QObject, QTimer, Signal
 
 from gui.context import Context
-from gui.jobs import Job
+from gui.jobs import WindowJob
 from gui.models.project import Hold, ProjectState
 from gui.models.words import plane_words, said_in_window
 from gui.pages.acquire.after import Afterwards
@@ -63,7 +63,7 @@ class RecordTab(QObject):
         self.target = TargetChoice(context, self._target_read)
         self.folder_choice = FolderChoice(context, panel.folder, self._folder_seen, self._refuse)
         self._job, self._lamp, self._refused = 0, "", False
-        self._under_way: Job | None = None
+        self._under_way: WindowJob | None = None
         """The recording as it was told last."""
         self.poll_timer = QTimer(self)
         self.poll_timer.setInterval(POLL_MS)
@@ -360,7 +360,7 @@ class RecordTab(QObject):
             self.context.attention.emit("acquire", True)
         self._lamp = picture.lamp
 
-    def _job_changed(self, job: Job) -> None:
+    def _job_changed(self, job: WindowJob) -> None:
         if job.number == self._job and job.active:
             self._under_way = job
             self._show_progress()
@@ -399,10 +399,10 @@ class RecordTab(QObject):
         if outcome.how == "complete" and recorder is not None and recorder.redo and own:
             self.context.project.update("positions recorded again", redo=())
 
-    def _failed(self, _: Job) -> None:
+    def _failed(self, _: WindowJob) -> None:
         self.context.attention.emit("acquire", True)
 
-    def _job_finished(self, job: Job) -> None:
+    def _job_finished(self, job: WindowJob) -> None:
         if job.number != self._job:
             return
         self._set_job(0)

@@ -9,7 +9,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QCheckBox, QDoubleSpinBox, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
 from gui.jobs import Jobs
-from gui.models.display import Display
+from gui.models.display import DisplaySettings
 from gui.pages.acquire.device_panel import DevicePanel
 from gui.pages.acquire.fault_panel import FaultPanel
 from gui.pages.acquire.model_live import LivePicture, age_words, expected_words
@@ -137,7 +137,7 @@ class SetupPanel(QWidget):
         self.log.setToolTip("Four decades below the brightest pixel instead of a linear scale")
         for box in (self.lattice, self.cutout):
             box.toggled.connect(lambda _: self._show_overlays())
-        self.log.toggled.connect(lambda on: self.view.set_display(Display("log" if on else "linear")))
+        self.log.toggled.connect(lambda on: self.view.set_display(DisplaySettings("log" if on else "linear")))
 
     def _cards(self) -> tuple[QWidget, QWidget]:
         """Make the cards of what is measured and what is recorded before the session."""

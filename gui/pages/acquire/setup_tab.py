@@ -20,7 +20,7 @@ from gui.pages.acquire.moves import StageMoves
 from gui.pages.acquire.setup_panel import SetupPanel
 from gui.workers import start_thread, wait_for
 from lfcal.acquire.session_file import optics_of
-from lfcal.devices.simulated.faults import Fault
+from lfcal.devices.simulated.faults import DeviceFault
 from lfcal.errors import LfcalError
 from lfcal.psf import PSFMatrix
 
@@ -140,7 +140,7 @@ class SetupTab(QObject):
         options = (*others, ("faults", text)) if text else others
         self.context.project.update("faults", settings=replace(chosen, device_options=options).into(state))
 
-    def _inject(self, fault: Fault) -> None:
+    def _inject(self, fault: DeviceFault) -> None:
         """Let a fault strike the simulator that is connected, also while it records."""
         if self.station is not None:
             self.station.inject(fault)

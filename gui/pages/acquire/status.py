@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gui.jobs import Job, JobState
+from gui.jobs import JobState, WindowJob
 from gui.pages.acquire.model_recorder import FolderState, Recorder
 from gui.pages.acquire.model_until import until_words
 from lfcal.acquire.control import Control
@@ -37,7 +37,7 @@ def asked_words(control: Control, *, stopping: bool) -> str:
     return "Going on …" if control.held == "paused" and not control.pausing else ""
 
 
-def end_words(job: Job, ended: str, counted: str = "positions") -> tuple[str, float]:
+def end_words(job: WindowJob, ended: str, counted: str = "positions") -> tuple[str, float]:
     """Return how a recording ended and the fraction that is done; ``ended``: why it needed no more, if it did."""
     if job.state is JobState.DONE:
         found = job.result

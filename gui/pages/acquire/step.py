@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from gui.models.project import ProjectState
-from gui.models.step import PLAN_FILE, Step, needed_plan, options_of
+from gui.models.step import PLAN_FILE, CommandStep, needed_plan, options_of
 from gui.pages.acquire.model import AcquireSettings
 from lfcal.acquire import RedoList
 from lfcal.errors import InputError
@@ -25,7 +25,7 @@ NEEDED = (
 
 def step(
     project: ProjectState, out: str = "", *, resume: bool = False, redo: Sequence[tuple[int, int, int]] = ()
-) -> Step:
+) -> CommandStep:
     """Return how the session is recorded, gone on with, or of which positions once more."""
     plan, chosen = needed_plan(project), AcquireSettings.of(project)
     options, goal = chosen.options(), chosen.goal()
@@ -60,10 +60,10 @@ def step(
     python = _script(chosen, devices, folder, resume=resume, redo=redo)
     own = ((PLAN_FILE, plan.to_json()),) if single else ()
     files = (*own, *(((REDO_FILE, RedoList.of(redo).to_json()),) if redo else ()))
-    return Step(("acquire", plan_file, *options_of(pairs)), python, files)
+    return CommandStep(("acquire", plan_file, *options_of(pairs)), python, files)
 
 
-def assembled(folder: str, out: str, planes: Sequence[int] | None, recipe: CorrectionRecipe) -> Step:
+def assembled(folder: str, out: str, planes: Sequence[int] | None, recipe: CorrectionRecipe) -> CommandStep:
     """Return how H is made of a session with its own dark frames, and with the white image beside it."""
     if planes is not None:
         raise InputError.expected("planes", "all", "one of a session that is being recorded", "a command takes all")
@@ -76,7 +76,7 @@ from lfcal.progress import drain
 recipe = CorrectionRecipe(white={str(recipe.white)!r}, dark={str(recipe.dark)!r})
 print(drain(iter_assemble_session(Path({folder!r}), {out!r}, recipe=recipe)).matrix)
 """
-    return Step(("assemble", folder, *options_of(pairs)), python)
+    return CommandStep(("assemble", folder, *options_of(pairs)), python)
 
 
 def _script(

@@ -6,7 +6,7 @@ import pyqtgraph as pg
 from PySide6.QtCore import QRectF
 from PySide6.QtWidgets import QLabel, QStackedWidget, QVBoxLayout, QWidget
 
-from gui.models.display import Display
+from gui.models.display import DisplaySettings
 from gui.pages.camera.model_check import Checked
 from gui.pages.camera.model_lattice_map import DISTORTION, RESIDUALS, LatticeMap
 from gui.widgets.cards import choice_box
@@ -46,7 +46,7 @@ class LatticeView(QWidget):
         for marks in (self.described, self.fitted):
             self.image.add_overlay(marks)
         self.map = ImageView(xlabel="column", ylabel="row", value_label="displacement (px)")
-        self.map.set_display(Display(colour_map="cividis"))
+        self.map.set_display(DisplaySettings(colour_map="cividis"))
         self.arrows = pg.PlotCurveItem(connect="pairs", pen=self.map.overlay_pen("#ffffff", 1.2))
         self.map.add_overlay(self.arrows)
         self.stack = QStackedWidget()

@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QFileDialog
 
 from gui.base_page import BasePage
 from gui.context import Context
-from gui.jobs import Job
+from gui.jobs import WindowJob
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
 from gui.pages.camera import takes
@@ -207,7 +207,7 @@ class Page(BasePage):
         else:
             self.panel.check.show_nothing("The camera changed meanwhile; check it again.")
 
-    def _check_failed(self, job: Job) -> None:
+    def _check_failed(self, job: WindowJob) -> None:
         self._checked = None
         self.panel.check.show_nothing()
         if job.error:

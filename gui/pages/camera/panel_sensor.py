@@ -22,7 +22,7 @@ from PySide6.QtWidgets import (
 )
 
 from gui.context import Context
-from gui.jobs import Job
+from gui.jobs import WindowJob
 from gui.pages.camera.model_sensor import curves_of, iter_sensor, rows_of, taken, words_of
 from gui.widgets.plots import LINES, LinePlot
 from lfcal.camera import Camera
@@ -154,12 +154,12 @@ class SensorDialog(QDialog):
             at_once=True,
         )
 
-    def _job_changed(self, job: Job) -> None:
+    def _job_changed(self, job: WindowJob) -> None:
         if job.number == self._job and job.progress is not None:
             self.bar.setMaximum(job.progress.total)
             self.bar.setValue(job.progress.done)
 
-    def _failed(self, job: Job) -> None:
+    def _failed(self, job: WindowJob) -> None:
         self.bar.setVisible(False)
         self.words.setText(job.error or HINT)
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from gui.models.project import ProjectState
-from gui.models.step import CAMERA_FILE, Step
+from gui.models.step import CAMERA_FILE, CommandStep
 
 __all__ = ["step"]
 
 
-def step(project: ProjectState, out: str = "") -> Step:
+def step(project: ProjectState, out: str = "") -> CommandStep:
     """Return how the camera is shown, or written to ``out`` first."""
     name = out or CAMERA_FILE
     python = f"""
@@ -17,4 +17,4 @@ from lfcal.camera import Camera
 camera = Camera.from_json(Path({name!r}).read_text(encoding="utf-8"))
 print(camera.name, camera.pitch_px, camera.marks.paths("assumed"))
 """
-    return Step(("camera", "show", name), python, ((name, project.camera.to_json()),))
+    return CommandStep(("camera", "show", name), python, ((name, project.camera.to_json()),))

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QTabWidget
 
-from gui.pages.fit.model_run import Found, Place
+from gui.pages.fit.model_run import FoundFit, Place
 from gui.pages.fit.model_words import COLUMNS, NUMBERS, findings_of, parameter_rows
 from gui.pages.fit.patterns_view import PatternsView
 from gui.pages.fit.rounds_view import RoundsView
@@ -31,7 +31,7 @@ class FoundTabs(QTabWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        self._found: Found | None = None
+        self._found: FoundFit | None = None
         self.patterns, self.rounds = PatternsView(), RoundsView()
         self.patterns.place_asked.connect(self.place_asked.emit)
         self.parameters = RowsTable(COLUMNS, len(COLUMNS) - 1, NUMBERS)
@@ -54,14 +54,14 @@ class FoundTabs(QTabWidget):
         ):
             self.setTabToolTip(self.addTab(widget, title), tip)
 
-    def show_found(self, found: Found, rounds: Sequence[FitProgress]) -> None:
+    def show_found(self, found: FoundFit, rounds: Sequence[FitProgress]) -> None:
         """Show what a fit found, and its rounds."""
         self._found = found
         self.patterns.show_found(found)
         self.rounds.show_rounds(rounds, "Fitted while the session was recorded, which keeps no rounds.")
         self._show_rows(found)
 
-    def _show_rows(self, found: Found) -> None:
+    def _show_rows(self, found: FoundFit) -> None:
         rows = parameter_rows(found.fit)
         theme = current_theme()
         self.parameters.show_rows(

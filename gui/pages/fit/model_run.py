@@ -20,7 +20,7 @@ from lfcal.progress import Progress, Work
 from lfcal.psf import PSFMatrix
 from lfcal.psf.provenance import light_shares
 
-__all__ = ["Found", "Kept", "Place", "Question", "asked_of", "iter_fit", "iter_taken"]
+__all__ = ["FitRequest", "FitRun", "FoundFit", "Place", "asked_of", "iter_fit", "iter_taken"]
 
 F4 = NDArray[np.float32]
 Place = tuple[int, int, int]
@@ -28,7 +28,7 @@ Place = tuple[int, int, int]
 
 
 @dataclass(frozen=True, eq=False)
-class Question:
+class FitRequest:
     """What is fitted to what.
 
     Attributes
@@ -52,7 +52,7 @@ class Question:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class FoundFit:
     """What a fit found, with pictures of every pattern that it was given.
 
     Attributes
@@ -75,7 +75,7 @@ class Found:
         chi² of each plane, and of the pixels behind each lens type; NaN where nothing was measured.
     """
 
-    question: Question
+    question: FitRequest
     fit: Fit
     measured: Measured
     unit: str
@@ -101,17 +101,17 @@ class Found:
 
 
 @dataclass
-class Kept:
+class FitRun:
     """What a fit at work in a thread has told so far, and at its end what it found.
 
     The window reads it at any time: rounds are only added.
     """
 
     rounds: list[FitProgress] = field(default_factory=list)
-    found: Found | None = None
+    found: FoundFit | None = None
 
 
-def asked_of(project: ProjectState, settings: FitSettings) -> Question:
+def asked_of(project: ProjectState, settings: FitSettings) -> FitRequest:
     """Return what is to be fitted in a project.
 
     Raises
@@ -125,10 +125,10 @@ def asked_of(project: ProjectState, settings: FitSettings) -> Question:
     _ = settings.noise  # raises where it is none
     if not settings.unknowns:
         raise InputError.expected("unknowns", "one group or more", "none", "choose some, or automatic")
-    return Question(project.psf, stamp, settings, project.camera, project.plan)
+    return FitRequest(project.psf, stamp, settings, project.camera, project.plan)
 
 
-def iter_fit(asked: Question, kept: Kept) -> Work[None]:
+def iter_fit(asked: FitRequest, kept: FitRun) -> Work[None]:
     """Fit the recorded positions of H; what comes out is in ``kept``, as jobs are remembered long after they ended."""
     start = time.perf_counter()
     measured, unit = _read(asked)
@@ -150,7 +150,7 @@ def iter_fit(asked: Question, kept: Kept) -> Work[None]:
     yield Progress(1, 1, "what is left of each pattern", time.perf_counter() - start)
 
 
-def iter_taken(asked: Question, fit: Fit, kept: Kept) -> Work[None]:
+def iter_taken(asked: FitRequest, fit: Fit, kept: FitRun) -> Work[None]:
     """Take over a ``fit`` of these patterns that was made elsewhere: they are read and compared with it."""
     start = time.perf_counter()
     yield Progress(0, 1, "patterns of the fit", 0.0)
@@ -163,7 +163,7 @@ def iter_taken(asked: Question, fit: Fit, kept: Kept) -> Work[None]:
     yield Progress(1, 1, "patterns of the fit", time.perf_counter() - start)
 
 
-def _unknowns(asked: Question, measured: Measured) -> str | tuple[str, ...]:
+def _unknowns(asked: FitRequest, measured: Measured) -> str | tuple[str, ...]:
     """Return what is found; groups that the page greys out, which were chosen for another camera, are not."""
     chosen = asked.settings.unknowns
     if isinstance(chosen, str):
@@ -176,7 +176,7 @@ def _unknowns(asked: Question, measured: Measured) -> str | tuple[str, ...]:
     return own
 
 
-def _read(asked: Question, places: list[Place] | None = None) -> tuple[Measured, str]:
+def _read(asked: FitRequest, places: list[Place] | None = None) -> tuple[Measured, str]:
     """Return the patterns to fit, or those of ``places``; the file is closed again: others may want to replace it."""
     from lfcal.psf import open_psf
 
@@ -203,7 +203,7 @@ def _kept_aside(matrix: PSFMatrix, places: list[Place]) -> list[Place]:
     return [place for place in places if place in every]
 
 
-def _owned(matrix: PSFMatrix, asked: Question) -> PSFMatrix:
+def _owned(matrix: PSFMatrix, asked: FitRequest) -> PSFMatrix:
     """Return H with a camera: where it has none, its depths and anchor are of no meaning either, but a plan's are."""
     if matrix.camera is not None:
         return matrix
@@ -214,7 +214,7 @@ def _owned(matrix: PSFMatrix, asked: Question) -> PSFMatrix:
     return PSFMatrix(matrix.planes, depths=plan.depths_um, camera=plan.camera, anchor=plan.anchor, facts=matrix.facts)
 
 
-def _found(asked: Question, fit: Fit, measured: Measured, unit: str) -> Found:
+def _found(asked: FitRequest, fit: Fit, measured: Measured, unit: str) -> FoundFit:
     left = leftover_of(fit, measured)
     model, residual, chi2 = _outliers(fit, measured)
     fitted = [_place(at) for at in left.index]
@@ -222,7 +222,7 @@ def _found(asked: Question, fit: Fit, measured: Measured, unit: str) -> Found:
     residual |= dict(zip(fitted, left.residual, strict=True))
     chi2 |= dict(zip(fitted, left.chi2.tolist(), strict=True))
     patterns = {_place(at): pattern for at, pattern in zip(measured.index, measured.patterns, strict=True)}
-    return Found(
+    return FoundFit(
         asked,
         fit,
         measured,

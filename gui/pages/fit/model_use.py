@@ -13,11 +13,11 @@ from lfcal.fit.files import measured_camera
 from lfcal.plain import plain
 from lfcal.simulate.effects import CATALOGUE
 
-__all__ = ["Use", "use_of"]
+__all__ = ["FitUse", "use_of"]
 
 
 @dataclass(frozen=True)
-class Use:
+class FitUse:
     """What becomes of the project.
 
     Attributes
@@ -37,7 +37,7 @@ class Use:
         return bool(project.camera == camera and project.camera.marks == camera.marks)
 
 
-def use_of(project: ProjectState, fit: Fit) -> Use:
+def use_of(project: ProjectState, fit: Fit) -> FitUse:
     """Return what the project becomes with the camera and effects as found.
 
     The plan keeps its positions on the sensor, its depths and its exposures; one that does not go with the camera is
@@ -57,7 +57,7 @@ def use_of(project: ProjectState, fit: Fit) -> Use:
     words.append("Simulate has the effects of the fit")
     if any(fit.setup.depth_errors_um) or fit.setup.stage_scale:
         words.append("depths and the stage's scale that were found are no part of a camera: the plan has its own")
-    return Use({"camera": camera, "plan": plan, "settings": settings}, "; ".join(words) + ".")
+    return FitUse({"camera": camera, "plan": plan, "settings": settings}, "; ".join(words) + ".")
 
 
 def _simulate(project: ProjectState, fit: Fit) -> dict[str, Any]:

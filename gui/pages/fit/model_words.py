@@ -7,14 +7,14 @@ import re
 from dataclasses import dataclass
 
 from gui.models.words import typeset
-from gui.pages.fit.model_run import Found, Place
+from gui.pages.fit.model_run import FoundFit, Place
 from lfcal.fit import GROUPS, Fit, Outlier, Parameter
 from lfcal.units import format_length, format_share
 
 __all__ = [
     "COLUMNS",
     "NUMBERS",
-    "Finding",
+    "FitFinding",
     "ParameterRow",
     "chi2_words",
     "detail_of",
@@ -25,7 +25,7 @@ __all__ = [
     "verdict_of",
 ]
 
-COLUMNS = ("Parameter", "Found", "± σ", "Stated", "Unit", "Off (σ)", "Group")
+COLUMNS = ("Parameter", "FoundFit", "± σ", "Stated", "Unit", "Off (σ)", "Group")
 NUMBERS = (1, 2, 3, 5)
 """Columns that are sorted by their numbers."""
 
@@ -93,7 +93,7 @@ def verdict_of(fit: Fit) -> str:
     return f"The model is incomplete: {more}. {off}; more positions do not help."
 
 
-def detail_of(found: Found) -> str:
+def detail_of(found: FoundFit) -> str:
     """Return what the verdict stands on."""
     fit = found.fit
     fates = [found.fate(place) for place in found.places]
@@ -115,7 +115,7 @@ def detail_of(found: Found) -> str:
 
 # -- what it does not tell ---------------------------------------------------------------------------------
 @dataclass(frozen=True)
-class Finding:
+class FitFinding:
     """A line on the fit; ``place`` (z, y, x) is the pattern that it is about, None where it is about none."""
 
     kind: str
@@ -123,28 +123,28 @@ class Finding:
     place: Place | None = None
 
 
-def findings_of(fit: Fit) -> tuple[Finding, ...]:
+def findings_of(fit: Fit) -> tuple[FitFinding, ...]:
     """Return what the scan does not tell, what is held, answers, outliers, and groups that did not help."""
-    found = [Finding(f"not as described: {question}", answer) for question, answer in fit.answers.items()]
+    found = [FitFinding(f"not as described: {question}", answer) for question, answer in fit.answers.items()]
     found += [_outlier(one) for one in fit.outliers]
-    found += [Finding("not measured", fit.unseen_words)] if fit.unseen else []
-    found += [Finding("this scan does not tell apart", one) for one in fit.unidentified]
-    found += [Finding("held", one) for one in fit.held]
-    found += [Finding("fitted", _title(name)) for name in fit.groups]
-    found += [Finding("tried, did not help", _title(name)) for name in fit.unhelpful]
+    found += [FitFinding("not measured", fit.unseen_words)] if fit.unseen else []
+    found += [FitFinding("this scan does not tell apart", one) for one in fit.unidentified]
+    found += [FitFinding("held", one) for one in fit.held]
+    found += [FitFinding("fitted", _title(name)) for name in fit.groups]
+    found += [FitFinding("tried, did not help", _title(name)) for name in fit.unhelpful]
     return tuple(found)
 
 
-def _outlier(one: Outlier) -> Finding:
+def _outlier(one: Outlier) -> FitFinding:
     place = (one.z, one.y, one.x)
-    return Finding("left out", f"plane {one.z}, y {one.y}, x {one.x}: {one.reason}", place)
+    return FitFinding("left out", f"plane {one.z}, y {one.y}, x {one.x}: {one.reason}", place)
 
 
 def _title(name: str) -> str:
     return typeset(GROUPS.get(name).title) if name in GROUPS else name
 
 
-def place_words(found: Found, place: Place) -> str:
+def place_words(found: FoundFit, place: Place) -> str:
     """Return a pattern in words: where it is, what became of it, and how well it is explained."""
     z, y, x = place
     depth = found.measured.plan.depths_um[z]
@@ -153,7 +153,7 @@ def place_words(found: Found, place: Place) -> str:
     return f"{at}: {found.fate(place)}, χ² {found.chi2[place]:.3g}"
 
 
-def chi2_words(found: Found) -> str:
+def chi2_words(found: FoundFit) -> str:
     """Return chi² of each plane and lens type in lines."""
     lines = []
     for name, values in (("plane", found.by_plane), ("lens type", found.by_type)):

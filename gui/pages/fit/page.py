@@ -10,13 +10,13 @@ from typing import Any
 
 from gui.base_page import BasePage
 from gui.context import Context
-from gui.jobs import WAITS, Job, JobState
+from gui.jobs import WAITS, JobState, WindowJob
 from gui.models.fitted import FittedCamera
 from gui.models.page import PageSpec, with_found
 from gui.models.project import ProjectState
 from gui.pages.fit.model import FitSettings, Stamp, offer_of, stamp_of
-from gui.pages.fit.model_run import Found, Kept, Place, asked_of, iter_fit, iter_taken
-from gui.pages.fit.model_use import Use, use_of
+from gui.pages.fit.model_run import FitRun, FoundFit, Place, asked_of, iter_fit, iter_taken
+from gui.pages.fit.model_use import FitUse, use_of
 from gui.pages.fit.panel import FitPanel
 from gui.pages.fit.patterns_view import PatternsView
 from gui.pages.fit.results import Results
@@ -33,12 +33,12 @@ class Page(BasePage):
 
     def __init__(self, spec: PageSpec, context: Context) -> None:
         super().__init__(spec, context)
-        self.found: Found | None = None
-        self._kept, self._rounds = Kept(), Kept()
+        self.found: FoundFit | None = None
+        self._kept, self._rounds = FitRun(), FitRun()
         self._stamp: Stamp | None = None
         self._job = 0
         self._said = ("", False)
-        self._used: Use | None = None
+        self._used: FitUse | None = None
         self.results = Results(self)
         self._make_buttons()
         self.panel = FitPanel()
@@ -159,7 +159,7 @@ class Page(BasePage):
         if number:
             self.context.jobs.cancel(number)
         self.found, self._said, self._used = None, ("", False), None
-        self._kept = self._rounds = Kept()
+        self._kept = self._rounds = FitRun()
         self.results.close()
         self.notice.clear()
         self.context.set_fitted(None)
@@ -199,7 +199,7 @@ class Page(BasePage):
         since = "Choices changed since this fit: press Fit to use them." if changed else ""
         self.panel.show_found(self.found, self._rounds.rounds, "\n".join(filter(None, (used, since))))
 
-    def _show_running(self, job: Job) -> None:
+    def _show_running(self, job: WindowJob) -> None:
         record = job.progress
         words = "Fitting: reading H …"
         if record is not None:
@@ -231,10 +231,10 @@ class Page(BasePage):
         asked = asked_of(self.context.state, settings)
         self._start(f"Fit of {asked.name}", lambda kept: iter_taken(asked, fit, kept))
 
-    def _start(self, title: str, work: Callable[[Kept], Work[None]]) -> None:
+    def _start(self, title: str, work: Callable[[FitRun], Work[None]]) -> None:
         self.notice.clear()
         self.hold_keyboard()
-        self._kept = kept = Kept()
+        self._kept = kept = FitRun()
         taken = self.context.taken("fit", title, draft=True)
         self._said, self._used = ("", False), None
         jobs, needs = self.context.jobs, () if self._stamp is None else (self._stamp[0],)
@@ -243,13 +243,13 @@ class Page(BasePage):
         waits = self._job in jobs.waiting()
         self.panel.show_running(WAITS if waits else "Fitting: reading H …", None, ())
 
-    def _job_changed(self, job: Job) -> None:
+    def _job_changed(self, job: WindowJob) -> None:
         if job.number == self._job and job.state is JobState.RUNNING:
             self._show_running(job)
         elif job.page == "acquire" and (not job.active or job.progress is None):
             self._show_buttons()
 
-    def _job_finished(self, job: Job) -> None:
+    def _job_finished(self, job: WindowJob) -> None:
         if job.number != self._job:
             return
         self._job, kept = 0, self._kept
@@ -266,7 +266,7 @@ class Page(BasePage):
             self._said = (job.error or "Stopped.", bool(job.error))
         elif job.error:
             self.refuse(job.error)
-        self._kept = Kept()
+        self._kept = FitRun()
         self._follow()
 
     # -- using -----------------------------------------------------------------------------------------

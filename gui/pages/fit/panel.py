@@ -20,7 +20,7 @@ from PySide6.QtWidgets import (
 
 from gui.pages.fit.choices_panel import ChoicesPanel
 from gui.pages.fit.found_tabs import FoundTabs
-from gui.pages.fit.model_run import Found, Place
+from gui.pages.fit.model_run import FoundFit, Place
 from gui.pages.fit.model_words import detail_of, merit_of, verdict_of
 from gui.pages.fit.patterns_view import PatternsView
 from gui.pages.fit.rounds_view import RoundsView
@@ -50,7 +50,7 @@ class FitPanel(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        self._found: Found | None = None
+        self._found: FoundFit | None = None
         self.choices = ChoicesPanel()
         self.ready = QLabel(READY)
         self.ready.setAlignment(Qt.AlignmentFlag.AlignCenter)
@@ -126,7 +126,7 @@ class FitPanel(QWidget):
         self.running.show_rounds(rounds)
         self.stack.setCurrentWidget(self.running)
 
-    def show_found(self, found: Found, rounds: Sequence[FitProgress], note: str = "") -> None:
+    def show_found(self, found: FoundFit, rounds: Sequence[FitProgress], note: str = "") -> None:
         """Show what a fit found; ``note``: what was done or chosen since."""
         if found is not self._found:
             self._found = found

@@ -12,7 +12,7 @@ from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QLabel, QPushButton, QSlider, QVBoxLayout, QWidget
 
 from gui.models.display import levels_of
-from gui.pages.fit.model_run import Found, Place
+from gui.pages.fit.model_run import FoundFit, Place
 from gui.pages.fit.model_words import chi2_words, place_words
 from gui.pages.fit.place_map import PlaceMap
 from gui.widgets.cards import choice_box, heading
@@ -74,7 +74,7 @@ class PatternsView(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        self._found: Found | None = None
+        self._found: FoundFit | None = None
         self._place: Place | None = None
         self.measured, self.model = LinkedView("counts", first=True), LinkedView("counts")
         self.residual = LinkedView("residual (σ of the noise)", signed=True)
@@ -149,7 +149,7 @@ class PatternsView(QWidget):
         return frame
 
     # -- showing ---------------------------------------------------------------------------------------
-    def show_found(self, found: Found) -> None:
+    def show_found(self, found: FoundFit) -> None:
         """Show the patterns of a fit, from the first."""
         self._found = found
         self._place = None  # the map is of the fit before, also where the plane is the same

@@ -10,7 +10,7 @@ import pyqtgraph as pg
 from PySide6.QtCore import QRectF, Signal
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
-from gui.pages.fit.model_run import Found, Place
+from gui.pages.fit.model_run import FoundFit, Place
 from gui.theme import current_theme
 from gui.widgets.colour_bar import ColourBar, theme_table
 from gui.widgets.picture_menu import offer_menu, table_entries
@@ -53,7 +53,7 @@ class PlaceMap(QWidget):
         self.graphics.addItem(self.bar, row=0, col=1)
         self.places: tuple[Place, ...] = ()
         self._tips: dict[Place, str] = {}
-        self._shown: tuple[Found, int] | None = None
+        self._shown: tuple[FoundFit, int] | None = None
         self.dots = pg.ScatterPlotItem(hoverable=True, tip=lambda x, y, data: self._tips[data])
         self.dots.sigClicked.connect(self._clicked)
         self.ring = pg.ScatterPlotItem(size=19, symbol="o", brush=None)
@@ -63,7 +63,7 @@ class PlaceMap(QWidget):
         self.setToolTip("Click a position to see its pattern")
         self.apply_theme()
 
-    def show_plane(self, found: Found, z: int) -> None:
+    def show_plane(self, found: FoundFit, z: int) -> None:
         """Show the patterns of a plane; colours mean the same in all planes."""
         self._shown = (found, z)
         ny, nx = found.measured.plan.period

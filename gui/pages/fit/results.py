@@ -11,8 +11,8 @@ from PySide6.QtCore import QUrl
 from PySide6.QtGui import QDesktopServices
 from PySide6.QtWidgets import QFileDialog
 
-from gui.jobs import Job
-from gui.pages.fit.model_run import Found
+from gui.jobs import WindowJob
+from gui.pages.fit.model_run import FoundFit
 from gui.pages.fit.step import step
 from gui.saving import ask_target, may_replace
 from lfcal.fit.files import iter_write_model
@@ -61,7 +61,7 @@ class Results:
             lambda job: self._page.refuse(job.error),
         )
 
-    def _computed(self, found: Found, path: str) -> None:
+    def _computed(self, found: FoundFit, path: str) -> None:
         self.context.message.emit(f"H of the fitted camera written: {path}")
         if found is self._page.found:  # of another H it is no reference
             self.context.project.update("H of the fit", reference=path)
@@ -88,7 +88,7 @@ class Results:
             taken=self.context.taken("fit", f"Fit {found.question.name}", folder, lambda: step(state, folder)),
         )
 
-    def _saved(self, found: Found, files: list[Path]) -> None:
+    def _saved(self, found: FoundFit, files: list[Path]) -> None:
         self.context.message.emit(f"fit written: {files[-1].parent}")
         if found is self._page.found:
             self.report = next(path for path in files if path.parent.name == REPORT)
@@ -119,11 +119,11 @@ class Results:
             lambda job: self._failed(found, job),
         )
 
-    def _failed(self, found: Found, job: Job) -> None:
+    def _failed(self, found: FoundFit, job: WindowJob) -> None:
         if found is self._page.found:  # else its folder was taken away meanwhile
             self._page.refuse(job.error)
 
-    def _reported(self, found: Found, page: Path) -> None:
+    def _reported(self, found: FoundFit, page: Path) -> None:
         if found is self._page.found:
             self.report = page
             self.show_page(page)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from gui.models.project import ProjectState
-from gui.models.step import CAMERA_FILE, Step, needed_file, options_of
+from gui.models.step import CAMERA_FILE, CommandStep, needed_file, options_of
 from gui.pages.fit.model import FitSettings
 
 __all__ = ["step"]
 
 
-def step(project: ProjectState, out: str = "") -> Step:
+def step(project: ProjectState, out: str = "") -> CommandStep:
     """Return how the camera is fitted to H."""
     psf, chosen = needed_file(project.psf, "H", "PSF"), FitSettings.of(project)
     folder = out or "fit"
@@ -33,4 +33,6 @@ with open_psf({psf!r}) as H:
     Path({folder!r}).mkdir(parents=True, exist_ok=True)
     Path({folder!r}, "camera.json").write_text(fit.camera.to_json(), encoding="utf-8")
 """
-    return Step(("fit", psf, *options_of(pairs)), python, () if own else ((CAMERA_FILE, project.camera.to_json()),))
+    return CommandStep(
+        ("fit", psf, *options_of(pairs)), python, () if own else ((CAMERA_FILE, project.camera.to_json()),)
+    )

@@ -31,7 +31,7 @@ __all__ = [
     "WAYS",
     "Delivered",
     "FrameSettings",
-    "Imported",
+    "ImportedFrames",
     "Opened",
     "import_folder",
     "open_imported",
@@ -292,7 +292,7 @@ def _dark_words(chain: CorrectionChain) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class Imported:
+class ImportedFrames:
     """What a folder of frames brings, before the project takes it.
 
     Attributes
@@ -318,7 +318,7 @@ class Imported:
             self.opened.close()
 
 
-def import_folder(path: str, settings: FrameSettings, plan: ScanPlan | None, *, keep: bool = False) -> Imported:
+def import_folder(path: str, settings: FrameSettings, plan: ScanPlan | None, *, keep: bool = False) -> ImportedFrames:
     """Open a folder of frames or a recorded session; dark, white and plan beside it are found.
 
     What the settings say of positions, samples, colour and orientation belongs to other frames, unless it is to be
@@ -349,7 +349,7 @@ def import_folder(path: str, settings: FrameSettings, plan: ScanPlan | None, *, 
         found = {place.name: str(place) for place in places if place.is_dir()}
         chosen = replace(chosen, dark=found.get("dark", ""), white=found.get("white", ""))
     opened = None if plan is None else open_imported(str(frames), chosen, plan)
-    return Imported(str(frames), chosen, plan, opened)
+    return ImportedFrames(str(frames), chosen, plan, opened)
 
 
 def _plan_in(*folders: Path) -> ScanPlan | None:

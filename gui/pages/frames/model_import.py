@@ -10,7 +10,7 @@ from typing import Any
 from gui.pages.frames.import_choice import ImportChoice, check_ways, list_of, root_of
 from gui.pages.frames.import_words import said_in_dialog
 from gui.pages.frames.list_columns import columns_used
-from gui.pages.frames.model import FrameSettings, Imported, Opened, import_folder, open_imported, open_source
+from gui.pages.frames.model import FrameSettings, ImportedFrames, Opened, import_folder, open_imported, open_source
 from gui.pages.frames.model_frame import Loaded, load_frame
 from gui.pages.frames.orientation import other_sensor
 from lfcal.camera import Camera, ScanPlan
@@ -65,7 +65,7 @@ class Survey:
     problem: str = ""
     colours: tuple[str, ...] = ()
     shift: int = 0
-    imported: Imported | None = None
+    imported: ImportedFrames | None = None
     shown: tuple[Loaded, ...] = field(default=())
 
     def close(self) -> None:
@@ -178,7 +178,7 @@ def _opened(found: Survey, plan: ScanPlan | None, camera: Camera | None) -> Surv
     return replace(found, notes=tuple(notes), colours=colours, shift=shift, imported=imported, shown=shown)
 
 
-def _imported(choice: ImportChoice, shift: int, plan: ScanPlan | None) -> Imported:
+def _imported(choice: ImportChoice, shift: int, plan: ScanPlan | None) -> ImportedFrames:
     """Return the frames, open; raises where no plan says how, and first what else is wrong with them."""
     listed = list_of(choice)
     if listed is not None and not Path(choice.frames).is_file() and listed.parent != root_of(choice):
@@ -240,7 +240,7 @@ def _three(opened: Opened) -> list[Position]:
     return [there[0], there[len(there) // 2], there[-1]] if there else []
 
 
-def open_choice(survey_: Survey, project: FrameSettings) -> Imported:
+def open_choice(survey_: Survey, project: FrameSettings) -> ImportedFrames:
     """Return the frames of a survey with the project's other settings kept."""
     imported = survey_.imported
     assert imported is not None

@@ -12,13 +12,13 @@ from PySide6.QtWidgets import QFileDialog
 
 from gui.base_page import BasePage
 from gui.context import Context
-from gui.jobs import Job
+from gui.jobs import WindowJob
 from gui.models.filling import Filling
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
 from gui.pages.frames.assembly import iter_assembly, notes_of
 from gui.pages.frames.import_dialog import ImportDialog
-from gui.pages.frames.model import FrameSettings, Imported, Opened, import_folder, open_imported
+from gui.pages.frames.model import FrameSettings, ImportedFrames, Opened, import_folder, open_imported
 from gui.pages.frames.model_frame import Loaded, load_frame
 from gui.pages.frames.model_import import open_choice
 from gui.pages.frames.noticed import Noticed
@@ -47,7 +47,7 @@ class Page(BasePage):
         self.opened: Opened | None = None
         self.found: FoundOrientation | None = None
         """Which way the frames lie, as soon as that is known."""
-        self._ready: Imported | None = None
+        self._ready: ImportedFrames | None = None
         """Frames that are open already when the project takes them."""
         self.loaded: Loaded | None = None
         self.dialog: ImportDialog | None = None
@@ -142,7 +142,7 @@ class Page(BasePage):
             self.notice.offer(words, "Import …", lambda: self.start_import(path), stay="Dismiss")
 
         name = Path(path).name
-        self.load(name, lambda: import_folder(path, settings, plan), self._imported, Imported.close, failed)
+        self.load(name, lambda: import_folder(path, settings, plan), self._imported, ImportedFrames.close, failed)
 
     def start_import(self, frames: str = "", listed: str = "") -> None:
         """Ask what frames that others recorded are, with what was found of them."""
@@ -154,7 +154,7 @@ class Page(BasePage):
         if frames:
             self.dialog.look_at(frames, listed)
 
-    def _imported(self, found: Imported) -> None:
+    def _imported(self, found: ImportedFrames) -> None:
         changes: dict[str, Any] = {"frames": found.folder, "settings": found.settings.into(self.context.state)}
         if found.plan is not None:
             changes |= {"plan": found.plan, "camera": found.plan.camera}
@@ -306,7 +306,7 @@ class Page(BasePage):
             words = self.filling.words(z, len(self.opened.frames), under_way=self._assembling)
             self.panel.show_map(frames >= 0, self.filling.light(z), words)
 
-    def _fill(self, job: Job) -> None:
+    def _fill(self, job: WindowJob) -> None:
         """Show H as it fills: each position as soon as its pattern is there."""
         if job.page != self.spec.key or not self.filling.follows(job.number, job.progress):
             return
@@ -356,7 +356,7 @@ class Page(BasePage):
             self._offer_turn("No H: ")
         return refused
 
-    def _not_assembled(self, _: Job) -> None:
+    def _not_assembled(self, _: WindowJob) -> None:
         self._refused()
 
     def _assembled(self, report: Any) -> None:

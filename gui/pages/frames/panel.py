@@ -20,7 +20,7 @@ from PySide6.QtWidgets import (
 )
 
 from gui.jobs import Jobs
-from gui.models.display import Display
+from gui.models.display import DisplaySettings
 from gui.models.frame_view import FrameNumbers
 from gui.pages.frames.choices import FrameChoices
 from gui.pages.frames.model_frame import Loaded
@@ -129,7 +129,7 @@ class FramesPanel(QWidget):
         self.scale_box = choice_box(SCALES, "Gamma and log bring out faint light beside the spot (L: log, G: gamma)")
         self.scale_box.setAccessibleName("scaling of colours")
         self.scale_box.currentIndexChanged.connect(
-            lambda _: self._set_display(Display(scale=self.scale_box.currentData()))
+            lambda _: self._set_display(DisplaySettings(scale=self.scale_box.currentData()))
         )
         whole, self.follow = QPushButton("Whole frame"), QPushButton("Follow cutout")
         whole.setToolTip("See where in the frame the image lies; the cutout is no longer followed")
@@ -241,7 +241,7 @@ class FramesPanel(QWidget):
         self.crop.set_image(crop, name="cutout")
         self.crop_words.setText(words)
 
-    def _set_display(self, display: Display) -> None:
+    def _set_display(self, display: DisplaySettings) -> None:
         self.view.set_display(display)
         self.crop.set_display(display)
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from gui.models.project import ProjectState
-from gui.models.step import PLAN_FILE, Step, needed_file, needed_plan, options_of
+from gui.models.step import PLAN_FILE, CommandStep, needed_file, needed_plan, options_of
 from gui.pages.frames.model import FrameSettings
 from lfcal.frames.part import parse_origin
 
 __all__ = ["step"]
 
 
-def step(project: ProjectState, out: str = "") -> Step:
+def step(project: ProjectState, out: str = "") -> CommandStep:
     """Return how H is made of the frames."""
     frames = needed_file(project.frames, "frames", "Frames")
     plan, chosen = needed_plan(project), FrameSettings.of(project)
@@ -37,7 +37,7 @@ def step(project: ProjectState, out: str = "") -> Step:
         ("--out", out),
     )
     script = _script(frames, chosen, dark, white, background, out)
-    return Step(("assemble", frames, *options_of(pairs)), script, ((PLAN_FILE, plan.to_json()),))
+    return CommandStep(("assemble", frames, *options_of(pairs)), script, ((PLAN_FILE, plan.to_json()),))
 
 
 def _script(frames: str, chosen: FrameSettings, dark: str, white: str, background: str, out: str) -> str:

@@ -22,14 +22,14 @@ from lfcal.multiplex.sensor_noise import sensor_noise
 from lfcal.multiplex.spectra import shipped_spectra
 from lfcal.multiplex.summary import ModulatorNumbers, describe
 
-__all__ = ["Comparison", "compare", "number"]
+__all__ = ["ModulatorComparison", "compare", "number"]
 
 MAX_SEEN = 1000
 """Pixels times samples of a modulator whose MTF is shown: larger ones take seconds."""
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class ModulatorComparison:
     """Numbers of the modulator and gains of all.
 
     Attributes
@@ -53,7 +53,7 @@ class Comparison:
     reason: str = ""
 
 
-def compare(settings: MultiplexSettings, sensor: Sensor, camera: str = "camera") -> Comparison:
+def compare(settings: MultiplexSettings, sensor: Sensor, camera: str = "camera") -> ModulatorComparison:
     """Return numbers and gain curves of the chosen modulators for a camera."""
     modulator, reference = settings.modulator(), settings.reference()
     chi2 = camera_chi2(sensor, gain=settings.gain)
@@ -68,7 +68,7 @@ def compare(settings: MultiplexSettings, sensor: Sensor, camera: str = "camera")
         curves = gain_curves(list(drawn.values()), reference, np.logspace(-4, high, 161), cameras={camera: chi2})
         left_out = [n for n, gains in zip(curves.names, curves.gains, strict=True) if not np.isfinite(gains).all()]
     rows = (*_rows(numbers, reference.name, chi2), *_merits(settings, modulator, reference, sensor))
-    return Comparison(rows, curves, tuple(left_out), chi2, reason)
+    return ModulatorComparison(rows, curves, tuple(left_out), chi2, reason)
 
 
 def _merits(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gui.pages.multiplex import model_routes as routes
 from gui.pages.multiplex.model import MultiplexSettings
-from gui.pages.multiplex.model_routes import Part
+from gui.pages.multiplex.model_routes import FramePart
 from lfcal.camera import Camera, Sensor
 from lfcal.errors import FileFormatError, InputError, LfcalError
 from lfcal.multiplex.black_level import black_level_map
@@ -51,7 +51,7 @@ class Seen:
     frame: Array = field(repr=False)
     words: str
     truth: Array | None = field(default=None, repr=False)
-    part: Part | None = None
+    part: FramePart | None = None
     level: Any = 0.0
 
 
@@ -169,17 +169,17 @@ def _opened(path: str, side: tuple[int, int], dark: float = 0.0) -> Seen:
     return Seen(light, f"frame with filters {cfa}" if cfa else "frame", None, part, black)
 
 
-def _part(shape: tuple[int, ...], first: tuple[int, int], side: tuple[int, int]) -> Part:
+def _part(shape: tuple[int, ...], first: tuple[int, int], side: tuple[int, int]) -> FramePart:
     """Return the middle part of a frame, from a whole super-pixel on; these begin at the sensor's corner.
 
     ``first`` is the sensor's pixel of the frame's first one.
     """
     start = [max(0, n - LARGEST) // 2 for n in shape]
     top, left = (s + -(s + f) % p for s, f, p in zip(start, first, side, strict=True))
-    return Part((top, left), (shape[0], shape[1]))
+    return FramePart((top, left), (shape[0], shape[1]))
 
 
-def _cut(image: Array, part: Part) -> Array:
+def _cut(image: Array, part: FramePart) -> Array:
     return part.cut(image, (LARGEST, LARGEST))
 
 
@@ -187,7 +187,7 @@ def _from_live(frame: Array, first: tuple[int, int], side: tuple[int, int], sens
     part, level = _part(frame.shape, first, side), sensor.black_level
     light = np.asarray(_cut(frame, part), np.float32) - np.float32(level)
     corner = (first[0] + part.corner[0], first[1] + part.corner[1])
-    return Seen(light, f"live frame, {_sized(light.shape)}", None, Part(corner, sensor.shape), level)
+    return Seen(light, f"live frame, {_sized(light.shape)}", None, FramePart(corner, sensor.shape), level)
 
 
 def _from_file(settings: MultiplexSettings, modulator: Modulator, dark: float) -> Seen:

@@ -26,7 +26,7 @@ from lfcal.multiplex.scenes import colour_edges, filament_light_field, view_edge
 from lfcal.npy import map_npy
 
 __all__ = [
-    "Part",
+    "FramePart",
     "at_nodes",
     "at_samples",
     "dead_pixels",
@@ -54,7 +54,7 @@ Array = NDArray[Any]
 
 
 @dataclass(frozen=True)
-class Part:
+class FramePart:
     """Where a frame lies in the whole one: its first pixel (row, column), and the whole's shape."""
 
     corner: tuple[int, int]
@@ -66,7 +66,7 @@ class Part:
         return image[..., top : top + rows, left : left + columns]
 
 
-def dead_pixels(path: str, part: Part, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+def dead_pixels(path: str, part: FramePart, shape: tuple[int, ...]) -> NDArray[np.bool_]:
     """Return where the map at ``path`` marks dead pixels of a frame that is a part of the whole."""
     marked = read_image(path)
     if marked.shape != part.whole:
@@ -74,14 +74,16 @@ def dead_pixels(path: str, part: Part, shape: tuple[int, ...]) -> NDArray[np.boo
     return np.asarray(part.cut(marked, shape) != 0)
 
 
-def shares_of(settings: MultiplexSettings, modulator: Modulator, part: Part | None, shape: Any) -> Array | Modulator:
+def shares_of(
+    settings: MultiplexSettings, modulator: Modulator, part: FramePart | None, shape: Any
+) -> Array | Modulator:
     """Return what pixels take of each sample: of the file of transmissions, the same part, or the modulator's."""
     if not settings.transmissions:
         _check_count(modulator.count, shape)
         return modulator
     found = _transmissions(settings.transmissions)
     if part is None:
-        part = Part(_middle(found.shape[1:], shape), (found.shape[1], found.shape[2]))
+        part = FramePart(_middle(found.shape[1:], shape), (found.shape[1], found.shape[2]))
     if found.shape[1:] != part.whole:
         raise InputError.expected("transmissions", f"(N, {part.whole})", found.shape, "one per pixel of the frame")
     _check_count(len(found), shape)
@@ -161,7 +163,9 @@ def measured_in(project: ProjectState) -> str:
     return path if same else ""
 
 
-def frame_lattice(white: str, camera: Camera, part: Part | None, shape: tuple[int, int]) -> tuple[FrameLattice, str]:
+def frame_lattice(
+    white: str, camera: Camera, part: FramePart | None, shape: tuple[int, int]
+) -> tuple[FrameLattice, str]:
     """Return the lattice under a frame, and in words where it comes from.
 
     It is measured in a white image where there is one (`white_of`), and else the camera's; a built-in scene lies in the

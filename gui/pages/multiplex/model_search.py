@@ -10,11 +10,11 @@ from lfcal.multiplex.design import Design, best_array, best_printed_mask
 from lfcal.multiplex.noise import camera_chi2
 from lfcal.progress import Clock, Work
 
-__all__ = ["Found", "iter_search"]
+__all__ = ["FoundDesign", "iter_search"]
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class FoundDesign:
     """What a search found: the design, chi^2 it was made for, and lines for people."""
 
     design: Design
@@ -22,7 +22,7 @@ class Found:
     words: tuple[tuple[str, str], ...]
 
 
-def iter_search(settings: MultiplexSettings, sensor: Sensor) -> Work[Found]:
+def iter_search(settings: MultiplexSettings, sensor: Sensor) -> Work[FoundDesign]:
     """Search as a job."""
     clock = Clock("search", 1)
     yield clock.at(0, settings.sought)
@@ -48,7 +48,7 @@ def iter_search(settings: MultiplexSettings, sensor: Sensor) -> Work[Found]:
             least_light=settings.least_light,
         )
     yield clock.at(1)
-    return Found(found, chi2, _words(found, settings, chi2))
+    return FoundDesign(found, chi2, _words(found, settings, chi2))
 
 
 def _words(found: Design, settings: MultiplexSettings, chi2: float) -> tuple[tuple[str, str], ...]:

@@ -10,14 +10,14 @@ from PySide6.QtWidgets import QFileDialog
 
 from gui.base_page import BasePage
 from gui.context import Context
-from gui.jobs import Job, JobState
+from gui.jobs import JobState, WindowJob
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
 from gui.pages.multiplex import model as view
 from gui.pages.multiplex import takes
 from gui.pages.multiplex.drawing import Drawing
 from gui.pages.multiplex.model import ModulatorPicture, MultiplexSettings
-from gui.pages.multiplex.model_compare import Comparison, compare
+from gui.pages.multiplex.model_compare import ModulatorComparison, compare
 from gui.pages.multiplex.model_frames import opened
 from gui.pages.multiplex.model_routes import white_of
 from gui.pages.multiplex.model_scene import Reconstructions, iter_reconstruct
@@ -45,7 +45,7 @@ class Page(BasePage):
         super().__init__(spec, context)
         self.panel = MultiplexPanel()
         self.picture: ModulatorPicture | None = None
-        self.comparison: Comparison | None = None
+        self.comparison: ModulatorComparison | None = None
         self.found: Reconstructions | None = None
         self._entered = False
         self._job = 0
@@ -127,7 +127,7 @@ class Page(BasePage):
         if self._entered and self.panel.tabs.currentIndex() == 2:
             self.drawing.draw()
 
-    def _computed(self, result: tuple[ModulatorPicture, Comparison]) -> None:
+    def _computed(self, result: tuple[ModulatorPicture, ModulatorComparison]) -> None:
         self.picture, self.comparison = result
         self.panel.show_picture(self.picture)
         self.panel.show_comparison(self.comparison, self.context.state.camera.name)
@@ -295,7 +295,7 @@ class Page(BasePage):
             "multiplex live", lambda: drain(iter_reconstruct(settings, camera.sensor, live, camera)), done, failed
         )
 
-    def _job_finished(self, job: Job) -> None:
+    def _job_finished(self, job: WindowJob) -> None:
         if job.number != self._job:
             return
         self._job = 0

@@ -29,7 +29,7 @@ from PySide6.QtWidgets import (
 from gui.pages.multiplex.figures_view import FiguresView
 from gui.pages.multiplex.matrix_view import MatrixView
 from gui.pages.multiplex.model import ModulatorPicture, MultiplexSettings, used_by, why_unused
-from gui.pages.multiplex.model_compare import Comparison, number
+from gui.pages.multiplex.model_compare import ModulatorComparison, number
 from gui.pages.multiplex.model_fields import FIELDS, ROUTE_FIELDS
 from gui.pages.multiplex.pictures import MultiplexPictures
 from gui.pages.multiplex.search_view import SearchView
@@ -288,7 +288,7 @@ class MultiplexPanel(QWidget):
         set_role(self.curve_hint, "error")
         self.curve_hint.setText(escape(words))
 
-    def show_comparison(self, found: Comparison, camera: str) -> None:
+    def show_comparison(self, found: ModulatorComparison, camera: str) -> None:
         """Show numbers and curves."""
         self.table.setEnabled(True)
         self.table.setRowCount(len(found.rows))

@@ -7,7 +7,7 @@ from PySide6.QtWidgets import QGridLayout, QHBoxLayout, QLabel, QPushButton, QWi
 
 from gui.pages.multiplex.matrix_view import MatrixView
 from gui.pages.multiplex.model_fields import SEARCH_FIELDS
-from gui.pages.multiplex.model_search import Found
+from gui.pages.multiplex.model_search import FoundDesign
 from gui.widgets.cards import card
 from gui.widgets.form import Form
 from gui.widgets.words import set_role
@@ -30,7 +30,7 @@ class SearchView(QWidget):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.found: Found | None = None
+        self.found: FoundDesign | None = None
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 8, 0, 0)
         row.setSpacing(8)
@@ -82,7 +82,7 @@ class SearchView(QWidget):
         set_role(self.status, "error" if bad else "hint")
         self.status.setText(words)
 
-    def show_found(self, found: Found | None) -> None:
+    def show_found(self, found: FoundDesign | None) -> None:
         """Show a design, or none."""
         self.found = found
         for title in ("Use", "Save …"):

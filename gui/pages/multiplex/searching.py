@@ -8,7 +8,7 @@ from typing import Any
 from PySide6.QtCore import QObject, Signal
 
 from gui.context import Context
-from gui.jobs import Job, JobState
+from gui.jobs import JobState, WindowJob
 from gui.models.project import ProjectState
 from gui.pages.multiplex.model import MultiplexSettings
 from gui.pages.multiplex.model_fields import SEARCH_FIELDS, TYPED
@@ -98,7 +98,7 @@ class Searching(QObject):
         self.context.project.update(f"use the search's {what}", settings=settings.into(self.context.state))
         self.used.emit()
 
-    def _finished(self, job: Job) -> None:
+    def _finished(self, job: WindowJob) -> None:
         if job.number == self._job:
             self._job = 0
             if job.state is not JobState.DONE:

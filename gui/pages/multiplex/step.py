@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from gui.models.project import ProjectState
-from gui.models.step import CAMERA_FILE, Step, options_of
+from gui.models.step import CAMERA_FILE, CommandStep, options_of
 from gui.pages.multiplex.model import MultiplexSettings
 from gui.pages.multiplex.model_fields import TYPED
 from gui.pages.multiplex.model_frames import is_frame
@@ -15,7 +15,7 @@ from lfcal.errors import InputError
 __all__ = ["step"]
 
 
-def step(project: ProjectState, out: str = "") -> Step:
+def step(project: ProjectState, out: str = "") -> CommandStep:
     """Return how the modulator is compared with its reference, or how an opened frame is demultiplexed."""
     chosen = MultiplexSettings.of(project)
     if chosen.scene == "image" and chosen.image:
@@ -43,10 +43,10 @@ camera = Camera.from_json(Path({CAMERA_FILE!r}).read_text(encoding="utf-8"))
 print(snr_gain({made}, {over}, camera_chi2(camera.sensor, gain={chosen.gain!r})))
 """
     files = ((CAMERA_FILE, project.camera.to_json()),)
-    return Step(("multiplex", "compare", *dict.fromkeys((other, own)), *options_of(pairs)), python, files)
+    return CommandStep(("multiplex", "compare", *dict.fromkeys((other, own)), *options_of(pairs)), python, files)
 
 
-def _views(project: ProjectState, chosen: MultiplexSettings, out: str) -> Step:
+def _views(project: ProjectState, chosen: MultiplexSettings, out: str) -> CommandStep:
     white = measured_in(project)
     weighed = chosen.weighted or bool(chosen.dead)
     pairs = (
@@ -81,7 +81,7 @@ fourier = demultiplex_lattice(np.nan_to_num(light), lattice, modulator, route="f
 write_tiff(Path({_fourier(out)!r}), fourier.astype("f4"), metadata=None)
 """
     files = ((CAMERA_FILE, project.camera.to_json()),)
-    return Step(("multiplex", "views", chosen.image, *options_of(pairs)), python, files)
+    return CommandStep(("multiplex", "views", chosen.image, *options_of(pairs)), python, files)
 
 
 def _fourier(out: str) -> str:
@@ -89,7 +89,7 @@ def _fourier(out: str) -> str:
     return str(path.with_name(f"{path.stem}_fourier{path.suffix}"))
 
 
-def _recovered(project: ProjectState, chosen: MultiplexSettings, out: str) -> Step:
+def _recovered(project: ProjectState, chosen: MultiplexSettings, out: str) -> CommandStep:
     general, weighed = chosen.route == "general", chosen.weighted or bool(chosen.dead)
     own = chosen.transmissions if general else ""
     # the command solves by iterations where transmissions or a spacing are given
@@ -126,7 +126,7 @@ shares = {f"map_npy({own!r})" if own else f"modulator_of({chosen.named()!r})"}
 {_solving(chosen, out)}
 """
     files = ((CAMERA_FILE, project.camera.to_json()),) if chosen.weighted else ()
-    return Step(("multiplex", "recover", chosen.image, *options_of(pairs)), python, files)
+    return CommandStep(("multiplex", "recover", chosen.image, *options_of(pairs)), python, files)
 
 
 def _reading(chosen: MultiplexSettings) -> str:

@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QFileDialog
 
 from gui.base_page import BasePage
 from gui.context import Context
-from gui.jobs import Job
+from gui.jobs import WindowJob
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
 from gui.pages.plan import takes
@@ -134,7 +134,7 @@ class Page(BasePage):
         )
         self._show_target()
 
-    def _job_finished(self, job: Job) -> None:
+    def _job_finished(self, job: WindowJob) -> None:
         if job.number != self._job:
             return
         self._job = 0

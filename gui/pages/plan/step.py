@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 from gui.models.project import ProjectState
-from gui.models.step import CAMERA_FILE, PLAN_FILE, Step, needed_plan, options_of
+from gui.models.step import CAMERA_FILE, PLAN_FILE, CommandStep, needed_plan, options_of
 from gui.pages.plan.model_target import TargetSettings
 
 __all__ = ["scan_step", "step", "target_step"]
 
 
-def step(project: ProjectState, out: str = "") -> Step:
+def step(project: ProjectState, out: str = "") -> CommandStep:
     """Return how what the page shows is made: the plan of a target where one is asked for, else that of the scan.
 
     ``out`` is a file of the scan's plan, which that of a target must not replace.
@@ -19,7 +19,7 @@ def step(project: ProjectState, out: str = "") -> Step:
     return target_step(project) if TargetSettings.of(project).many else scan_step(project, out)
 
 
-def scan_step(project: ProjectState, out: str = "") -> Step:
+def scan_step(project: ProjectState, out: str = "") -> CommandStep:
     """Return how the plan is made; the command knows one exposure for all planes, Python takes the plan as it is."""
     python = f"""
 from lfcal.camera import Forecast, ScanPlan
@@ -31,7 +31,7 @@ print(Forecast.of(plan))
     return _step(project, (("--out", out or "plan.json"),), python)
 
 
-def target_step(project: ProjectState, out: str = "") -> Step:
+def target_step(project: ProjectState, out: str = "") -> CommandStep:
     """Return how the plan of the target is made."""
     asked, out = TargetSettings.of(project), out or "target_plan.json"
     pairs = (
@@ -64,7 +64,7 @@ print(target_plan.forecast())
     return _step(project, pairs, python)
 
 
-def _step(project: ProjectState, more: tuple[tuple[str, Any], ...], python: str) -> Step:
+def _step(project: ProjectState, more: tuple[tuple[str, Any], ...], python: str) -> CommandStep:
     plan = needed_plan(project)
     pairs = (
         ("--depths", ",".join(repr(z) for z in plan.depths_um)),
@@ -79,4 +79,4 @@ def _step(project: ProjectState, more: tuple[tuple[str, Any], ...], python: str)
         *more,
     )
     files = ((CAMERA_FILE, project.camera.to_json()), (PLAN_FILE, plan.to_json()))
-    return Step(("plan", CAMERA_FILE, *options_of(pairs)), python, files)
+    return CommandStep(("plan", CAMERA_FILE, *options_of(pairs)), python, files)

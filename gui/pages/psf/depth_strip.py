@@ -11,7 +11,7 @@ from PySide6.QtCore import QPointF, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QIcon, QImage, QPainter, QPen, QPixmap, QPolygonF
 from PySide6.QtWidgets import QDialog, QLabel, QListWidget, QListWidgetItem, QVBoxLayout, QWidget
 
-from gui.models.display import Display, levels_of, to_uint8
+from gui.models.display import DisplaySettings, levels_of, to_uint8
 from gui.pages.psf.model_aperture import aperture_tip
 from gui.theme import current_theme, style_sheet
 from gui.widgets.colour_bar import theme_table
@@ -20,7 +20,7 @@ from lfcal.units import format_plane
 if TYPE_CHECKING:
     from lfcal.psf.aperture import Aperture
 
-__all__ = ["EXPECTED", "FITTED", "Apertures", "DepthStrip", "Tile", "legend_words", "outline_tones", "to_pixmap"]
+__all__ = ["EXPECTED", "FITTED", "Apertures", "DepthStrip", "PlaneTile", "legend_words", "outline_tones", "to_pixmap"]
 
 FITTED, EXPECTED = "#ff5a5f", "#56b4e9"
 """Colours of the outlines."""
@@ -44,7 +44,7 @@ def legend_words(between: str = "<br>") -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class Tile:
+class PlaneTile:
     """What is known of a plane: its depth (µm), its sum ``(nt, ns)``, and its apertures."""
 
     depth_um: float
@@ -83,7 +83,7 @@ class Tile:
 
 def to_pixmap(image: NDArray[Any], side: int, colour_map: str = "viridis") -> QPixmap:
     """Return ``image`` as a square picture of ``side`` points."""
-    data = to_uint8(image, Display(), levels_of(image))
+    data = to_uint8(image, DisplaySettings(), levels_of(image))
     rgba = np.ascontiguousarray(theme_table(colour_map)[data])
     picture = QImage(rgba.data, rgba.shape[1], rgba.shape[0], 4 * rgba.shape[1], QImage.Format.Format_RGBA8888)
     return QPixmap.fromImage(picture.copy()).scaled(
@@ -105,7 +105,7 @@ class DepthStrip(QListWidget):
     def __init__(self, side: int = 76, parent: QWidget | None = None, *, wrapping: bool = False) -> None:
         super().__init__(parent)
         self._side = side
-        self.tiles: list[Tile] = []
+        self.tiles: list[PlaneTile] = []
         self.setViewMode(QListWidget.ViewMode.IconMode)
         self.setFlow(QListWidget.Flow.LeftToRight)
         self.setWrapping(wrapping)
@@ -122,9 +122,9 @@ class DepthStrip(QListWidget):
 
     def set_planes(self, depths: NDArray[np.float64]) -> None:
         """Make one empty place per plane."""
-        self.show_tiles([Tile(float(depth)) for depth in depths])
+        self.show_tiles([PlaneTile(float(depth)) for depth in depths])
 
-    def show_tiles(self, tiles: list[Tile]) -> None:
+    def show_tiles(self, tiles: list[PlaneTile]) -> None:
         """Show what is known of every plane."""
         self.blockSignals(True)
         self.clear()
@@ -136,7 +136,7 @@ class DepthStrip(QListWidget):
         self.blockSignals(False)
 
     def set_tile(self, z: int, **known: Any) -> None:
-        """Show more of plane ``z``: fields of `Tile`."""
+        """Show more of plane ``z``: fields of `PlaneTile`."""
         if z < len(self.tiles):
             self.tiles[z] = replace(self.tiles[z], **known)
             self._show(z, count=len(self.tiles))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gui.models.display import Display
+from gui.models.display import DisplaySettings
 from gui.models.words import plane_words
 from lfcal.axes import centre
 from lfcal.camera import Camera
@@ -61,7 +61,7 @@ class PSFIntent:
     transposed: bool = False
     show: str = "measured"
     pixel: Pixel | None = None
-    display: Display = field(default_factory=Display)
+    display: DisplaySettings = field(default_factory=DisplaySettings)
 
     def clamped(self, shape: tuple[int, int, int, int, int], *, reference: bool = True) -> PSFIntent:
         """Return the intent with every index inside a matrix of ``shape``; without a ``reference`` H alone is shown."""

@@ -24,7 +24,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from gui.models.display import COLOUR_MAPS, Display
+from gui.models.display import COLOUR_MAPS, DisplaySettings
 from gui.pages.psf.depth_strip import Apertures, DepthStrip, legend_words, outline_tones
 from gui.pages.psf.model import PlaneData, PSFIntent, PSFPicture, pixel_words
 from gui.pages.psf.model_aperture import aperture_words
@@ -56,7 +56,7 @@ class PSFPanel(QWidget):
     asked(changes)
         Entries of `gui.pages.psf.model.PSFIntent` that are to change.
     display_asked(changes)
-        Entries of `gui.models.display.Display` that are to change.
+        Entries of `gui.models.display.DisplaySettings` that are to change.
     own_scale_toggled()
         Each picture is to fill the scale, or all are to share one.
     hovered(row, column, value), clicked(row, column)
@@ -309,7 +309,7 @@ class PSFPanel(QWidget):
         self.aperture_text.setText(aperture_words(aperture, expected))
 
     def show_tile(self, z: int, **known: Any) -> None:
-        """Show more of plane ``z`` among all planes: fields of `gui.pages.psf.depth_strip.Tile`."""
+        """Show more of plane ``z`` among all planes: fields of `gui.pages.psf.depth_strip.PlaneTile`."""
         self._each_strip(lambda strip: strip.set_tile(z, **known))
 
     def _each_strip(self, do: Callable[[DepthStrip], object]) -> None:
@@ -326,7 +326,7 @@ class PSFPanel(QWidget):
         self.apertures.show()
         return self.apertures
 
-    def set_display(self, display: Display, *, sum_only: bool) -> None:
+    def set_display(self, display: DisplaySettings, *, sum_only: bool) -> None:
         """Use scaling and colours; ``sum_only``: the pictures show a difference, which has colours of its own."""
         for view in (self.sum_view,) if sum_only else (self.main_view, self.linked_view, self.sum_view):
             view.set_display(display)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from gui.models.project import ProjectState
-from gui.models.step import Step, needed_file, options_of
+from gui.models.step import CommandStep, needed_file, options_of
 from gui.pages.psf.export_model import ExportIntent
 from lfcal.errors import InputError
 
 __all__ = ["step"]
 
 
-def step(project: ProjectState, out: str = "", intent: ExportIntent | None = None) -> Step:
+def step(project: ProjectState, out: str = "", intent: ExportIntent | None = None) -> CommandStep:
     """Return how H is exported: for MATLAB where nothing else was asked for."""
     psf, out = needed_file(project.psf, "H", "PSF"), out or "H.mat"
     intent = intent or ExportIntent.of_path(out)
@@ -38,4 +38,4 @@ with open_psf({psf!r}) as H:
     print(H.shape, H.depths, H.T[0, 0, 0].sum())
     export(H{".T" if transposed else ""}, {out!r}{given})
 """
-    return Step(("export", psf, *options_of(pairs)), python)
+    return CommandStep(("export", psf, *options_of(pairs)), python)

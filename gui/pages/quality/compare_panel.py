@@ -19,7 +19,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from gui.models.display import SCALES, Display
+from gui.models.display import SCALES, DisplaySettings
 from gui.pages.quality.model_compare import COLUMNS, MODES, TIPS, Both, Place
 from gui.widgets.blank import NOTHING
 from gui.widgets.cards import card, choice_box, line, told_or_shown
@@ -283,7 +283,7 @@ class ComparePanel(QWidget):
 
     def _show_scaling(self) -> None:
         for view in self.views[:2]:
-            view.set_display(Display(scale=self.scaling.currentData()))
+            view.set_display(DisplaySettings(scale=self.scaling.currentData()))
         self._show_mode()
 
     def _blink(self) -> None:

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING
 from PySide6.QtWidgets import QFileDialog
 
 from gui.context import Context
-from gui.jobs import Job
+from gui.jobs import WindowJob
 from gui.models.history import Taken
 from gui.models.stamp import stamp_of
 from gui.pages.quality.compare_panel import NONE, ComparePanel
 from gui.pages.quality.model import QualitySettings, capital
 from gui.pages.quality.model_compare import (
-    Asked,
     Both,
+    CompareRequest,
     KeptDifference,
     Place,
     both_at,
@@ -57,7 +57,7 @@ class Comparing:
     def __init__(self, panel: ComparePanel, context: Context) -> None:
         self._panel, self._context = panel, context
         self.found: Difference | None = None
-        self._asked: Asked | None = None
+        self._asked: CompareRequest | None = None
         self._pair: Pair | None = None
         self._place: Place = (0, 0, 0)
         self._kept = KeptDifference()
@@ -74,12 +74,12 @@ class Comparing:
         self.follow()
 
     # -- project ---------------------------------------------------------------------------------------
-    def _now(self) -> Asked | None:
+    def _now(self) -> CompareRequest | None:
         """Return what would be compared now; None where one of the two is missing."""
         state = self._context.state
         first, second = stamp_of(state.psf), stamp_of(state.reference)
         settings = QualitySettings.of(state)
-        return None if first is None or second is None else Asked(first, second, settings.by_number)
+        return None if first is None or second is None else CompareRequest(first, second, settings.by_number)
 
     def follow(self) -> None:
         """Show what belongs to the two H of now."""
@@ -165,12 +165,12 @@ class Comparing:
         )
         self._show_buttons()
 
-    def _job_changed(self, job: Job) -> None:
+    def _job_changed(self, job: WindowJob) -> None:
         if job.number == self._job and job.progress is not None:
             record = job.progress
             self._panel.show_message(f"{job.title}\n{capital(record.stage)}: {100 * record.fraction:.0f} %")
 
-    def _job_finished(self, job: Job) -> None:
+    def _job_finished(self, job: WindowJob) -> None:
         if job.number != self._job:
             return
         self._job, found = 0, self._kept.found
@@ -200,7 +200,7 @@ class Comparing:
             taken=self._taken(asked, chosen),
         )
 
-    def _taken(self, asked: Asked, folder: str = "") -> Taken:
+    def _taken(self, asked: CompareRequest, folder: str = "") -> Taken:
         """Return a comparison, with its report in ``folder`` if there is one, for the history."""
         made = partial(compared, asked.first[0], asked.second[0], folder, by_number=asked.by_number)
         return self._context.taken("quality", f"Compare {' and '.join(asked.names)}", step=made)

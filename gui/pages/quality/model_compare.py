@@ -22,8 +22,8 @@ __all__ = [
     "COLUMNS",
     "MODES",
     "TIPS",
-    "Asked",
     "Both",
+    "CompareRequest",
     "KeptDifference",
     "Place",
     "both_at",
@@ -60,7 +60,7 @@ WORST = 12
 
 
 @dataclass(frozen=True)
-class Asked:
+class CompareRequest:
     """Two files as they were when they were compared, and whether planes belong together by their numbers."""
 
     first: Stamp
@@ -83,7 +83,7 @@ class KeptDifference:
     found: Difference | None = None
 
 
-def iter_compare(asked: Asked, kept: KeptDifference) -> Work[None]:
+def iter_compare(asked: CompareRequest, kept: KeptDifference) -> Work[None]:
     """Compare two files; what is found is in ``kept``, as jobs are remembered long after they ended."""
     from lfcal.psf import open_psf
     from lfcal.psf.difference import iter_difference
@@ -92,7 +92,7 @@ def iter_compare(asked: Asked, kept: KeptDifference) -> Work[None]:
         kept.found = yield from iter_difference(a, b, by_number=asked.by_number)
 
 
-def iter_compared(asked: Asked, found: Difference, folder: str) -> Work[Path]:
+def iter_compared(asked: CompareRequest, found: Difference, folder: str) -> Work[Path]:
     """Write what a comparison found, with pictures of both files, which are opened anew; return the page."""
     from lfcal.psf import open_psf
     from lfcal.psf.pairing import pair

@@ -21,11 +21,19 @@ if TYPE_CHECKING:
     from lfcal.psf import PSFMatrix
     from lfcal.psf.quality import QualityReport
 
-__all__ = ["Kept", "Question", "asked_of", "iter_judge", "iter_write_report", "judged", "report_files"]
+__all__ = [
+    "InspectionRequest",
+    "InspectionRun",
+    "asked_of",
+    "iter_judge",
+    "iter_write_report",
+    "judged",
+    "report_files",
+]
 
 
 @dataclass(frozen=True, eq=False)
-class Question:
+class InspectionRequest:
     """What is judged.
 
     Attributes
@@ -61,7 +69,7 @@ class Question:
 
 
 @dataclass(eq=False)
-class Kept:
+class InspectionRun:
     """What an inspection at work in a thread has found so far.
 
     Attributes
@@ -80,15 +88,15 @@ class Kept:
     inspection: Inspection | None = None
 
 
-def asked_of(stamp: Stamp, settings: QualitySettings, fitted: FittedCamera | None) -> Question:
+def asked_of(stamp: Stamp, settings: QualitySettings, fitted: FittedCamera | None) -> InspectionRequest:
     """Return what is to be judged of a file; a fit of another file is not taken for its camera."""
     setup = None
     if settings.camera == "fitted" and fitted is not None and fitted.stamp == stamp:
         setup = fitted.setup
-    return Question(stamp, settings.seconds, setup, settings.fit if settings.camera == "saved" else "")
+    return InspectionRequest(stamp, settings.seconds, setup, settings.fit if settings.camera == "saved" else "")
 
 
-def iter_judge(asked: Question, kept: Kept) -> Work[None]:
+def iter_judge(asked: InspectionRequest, kept: InspectionRun) -> Work[None]:
     """Measure H and compare it with its camera; what is found is in ``kept``, as jobs are remembered long."""
     from lfcal.inspect import iter_inspection
     from lfcal.psf import open_psf
@@ -104,7 +112,7 @@ def iter_judge(asked: Question, kept: Kept) -> Work[None]:
         kept.inspection = replace(found, findings=tuple(replace(one, repair=None) for one in found.findings))
 
 
-def _setup_of(asked: Question, matrix: PSFMatrix) -> Setup | None:
+def _setup_of(asked: InspectionRequest, matrix: PSFMatrix) -> Setup | None:
     """Return the camera as a fit found it, None: as described; raises where a fit is of another scan."""
     from lfcal.fit.expected import plan_of
     from lfcal.fit.stored import read_fit
@@ -119,7 +127,7 @@ def _setup_of(asked: Question, matrix: PSFMatrix) -> Setup | None:
     return stored.setup
 
 
-def judged(kept: Kept, why_not: str) -> Inspection | None:
+def judged(kept: InspectionRun, why_not: str) -> Inspection | None:
     """Return what is known: the comparison, or the metrics alone with the reason; None before these are."""
     from lfcal.inspect import Inspection
 

@@ -16,7 +16,7 @@ from lfcal.units import format_dates, format_number, format_slope
 if TYPE_CHECKING:
     from lfcal.psf.quality.trend import Course, QualityTrend, Value
 
-__all__ = ["TREND_COLUMNS", "Curve", "courses_of", "curve_of", "merits_of", "rows_of", "trend_in", "trend_words"]
+__all__ = ["TREND_COLUMNS", "TrendCurve", "courses_of", "curve_of", "merits_of", "rows_of", "trend_in", "trend_words"]
 
 TREND_COLUMNS = ("What", "Before", "Newest", "Per month", "")
 
@@ -25,7 +25,7 @@ DAY_S = 86400.0
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
+class TrendCurve:
     """A metric over time: days since the first session, values, and the limits of good and bad."""
 
     label: str
@@ -96,11 +96,11 @@ def trend_words(found: QualityTrend) -> tuple[str, str]:
     return words, ". ".join(part.rstrip(".") for part in (about, newest_words, *notes)) + "."
 
 
-def curve_of(found: QualityTrend, row: int) -> Curve:
+def curve_of(found: QualityTrend, row: int) -> TrendCurve:
     """Return the course of a row over the sessions in which it is known."""
     one = courses_of(found)[row]
     start = found.sessions[0].when
     days = [(session.when - start).total_seconds() / DAY_S for session in found.sessions]
     known = [(day, value.value) for day, value in zip(days, one.values, strict=True) if value is not None]
     x, y = np.array(known, np.float64).T
-    return Curve(_title(one), x, y, float(one.scale.good), float(one.scale.bad))
+    return TrendCurve(_title(one), x, y, float(one.scale.good), float(one.scale.bad))

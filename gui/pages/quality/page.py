@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QFileDialog
 
 from gui.base_page import BasePage
 from gui.context import Context
-from gui.jobs import WAITS, Job, JobState
+from gui.jobs import WAITS, JobState, WindowJob
 from gui.models.page import PageSpec, with_found
 from gui.models.project import ProjectState
 from gui.models.stamp import Stamp, stamp_of
@@ -23,7 +23,15 @@ from gui.pages.quality.model import (
     summary_of,
     worst_positions,
 )
-from gui.pages.quality.model_run import Kept, Question, asked_of, iter_judge, iter_write_report, judged, report_files
+from gui.pages.quality.model_run import (
+    InspectionRequest,
+    InspectionRun,
+    asked_of,
+    iter_judge,
+    iter_write_report,
+    judged,
+    report_files,
+)
 from gui.pages.quality.panel import QualityPanel
 from gui.pages.quality.showing import Showing
 from gui.pages.quality.trending import Trending
@@ -46,9 +54,9 @@ class Page(BasePage):
         super().__init__(spec, context)
         self.inspection: Inspection | None = None
         self._stamp: Stamp | None = None
-        self._asked: Question | None = None
-        self._question: Question | None = None
-        self._kept = Kept()
+        self._asked: InspectionRequest | None = None
+        self._question: InspectionRequest | None = None
+        self._kept = InspectionRun()
         self._job = self._report = 0
         self._make_buttons()
         self.panel = QualityPanel()
@@ -161,7 +169,7 @@ class Page(BasePage):
         number, self._job = self._job, 0  # whose end is of no interest any more
         if number:
             self.context.jobs.cancel(number)
-        self.inspection, self._question, self._kept = None, None, Kept()
+        self.inspection, self._question, self._kept = None, None, InspectionRun()
         self.showing.release()
         self.notice.clear()
         self.context.attention.emit("quality", False)
@@ -175,7 +183,7 @@ class Page(BasePage):
             self._follow()
             return
         asked = asked_of(self._stamp, self.settings, self.context.fitted)
-        self._kept, self._asked = Kept(), asked
+        self._kept, self._asked = InspectionRun(), asked
         kept = self._kept
         self.hold_keyboard()
         self.notice.clear()
@@ -203,12 +211,12 @@ class Page(BasePage):
         else:
             self.measure(force=True)
 
-    def _job_changed(self, job: Job) -> None:
+    def _job_changed(self, job: WindowJob) -> None:
         if job.number == self._job and job.progress is not None and self.empty is not None:
             record = job.progress
             self.empty.label.setText(f"{job.title}\n{capital(record.stage)}: {100 * record.fraction:.0f} %")
 
-    def _job_finished(self, job: Job) -> None:
+    def _job_finished(self, job: WindowJob) -> None:
         if job.number == self._report:
             self._report = 0
             self._show_buttons()
@@ -217,7 +225,7 @@ class Page(BasePage):
         self._job = 0
         why = "it was left out" if job.state is JobState.DONE else job.error or "it was stopped"
         found = judged(self._kept, why)
-        self._kept = Kept()
+        self._kept = InspectionRun()
         if found is not None:
             self.inspection, self._question = found, self._asked
         if self.inspection is None:
@@ -252,7 +260,7 @@ class Page(BasePage):
         words = self._summary(found, asked)
         inspect.show_all(found.verdict, found.merit, words, fault_rows(found), metric_rows(found, every=every))
 
-    def _summary(self, found: Inspection, asked: Question) -> str:
+    def _summary(self, found: Inspection, asked: InspectionRequest) -> str:
         words = summary_of(found, asked.source)
         if self._stamp is not None:
             now = asked_of(self._stamp, self.settings, self.context.fitted)

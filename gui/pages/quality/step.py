@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from gui.models.project import ProjectState
-from gui.models.step import Step, needed_file, options_of
+from gui.models.step import CommandStep, needed_file, options_of
 from gui.pages.quality.model import QualitySettings
 
 __all__ = ["compared", "step"]
 
 
-def step(project: ProjectState, out: str = "") -> Step:
+def step(project: ProjectState, out: str = "") -> CommandStep:
     """Return how H is inspected; a fit that is in no folder is not known to a command."""
     psf, chosen = needed_file(project.psf, "H", "PSF"), QualitySettings.of(project)
     folder = out or "report"
@@ -29,10 +29,10 @@ with open_psf({psf!r}) as H:
     print(quality.merit, found.bad)
     drain(iter_report(H, Path({folder!r}), quality=quality, beside=told(found)))
 """
-    return Step(("inspect", psf, *options_of(pairs)), python)
+    return CommandStep(("inspect", psf, *options_of(pairs)), python)
 
 
-def compared(first: str, second: str, out: str = "", *, by_number: bool = False) -> Step:
+def compared(first: str, second: str, out: str = "", *, by_number: bool = False) -> CommandStep:
     """Return how two H are held beside each other; ``out`` is the folder of a report, if one is written."""
     pairs = (("--report", out), ("--by-number", by_number))
     report = f"    drain(iter_compared_report(found, {out!r}))\n" if out else ""
@@ -46,4 +46,4 @@ with open_psf({first!r}) as a, open_psf({second!r}) as b:
     found = difference(a, b, by_number={by_number!r})
     print(verdict(found))
 {report}"""
-    return Step(("compare", first, second, *options_of(pairs)), python)
+    return CommandStep(("compare", first, second, *options_of(pairs)), python)

@@ -8,7 +8,7 @@ import numpy as np
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QSplitter, QVBoxLayout, QWidget
 
-from gui.pages.quality.model_trend import TREND_COLUMNS, Curve
+from gui.pages.quality.model_trend import TREND_COLUMNS, TrendCurve
 from gui.theme import current_theme
 from gui.widgets.cards import card, told_or_shown
 from gui.widgets.plots import LINES, LinePlot
@@ -106,7 +106,7 @@ class TrendPanel(QWidget):
         self.stack.setCurrentIndex(1)
         self.table.selectRow(0)
 
-    def show_curve(self, curve: Curve) -> None:
+    def show_curve(self, curve: TrendCurve) -> None:
         """Show a course with the limits of good and bad."""
         self.title.setText(f"{curve.label}\nDashed: the limits of good and of bad")
         self.curve.clear()

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gui.models.display import Display
+from gui.models.display import DisplaySettings
 
 __all__ = ["VolumeIntent", "VolumePicture", "resolve"]
 
@@ -34,7 +34,7 @@ class VolumeIntent:
     x: int = 0
     projection: bool = False
     own_scale: bool = False
-    display: Display = field(default_factory=Display)
+    display: DisplaySettings = field(default_factory=DisplaySettings)
 
     def clamped(self, shape: tuple[int, ...]) -> VolumeIntent:
         """Return the intent with the cross hair inside a volume of ``shape``."""

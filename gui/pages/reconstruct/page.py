@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QFileDialog
 
 from gui.base_page import BasePage
 from gui.context import Context
-from gui.jobs import WAITS, Job, JobState
+from gui.jobs import WAITS, JobState, WindowJob
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
 from gui.pages.reconstruct import takes
@@ -324,7 +324,7 @@ class Page(BasePage):
         taken = self.context.taken("reconstruct", title, draft=True)
         jobs, needs = self.context.jobs, (solving.psf,)
 
-        def ended(_: Job) -> None:
+        def ended(_: WindowJob) -> None:
             if solving is not self.solving:  # another project was begun meanwhile
                 solving.close()
 
@@ -333,7 +333,7 @@ class Page(BasePage):
         self.panel.show_status(WAITS if self._job in jobs.waiting() else "setting up …", None)
         self._show_controls()
 
-    def _job_changed(self, job: Job) -> None:
+    def _job_changed(self, job: WindowJob) -> None:
         if job.number != self._job or job.progress is None or self.solving is None or not job.active:
             return
         record = job.progress
@@ -365,7 +365,7 @@ class Page(BasePage):
             title += f", by {Path(solving.psf).name}"
         self.panel.show_volume(solving.volume, solving.depths, title)
 
-    def _job_finished(self, job: Job) -> None:
+    def _job_finished(self, job: WindowJob) -> None:
         if job.number != self._job:
             if job.page == self.spec.key:
                 self._show_controls()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 
 from gui.models.project import ProjectState
-from gui.models.step import Step, needed_file, options_of
+from gui.models.step import CommandStep, needed_file, options_of
 from gui.pages.reconstruct.model import ReconstructSettings
 from lfcal.errors import InputError
 from lfcal.reconstruct.solvers.choice import SolverChoice
@@ -14,7 +14,7 @@ from lfcal.reconstruct.solvers.stopping import GOALS, STOPS
 __all__ = ["step"]
 
 
-def step(project: ProjectState, out: str = "") -> Step:
+def step(project: ProjectState, out: str = "") -> CommandStep:
     """Return how the light field becomes a volume."""
     psf = needed_file(project.psf, "H", "PSF")
     frame, chosen = needed_file(project.light_field, "light field", "Reconstruct"), ReconstructSettings.of(project)
@@ -42,7 +42,7 @@ def step(project: ProjectState, out: str = "") -> Step:
         ("--as-is", chosen.as_is),
         ("--out", out),
     )
-    return Step(("reconstruct", psf, frame, *options_of(pairs)), _python(psf, frame, chosen, out))
+    return CommandStep(("reconstruct", psf, frame, *options_of(pairs)), _python(psf, frame, chosen, out))
 
 
 def _iterations(choice: SolverChoice) -> str:

@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QComboBox, QLabel, QPushButton, QScrollArea, QSpin
 from gui.pages.simulate.influence_view import InfluenceView
 from gui.pages.simulate.magnitude_form import MagnitudeForm
 from gui.pages.simulate.model_effects import FRAMES_ONLY, EffectRow
-from gui.pages.simulate.model_influence import Influence
+from gui.pages.simulate.model_influence import InfluencePictures
 from gui.widgets.cards import clear, heading, line
 from lfcal.camera import ScanPlan
 from lfcal.units import format_length
@@ -154,7 +154,7 @@ class EffectPanel(QWidget):
         self.stop_button.setEnabled(True)
         self.influence.show_influence(None, words)
 
-    def show_influence(self, influence: Influence | None, why: str = "") -> None:
+    def show_influence(self, influence: InfluencePictures | None, why: str = "") -> None:
         """Show the pictures, or why there are none."""
         self.stop_button.setEnabled(False)
         size = "At a typical size, " if self._typical else ""

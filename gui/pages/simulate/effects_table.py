@@ -7,13 +7,13 @@ from PySide6.QtGui import QColor, QFont, QKeyEvent, QWheelEvent
 from PySide6.QtWidgets import QComboBox, QHeaderView, QTreeWidget, QTreeWidgetItem
 
 from gui.pages.simulate.model import CHOICES
-from gui.pages.simulate.model_effects import FRAMES_ONLY, EffectRow, Verdict
+from gui.pages.simulate.model_effects import FRAMES_ONLY, EffectRow, EffectsVerdict
 from gui.pages.simulate.share_bar import ON, SHARE, ShareBar
 from gui.theme import current_theme
 
 __all__ = ["EffectsTable"]
 
-COLUMNS = ("Effect", "Setting", "Verdict", "Share", "Time")
+COLUMNS = ("Effect", "Setting", "EffectsVerdict", "Share", "Time")
 EFFECT, SETTING, VERDICT, SHARES, SECONDS = range(5)
 ROW = 24
 """Height of a row (px): room for the list of choices."""
@@ -80,7 +80,7 @@ class EffectsTable(QTreeWidget):
         self.itemActivated.connect(lambda *_: self.edit_asked.emit())
 
     # -- content ---------------------------------------------------------------------------------------
-    def show_verdict(self, verdict: Verdict) -> None:
+    def show_verdict(self, verdict: EffectsVerdict) -> None:
         """Show every row; selection, focus and scroll position stay."""
         if list(self._items) != [row.name for row in verdict.rows]:
             self._build(verdict)
@@ -97,7 +97,7 @@ class EffectsTable(QTreeWidget):
         widest = max((metrics.horizontalAdvance(item.text(EFFECT)) for item in self._items.values()), default=0)
         self.header().resizeSection(EFFECT, max(166, widest + indent))
 
-    def _build(self, verdict: Verdict) -> None:
+    def _build(self, verdict: EffectsVerdict) -> None:
         self.clear()
         self._items = {}
         groups: dict[str, QTreeWidgetItem] = {}

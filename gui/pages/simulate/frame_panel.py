@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QLabel, QPushButton, QVBoxLayout, QWidget
 
 from gui.jobs import Jobs
 from gui.models.display import levels_of
-from gui.pages.simulate.model_frames import Frame, write_frame
+from gui.pages.simulate.model_frames import SimulatedFrame, write_frame
 from gui.saving import ask_target, write_file
 from gui.widgets.cards import line
 from gui.widgets.frame_view import FrameView
@@ -30,7 +30,7 @@ class FramePanel(QWidget):
 
     def __init__(self, jobs: Jobs) -> None:
         super().__init__()
-        self.frame: Frame | None = None
+        self.frame: SimulatedFrame | None = None
         self.make_button = QPushButton("Make a frame")
         self.make_button.setToolTip("A sensor frame of the position under Effect, with every effect on for frames")
         self.make_button.clicked.connect(lambda _=False: self.frame_asked.emit())
@@ -53,7 +53,7 @@ class FramePanel(QWidget):
         self.words.setText("The frame is being made …")
         self.make_button.setEnabled(False)
 
-    def show_frame(self, frame: Frame | None, words: str = "") -> None:
+    def show_frame(self, frame: SimulatedFrame | None, words: str = "") -> None:
         """Show a frame and the position's cutout in it; None leaves what is there and says why."""
         self.make_button.setEnabled(True)
         if frame is None:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from PySide6.QtCore import QRectF
 from PySide6.QtWidgets import QLabel, QVBoxLayout, QWidget
 
-from gui.models.display import Display, levels_of, to_uint8
-from gui.pages.simulate.model_influence import Influence
+from gui.models.display import DisplaySettings, levels_of, to_uint8
+from gui.pages.simulate.model_influence import InfluencePictures
 from gui.theme import current_theme
 from gui.widgets.colour_bar import ColourBar, bar_table, theme_table
 from gui.widgets.linking import link_plots
@@ -54,7 +54,7 @@ class InfluenceView(QWidget):
         self.words = QLabel()
         self.words.setWordWrap(True)
         self.words.setProperty("role", "hint")
-        self.influence: Influence | None = None
+        self.influence: InfluencePictures | None = None
         column.addWidget(self.graphics, 1)
         column.addWidget(self.words)
         self.apply_theme()
@@ -83,7 +83,7 @@ class InfluenceView(QWidget):
         self.graphics.addItem(bar, row=1, col=0 if number == 1 else 2, colspan=2 if number == 1 else 1)
         self.bars.append(bar)
 
-    def show_influence(self, influence: Influence | None, words: str = "") -> None:
+    def show_influence(self, influence: InfluencePictures | None, words: str = "") -> None:
         """Show the pictures of one position; None clears them and says why."""
         before = None if self.influence is None else (self.influence.without.shape, self.influence.origin)
         self.influence = influence
@@ -114,8 +114,8 @@ class InfluenceView(QWidget):
                 one.contrast = part.contrast
         self.show_influence(self.influence, self.words.text())
 
-    def _show(self, k: int, picture: NDArray[Any], levels: tuple[float, float], influence: Influence) -> None:
-        display = Display(colour_map=MAPS[k])
+    def _show(self, k: int, picture: NDArray[Any], levels: tuple[float, float], influence: InfluencePictures) -> None:
+        display = DisplaySettings(colour_map=MAPS[k])
         data = to_uint8(picture, display, levels)
         self.items[k].setImage(data, levels=(0, 255), lut=theme_table(MAPS[k]), autoLevels=False)
         row, column = influence.origin

@@ -23,7 +23,7 @@ __all__ = [
     "FRAMES_ONLY",
     "LEAST",
     "EffectRow",
-    "Verdict",
+    "EffectsVerdict",
     "bar_share",
     "iter_simulation",
     "read_terms",
@@ -104,7 +104,7 @@ class EffectRow:
 
 
 @dataclass(frozen=True, eq=False)
-class Verdict:
+class EffectsVerdict:
     """What the planner found for a plan and settings, ready to be shown.
 
     Attributes
@@ -129,7 +129,7 @@ class Verdict:
         return next((row for row in self.rows if row.name == name), None)
 
 
-def verdict_of(plan: ScanPlan, settings: SimulateSettings) -> Verdict:
+def verdict_of(plan: ScanPlan, settings: SimulateSettings) -> EffectsVerdict:
     """Ask the planner, for H and for frames, and put its answer into words."""
     from lfcal.simulate.accuracy.planner import plan_effects
 
@@ -139,7 +139,7 @@ def verdict_of(plan: ScanPlan, settings: SimulateSettings) -> Verdict:
     rows = tuple(
         _row(row if row.effect.acts_on.enters_h else frames.row(row.name), plan, settings) for row in found.rows
     )
-    return Verdict(plan, settings, rows, summary_of(found, settings), found, frames)
+    return EffectsVerdict(plan, settings, rows, summary_of(found, settings), found, frames)
 
 
 def _row(planned: PlannedEffect, plan: ScanPlan, settings: SimulateSettings) -> EffectRow:
@@ -230,7 +230,9 @@ def read_terms(effect: str, magnitude: Magnitude, rows: Sequence[Sequence[str]])
     return tuple(terms)
 
 
-def iter_simulation(plan: ScanPlan, settings: SimulateSettings, path: str, verdict: Verdict | None = None) -> Work[Any]:
+def iter_simulation(
+    plan: ScanPlan, settings: SimulateSettings, path: str, verdict: EffectsVerdict | None = None
+) -> Work[Any]:
     """Simulate H of ``plan`` into the file ``path``; asks the planner first unless ``verdict`` is its answer.
 
     Planes that are done stay where it is stopped; called again it goes on from them.

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gui.pages.simulate.model import SimulateSettings
-from gui.pages.simulate.model_effects import Verdict, verdict_of
+from gui.pages.simulate.model_effects import EffectsVerdict, verdict_of
 from lfcal.axes import centre
 from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
@@ -24,10 +24,10 @@ if TYPE_CHECKING:
     from lfcal.simulate.sensor.camera_source import SimulatedCamera
 
 __all__ = [
-    "Frame",
     "FrameBench",
     "FrameQuestion",
     "KeptFrames",
+    "SimulatedFrame",
     "check_folder",
     "frame_question",
     "iter_session",
@@ -58,7 +58,7 @@ class FrameQuestion:
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class SimulatedFrame:
     """A simulated sensor frame.
 
     Attributes
@@ -108,7 +108,7 @@ class Frame:
         )
 
 
-def frame_question(verdict: Verdict, position: tuple[int, int, int]) -> FrameQuestion:
+def frame_question(verdict: EffectsVerdict, position: tuple[int, int, int]) -> FrameQuestion:
     """Return the question for the frame of a position with everything that the planner has on for frames."""
     from lfcal.simulate.simulate import budgeted
 
@@ -127,7 +127,7 @@ class FrameBench:
         self._light: tuple[object, SimulatedCamera, int, NDArray[np.float32]] | None = None
         self._lock = threading.Lock()
 
-    def frame(self, asked: FrameQuestion, stopped: Callable[[], bool] = lambda: False) -> Frame | None:
+    def frame(self, asked: FrameQuestion, stopped: Callable[[], bool] = lambda: False) -> SimulatedFrame | None:
         """Return the frame, None where ``stopped()`` said so before it was there.
 
         Raises
@@ -146,7 +146,7 @@ class FrameBench:
         samples = expose(
             light, camera.camera, on_sensor, exposure_s=camera.exposure_s(index), seed=camera.seed, index=index
         )
-        return None if stopped() else Frame(samples, asked)
+        return None if stopped() else SimulatedFrame(samples, asked)
 
     def _lit(self, asked: FrameQuestion) -> tuple[SimulatedCamera, int, NDArray[np.float32]]:
         from lfcal.simulate.effects.base import FrameEffect
@@ -163,7 +163,7 @@ class FrameBench:
         return self._light[1:]
 
 
-def write_frame(frame: Frame, path: Path, part: Path) -> None:
+def write_frame(frame: SimulatedFrame, path: Path, part: Path) -> None:
     """Write the samples to ``part``, as the name ``path`` asks: TIFF of any samples, PNG of whole numbers.
 
     Raises
@@ -201,7 +201,9 @@ def check_folder(folder: Path) -> None:
         raise InputError.expected(str(folder), "a new or empty folder", "one with files in it", "choose another")
 
 
-def iter_session(plan: ScanPlan, settings: SimulateSettings, folder: str, verdict: Verdict | None = None) -> Work[int]:
+def iter_session(
+    plan: ScanPlan, settings: SimulateSettings, folder: str, verdict: EffectsVerdict | None = None
+) -> Work[int]:
     """Write the frames of the whole plan; asks the planner first unless ``verdict`` is its answer.
 
     Frames that are written stay where it is stopped; called again it goes on from them.

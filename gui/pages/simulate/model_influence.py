@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from gui.pages.simulate.model_effects import EffectRow, Verdict
+from gui.pages.simulate.model_effects import EffectRow, EffectsVerdict
 from gui.pages.simulate.model_frames import FrameBench, FrameQuestion
 from lfcal.camera import ScanPlan
 from lfcal.units import format_length, format_share
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from lfcal.simulate.effects.base import Effect
     from lfcal.simulate.response import PlaneResponse
 
-__all__ = ["Influence", "InfluenceQuestion", "Influences", "influence_question"]
+__all__ = ["InfluencePictures", "InfluenceQuestion", "Influences", "influence_question"]
 
 KEPT = 32
 """Answers that are kept, the newest."""
@@ -68,7 +68,7 @@ class InfluenceQuestion:
 
 
 @dataclass(frozen=True, eq=False)
-class Influence:
+class InfluencePictures:
     """Two pictures ``(rows, columns)`` of one position.
 
     Attributes
@@ -98,7 +98,7 @@ class Influence:
         return self.with_it - self.without
 
 
-def influence_question(verdict: Verdict, row: EffectRow, position: tuple[int, int, int]) -> InfluenceQuestion:
+def influence_question(verdict: EffectsVerdict, row: EffectRow, position: tuple[int, int, int]) -> InfluenceQuestion:
     """Return the question what the effect of ``row`` does at a position, beside what the planner has on."""
     from lfcal.simulate.simulate import budgeted
 
@@ -114,16 +114,16 @@ class Influences:
     """Answers, one at a time; the newest are kept, and so is the settled engine of what is planned."""
 
     def __init__(self, bench: FrameBench) -> None:
-        self._kept: OrderedDict[InfluenceQuestion, Influence] = OrderedDict()
+        self._kept: OrderedDict[InfluenceQuestion, InfluencePictures] = OrderedDict()
         self._base: tuple[object, PlaneResponse, str] | None = None
         self._bench = bench
         self._lock = threading.Lock()
 
-    def known(self, question: InfluenceQuestion) -> Influence | None:
+    def known(self, question: InfluenceQuestion) -> InfluencePictures | None:
         """Return an answer that is kept."""
         return self._kept.get(question)
 
-    def answer(self, question: InfluenceQuestion, stopped: Callable[[], bool]) -> Influence | None:
+    def answer(self, question: InfluenceQuestion, stopped: Callable[[], bool]) -> InfluencePictures | None:
         """Return the two pictures; None where ``stopped()`` said so before they were there."""
         with self._lock:
             if (known := self.known(question)) is not None:
@@ -135,7 +135,7 @@ class Influences:
                     self._kept.popitem(last=False)
             return made
 
-    def _of_h(self, asked: InfluenceQuestion, stopped: Callable[[], bool]) -> Influence | None:
+    def _of_h(self, asked: InfluenceQuestion, stopped: Callable[[], bool]) -> InfluencePictures | None:
         planned, level = self._settled(asked)
         other = self._response(asked, with_it=not asked.on)
         if other.level == level:
@@ -153,7 +153,9 @@ class Influences:
         if changed == 0:
             said = f"nothing differs at level {planned.level}"
         words = f"{asked.place()}: {said}"
-        return Influence(pictures[False], pictures[True], (0, 0), ("column s", "row t"), "share of the light", words)
+        return InfluencePictures(
+            pictures[False], pictures[True], (0, 0), ("column s", "row t"), "share of the light", words
+        )
 
     def _settled(self, asked: InfluenceQuestion) -> tuple[PlaneResponse, str]:
         """Return the response of what is planned, and its level before it was settled; settled once for a plane."""
@@ -174,7 +176,7 @@ class Influences:
             asked.plan, z, asked.effects(with_it=with_it), level=asked.level, tolerance=asked.tolerance
         )
 
-    def _of_frame(self, asked: InfluenceQuestion, stopped: Callable[[], bool]) -> Influence | None:
+    def _of_frame(self, asked: InfluenceQuestion, stopped: Callable[[], bool]) -> InfluencePictures | None:
         pictures, origin = {}, (0, 0)
         for with_it in (False, True):
             effects = asked.effects(with_it=with_it)
@@ -187,7 +189,7 @@ class Influences:
         changed = float(np.abs(pictures[True] - pictures[False]).sum()) / max(light, 1e-30)
         words = f"{asked.place()}: samples differ by {format_share(changed)} of those above black"
         axes = ("sensor column", "sensor row")
-        return Influence(pictures[False], pictures[True], origin, axes, "sample value (counts)", words)
+        return InfluencePictures(pictures[False], pictures[True], origin, axes, "sample value (counts)", words)
 
 
 def _pattern(

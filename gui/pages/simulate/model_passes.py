@@ -6,7 +6,7 @@ from typing import Any
 
 from gui.models.kept_run import going_on
 from gui.pages.simulate.model import SimulateSettings
-from gui.pages.simulate.model_effects import Verdict, sources_of, verdict_of
+from gui.pages.simulate.model_effects import EffectsVerdict, sources_of, verdict_of
 from lfcal.camera import ScanPlan
 from lfcal.progress import Work
 
@@ -24,7 +24,7 @@ class Passes:
         How accurate the H in the file is, in words; empty before the first pass is done. Set by the job's thread.
     """
 
-    def __init__(self, plan: ScanPlan, settings: SimulateSettings, path: str, verdict: Verdict | None) -> None:
+    def __init__(self, plan: ScanPlan, settings: SimulateSettings, path: str, verdict: EffectsVerdict | None) -> None:
         self.plan, self.settings, self.path, self.verdict = plan, settings, path, verdict
         self.whole = ""
 

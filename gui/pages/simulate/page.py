@@ -15,14 +15,21 @@ from PySide6.QtWidgets import QFileDialog
 
 from gui.base_page import BasePage
 from gui.context import Context
-from gui.jobs import Job, JobState
+from gui.jobs import JobState, WindowJob
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
 from gui.pages.simulate.model import SimulateSettings, depth_of, preview, preview_words
-from gui.pages.simulate.model_effects import Verdict, iter_simulation, verdict_of
+from gui.pages.simulate.model_effects import EffectsVerdict, iter_simulation, verdict_of
 from gui.pages.simulate.model_files import read_settings, settings_text
-from gui.pages.simulate.model_frames import Frame, FrameBench, KeptFrames, check_folder, frame_question, iter_session
-from gui.pages.simulate.model_influence import Influence, Influences, influence_question
+from gui.pages.simulate.model_frames import (
+    FrameBench,
+    KeptFrames,
+    SimulatedFrame,
+    check_folder,
+    frame_question,
+    iter_session,
+)
+from gui.pages.simulate.model_influence import InfluencePictures, Influences, influence_question
 from gui.pages.simulate.model_passes import Passes
 from gui.pages.simulate.panel import SimulatePanel
 from gui.saving import ask_target, write_file
@@ -37,7 +44,7 @@ class Page(BasePage):
 
     def __init__(self, spec: PageSpec, context: Context) -> None:
         super().__init__(spec, context)
-        self.verdict: Verdict | None = None
+        self.verdict: EffectsVerdict | None = None
         self.bench = FrameBench()
         self.influences = Influences(self.bench)
         self._stop = threading.Event()
@@ -153,7 +160,7 @@ class Page(BasePage):
         self.context.project.update(label, settings=settings.into(self.context.state))
 
     # -- planner and preview ---------------------------------------------------------------------------
-    def _planned(self, verdict: Verdict) -> None:
+    def _planned(self, verdict: EffectsVerdict) -> None:
         self.verdict = verdict
         self.panel.show_verdict(verdict)
         self._look()
@@ -163,7 +170,7 @@ class Page(BasePage):
         self._preview(fine=True)
         self._influence()
 
-    def _answer(self) -> Verdict | None:
+    def _answer(self) -> EffectsVerdict | None:
         """Return the planner's answer to what is asked now, None while it is still at work."""
         fits = self.verdict is not None and self.verdict.fits(self.context.state.plan, self.settings)
         return self.verdict if fits else None
@@ -231,7 +238,7 @@ class Page(BasePage):
             lambda why: self._influenced(stop, None, why),
         )
 
-    def _influenced(self, stop: threading.Event, found: Influence | None, why: str = "") -> None:
+    def _influenced(self, stop: threading.Event, found: InfluencePictures | None, why: str = "") -> None:
         self._computing = False
         if stop is not self._stop:
             self._influence()
@@ -254,7 +261,7 @@ class Page(BasePage):
             lambda why: self._framed(question, None, why),
         )
 
-    def _framed(self, question: tuple[Any, ...], frame: Frame | None, why: str = "") -> None:
+    def _framed(self, question: tuple[Any, ...], frame: SimulatedFrame | None, why: str = "") -> None:
         if question == self._asked:
             self.panel.frame.show_frame(frame, why)
 
@@ -302,7 +309,7 @@ class Page(BasePage):
             return
         passes = Passes(plan, settings, path, verdict)
 
-        def ended(job: Job) -> None:
+        def ended(job: WindowJob) -> None:
             if job.state is not JobState.DONE and passes.whole:  # the last whole pass stays
                 self._take(path, f"kept {path}, {passes.whole}")
 
@@ -351,7 +358,7 @@ class Page(BasePage):
                 "Accuracy against time", "simulate", lambda: iter_ladder(plan.camera, plan, tolerance), leave=True
             )
 
-    def _measured(self, job: Job) -> None:
+    def _measured(self, job: WindowJob) -> None:
         """Show the rungs as they come; those of a measurement that is stopped stay."""
         if job.number != self._measuring:
             return

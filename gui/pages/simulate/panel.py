@@ -24,7 +24,7 @@ from gui.pages.simulate.effect_panel import EffectPanel
 from gui.pages.simulate.effects_table import EffectsTable
 from gui.pages.simulate.frame_panel import FramePanel
 from gui.pages.simulate.model import LEVELS, STEPS, Z_STEPS, SimulateSettings, tolerance_of, tolerance_step
-from gui.pages.simulate.model_effects import Verdict
+from gui.pages.simulate.model_effects import EffectsVerdict
 from gui.widgets.cards import card, choice_box, heading, line
 from gui.widgets.image_view import ImageView
 from gui.widgets.plots import LinePlot
@@ -176,7 +176,7 @@ class SimulatePanel(QWidget):
         for blocker in blockers:
             blocker.unblock()
 
-    def show_verdict(self, verdict: Verdict) -> None:
+    def show_verdict(self, verdict: EffectsVerdict) -> None:
         """Show the planner's answer: a row for each effect."""
         self.summary.setText(verdict.summary)
         self.table.show_verdict(verdict)

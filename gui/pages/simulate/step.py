@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gui.models.project import ProjectState
-from gui.models.step import PLAN_FILE, Step, needed_plan, options_of
+from gui.models.step import PLAN_FILE, CommandStep, needed_plan, options_of
 from gui.pages.simulate.model import SimulateSettings
 from gui.pages.simulate.model_files import settings_text
 
@@ -12,7 +12,7 @@ __all__ = ["step"]
 EFFECTS_FILE = "lfcal-effects.json"
 
 
-def step(project: ProjectState, out: str = "") -> Step:
+def step(project: ProjectState, out: str = "") -> CommandStep:
     """Return how H is simulated."""
     plan, chosen = needed_plan(project), SimulateSettings.of(project)
     out = out or "simulated.h5"
@@ -39,4 +39,4 @@ H = simulate_psf(
 )
 print(H.shape)
 """
-    return Step(("simulate", PLAN_FILE, *options_of(pairs)), python, files)
+    return CommandStep(("simulate", PLAN_FILE, *options_of(pairs)), python, files)

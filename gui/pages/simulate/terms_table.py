@@ -23,7 +23,7 @@ __all__ = ["TermsTable"]
 TIPS = {("n", "m", "waves"): "R(n, |m|) cos(m θ), for m < 0 sin; the value at the rim of the pupil"}
 
 
-class Cells(QTableWidget):
+class TermCells(QTableWidget):
     """The cells; Delete takes the selected row away.
 
     Signals
@@ -61,7 +61,7 @@ class TermsTable(QWidget):
     def __init__(self, effect: str, magnitude: Magnitude) -> None:
         super().__init__()
         self._effect, self._magnitude = effect, magnitude
-        self.cells = Cells(0, len(magnitude.columns))
+        self.cells = TermCells(0, len(magnitude.columns))
         self.cells.setHorizontalHeaderLabels(magnitude.columns)
         self.cells.verticalHeader().hide()
         self.cells.setMinimumHeight(84)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.accuracy.base import Rung
-from lfcal.accuracy.place import Measuring, Place, Step, Truth
+from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
 from lfcal.accuracy.subject import Subject
 from lfcal.camera import Camera, MainLens, Sensor
 from lfcal.errors import InputError
@@ -52,7 +52,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
         if grid == done:
             return
         done = grid
-        yield Step(f"{grid[0]} x {grid[1]} positions")
+        yield AccuracyStep(f"{grid[0]} x {grid[1]} positions")
         ys, xs = (
             np.unique(np.linspace(0, n - 1, k).round().astype(int)) for n, k in zip(plan.period, grid, strict=True)
         )
@@ -61,7 +61,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
             row = response.rows([y], xs, subject.workers)[0]
             total += row.sum(axis=0, dtype=np.float64)
             brightest = max(brightest, float(row.max()))
-            yield Step(f"{grid[0]} x {grid[1]} positions, row {y}", 0.0)
+            yield AccuracyStep(f"{grid[0]} x {grid[1]} positions, row {y}", 0.0)
         yield _rung(total / brightest, (len(ys), len(xs)), diameter, camera.sensor)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.accuracy.base import Rung
-from lfcal.accuracy.place import Measuring, Place, Step, Truth
+from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
 from lfcal.accuracy.subject import Subject
 from lfcal.camera import Camera, Forecast, ScanPlan
 from lfcal.frames.source import Noise
@@ -61,7 +61,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
         for count in FRAMES:
             if count * light.size > PIXELS:
                 break
-            yield Step(f"{count} frames of {times:g} times the exposure", 0.3)
+            yield AccuracyStep(f"{count} frames of {times:g} times the exposure", 0.3)
             yield _rung(plan, (camera, dark), light, times, count)
 
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from lfcal.accuracy.base import Rung
-from lfcal.accuracy.place import Measuring, Place, Step, Truth
+from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
 from lfcal.accuracy.subject import Subject
 from lfcal.camera import Sensor
 from lfcal.multiplex import MASKS, Modulator, amplification, mask
@@ -41,11 +41,11 @@ def measure(subject: Subject, seconds: float) -> Measuring:
         ),
     )
     for kind in MASKS:
-        yield Step(kind)
+        yield AccuracyStep(kind)
         modulator = mask(kind, side)
         inverse = modulator.inverse()
         for share in EXPOSURES:
-            yield Step(f"{kind}, exposure 1/{1 / share:g}", 0.2)
+            yield AccuracyStep(f"{kind}, exposure 1/{1 / share:g}", 0.2)
             rng = np.random.default_rng([MASKS.index(kind), EXPOSURES.index(share)])
             error = sample_noise(modulator, inverse, electrons * share, sensor, rng)
             settings = {"mask": kind, "size": side, "exposure_s": exposure * share}

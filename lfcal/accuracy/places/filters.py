@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from lfcal.accuracy.base import Rung
-from lfcal.accuracy.place import Measuring, Place, Step, Truth
+from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
 from lfcal.accuracy.subject import Subject
 from lfcal.camera import Sensor
 from lfcal.multiplex import cfa
@@ -43,7 +43,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
         ),
     )
     for route, name in WAYS:
-        yield Step(f"{route}, {name}")
+        yield AccuracyStep(f"{route}, {name}")
         work = iter_measure_filters(
             scene, modulator, ways=((route, name),), noise=noise, rounds=2, workers=subject.workers
         )

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.accuracy.base import Rung
-from lfcal.accuracy.place import Measuring, Place, Step, Truth
+from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
 from lfcal.accuracy.subject import Subject
 from lfcal.axes import Position
 from lfcal.camera import ScanPlan
@@ -46,14 +46,14 @@ def measure(subject: Subject, seconds: float) -> Measuring:
     z, (nt, ns) = subject.middle, plan.cutout
     effects = plan_effects(plan.camera, plan, TOLERANCE).effects
     whole = replace(plan, anchor=(float(round(plan.anchor[0])), float(round(plan.anchor[1]))))
-    yield Step("pattern on whole pixels")
+    yield AccuracyStep("pattern on whole pixels")
     # one response settles how finely all are computed, so that only the place of the pixels differs
     first = PlaneResponse(whole, z, effects, tolerance=TOLERANCE)
     at = plan.period[0] // 2, plan.period[1] // 2
     true = first.rows([at[0]], [at[1]], 1)[0, 0]
     moved = []
     for shift in SHIFTS:
-        yield Step(f"moved by {shift[0]:+g}, {shift[1]:+g} px")
+        yield AccuracyStep(f"moved by {shift[0]:+g}, {shift[1]:+g} px")
         moved.append(_moved(whole, z, effects, first, at, shift))
     where = "; ".join(f"{y:+g}, {x:+g}" for y, x in SHIFTS)
     yield Truth(
@@ -62,7 +62,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
     )
     count = plan.n_positions
     for name in INTERPOLATIONS:
-        yield Step(name)
+        yield AccuracyStep(name)
         error, took = _tried(name, moved, true)
         yield Rung(name, {"interpolation": name}, error, took * count, "seconds", {"pattern (ms)": 1e3 * took})
 

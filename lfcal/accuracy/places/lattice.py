@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.accuracy.base import Rung
-from lfcal.accuracy.place import Measuring, Place, Step, Truth
+from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
 from lfcal.accuracy.subject import Subject
 from lfcal.camera import Camera
 from lfcal.lattice import MicroImageLattice, fit_lattice, lattice_of
@@ -51,7 +51,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
     took = None
     for side in SIDES:
         part = _middle(camera, side)
-        yield Step(f"{side} lenslets a side", None if took is None else GROWTH * took)
+        yield AccuracyStep(f"{side} lenslets a side", None if took is None else GROWTH * took)
         light = white_discs(part) * np.float32(LEVEL * sensor.full_well_e)
         frame = expose(light, part, NOISE, exposure_s=exposure, kind=FrameKind.WHITE)
         if took is None:  # the first fit of a session compiles

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.accuracy.base import Rung
-from lfcal.accuracy.place import Measuring, Place, Step, Truth
+from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
 from lfcal.accuracy.subject import Subject
 from lfcal.camera import Forecast, ScanPlan
 from lfcal.errors import InputError
@@ -40,14 +40,14 @@ def measure(subject: Subject, seconds: float) -> Measuring:
     between = [float(low + (high - low) * ((k + 1) * 0.6180339887498949 % 1)) for k in range(PLACES)]
     true = []
     for depth in between:
-        yield Step(f"z = {depth:.4g} µm")
+        yield AccuracyStep(f"z = {depth:.4g} µm")
         true.append(_pattern(plan, depth, effects))
     yield Truth(
         "the simulation at the depth itself", (f"middle position, {PLACES} depths between {low:g} and {high:g} µm",)
     )
     known: dict[float, NDArray[np.float64]] = {}
     for count in COUNTS:
-        yield Step(f"{count} planes")
+        yield AccuracyStep(f"{count} planes")
         depths = np.linspace(low, high, count)
         error = total = 0.0
         for depth, pattern in zip(between, true, strict=True):
@@ -56,7 +56,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
                 known[nearest] = _pattern(plan, nearest, effects)
             error += float(np.abs(known[nearest] - pattern).sum())
             total += float(np.abs(pattern).sum())
-            yield Step(f"{count} planes, z = {depth:.4g} µm", 0.0)
+            yield AccuracyStep(f"{count} planes, z = {depth:.4g} µm", 0.0)
         yield _rung(plan, tuple(depths.tolist()), error / total)
 
 

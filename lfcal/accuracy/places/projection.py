@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.accuracy.base import Rung
-from lfcal.accuracy.place import Measuring, Place, Step, Truth
+from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
 from lfcal.accuracy.subject import Subject
 from lfcal.errors import InputError
 from lfcal.psf import PSFMatrix
@@ -104,7 +104,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
     sample = yield from subject.iter_sample(1)
     H = sample.matrix
     shape = _image_shape(H.shape)
-    yield Step("sums written out")
+    yield AccuracyStep("sums written out")
     test = _test(H, shape)
     yield Truth(
         f"sums written out in double precision at {len(test.voxels)} voxels, with all entries of H",
@@ -112,7 +112,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
     )
     done: set[tuple[str, bool, float]] = set()
     for method, double, threshold in SETTINGS:
-        yield Step(f"{method}, {'float64' if double else 'float32'}, threshold {threshold:g}", ABOUT)
+        yield AccuracyStep(f"{method}, {'float64' if double else 'float32'}, threshold {threshold:g}", ABOUT)
         try:
             found, rung = _tried(H, shape, test, (method, double, threshold), subject.workers)
         except InputError:  # this method does not fit into the memory

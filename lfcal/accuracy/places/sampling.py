@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 from lfcal.accuracy.base import Rung
-from lfcal.accuracy.place import Measuring, Place, Step, Truth
+from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
 from lfcal.accuracy.subject import Subject
 from lfcal.plain import plain
 from lfcal.simulate import iter_ladder, plan_effects
-from lfcal.simulate.accuracy.ladder import Rung as LadderRung
-from lfcal.simulate.accuracy.ladder import shown_steps
+from lfcal.simulate.accuracy.ladder import LadderRung, shown_steps
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.staging import resolve_level, scene_for
 
@@ -39,7 +38,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
     while samplings:
         part, samplings = samplings[:size], samplings[size:]
         size += 1
-        yield Step(f"{len(part)} samplings")
+        yield AccuracyStep(f"{len(part)} samplings")
         found = yield from iter_ladder(
             plan.camera, plan, TOLERANCE, effects=effects, z=z, positions=1, samplings=part, reference=reference
         )

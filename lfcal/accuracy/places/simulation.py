@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.accuracy.base import Rung
-from lfcal.accuracy.place import Measuring, Place, Step, Truth
+from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
 from lfcal.accuracy.subject import Subject
 from lfcal.camera import ScanPlan
 from lfcal.simulate import plan_effects
@@ -41,19 +41,19 @@ def measure(subject: Subject, seconds: float) -> Measuring:
     count = max(1, min(MOST_POSITIONS, int(seconds / POSITION_SECONDS)))
     places = _places(plan.period, count)
     every = plan_effects(plan.camera, plan, FINEST).at(plan.depths_um[z])
-    yield Step(f"reference at {len(places)} positions")
+    yield AccuracyStep(f"reference at {len(places)} positions")
     finest = PlaneResponse(plan, z, every, level="reference", tolerance=FINEST / 2)
     truth = []
     for place in places:
         truth.append(_responses(finest, [place]))
-        yield Step(f"reference, position {place}")
+        yield AccuracyStep(f"reference, position {place}")
     yield Truth(
         "the reference level with the effects that matter at 1 %: " + ", ".join(e.name for e in every),
         (f"{len(places)} position{'s' * (len(places) > 1)} of plane {z} (z = {format_length(plan.depths_um[z])})",),
     )
     true = np.concatenate(truth)
     for tolerance in TOLERANCES:
-        yield Step(f"tolerance {100 * tolerance:g} %", FINE_SECONDS if tolerance < FINE else None)
+        yield AccuracyStep(f"tolerance {100 * tolerance:g} %", FINE_SECONDS if tolerance < FINE else None)
         yield _rung(plan, z, tolerance, places, true)
 
 

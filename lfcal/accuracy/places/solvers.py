@@ -7,7 +7,7 @@ import time
 import numpy as np
 
 from lfcal.accuracy.base import Rung
-from lfcal.accuracy.place import Measuring, Place, Step, Truth
+from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
 from lfcal.accuracy.subject import Subject
 from lfcal.camera import Sensor
 from lfcal.errors import LfcalError
@@ -32,7 +32,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
     """Reconstruct the noisy image of a known volume by solver after solver."""
     sample = yield from subject.iter_sample(PLANES)
     H = sample.matrix
-    yield Step("projector")
+    yield AccuracyStep("projector")
     shape = (max(SIDE, H.shape[1] + H.shape[3]), max(SIDE, H.shape[2] + H.shape[4]))
     exact = Projector(H, shape, dtype=np.float64, workers=subject.workers)
     truth = phantom("vesicle", exact.volume_shape)
@@ -54,7 +54,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
         ),
     )
     for name in SOLVERS.names():
-        yield Step(name)
+        yield AccuracyStep(name)
         yield from _solved(P, image, truth * scale, name, setup, SHARE * seconds)
 
 
@@ -73,9 +73,9 @@ def _solved(P: Projector, image: np.ndarray, truth: np.ndarray, name: str, setup
             yield Rung(words, settings, error, record.seconds, "seconds", others)
             if time.perf_counter() - start > seconds:
                 return
-            yield Step(f"{name}, further iterations", 0.0)
+            yield AccuracyStep(f"{name}, further iterations", 0.0)
     except LfcalError as error:  # a solver of another distribution may ask for more than an image
-        yield Step(f"{name}: {error}", 0.0)
+        yield AccuracyStep(f"{name}: {error}", 0.0)
     finally:
         work.close()
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.accuracy.base import Rung
-from lfcal.accuracy.place import Measuring, Place, Step, Truth
+from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
 from lfcal.accuracy.subject import Patterns, Subject
 from lfcal.h5.filters import encode_chunk
 from lfcal.psf import PSFWriter, open_psf
@@ -34,9 +34,9 @@ def measure(subject: Subject, seconds: float) -> Measuring:
     with TemporaryDirectory(prefix="lfcal-accuracy-") as folder:
         for dtype in DTYPES:
             for compression in COMPRESSIONS:
-                yield Step(f"{dtype}, {compression}")
+                yield AccuracyStep(f"{dtype}, {compression}")
                 yield _stored(Path(folder) / "H.h5", patterns, dtype, compression, subject.workers)
-    yield Step("float16")
+    yield AccuracyStep("float16")
     yield _half(patterns)
 
 

@@ -8,12 +8,12 @@ from typing import Any, NamedTuple
 from numpy.typing import NDArray
 
 from lfcal.acquire.guard.doubts import NO_DOUBT, Doubt
-from lfcal.acquire.guard.neighbours import Measured, Neighbours, Sensor, measured, same_place
-from lfcal.acquire.guard.repeats import Place, Repeats, Sample
+from lfcal.acquire.guard.neighbours import MeasuredFrame, Neighbours, SensorLimits, measured, same_place
+from lfcal.acquire.guard.repeats import FramePlace, Repeats, RowSample
 from lfcal.acquire.recording.records import Kind, Suspicion
 from lfcal.frames.source import Position
 
-__all__ = ["Content", "ContentGuard", "Seen"]
+__all__ = ["CheckedFrame", "Content", "ContentGuard"]
 
 EXPOSURE_SHARE, EXPOSURE_STEP_S = 0.1, 50e-6
 """Exposures come in steps: a tenth, or 50 µs, are the camera's own."""
@@ -29,20 +29,20 @@ class Content(NamedTuple):
     """
 
     kind: Kind
-    place: Place
+    place: FramePlace
     frame: NDArray[Any]
-    now: Measured
+    now: MeasuredFrame
     raws: Sequence[NDArray[Any]]
     asked_s: float
     actual_s: Sequence[float]
 
 
-class Seen(NamedTuple):
+class CheckedFrame(NamedTuple):
     """A frame in numbers, the doubt about it, and what is remembered of it if it is to be trusted."""
 
-    now: Measured
+    now: MeasuredFrame
     doubt: Doubt
-    samples: tuple[Sample, ...] = ()
+    samples: tuple[RowSample, ...] = ()
 
 
 class ContentGuard:
@@ -65,7 +65,7 @@ class ContentGuard:
     def __init__(
         self,
         shape: tuple[int, int, int],
-        sensor: Sensor,
+        sensor: SensorLimits,
         *,
         coarse: bool = False,
         recorded: Mapping[int, Position] | None = None,
@@ -75,15 +75,15 @@ class ContentGuard:
         self._coarse = coarse
         self._neighbours = Neighbours(shape, sensor, whole=whole)
         self._repeats = Repeats(sensor.ceiling, recorded)
-        self._reference: Measured | None = None
+        self._reference: MeasuredFrame | None = None
         self._any = False
 
-    def look(self, content: Content) -> Seen:
+    def look(self, content: Content) -> CheckedFrame:
         """Return what is seen of a frame; nothing of it is trusted before `accept`."""
         now = content.now
         doubt = _exposure(content)
         if content.kind is Kind.DARK:
-            return Seen(now, doubt)
+            return CheckedFrame(now, doubt)
         floor = float(now.values[0]) + max(LIT_SIGMAS * now.noise, LIT_COUNTS)
         repeated, samples = self._repeats.look(content.place, content.raws, floor)
         doubt |= repeated
@@ -95,16 +95,16 @@ class ContentGuard:
                 doubt |= Doubt(Suspicion.BLANK, ("light: expected some in the first frame, got none; check the lamp",))
         elif content.kind is Kind.REFERENCE and self._reference is not None:
             doubt |= same_place(now, self._reference, self.sensor, references=True)
-        return Seen(now, doubt, samples)
+        return CheckedFrame(now, doubt, samples)
 
-    def know(self, position: Position, frame: NDArray[Any], saturated: int, exposure_s: float) -> Measured:
+    def know(self, position: Position, frame: NDArray[Any], saturated: int, exposure_s: float) -> MeasuredFrame:
         """Trust a frame that an earlier run of the session recorded, and return it in numbers."""
         now = measured(frame, saturated, self.sensor)
         self._neighbours.accept(position, now, exposure_s, self._pitch(position))
         self._any = True
         return now
 
-    def accept(self, content: Content, seen: Seen) -> None:
+    def accept(self, content: Content, seen: CheckedFrame) -> None:
         """Trust a frame: later ones are held against it."""
         self._repeats.remember(seen.samples)
         if content.kind is Kind.POSITION:

@@ -13,7 +13,7 @@ from lfcal.acquire.guard.kernels import COLUMNS, expect, learn, measure
 from lfcal.acquire.recording.records import Suspicion
 from lfcal.frames.source import Position
 
-__all__ = ["Measured", "Neighbours", "Sensor", "measured", "same_place"]
+__all__ = ["MeasuredFrame", "Neighbours", "SensorLimits", "measured", "same_place"]
 
 LEVEL, ENERGY, ROW, COLUMN, PEAK = range(5)
 UNUSUAL = 8.0
@@ -39,14 +39,14 @@ DARK = 0.1
 FAR_FROM_FULL, FEW_CLIPPED = 0.7, 4
 
 
-class Sensor(NamedTuple):
+class SensorLimits(NamedTuple):
     """Saturated sample value, and electrons per count."""
 
     ceiling: float
     gain: float
 
 
-class Measured(NamedTuple):
+class MeasuredFrame(NamedTuple):
     """A frame in numbers: see `COLUMNS`; standard deviations of level, energy and centroid; saturated pixels."""
 
     values: NDArray[np.float64]
@@ -76,7 +76,7 @@ class Measured(NamedTuple):
         return bool(self.values[ENERGY] > SIGMAS * self.energy_sigma)
 
 
-def measured(frame: NDArray[Any], saturated: int, sensor: Sensor) -> Measured:
+def measured(frame: NDArray[Any], saturated: int, sensor: SensorLimits) -> MeasuredFrame:
     """Return the numbers of ``frame`` ``(rows, columns)``."""
     values = np.empty(len(COLUMNS))
     measure(frame, values)
@@ -88,7 +88,7 @@ def measured(frame: NDArray[Any], saturated: int, sensor: Sensor) -> Measured:
     energy = math.sqrt(frame.size * noise**2 + (frame.size * level) ** 2 + light / sensor.gain)
     # the wings of a pattern are a quarter of the frame away, those of the noise are everywhere
     moment = math.sqrt(frame.size * noise**2 / 12 * max(rows, columns) ** 2 + light / sensor.gain * (rows / 4) ** 2)
-    return Measured(values, level, energy, moment / max(light, energy), saturated)
+    return MeasuredFrame(values, level, energy, moment / max(light, energy), saturated)
 
 
 class Neighbours:
@@ -104,15 +104,15 @@ class Neighbours:
         Frames are whole ones of many points: only the latest one is near.
     """
 
-    def __init__(self, shape: tuple[int, int, int], sensor: Sensor, *, whole: bool = False) -> None:
+    def __init__(self, shape: tuple[int, int, int], sensor: SensorLimits, *, whole: bool = False) -> None:
         self._sensor, self._whole = sensor, whole
         self._table = np.full((*shape, 5), np.nan)
         self._mostly = np.tile(np.array(FIRST), (len(GAINS), 1))
         self._expected = np.empty(5)
         self._asked: tuple[Position, int, int] | None = None
-        self._latest: tuple[float, Measured] | None = None
+        self._latest: tuple[float, MeasuredFrame] | None = None
 
-    def look(self, position: Position, now: Measured, exposure_s: float, pitch: int) -> Doubt:
+    def look(self, position: Position, now: MeasuredFrame, exposure_s: float, pitch: int) -> Doubt:
         """Return the doubt about a frame of ``position``; neighbours are ``pitch`` positions away."""
         way = self._expect(position, pitch)
         if way < 0:
@@ -126,7 +126,7 @@ class Neighbours:
             doubt |= Doubt(Suspicion.CLIPPED, (f"{why} pixels; check lamp and exposure",))
         return doubt
 
-    def accept(self, position: Position, now: Measured, exposure_s: float, pitch: int) -> None:
+    def accept(self, position: Position, now: MeasuredFrame, exposure_s: float, pitch: int) -> None:
         """Remember a frame that is to be trusted."""
         way = self._expect(position, pitch)
         if way >= 0 and now.lit:
@@ -144,7 +144,7 @@ class Neighbours:
             self._asked = position, pitch, way
         return self._asked[2]
 
-    def _elsewhere(self, now: Measured, exposure_s: float) -> Doubt:
+    def _elsewhere(self, now: MeasuredFrame, exposure_s: float) -> Doubt:
         if self._latest is None:
             return NO_DOUBT
         exposure, before = self._latest
@@ -153,13 +153,13 @@ class Neighbours:
         return _compare(now, expected, MANY if self._whole else ELSEWHERE, 2.0, self._sensor)
 
 
-def same_place(now: Measured, before: Measured, sensor: Sensor, *, references: bool = False) -> Doubt:
+def same_place(now: MeasuredFrame, before: MeasuredFrame, sensor: SensorLimits, *, references: bool = False) -> Doubt:
     """Return the doubt about a frame of a place that was recorded before, with the same exposure."""
     return _compare(now, before.values, REFERENCES if references else AGAIN, 1.5, sensor)
 
 
 def _compare(
-    now: Measured, expected: NDArray[np.float64], limits: tuple[float, ...], gain: float, sensor: Sensor
+    now: MeasuredFrame, expected: NDArray[np.float64], limits: tuple[float, ...], gain: float, sensor: SensorLimits
 ) -> Doubt:
     """Return the doubt where ``now`` differs from ``expected`` ``(5,)`` by more than ``limits`` and its noise."""
     sigmas = gain * SIGMAS

@@ -15,7 +15,7 @@ from lfcal.acquire.guard.kernels import count_lit, same_rows
 from lfcal.acquire.recording.records import Suspicion, frame_crc
 from lfcal.frames.source import Position
 
-__all__ = ["Place", "Repeats", "Sample"]
+__all__ = ["FramePlace", "Repeats", "RowSample"]
 
 SAMPLES = 1 << 14
 """So many samples of a frame are compared, whole rows of it: noise repeats in none of them."""
@@ -25,17 +25,17 @@ FEW = 16
 """So many lit samples must be equal. Where no light is, frames of a sensor without noise may well be the same."""
 
 
-class Place(NamedTuple):
+class FramePlace(NamedTuple):
     """Where a frame was taken: the plan's position and whole periods (y, x) away from it."""
 
     position: Position
     periods: tuple[int, int] = (0, 0)
 
 
-class Sample(NamedTuple):
+class RowSample(NamedTuple):
     """Rows of one exposure, their CRC-32, the bytes of the first and the last of them, and where it was taken."""
 
-    place: Place
+    place: FramePlace
     rows: NDArray[Any]
     crc: int
     edges: tuple[bytes, bytes]
@@ -57,11 +57,13 @@ class Repeats:
 
     def __init__(self, ceiling: float, recorded: Mapping[int, Position] | None = None) -> None:
         self._ceiling = ceiling
-        self._seen: dict[int, Place] = {}
+        self._seen: dict[int, FramePlace] = {}
         self._recorded = recorded or {}
-        self._latest: deque[Sample] = deque(maxlen=BUFFERS)
+        self._latest: deque[RowSample] = deque(maxlen=BUFFERS)
 
-    def look(self, place: Place, raws: Iterable[NDArray[Any]], floor: float) -> tuple[Doubt, tuple[Sample, ...]]:
+    def look(
+        self, place: FramePlace, raws: Iterable[NDArray[Any]], floor: float
+    ) -> tuple[Doubt, tuple[RowSample, ...]]:
         """Return the doubt about the exposures ``raws`` of ``place``, and what `remember` takes of them.
 
         Parameters
@@ -77,13 +79,13 @@ class Repeats:
         for raw in raws:
             # one array in memory: its rows may be those of a larger region
             rows = np.ascontiguousarray(raw[:: math.ceil(raw.size / SAMPLES)])
-            sample = Sample(place, rows, frame_crc(rows.data), (rows[0].tobytes(), rows[-1].tobytes()))
+            sample = RowSample(place, rows, frame_crc(rows.data), (rows[0].tobytes(), rows[-1].tobytes()))
             samples.append(sample)
             if not doubt:
                 doubt = self._whole(sample, floor) or self._part(sample, floor) or NO_DOUBT
         return doubt, tuple(samples)
 
-    def remember(self, samples: Iterable[Sample]) -> None:
+    def remember(self, samples: Iterable[RowSample]) -> None:
         """Hold later exposures against these; what was taken at a wrong place must not be among them."""
         for sample in samples:
             self._seen.setdefault(sample.crc, sample.place)
@@ -102,13 +104,13 @@ class Repeats:
             return NO_DOUBT
         return _repeated(other)
 
-    def _whole(self, sample: Sample, floor: float) -> Doubt | None:
+    def _whole(self, sample: RowSample, floor: float) -> Doubt | None:
         other = self._seen.get(sample.crc, sample.place)
         if other == sample.place or count_lit(sample.rows, floor, self._ceiling) < FEW:
             return None
         return _repeated(other.position)
 
-    def _part(self, sample: Sample, floor: float) -> Doubt | None:
+    def _part(self, sample: RowSample, floor: float) -> Doubt | None:
         rows, n = sample.rows, len(sample.rows)
         for place, earlier, _, edges in self._latest:
             # with noise the outermost rows hardly ever agree: that is soon seen

@@ -66,8 +66,8 @@ class Note:
     >>> from lfcal.camera import ScanPlan, preset
     >>> plan = replace(ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=21), period=(2, 3))
     >>> from lfcal.devices import simulated_rig
-    >>> from lfcal.acquire import Note, Step, record
-    >>> def watch(step: Step, note: Note, frame):
+    >>> from lfcal.acquire import Note, ScheduledFrame, record
+    >>> def watch(step: ScheduledFrame, note: Note, frame):
     ...     if note.index == 5:
     ...         print(f"position 5: exposed {1e3 * note.exposure_s:.0f} ms, {note.saturated} saturated pixels")
     >>> _ = record(Path("new"), plan, simulated_rig(plan), observers=(watch,))

@@ -10,7 +10,7 @@ from lfcal.acquire.recording.contents import files_made
 from lfcal.acquire.recording.reader import RecordingFile
 from lfcal.acquire.recording.records import Kind, file_name
 from lfcal.acquire.recording.recovery import restore
-from lfcal.acquire.recording.slots import Journal
+from lfcal.acquire.recording.slots import RecordingJournal
 from lfcal.acquire.recording.verify import SessionReport
 from lfcal.acquire.session_file import SessionFile
 from lfcal.errors import FileFormatError
@@ -66,7 +66,7 @@ def _iter_unpack(path: Path, damaged: np.ndarray[tuple[int], np.dtype[np.int64]]
         require_space(path.parent, layout.count * layout.frame_bytes, what=path.name)
         attributes = {key: v for key, v in layout.attributes.items() if key not in ("format", "version")}
         clock = Clock(f"unpack {path.name}", layout.count)
-        journal = Journal.create(part, layout.count, layout.shape, layout.dtype, attributes)
+        journal = RecordingJournal.create(part, layout.count, layout.shape, layout.dtype, attributes)
         try:
             for slot in np.setdiff1d(np.flatnonzero(source.taken), damaged).tolist():
                 yield clock.at(slot)

@@ -23,7 +23,7 @@ from lfcal.h5.file import H5File
 from lfcal.system import OPEN_FLAGS, replace, reserve, sync_data, sync_folder, write_at
 from lfcal.system import read_at as read_bytes
 
-__all__ = ["FORMAT", "VERSION", "Journal", "Layout", "lay_out", "read_at", "read_layout"]
+__all__ = ["FORMAT", "VERSION", "Layout", "RecordingJournal", "lay_out", "read_at", "read_layout"]
 
 FORMAT = "lfcal-recording"
 VERSION = 1
@@ -94,7 +94,7 @@ def read_layout(path: Path) -> Layout:
         )
 
 
-class Journal:
+class RecordingJournal:
     """A recording open for writing; one program at a time (the session holds the lock).
 
     Parameters
@@ -115,7 +115,7 @@ class Journal:
     @classmethod
     def create(
         cls, path: Path, count: int, shape: tuple[int, int], dtype: np.dtype[Any], attributes: dict[str, Any]
-    ) -> Journal:
+    ) -> RecordingJournal:
         """Lay out a recording of ``count`` frames of ``shape`` and ``dtype``, reserve it on disk and open it.
 
         Raises `StorageError` when the disk cannot hold it; nothing is left behind then.

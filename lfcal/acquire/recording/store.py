@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from lfcal.acquire.recording.reader import RecordingFile
 from lfcal.acquire.recording.records import FILES, RECORD, Kind, Note, file_name
-from lfcal.acquire.recording.slots import Journal
-from lfcal.acquire.schedule import Schedule, Step
+from lfcal.acquire.recording.slots import RecordingJournal
+from lfcal.acquire.schedule import Schedule, ScheduledFrame
 from lfcal.errors import FileFormatError
 from lfcal.files import require_space
 
@@ -39,7 +39,7 @@ class Store:
 
     def __init__(
         self,
-        journals: dict[Kind, Journal],
+        journals: dict[Kind, RecordingJournal],
         schedule: Schedule,
         taken: dict[Kind, NDArray[np.bool_]] | None = None,
         earlier: tuple[NDArray[Any], ...] = (),
@@ -65,11 +65,11 @@ class Store:
         """Lay out and reserve the files of recording ``run``, of frames of ``dtype``; ``reserve`` bytes stay free."""
         plans = files_of(schedule, dtype)
         require_space(folder, recording_bytes(schedule, dtype) + reserve, what="the recording and its reserve")
-        opened: dict[Kind, Journal] = {}
+        opened: dict[Kind, RecordingJournal] = {}
         try:
             for kind, (count, shape, sample) in plans.items():
                 about = {**attributes, "holds": FILES[kind]}
-                opened[kind] = Journal.create(folder / file_name(kind, run), count, shape, sample, about)
+                opened[kind] = RecordingJournal.create(folder / file_name(kind, run), count, shape, sample, about)
         except BaseException:
             # a half-made set of files would look like a recording to resume
             for kind, journal in opened.items():
@@ -92,7 +92,7 @@ class Store:
 
         Raises `FileFormatError` if they are another session's.
         """
-        opened: dict[Kind, Journal] = {}
+        opened: dict[Kind, RecordingJournal] = {}
         taken: dict[Kind, NDArray[np.bool_]] = {}
         earlier = []
         try:
@@ -104,7 +104,7 @@ class Store:
                 good[damaged(path.name)] = False
                 earlier.append(records[good])
                 if in_place:
-                    opened[kind], taken[kind] = Journal(path), good
+                    opened[kind], taken[kind] = RecordingJournal(path), good
             return cls(_shared(opened), schedule, _shared(taken), tuple(earlier))
         except BaseException:
             for journal in opened.values():
@@ -116,7 +116,7 @@ class Store:
         """Whether any of the files still takes frames."""
         return bool(self._journals)
 
-    def put(self, step: Step, frame: NDArray[Any], note: Note) -> None:
+    def put(self, step: ScheduledFrame, frame: NDArray[Any], note: Note) -> None:
         """Hand a frame with its note to the operating system."""
         journal = self._journals[step.kind]
         journal.put(step.slot, frame.astype(journal.layout.dtype, copy=False), note, self._sequence)

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, Protocol
 from numpy.typing import NDArray
 
 from lfcal.acquire.recording.records import Kind, Note
-from lfcal.acquire.schedule import Step
+from lfcal.acquire.schedule import ScheduledFrame
 from lfcal.errors import LfcalError
 
 __all__ = ["Acknowledged", "Sink", "Writer"]
@@ -24,7 +24,7 @@ __all__ = ["Acknowledged", "Sink", "Writer"]
 class Sink(Protocol):
     """Where frames go."""
 
-    def put(self, step: Step, frame: NDArray[Any], note: Note) -> None:
+    def put(self, step: ScheduledFrame, frame: NDArray[Any], note: Note) -> None:
         """Hand a frame with its note to the operating system."""
         ...
 
@@ -36,7 +36,7 @@ class Sink(Protocol):
 class Acknowledged(NamedTuple):
     """A frame that is safe on the disk, with its step and note."""
 
-    step: Step
+    step: ScheduledFrame
     note: Note
     frame: NDArray[Any]
 
@@ -57,7 +57,7 @@ class Writer:
         self._thread = threading.Thread(target=self._work, name="frame writer", daemon=True)
         self._thread.start()
 
-    def submit(self, step: Step, frame: NDArray[Any], note: Note) -> list[Acknowledged]:
+    def submit(self, step: ScheduledFrame, frame: NDArray[Any], note: Note) -> list[Acknowledged]:
         """Put a frame, waiting while ``depth`` others are in flight; return what became safe meanwhile."""
         while self._in_flight >= self._depth:
             self._take(self._answers.get())

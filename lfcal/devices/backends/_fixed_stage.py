@@ -7,7 +7,7 @@ import math
 from lfcal.devices.errors import StageError
 from lfcal.devices.protocols import Limits, Point
 
-__all__ = ["MovedElsewhere", "NoStage"]
+__all__ = ["ExternalStage", "NoStage"]
 
 _ANYWHERE: Limits = ((-math.inf, math.inf), (-math.inf, math.inf), (-math.inf, math.inf))
 
@@ -41,7 +41,7 @@ class NoStage:
         """Do nothing."""
 
 
-class MovedElsewhere:
+class ExternalStage:
     """A source that another program or a person moves: its place is taken to be where it was asked to be."""
 
     name = "moved by another program"

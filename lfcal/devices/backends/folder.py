@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from lfcal.camera import ScanPlan
 from lfcal.devices.backends._camera import CameraFacts
-from lfcal.devices.backends._fixed_stage import MovedElsewhere
+from lfcal.devices.backends._fixed_stage import ExternalStage
 from lfcal.devices.errors import DeviceLost, FrameTimeout, IncompleteFrame
 from lfcal.devices.options import number_option
 from lfcal.devices.protocols import Frame, Roi, Setting
@@ -59,7 +59,7 @@ class FolderBackend:
         pattern = options.get("pattern", "*")
         if "/" in pattern or os.sep in pattern:
             raise InputError.expected("option pattern", "a name without folders", repr(pattern), "correct it")
-        stage = MovedElsewhere()
+        stage = ExternalStage()
         bits = int(number_option(options, "bits", plan.camera.sensor.bit_depth, low=1, high=16))
         quiet = number_option(options, "quiet", 0.2, low=0)
         wait = number_option(options, "wait", 60.0, low=0.01)
@@ -78,7 +78,7 @@ class _Camera(CameraFacts):
         pattern: str,
         shape: tuple[int, int],
         bits: int,
-        stage: MovedElsewhere,
+        stage: ExternalStage,
         *,
         quiet_s: float,
         wait_s: float,

@@ -13,7 +13,7 @@ from lfcal.devices.options import limits_option, number_option
 from lfcal.devices.protocols import SystemTime, TimeSource
 from lfcal.devices.rig import Rig
 from lfcal.devices.simulated.camera import AUTOMATIC, Renderer, SimCamera, SimLight
-from lfcal.devices.simulated.faults import Fault, parse_faults
+from lfcal.devices.simulated.faults import DeviceFault, parse_faults
 from lfcal.devices.simulated.gauges import SimGauge, simulated_gauges
 from lfcal.devices.simulated.optics import FramesRenderer, PatternRenderer, simulated_optics
 from lfcal.devices.simulated.stage import SimStage, StageModel, VirtualTime
@@ -30,7 +30,7 @@ def simulated_rig(
     plan: ScanPlan,
     *,
     model: StageModel | None = None,
-    faults: Iterable[Fault] = (),
+    faults: Iterable[DeviceFault] = (),
     axes: StageAxes | None = None,
     optics: Renderer | FrameSource | None = None,
     time: TimeSource | None = None,
@@ -91,7 +91,7 @@ def simulated_rig(
     return Rig(camera, stage, light, clock, gauges=simulated_gauges(faults), switches=True)
 
 
-def inject(rig: Rig, fault: Fault) -> None:
+def inject(rig: Rig, fault: DeviceFault) -> None:
     """Let a fault strike a simulated rig at work, ``fault.at`` calls from the next one.
 
     Raises

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from lfcal.camera import Camera, StageAxes
 from lfcal.devices.errors import DeviceLost, FrameTimeout
 from lfcal.devices.protocols import Frame, Point, Rendered, Roi, Setting, TimeSource
-from lfcal.devices.simulated.faults import CAMERA_FAULTS, Fault, FaultBook
+from lfcal.devices.simulated.faults import CAMERA_FAULTS, DeviceFault, FaultBook
 from lfcal.devices.simulated.stage import SimStage, VirtualTime
 
-__all__ = ["AUTOMATIC", "Patch", "Renderer", "SimCamera", "SimLight"]
+__all__ = ["AUTOMATIC", "LightPatch", "Renderer", "SimCamera", "SimLight"]
 
 BUMP_UM = (15.0, -15.0, 0.0)
 """How far a stage that is bumped during an exposure moves (µm)."""
@@ -64,7 +64,7 @@ class _Grain(NamedTuple):
         return np.asarray(field[self.rows[rows], self.columns[rows], columns])
 
 
-class Patch(NamedTuple):
+class LightPatch(NamedTuple):
     """Light on a part of the sensor: its first row and column, and counts above black ``(rows, columns)``."""
 
     row: int
@@ -78,7 +78,7 @@ class Renderer(Protocol):
     A session records the ``optics`` of one that is `Rendered`, of another the name of its class.
     """
 
-    def render(self, source_um: Point, exposure_s: float, roi: Roi) -> Patch:
+    def render(self, source_um: Point, exposure_s: float, roi: Roi) -> LightPatch:
         """Return the expected light of a source at (right, down, away) µm; it may reach beyond ``roi``."""
         ...
 
@@ -127,7 +127,7 @@ class SimCamera:
         light: SimLight,
         renderer: Renderer,
         *,
-        faults: Iterable[Fault] = (),
+        faults: Iterable[DeviceFault] = (),
         automatic: Collection[str] = (),
         seed: int = 0,
     ) -> None:
@@ -296,7 +296,7 @@ class SimCamera:
             counts = np.float32(full) * np.clip(counts / np.float32(full), 0, 1) ** np.float32(1 / 2.2)
         return np.asarray(counts, np.float32)
 
-    def _add(self, frame: NDArray[Any], patch: Patch, grains: tuple[_Grain, _Grain]) -> None:
+    def _add(self, frame: NDArray[Any], patch: LightPatch, grains: tuple[_Grain, _Grain]) -> None:
         """Enter what the sensor shows of the light of ``patch`` into ``frame``, in place."""
         row, column = patch.row - self._roi.row, patch.column - self._roi.column
         top, left = max(row, 0), max(column, 0)

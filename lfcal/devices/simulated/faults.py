@@ -14,7 +14,7 @@ __all__ = [
     "FAULTS",
     "GAUGE_FAULTS",
     "STAGE_FAULTS",
-    "Fault",
+    "DeviceFault",
     "FaultBook",
     "parse_faults",
 ]
@@ -47,7 +47,7 @@ FAULTS = STAGE_FAULTS + CAMERA_FAULTS + GAUGE_FAULTS
 
 
 @dataclass(frozen=True, slots=True)
-class Fault:
+class DeviceFault:
     """One fault.
 
     Attributes
@@ -75,14 +75,14 @@ class Fault:
         return f"{self.kind}@{self.at}" + (f"*{self.times}" if self.times > 1 else "")
 
 
-def parse_faults(text: str) -> list[Fault]:
+def parse_faults(text: str) -> list[DeviceFault]:
     """Return the faults that ``kind@call[*times]``, separated by ``;``, say; raises `InputError`."""
     faults = []
     for part in filter(None, (p.strip() for p in text.split(";"))):
         kind, _, call = part.partition("@")
         at, _, times = call.partition("*")
         try:
-            faults.append(Fault(kind.strip(), int(at), int(times or 1)))
+            faults.append(DeviceFault(kind.strip(), int(at), int(times or 1)))
         except ValueError as error:
             if isinstance(error, InputError):
                 raise
@@ -93,7 +93,7 @@ def parse_faults(text: str) -> list[Fault]:
 class FaultBook:
     """Count the calls of one device and decide which faults occur."""
 
-    def __init__(self, faults: Iterable[Fault], kinds: tuple[str, ...]) -> None:
+    def __init__(self, faults: Iterable[DeviceFault], kinds: tuple[str, ...]) -> None:
         self.kinds = kinds
         self._faults = [fault for fault in faults if fault.kind in kinds]
         self.calls = 0
@@ -104,7 +104,7 @@ class FaultBook:
         self.calls += 1
         return struck
 
-    def inject(self, fault: Fault) -> None:
+    def inject(self, fault: DeviceFault) -> None:
         """Let a further fault strike; it begins ``fault.at`` calls from the next one."""
         # one assignment: another thread may be counting
         self._faults = [*self._faults, replace(fault, at=self.calls + fault.at)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from lfcal.devices.simulated.faults import Fault, FaultBook
+from lfcal.devices.simulated.faults import DeviceFault, FaultBook
 
 __all__ = ["SimGauge", "simulated_gauges"]
 
@@ -12,7 +12,9 @@ __all__ = ["SimGauge", "simulated_gauges"]
 class SimGauge:
     """A gauge with one reading, and another while its fault lasts."""
 
-    def __init__(self, name: str, unit: str, values: tuple[float, float], fault: str, faults: Iterable[Fault]) -> None:
+    def __init__(
+        self, name: str, unit: str, values: tuple[float, float], fault: str, faults: Iterable[DeviceFault]
+    ) -> None:
         self.name, self.unit = name, unit
         self._usual, self._off = values
         self._fault = fault
@@ -23,7 +25,7 @@ class SimGauge:
         return self._off if self._fault in self.faults.next_call() else self._usual
 
 
-def simulated_gauges(faults: Iterable[Fault] = ()) -> tuple[SimGauge, SimGauge]:
+def simulated_gauges(faults: Iterable[DeviceFault] = ()) -> tuple[SimGauge, SimGauge]:
     """Return thermometer (21 °C, 27 when too warm) and photodiode (100 %, 60 when the lamp is low)."""
     faults = tuple(faults)
     return (

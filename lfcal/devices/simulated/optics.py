@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from lfcal.camera import ScanPlan
 from lfcal.camera.shadow import half_extent_px
 from lfcal.devices.protocols import Point, Roi
-from lfcal.devices.simulated.camera import Patch
+from lfcal.devices.simulated.camera import LightPatch
 from lfcal.errors import InputError
 from lfcal.frames.source import FrameSource
 
@@ -62,7 +62,7 @@ class PatternRenderer:
     def _sigma(self, depth_um: float) -> float:
         return min(1.5 + 0.3 * abs(self._camera.virtual_depth(depth_um)), self._limit / 3)
 
-    def render(self, source_um: Point, exposure_s: float, roi: Roi) -> Patch:
+    def render(self, source_um: Point, exposure_s: float, roi: Roi) -> LightPatch:
         """Return a patch of six standard deviations about the image of ``source_um``."""
         step = self._camera.step_um(source_um[2])
         row = self._centre[0] + source_um[1] / step
@@ -72,7 +72,7 @@ class PatternRenderer:
         # rounded, so that the cache also serves the same place reached over another path
         top, down = _profile(round(row, 6), sigma, self._plan.period[0])
         left, along = _profile(round(column, 6), sigma, self._plan.period[1])
-        return Patch(top, left, np.multiply.outer(peak * down, along))
+        return LightPatch(top, left, np.multiply.outer(peak * down, along))
 
 
 @functools.lru_cache(maxsize=4096)
@@ -129,14 +129,14 @@ class FramesRenderer:
         """The level of the simulator; ``"frames"`` where the source of frames names none."""
         return str((self._frames.metadata.simulated or {}).get("level", "frames"))
 
-    def render(self, source_um: Point, exposure_s: float, roi: Roi) -> Patch:
+    def render(self, source_um: Point, exposure_s: float, roi: Roi) -> LightPatch:
         """Return the frame of the nearest position, or of the place itself off the planes; ``roi`` is ignored."""
         plan = self._plan
         z = int(np.argmin(np.abs(np.array(plan.depths_um) - source_um[2])))
         if self._patch_of is not None and self._off_plane(source_um[2], z):
             row, column, electrons = self._patch_of(tuple(round(value, 3) for value in source_um))
             counts = electrons * np.float32(exposure_s / plan.exposures[z] / plan.camera.sensor.electrons_per_count)
-            return Patch(row, column, counts)
+            return LightPatch(row, column, counts)
         step = plan.camera.step_um(plan.depths_um[z])
         centre, factors = plan.camera.sensor.centre_px, plan.resample_factors
         steps = [round((centre[k] + source_um[1 - k] / step - plan.anchor[k]) * factors[k]) for k in range(2)]
@@ -149,7 +149,7 @@ class FramesRenderer:
             )
         top, left, light = self._light(index)
         shift = round(ky * plan.period[0] / factors[0]), round(kx * plan.period[1] / factors[1])
-        return Patch(top + shift[0], left + shift[1], light * np.float32(exposure_s / plan.exposures[z]))
+        return LightPatch(top + shift[0], left + shift[1], light * np.float32(exposure_s / plan.exposures[z]))
 
     def _off_plane(self, depth_um: float, z: int) -> bool:
         """Return whether the image is another there: its shadow is larger or smaller by `OFF_PLANE_PX`."""
@@ -157,13 +157,13 @@ class FramesRenderer:
         there, planned = (half_extent_px(camera, depth) for depth in (depth_um, self._plan.depths_um[z]))
         return abs(there - planned) > OFF_PLANE_PX
 
-    def _light(self, index: int) -> Patch:
+    def _light(self, index: int) -> LightPatch:
         """Return counts above black of frame ``index``."""
         sensor = self._plan.camera.sensor
         if isinstance(self._frames, LitFrames):
             row, column, electrons = self._frames.patch(index)
-            return Patch(row, column, electrons * np.float32(1 / sensor.electrons_per_count))
-        return Patch(0, 0, (self._frames.read(index) - np.float32(sensor.black_level)).clip(0))
+            return LightPatch(row, column, electrons * np.float32(1 / sensor.electrons_per_count))
+        return LightPatch(0, 0, (self._frames.read(index) - np.float32(sensor.black_level)).clip(0))
 
 
 def simulated_optics(plan: ScanPlan, level: str, effects: str = "") -> FramesRenderer:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from lfcal.checks import check_number
 from lfcal.devices.errors import DeviceLost, StageError
 from lfcal.devices.protocols import Limits, Point, TimeSource
-from lfcal.devices.simulated.faults import STAGE_FAULTS, Fault, FaultBook
+from lfcal.devices.simulated.faults import STAGE_FAULTS, DeviceFault, FaultBook
 
 __all__ = ["SimStage", "StageModel", "VirtualTime"]
 
@@ -96,7 +96,7 @@ class SimStage:
         self,
         time: TimeSource,
         model: StageModel | None = None,
-        faults: Iterable[Fault] = (),
+        faults: Iterable[DeviceFault] = (),
         *,
         slip_um: float = 20.0,
     ) -> None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lfcal.camera import ScanPlan
 from lfcal.devices.protocols import Point, Rendered, Roi
-from lfcal.devices.simulated.camera import Patch, Renderer
+from lfcal.devices.simulated.camera import LightPatch, Renderer
 from lfcal.devices.simulated.optics import PatternRenderer, chosen_effects
 from lfcal.errors import InputError
 from lfcal.files import read_text
@@ -47,7 +47,7 @@ class TargetPattern:
         self._places = target.pose.points(target.flat_um(target.holes)).tolist()
         self._light = brightness.astype(np.float32).tolist()
 
-    def render(self, source_um: Point, exposure_s: float, roi: Roi) -> Patch:
+    def render(self, source_um: Point, exposure_s: float, roi: Roi) -> LightPatch:
         """Return the light of all holes on ``roi``, with the target's middle at ``source_um``."""
         x, y, z = source_um
         out = np.zeros(roi.shape, np.float32)
@@ -59,7 +59,7 @@ class TargetPattern:
             if first < bottom and beside < end:
                 part = counts[first - row : bottom - row, beside - column : end - column]
                 out[first:bottom, beside:end] += np.float32(light) * part
-        return Patch(roi.row, roi.column, out)
+        return LightPatch(roi.row, roi.column, out)
 
 
 class TargetRenderer:
@@ -81,7 +81,7 @@ class TargetRenderer:
         """The level of the simulator."""
         return self._frames.single.level
 
-    def render(self, source_um: Point, exposure_s: float, roi: Roi) -> Patch:
+    def render(self, source_um: Point, exposure_s: float, roi: Roi) -> LightPatch:
         """Return the whole frame with the target's middle at ``source_um``, in the nearest plane; ``roi`` is ignored.
 
         Raises
@@ -97,7 +97,7 @@ class TargetRenderer:
             raise InputError.expected("depth of the simulated target", "a plane of the plan", depth, "move it there")
         offset = round(source_um[1] / step, 6), round(source_um[0] / step, 6)
         factor = exposure_s / scan.exposures[z] / scan.camera.sensor.electrons_per_count
-        return Patch(0, 0, self._light(z, offset) * np.float32(factor))
+        return LightPatch(0, 0, self._light(z, offset) * np.float32(factor))
 
 
 class SwitchedRenderer:
@@ -120,7 +120,7 @@ class SwitchedRenderer:
         """Those of the target."""
         return self._target.optics if isinstance(self._target, Rendered) else ""
 
-    def render(self, source_um: Point, exposure_s: float, roi: Roi) -> Patch:
+    def render(self, source_um: Point, exposure_s: float, roi: Roi) -> LightPatch:
         """Return the light of the frame whose offset the stage stands at; elsewhere that of the target alone."""
         z = int(np.argmin(np.abs(np.array(self._plan.scan.depths_um) - source_um[2])))
         away = np.abs(self._offsets[z] - np.array(source_um[:2])).max(axis=1)
@@ -130,7 +130,9 @@ class SwitchedRenderer:
         lit = self._plan.lit_in(z, int(np.argmin(away)))
         places = [(float(x), float(y), source_um[2]) for x, y in self._offsets[z][list(lit)]]
         patches = [self._target.render(place, exposure_s, roi) for place in places]
-        return Patch(patches[0].row, patches[0].column, sum((one.counts for one in patches[1:]), patches[0].counts))
+        return LightPatch(
+            patches[0].row, patches[0].column, sum((one.counts for one in patches[1:]), patches[0].counts)
+        )
 
 
 def simulated_target(

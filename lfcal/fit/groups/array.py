@@ -9,11 +9,11 @@ from dataclasses import replace
 import numpy as np
 
 from lfcal.camera import Camera, LensletLattice
-from lfcal.fit.parameters import Frame, Group, Unknown
+from lfcal.fit.parameters import Group, ScanScales, Unknown
 from lfcal.fit.setup import Setup
 from lfcal.simulate.effects import ArrayTilt
 
-__all__ = ["Geometry", "Pitch", "Tilt"]
+__all__ = ["ArrayTiltGroup", "Geometry", "Pitch"]
 
 STEP_PX = 0.05
 """Displacement of lenslets at the cutout's edge that shows."""
@@ -48,7 +48,7 @@ class Geometry(Group):
     rank = 10
     core = True
 
-    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+    def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return gap, rotation about the region's middle, and offset (as what is added to the described one)."""
         lattice, pixel = setup.camera.lattice, setup.camera.sensor.pixel_um
         gap, aside = lattice.gap_um, 0.5 * lattice.pitch_um
@@ -60,7 +60,7 @@ class Geometry(Group):
             Unknown("offset_x_um", self.name, "µm", 0.0, 0.2 * pixel, None, -aside, aside, gauge=held),
         )
 
-    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
         """Return the setup with the array so placed."""
 
         def placed(camera: Camera) -> Camera:
@@ -79,13 +79,13 @@ class Pitch(Group):
     title = "pitch of the array"
     rank = 12
 
-    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+    def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return the pitch."""
         pitch = setup.camera.lattice.pitch_um
         scale = STEP_PX / frame.reach_px * pitch
         return (Unknown("pitch_um", self.name, "µm", pitch, scale, None, 0.8 * pitch, 1.25 * pitch),)
 
-    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
         """Return the setup with the array grown about the region's middle; lenslets keep their clear share."""
 
         def grown(camera: Camera) -> Camera:
@@ -95,7 +95,7 @@ class Pitch(Group):
         return setup.edited(grown)
 
 
-class Tilt(Group):
+class ArrayTiltGroup(Group):
     """Tilt of the array against the sensor."""
 
     name = "array_tilt"
@@ -103,7 +103,7 @@ class Tilt(Group):
     rank = 14
     late = True
 
-    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+    def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return how much the gap grows down the rows and along the columns."""
         own, camera = setup.effect(ArrayTilt), setup.camera
         start = (0.0, 0.0) if own is None else (own.rows_rad, own.columns_rad)
@@ -114,7 +114,7 @@ class Tilt(Group):
             for name, value in zip(("tilt_rows_rad", "tilt_columns_rad"), start, strict=True)
         )
 
-    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
         """Return the setup with the array so tilted; without a tilt there is no effect."""
         del frame
         tilt = ArrayTilt(values["tilt_rows_rad"], values["tilt_columns_rad"])
@@ -123,4 +123,4 @@ class Tilt(Group):
         return setup.with_effect(tilt)
 
 
-GROUPS = (Geometry(), Pitch(), Tilt())
+GROUPS = (Geometry(), Pitch(), ArrayTiltGroup())

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from lfcal.camera import Camera, MainLens
-from lfcal.fit.parameters import Frame, Group, Unknown
+from lfcal.fit.parameters import Group, ScanScales, Unknown
 from lfcal.fit.setup import Setup
 from lfcal.simulate.effects import DepthError
 
@@ -31,7 +31,7 @@ class CommonDepth(Group):
     title = "distance of all planes"
     rank = 40
 
-    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+    def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return what is added to every depth."""
         del frame
         camera = setup.camera
@@ -39,7 +39,7 @@ class CommonDepth(Group):
         known = WORKING_SHARE * camera.optics.working_distance_um if isinstance(camera.optics, MainLens) else 5 * scale
         return (Unknown("distance_um", self.name, "µm", 0.0, scale, known, gauge=HELD),)
 
-    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
         """Return the setup with all planes there."""
         del frame
         moved = tuple(error + values["distance_um"] for error in setup.depth_errors_um)
@@ -54,7 +54,7 @@ class PlaneDepths(Group):
     rank = 42
     needs = "two planes or more"
 
-    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+    def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return what is added to each depth; beforehand known as well as a stage's depth is."""
         if frame.planes < 2:
             return ()
@@ -64,7 +64,7 @@ class PlaneDepths(Group):
             Unknown(f"depth_{z}_um", self.name, "µm", 0.0, scale, known, gauge=held) for z in range(frame.planes)
         )
 
-    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
         """Return the setup with the planes there."""
         del frame
         pairs = zip(setup.depth_errors_um, values.values(), strict=True)

@@ -8,12 +8,12 @@ from dataclasses import replace
 from typing import Any
 
 from lfcal.camera import Camera, MainLens, Microscope
-from lfcal.fit.parameters import Frame, Group, Unknown
+from lfcal.fit.parameters import Group, ScanScales, Unknown
 from lfcal.fit.setup import Setup
 from lfcal.simulate.effects import ExactAngles, LensLaw, MechanicalVignetting
 from lfcal.simulate.scene import LAWS
 
-__all__ = ["Aperture", "BladeCurvature", "Law", "SecondStop"]
+__all__ = ["ApertureGroup", "BladeCurvature", "Law", "SecondStop"]
 
 LAW = 0.5
 """How well the lens law is known beforehand: the tangent law is two standard deviations from the sine condition."""
@@ -36,7 +36,7 @@ def _law_held(setup: Setup) -> str:
     return words.get(law, f"the lens law is held at {law:g}")
 
 
-class Aperture(Group):
+class ApertureGroup(Group):
     """Size of the pupil, and rotation of its blades."""
 
     name = "iris"
@@ -44,7 +44,7 @@ class Aperture(Group):
     rank = 30
     core = True
 
-    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+    def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return f-number and rotation, or a microscope's numerical aperture."""
         del frame
         optics = setup.camera.optics
@@ -60,7 +60,7 @@ class Aperture(Group):
         turn = optics.blade_rotation_rad
         return size, Unknown("iris_rotation_rad", self.name, "rad", turn, 0.05, None, turn - half, turn + half)
 
-    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
         """Return the setup with this iris."""
         del frame
         names = {"iris_rotation_rad": "blade_rotation_rad"}
@@ -75,7 +75,7 @@ class BladeCurvature(Group):
     rank = 32
     needs = "an iris with blades"
 
-    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+    def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return the curvature of an iris that has blades."""
         del frame
         optics = setup.camera.optics
@@ -83,7 +83,7 @@ class BladeCurvature(Group):
             return ()
         return (Unknown("iris_curvature", self.name, "", optics.blade_curvature, 0.2, None, 0.0, 1.0),)
 
-    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
         """Return the setup with such blades."""
         del frame
         return _optics(setup, blade_curvature=values["iris_curvature"])
@@ -99,7 +99,7 @@ class Law(Group):
     assumed = True
     needs = "a main lens and the effect exact_angles"
 
-    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+    def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return the law, 0 by the sine condition and 1 by the tangent."""
         del frame
         if not isinstance(setup.camera.optics, MainLens) or setup.effect(ExactAngles) is None:
@@ -107,7 +107,7 @@ class Law(Group):
         own = setup.effect(LensLaw)
         return (Unknown("lens_law", self.name, "", 0.0 if own is None else own.tangent, LAW, LAW, *LAWS),)
 
-    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
         """Return the setup with this law; by the sine condition there is no effect."""
         del frame
         if values["lens_law"] == 0:
@@ -123,7 +123,7 @@ class SecondStop(Group):
     rank = 34
     needs = "the effect vignetting, off axis"
 
-    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+    def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return distance and radius of the rim; none on the axis, where its place does not show."""
         own = setup.effect(MechanicalVignetting)
         seen = frame.fields_um or (frame.middle_um,)
@@ -136,10 +136,10 @@ class SecondStop(Group):
             Unknown("rim_radius", self.name, "pupil radii", own.radius, 0.02, None, 0.1, 3.0),
         )
 
-    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
         """Return the setup with the rim there."""
         del frame
         return setup.with_effect(MechanicalVignetting(values["rim_distance_um"], values["rim_radius"]))
 
 
-GROUPS = (Aperture(), BladeCurvature(), Law(), SecondStop())
+GROUPS = (ApertureGroup(), BladeCurvature(), Law(), SecondStop())

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from lfcal.camera import Camera
-from lfcal.fit.parameters import Frame, Group, Unknown
+from lfcal.fit.parameters import Group, ScanScales, Unknown
 from lfcal.fit.setup import Setup
 from lfcal.simulate.effects import LensletSpherical
 
@@ -21,7 +21,7 @@ class FocalLengths(Group):
     rank = 20
     core = True
 
-    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+    def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return the focal lengths, by lens type."""
         del frame
         return tuple(
@@ -29,7 +29,7 @@ class FocalLengths(Group):
             for k, f in enumerate(kind.focal_length_um for kind in setup.camera.lattice.types)
         )
 
-    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
         """Return the setup with lenslets of these focal lengths."""
         del frame
 
@@ -48,7 +48,7 @@ class LensletAberration(Group):
     title = "spherical aberration of each lens type"
     rank = 22
 
-    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+    def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return W040 at the rim of the clear diameter, by lens type."""
         del frame
         types = len(setup.camera.lattice.types)
@@ -58,7 +58,7 @@ class LensletAberration(Group):
             Unknown(f"lenslet_waves_{k}", self.name, "waves", w, 0.1, None, -5.0, 5.0) for k, w in enumerate(start)
         )
 
-    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
         """Return the setup with lenslets so aberrated."""
         del frame
         own = {f"type_{k}": value for k, value in enumerate(values.values())}

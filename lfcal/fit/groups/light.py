@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 
-from lfcal.fit.parameters import Frame, Group, Unknown
+from lfcal.fit.parameters import Group, ScanScales, Unknown
 from lfcal.fit.setup import Setup
 from lfcal.simulate.effects import Bandwidth, FiniteSource
 
@@ -25,7 +25,7 @@ class SourceSize(Group):
     rank = 60
     late = True
 
-    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+    def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return the diameter; a quarter of it adds to the spots' rms width."""
         del frame
         own, camera = setup.effect(FiniteSource), setup.camera
@@ -34,7 +34,7 @@ class SourceSize(Group):
         most = max(MOST_PX * step, 1.5 * start)
         return (Unknown("source_um", self.name, "µm", start, 2.0 * step, None, 0.0, most, squared=True),)
 
-    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
         """Return the setup with such a source; without size it is a point."""
         del frame
         size = values["source_um"]
@@ -52,7 +52,7 @@ class Holes(Group):
     late = True
     needs = "frames of a target"
 
-    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+    def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return the diameter, one for all holes; none where sources are no target's."""
         del frame
         if setup.hole_um is None:
@@ -61,7 +61,7 @@ class Holes(Group):
         most = max(MOST_PX * step, 2.0 * setup.hole_um)
         return (Unknown("hole_um", self.name, "µm", setup.hole_um, step, None, 0.0, most, squared=True),)
 
-    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
         """Return the setup with such holes."""
         del frame
         return replace(setup, hole_um=values["hole_um"])
@@ -75,7 +75,7 @@ class Spectrum(Group):
     rank = 62
     late = True
 
-    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+    def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return the width."""
         del frame
         own, camera = setup.effect(Bandwidth), setup.camera
@@ -83,7 +83,7 @@ class Spectrum(Group):
         wave = camera.wavelength_um
         return (Unknown("bandwidth_um", self.name, "µm", start, 0.1 * wave, None, 0.0, 0.5 * wave, squared=True),)
 
-    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
         """Return the setup with such light; without width it is of one wavelength."""
         del frame
         width = values["bandwidth_um"]

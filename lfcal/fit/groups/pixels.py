@@ -5,28 +5,28 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from lfcal.fit.parameters import Frame, Group, Unknown
+from lfcal.fit.parameters import Group, ScanScales, Unknown
 from lfcal.fit.setup import Setup
 from lfcal.simulate.effects import Crosstalk, PixelKernel
 from lfcal.simulate.effects.kernel import NEIGHBOURS
 
-__all__ = ["Filter", "Neighbours"]
+__all__ = ["CrosstalkGroup", "Filter"]
 
 
-class Neighbours(Group):
+class CrosstalkGroup(Group):
     """Share of the light that each of the four nearest pixels collects."""
 
     name = "crosstalk"
     title = "pixel crosstalk"
     rank = 70
 
-    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+    def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return the share."""
         del frame
         own = setup.effect(Crosstalk)
         return (Unknown("crosstalk", self.name, "", 0.0 if own is None else own.share, 0.02, None, 0.0, 0.2),)
 
-    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
         """Return the setup with this crosstalk; without it there is no filter."""
         del frame
         if values["crosstalk"] == 0.0:
@@ -42,7 +42,7 @@ class Filter(Group):
     rank = 72
     late = True
 
-    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+    def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return the shares of the eight neighbours."""
         del frame
         own = setup.effect(PixelKernel) or PixelKernel()
@@ -50,7 +50,7 @@ class Filter(Group):
             Unknown(f"kernel_{name}", self.name, "", getattr(own, name), 0.01, None, -0.1, 0.1) for name in NEIGHBOURS
         )
 
-    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
         """Return the setup with this filter; one that does nothing is none."""
         del frame
         found = PixelKernel(**{name: values[f"kernel_{name}"] for name in NEIGHBOURS})
@@ -59,4 +59,4 @@ class Filter(Group):
         return setup.with_effect(found)
 
 
-GROUPS = (Neighbours(), Filter())
+GROUPS = (CrosstalkGroup(), Filter())

@@ -8,11 +8,11 @@ from dataclasses import replace
 
 from lfcal.camera import MainLens
 from lfcal.fit.groups.depths import depth_scale
-from lfcal.fit.parameters import Frame, Group, Unknown
+from lfcal.fit.parameters import Group, ScanScales, Unknown
 from lfcal.fit.setup import RegionPlace, Setup
 from lfcal.simulate.effects import FieldAberrations, FieldCurvature
 
-__all__ = ["Curvature", "Depths", "FieldWavefront", "Places", "Tilt"]
+__all__ = ["Curvature", "FieldWavefront", "Places", "RegionDepthsGroup", "TargetTiltGroup"]
 
 NEEDS = "patterns of several regions of the field"
 BESIDE_PX = 1.0
@@ -22,7 +22,7 @@ SHOWS_UM = 20.0
 """Change of the image's distance at the farthest region that shows."""
 
 
-def farthest_um(frame: Frame) -> float:
+def farthest_um(frame: ScanScales) -> float:
     """Return how far the farthest region is from the axis (µm), at least a pixel or so."""
     return max([10.0, *(math.hypot(*at) for at in frame.fields_um)])
 
@@ -38,7 +38,7 @@ class FieldWavefront(Group):
     rank = 51
     needs = NEEDS
 
-    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+    def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return the coefficients at the farthest region (waves); the linear astigmatism needs three regions."""
         if len(frame.fields_um) < 2:
             return ()
@@ -52,14 +52,14 @@ class FieldWavefront(Group):
             for name in names
         )
 
-    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
         """Return the setup with these; where all are 0 there is no such effect."""
         found = {name.removeprefix("field_"): value for name, value in values.items()}
         if not any(found.values()):
             return replace(setup, effects=tuple(e for e in setup.effects if not isinstance(e, FieldAberrations)))
         return setup.with_effect(replace(self._start(setup, frame), **found))
 
-    def _start(self, setup: Setup, frame: Frame) -> FieldAberrations:
+    def _start(self, setup: Setup, frame: ScanScales) -> FieldAberrations:
         """Return what the setup has, at the farthest region's distance."""
         own, radius = setup.effect(FieldAberrations), farthest_um(frame)
         if own is None:
@@ -83,7 +83,7 @@ class Curvature(Group):
     rank = 44
     needs = NEEDS
 
-    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+    def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return how much farther the image of the farthest region lies (µm)."""
         if len(frame.fields_um) < 2:
             return ()
@@ -92,7 +92,7 @@ class Curvature(Group):
         scale = min(SHOWS_UM, 0.02 * setup.camera.lattice.gap_um)
         return (Unknown("field_sag_um", self.name, "µm", start, scale, None, -1e4, 1e4),)
 
-    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
         """Return the setup with this curvature; a flat field has no effect."""
         sag = values["field_sag_um"]
         if sag == 0:
@@ -108,7 +108,7 @@ class Places(Group):
     rank = 16
     needs = NEEDS
 
-    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+    def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return a displacement on the sensor of every region but the first."""
         del setup
         held = "sources of the first region are where they were planned"
@@ -118,7 +118,7 @@ class Places(Group):
             for axis in "yx"
         )
 
-    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
         """Return the setup with the sources there."""
         found = [
             replace(own, rows_px=values.get(f"region_{k}_y_px", 0.0), columns_px=values.get(f"region_{k}_x_px", 0.0))
@@ -127,7 +127,7 @@ class Places(Group):
         return replace(setup, regions=tuple(found))
 
 
-class Depths(Group):
+class RegionDepthsGroup(Group):
     """How far away the planes of each further region were, beside those of the first."""
 
     name = "region_depths"
@@ -135,14 +135,14 @@ class Depths(Group):
     rank = 46
     needs = NEEDS
 
-    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+    def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return what is added to all depths of every region but the first: a stage that is not square."""
         scale = depth_scale(setup.camera)
         return tuple(
             Unknown(f"region_{k}_farther_um", self.name, "µm", 0.0, scale) for k in range(1, len(frame.fields_um))
         )
 
-    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
         """Return the setup with the planes there."""
         found = [
             replace(own, farther_um=values.get(f"region_{k}_farther_um", 0.0))
@@ -151,7 +151,7 @@ class Depths(Group):
         return replace(setup, regions=tuple(found))
 
 
-class Tilt(Group):
+class TargetTiltGroup(Group):
     """How a target's plane is tilted against the sensor, beside what is known of it."""
 
     name = "plane_tilt"
@@ -159,14 +159,14 @@ class Tilt(Group):
     rank = 47
     needs = "parts of the field at depths of their own, as a target's"
 
-    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+    def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return how much farther away the plane is as far out as the farthest part, down and to the right."""
         if not setup.regions or len(frame.fields_um) < 3:
             return ()
         scale = depth_scale(setup.camera)
         return tuple(Unknown(f"plane_tilt_{axis}_um", self.name, "µm", 0.0, scale) for axis in "yx")
 
-    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
         """Return the setup with each part's plane there."""
         down, right = values["plane_tilt_y_um"], values["plane_tilt_x_um"]
         far, found = farthest_um(frame), []
@@ -176,8 +176,8 @@ class Tilt(Group):
         return replace(setup, regions=tuple(found))
 
 
-def _regions(setup: Setup, frame: Frame) -> tuple[RegionPlace, ...]:
+def _regions(setup: Setup, frame: ScanScales) -> tuple[RegionPlace, ...]:
     return setup.regions or (RegionPlace(),) * len(frame.fields_um)
 
 
-GROUPS = (Curvature(), FieldWavefront(), Places(), Depths(), Tilt())
+GROUPS = (Curvature(), FieldWavefront(), Places(), RegionDepthsGroup(), TargetTiltGroup())

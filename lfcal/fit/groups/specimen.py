@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from lfcal.fit.parameters import Frame, Group, Unknown
+from lfcal.fit.parameters import Group, ScanScales, Unknown
 from lfcal.fit.setup import Setup
 from lfcal.simulate.effects import IndexMismatch
 
-__all__ = ["Specimen"]
+__all__ = ["SpecimenGroup"]
 
 
-class Specimen(Group):
+class SpecimenGroup(Group):
     """Depth of the nominal focal plane below the interface; the specimen's index is known beforehand."""
 
     name = "specimen"
@@ -20,7 +20,7 @@ class Specimen(Group):
     rank = 56
     needs = "the effect index_mismatch"
 
-    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+    def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return the depth where the fit starts with such a specimen; without one there is nothing to be deep in."""
         del frame
         own = setup.effect(IndexMismatch)
@@ -29,7 +29,7 @@ class Specimen(Group):
         held = f"the specimen's index is held at {own.index:g}"
         return (Unknown("specimen_depth_um", self.name, "µm", own.depth_um, 2.0, None, 0.0, 1e4, gauge=held),)
 
-    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
         """Return the setup that looks so deep."""
         del frame
         own = setup.effect(IndexMismatch)
@@ -37,4 +37,4 @@ class Specimen(Group):
         return setup.with_effect(replace(own, depth_um=values["specimen_depth_um"]))
 
 
-GROUPS = Specimen()
+GROUPS = SpecimenGroup()

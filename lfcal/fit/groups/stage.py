@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from lfcal.fit.parameters import Frame, Group, Unknown
+from lfcal.fit.parameters import Group, ScanScales, Unknown
 from lfcal.fit.setup import Setup
 
 __all__ = ["StageScale", "StageZero"]
@@ -24,7 +24,7 @@ class StageZero(Group):
     title = "lateral displacement of all sources"
     rank = 38
 
-    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+    def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return the displacement on the sensor."""
         del frame
         held = "tilt of the wavefront is included in the displacement of all sources"
@@ -33,7 +33,7 @@ class StageZero(Group):
             for axis, start in zip("yx", setup.aside_px, strict=True)
         )
 
-    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
         """Return the setup with the sources there."""
         del frame
         return replace(setup, aside_px=(values["zero_y_px"], values["zero_x_px"]))
@@ -46,11 +46,11 @@ class StageScale(Group):
     title = "length of the stage's steps"
     rank = 80
 
-    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+    def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return the scale minus 1; a screw's error of 2 % is beyond what is known beforehand."""
         return (Unknown("stage_scale", self.name, "", setup.stage_scale, 0.1 / frame.reach_px, 0.02, -0.3, 0.3),)
 
-    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
         """Return the setup with such steps."""
         del frame
         return replace(setup, stage_scale=values["stage_scale"])

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from lfcal.camera import MainLens
-from lfcal.fit.parameters import Frame, Group, Unknown
+from lfcal.fit.parameters import Group, ScanScales, Unknown
 from lfcal.fit.setup import Setup
 from lfcal.simulate.effects import Zernike
 
-__all__ = ["Terms"]
+__all__ = ["WavefrontGroup"]
 
 HELD = "piston, tilt and defocus are held at 0"
 DEFOCUS = 0.25
@@ -21,7 +21,7 @@ def _name(n: int, m: int) -> str:
     return f"zernike_{n}_{m}" if m >= 0 else f"zernike_{n}_m{-m}"
 
 
-class Terms(Group):
+class WavefrontGroup(Group):
     """Some terms of the wavefront.
 
     Parameters
@@ -41,7 +41,7 @@ class Terms(Group):
     ) -> None:
         self.name, self.title, self.rank, self.terms, self.late = name, title, rank, terms, late
 
-    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+    def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return the coefficients of the terms (waves at the rim)."""
         del frame
         own = setup.effect(Zernike)
@@ -51,7 +51,7 @@ class Terms(Group):
             for n, m in self._terms_of(setup)
         )
 
-    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
         """Return the setup with these terms; others stay."""
         del frame
         own = setup.effect(Zernike)
@@ -65,13 +65,13 @@ class Terms(Group):
         return tuple((n, m) for n, m in self.terms if lens or m == 0)
 
 
-class ThirdOrder(Terms):
+class ThirdOrder(WavefrontGroup):
     """Third-order terms; Seidel forms also have defocus and tilt, which displace all sources."""
 
     along = ("distance", "stage_zero")
 
 
-class Defocus(Terms):
+class Defocus(WavefrontGroup):
     """Defocus of the wavefront, in the square of the pupil's radius.
 
     Defocus of a main lens does what the distance of all planes does, and is included in that. Of an objective's wide
@@ -81,7 +81,7 @@ class Defocus(Terms):
 
     held = True
 
-    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+    def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return the coefficient, which is known to a quarter of a wave beforehand."""
         return tuple(replace(one, sigma=DEFOCUS, gauge="") for one in super().unknowns(setup, frame))
 
@@ -91,14 +91,14 @@ GROUPS = (
     ThirdOrder(
         "wavefront", "astigmatism, coma and spherical aberration", 50, ((2, 2), (2, -2), (3, 1), (3, -1), (4, 0))
     ),
-    Terms("trefoil", "trefoil", 52, ((3, 3), (3, -3))),
-    Terms(
+    WavefrontGroup("trefoil", "trefoil", 52, ((3, 3), (3, -3))),
+    WavefrontGroup(
         "higher_wavefront",
         "further wavefront of fourth and sixth order",
         54,
         ((4, 2), (4, -2), (4, 4), (4, -4), (6, 0)),
     ),
-    Terms(
+    WavefrontGroup(
         "fifth_order_wavefront",
         "wavefront of fifth order",
         56,

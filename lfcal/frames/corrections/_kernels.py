@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from lfcal.compiled import njit
 
-__all__ = ["Terms", "correct_rows", "neighbour_of_rank", "repair_pixels"]
+__all__ = ["CorrectionTerms", "correct_rows", "neighbour_of_rank", "repair_pixels"]
 
 
-class Terms(NamedTuple):
+class CorrectionTerms(NamedTuple):
     """The numbers of the correction (value - level - dark) gain factor - background."""
 
     dark: NDArray[np.float32]  # dark frame of the whole sensor (digital numbers), or empty
@@ -29,7 +29,7 @@ class Terms(NamedTuple):
 
 @njit()
 def correct_rows(
-    raw: NDArray[Any], terms: Terms, origin: tuple[int, int], start: int, stop: int, out: NDArray[np.float32]
+    raw: NDArray[Any], terms: CorrectionTerms, origin: tuple[int, int], start: int, stop: int, out: NDArray[np.float32]
 ) -> None:
     """Write ``(raw - level - dark) gain factor - background`` for rows ``start … stop`` of ``raw``.
 

@@ -314,7 +314,7 @@ class CorrectionChain:
         # the kernel counts from the first pixel of the part, as the parts of dark and gain do
         local = np.array([offset[0] + offset[1] * r0 + offset[2] * c0, offset[1], offset[2]])
 
-        terms = _kernels.Terms(dark_frame, gain, np.float32(level), np.float32(factor), *local.tolist())
+        terms = _kernels.CorrectionTerms(dark_frame, gain, np.float32(level), np.float32(factor), *local.tolist())
 
         def rows(start: int, stop: int) -> None:
             _kernels.correct_rows(raw, terms, (0, 0), start, stop, result)

@@ -12,7 +12,7 @@ from lfcal.camera import Camera, StageAxes
 from lfcal.errors import InputError
 from lfcal.frames.lists.listing import Listing
 
-__all__ = ["LEAST", "MOST", "Depths", "Planes", "find_depths", "with_depths"]
+__all__ = ["LEAST", "MOST", "Depths", "ListedPlanes", "find_depths", "with_depths"]
 
 LEAST, MOST = 0.5, 2.0
 """Between these a scale of z is told: beyond, another unit or column is meant."""
@@ -23,7 +23,7 @@ TOLD = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class Planes:
+class ListedPlanes:
     """The planes of a list, of rising coordinate along the depth axis.
 
     Attributes
@@ -54,7 +54,9 @@ class Depths:
     notes: tuple[str, ...]
 
 
-def find_depths(camera: Camera, axes: StageAxes, planes: Planes, given: tuple[float, ...] | None = None) -> Depths:
+def find_depths(
+    camera: Camera, axes: StageAxes, planes: ListedPlanes, given: tuple[float, ...] | None = None
+) -> Depths:
     """Return the depth of each plane of a list: rising, or in the order of their numbers where these are counted.
 
     Behind a main lens one pixel is a longer step the farther the plane. Where the list has a z, its distances are
@@ -125,7 +127,7 @@ def _rounded(depths: NDArray[np.float64]) -> tuple[float, ...]:
     return tuple(round(float(z), 3) for z in depths)
 
 
-def _scale(planes: Planes, rising: float) -> tuple[float, float]:
+def _scale(planes: ListedPlanes, rising: float) -> tuple[float, float]:
     """Return by how much the steps rise over what they should for the list's z, with its standard error.
 
     One plane, whose steps tell no scale, has 1.
@@ -185,7 +187,7 @@ def _apart(
 
 
 def _of_numbers(
-    camera: Camera, axes: StageAxes, planes: Planes, given: tuple[float, ...] | None, rising: float
+    camera: Camera, axes: StageAxes, planes: ListedPlanes, given: tuple[float, ...] | None, rising: float
 ) -> Depths:
     """Return the depths of numbered planes, in the order of their numbers."""
     falling = rising > 0 and bool(planes.sizes[-1] < planes.sizes[0])

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from lfcal.camera import Camera, ScanPlan, StageAxes
 from lfcal.errors import InputError
 from lfcal.frames.lists.columns import LENGTHS
-from lfcal.frames.lists.depths import Planes, find_depths, with_depths
+from lfcal.frames.lists.depths import ListedPlanes, find_depths, with_depths
 from lfcal.frames.lists.grid import PlaneGrid, ScanGrid
 from lfcal.frames.lists.listing import Listing
-from lfcal.frames.lists.motion import Motion, Part
+from lfcal.frames.lists.motion import CentroidMotion, Part
 from lfcal.frames.lists.placing import AXES, READ, anchor_of, grid_of, light_of, place
 from lfcal.frames.lists.step_error import step_error, step_size
 from lfcal.frames.orientation import ORIENTATIONS
@@ -99,14 +99,14 @@ def plan_of_list(
     return replace(plan, stage=replace(axes, origin_um=origin)), tuple(notes)
 
 
-def _planes(listing: Listing, grid: ScanGrid, lateral: tuple[int, int], factor: float) -> Planes:
+def _planes(listing: Listing, grid: ScanGrid, lateral: tuple[int, int], factor: float) -> ListedPlanes:
     """Return the planes of a list in micrometres, of which one of its unit has ``factor``."""
     places = listing.places[:, lateral]
     heights = np.array([plane.height for plane in grid.planes])
     sizes = np.array([step_size(plane.steps) for plane in grid.planes])
     errors = np.array([step_error(places, plane) for plane in grid.planes])
     heights = heights if listing.counted else heights * factor
-    return Planes(listing.name, heights, sizes * factor, errors * factor, listing.counted)
+    return ListedPlanes(listing.name, heights, sizes * factor, errors * factor, listing.counted)
 
 
 def _in_um(listing: Listing, factor: float, depths: tuple[float, ...], axes: StageAxes) -> Listing:
@@ -147,7 +147,7 @@ def _unit_of(listing: Listing, grid: ScanGrid, camera: Camera) -> tuple[str, lis
 
 
 def _lateral_axes(
-    grid: ScanGrid, camera: Camera, said: StageAxes, lateral: tuple[int, int], light: Motion | None
+    grid: ScanGrid, camera: Camera, said: StageAxes, lateral: tuple[int, int], light: CentroidMotion | None
 ) -> tuple[StageAxes, str]:
     """Return the axes that move the image right and down, and how that is known."""
     seen = None if light is None else light.axes()
@@ -169,7 +169,7 @@ def _lateral_axes(
     return axes, "as the numbers of steps tell; their senses are assumed, --stage states them"
 
 
-def _check_lie(light: Motion | None, camera: Camera) -> None:
+def _check_lie(light: CentroidMotion | None, camera: Camera) -> None:
     """Raise where frames have the shape of the sensor on its side."""
     rows, columns = camera.sensor.shape
     if light is not None and light.shape == (columns, rows) and rows != columns:
@@ -196,7 +196,7 @@ def _check_period(period: tuple[int, int], camera: Camera) -> None:
 
 
 def _anchor(
-    light: Motion | None, axes: StageAxes, lateral: tuple[int, int], period: tuple[int, int]
+    light: CentroidMotion | None, axes: StageAxes, lateral: tuple[int, int], period: tuple[int, int]
 ) -> tuple[tuple[float, float] | None, list[str]]:
     if light is None or light.axes() is None:
         return None, ["anchor: the sensor's centre is assumed, no frames tell; --anchor states it"]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.camera import ScanPlan, StageAxes
-from lfcal.frames.lists.motion import Motion
+from lfcal.frames.lists.motion import CentroidMotion
 from lfcal.frames.orientation import AS_IS, AUTO, CHECK, ORIENTATIONS, Orientation
 
 __all__ = ["AUTO", "CHECK", "Lie", "stage_and_lie", "turn_of"]
@@ -35,7 +35,7 @@ class Lie:
     other: Orientation | None = None
 
 
-def turn_of(stage: StageAxes, light: Motion, lateral: tuple[int, int]) -> Orientation | None:
+def turn_of(stage: StageAxes, light: CentroidMotion, lateral: tuple[int, int]) -> Orientation | None:
     """Return what makes upright the frames that light of clear axes was seen in, if the axes are those of ``stage``."""
     seen = light.axes()
     if seen is None:
@@ -48,7 +48,7 @@ def turn_of(stage: StageAxes, light: Motion, lateral: tuple[int, int]) -> Orient
 
 
 def stage_and_lie(
-    allowed: Sequence[StageAxes], light: Motion, plan: ScanPlan, lateral: tuple[int, int], choice: str
+    allowed: Sequence[StageAxes], light: CentroidMotion, plan: ScanPlan, lateral: tuple[int, int], choice: str
 ) -> Lie | None:
     """Return the axes that light of clear axes is read with; None if none of those ``allowed`` has it in such frames.
 
@@ -92,7 +92,7 @@ def _lateral(stage: StageAxes) -> tuple[str, str]:
     return stage.right, stage.down
 
 
-def _away(lie: Lie, light: Motion, plan: ScanPlan) -> float:
+def _away(lie: Lie, light: CentroidMotion, plan: ScanPlan) -> float:
     """Return how far the middle of the light's path, turned upright, lies from that of the plan's (px)."""
     ends: NDArray[np.float64] = plan.image_px([(0, 0, 0), (0, plan.period[0] - 1, plan.period[1] - 1)])
     return math.dist(lie.turn.places(light.middle, light.shape), ends.mean(axis=0))

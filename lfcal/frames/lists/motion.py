@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from lfcal.errors import FileFormatError, StorageError
 from lfcal.frames.orientation import AS_IS, named_orientation
 
-__all__ = ["Motion", "Part", "centre_of_light", "image_motion", "spread_out"]
+__all__ = ["CentroidMotion", "Part", "centre_of_light", "image_motion", "spread_out"]
 
 SAMPLED = 16
 """Frames that are read."""
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class CentroidMotion:
     """How the centre of light moves on the sensor.
 
     Attributes
@@ -54,7 +54,7 @@ class Motion:
         sense = [int(np.sign(self.matrix[row, axis])) for row, axis in enumerate(order)]
         return (order[0], sense[0]), (order[1], sense[1])
 
-    def on_sensor(self, part: Part, sensor: tuple[int, int]) -> Motion:
+    def on_sensor(self, part: Part, sensor: tuple[int, int]) -> CentroidMotion:
         """Return the motion on a ``sensor`` of which the frames, as they were made upright, are a part."""
         turn = named_orientation(part.turn)
         first = np.array(part.origin)
@@ -84,7 +84,7 @@ def spread_out(index: NDArray[np.intp], count: int = SAMPLED) -> NDArray[np.intp
     return np.array(chosen, np.intp)
 
 
-def image_motion(read: Callable[[int], NDArray[Any]], index: NDArray[np.intp]) -> Motion | None:
+def image_motion(read: Callable[[int], NDArray[Any]], index: NDArray[np.intp]) -> CentroidMotion | None:
     """Return how the light moves over frames at places ``index`` ``(n, 2)`` of one plane; None where it says nothing.
 
     What all frames share (dark level, hot pixels) is taken off first, and what does not stand out of the noise.
@@ -122,7 +122,7 @@ def image_motion(read: Callable[[int], NDArray[Any]], index: NDArray[np.intp]) -
     middle = fitted[0] + (index.min(axis=0) + index.max(axis=0)) / 2 @ fitted[1:]
     rows, columns = floor.shape[:2]
     start, halfway = ((float(at[0]), float(at[1])) for at in (fitted[0], middle))
-    return Motion(fitted[1:].T, start, rms, halfway, (rows, columns))
+    return CentroidMotion(fitted[1:].T, start, rms, halfway, (rows, columns))
 
 
 def centre_of_light(light: NDArray[np.float32]) -> tuple[float, float]:

@@ -17,7 +17,7 @@ from lfcal.frames.lists.depths import LEAST, MOST, with_depths
 from lfcal.frames.lists.grid import ScanGrid, find_grid
 from lfcal.frames.lists.lie import Lie, stage_and_lie
 from lfcal.frames.lists.listing import Listing
-from lfcal.frames.lists.motion import Motion, Part, image_motion, spread_out
+from lfcal.frames.lists.motion import CentroidMotion, Part, image_motion, spread_out
 from lfcal.frames.orientation import AS_IS
 
 __all__ = ["Placing", "anchor_of", "grid_of", "light_of", "place"]
@@ -135,7 +135,7 @@ def grid_of(listing: Listing, stage: StageAxes, *, planes: int = 0) -> tuple[Sca
     return grid, (lateral[0], lateral[1])
 
 
-def light_of(grid: ScanGrid, read: READ) -> Motion | None:
+def light_of(grid: ScanGrid, read: READ) -> CentroidMotion | None:
     """Return how the light of the middle plane moves along the lateral axes."""
     plane = grid.planes[len(grid.planes) // 2]
     chosen = spread_out(plane.index)
@@ -337,7 +337,7 @@ def _axes_notes(plan: ScanPlan, stage: StageAxes, reading: Lie | None, several: 
     return [f"axes: {found} as the plan says; the list alone does not tell their sense"] if several else []
 
 
-def _light_notes(plan: ScanPlan, light: Motion | None, stage: StageAxes, lateral: tuple[int, int]) -> list[str]:
+def _light_notes(plan: ScanPlan, light: CentroidMotion | None, stage: StageAxes, lateral: tuple[int, int]) -> list[str]:
     """Return a note where the light lies elsewhere than the plan puts it."""
     if light is None or light.axes() is None:
         return []
@@ -352,7 +352,7 @@ def _light_notes(plan: ScanPlan, light: Motion | None, stage: StageAxes, lateral
 
 
 def anchor_of(
-    light: Motion, stage: StageAxes, lateral: tuple[int, int], period: tuple[int, int]
+    light: CentroidMotion, stage: StageAxes, lateral: tuple[int, int], period: tuple[int, int]
 ) -> tuple[float, float]:
     """Return row and column of the light at position y = x = 0."""
     start = np.array(light.start)

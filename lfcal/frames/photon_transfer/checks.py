@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lfcal.frames.photon_transfer.converter import Converter
-from lfcal.frames.photon_transfer.curve import Curve
+from lfcal.frames.photon_transfer.curve import PhotonTransferCurve
 from lfcal.frames.photon_transfer.darks import FINE, DarkLevel
 from lfcal.frames.photon_transfer.levels import FlatLevel
 
@@ -26,7 +26,7 @@ CHI2 = 4.0
 
 
 def doubts_of(
-    converter: Converter, darks: Sequence[DarkLevel], flats: Sequence[FlatLevel], curve: Curve
+    converter: Converter, darks: Sequence[DarkLevel], flats: Sequence[FlatLevel], curve: PhotonTransferCurve
 ) -> tuple[str, ...]:
     """Return why the figures are not those of the sensor; empty where nothing speaks against them."""
     doubts = [f"gain: {curve.refusal}"] if curve.refusal else []
@@ -61,7 +61,7 @@ def doubts_of(
 
 
 def notes_of(
-    converter: Converter, darks: Sequence[DarkLevel], flats: Sequence[FlatLevel], curve: Curve
+    converter: Converter, darks: Sequence[DarkLevel], flats: Sequence[FlatLevel], curve: PhotonTransferCurve
 ) -> tuple[str, ...]:
     """Return what is worth knowing of the series though it does not spoil the figures."""
     notes = []
@@ -96,13 +96,13 @@ def notes_of(
     return tuple(notes)
 
 
-def _fitted(flats: Sequence[FlatLevel], curve: Curve) -> list[FlatLevel]:
+def _fitted(flats: Sequence[FlatLevel], curve: PhotonTransferCurve) -> list[FlatLevel]:
     """Return the levels with pairs that lie within the fit, or else the dimmest."""
     paired = [level for level in flats if level.pairs]
     return [level for level in paired if float(level.bright.mean()) < curve.limit] or paired[:1]
 
 
-def _likeness(flats: Sequence[FlatLevel], curve: Curve) -> tuple[float, float] | None:
+def _likeness(flats: Sequence[FlatLevel], curve: PhotonTransferCurve) -> tuple[float, float] | None:
     """Return the correlation of neighbours' differences in the brightest flats that were fitted."""
     levels = _fitted(flats, curve)
     if not levels:

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.errors import InputError
-from lfcal.frames.photon_transfer.pairs import Points
-from lfcal.frames.photon_transfer.values import Measured
+from lfcal.frames.photon_transfer.pairs import TransferPoints
+from lfcal.frames.photon_transfer.values import MeasuredValue
 
-__all__ = ["Curve", "fit_curve"]
+__all__ = ["PhotonTransferCurve", "fit_curve"]
 
 LINEAR_UP_TO = 0.7
 """Share of saturation up to which the variance is taken as linear (EMVA 1288 release 4, section 6)."""
@@ -27,7 +27,7 @@ REFUSED = 0.35
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
+class PhotonTransferCurve:
     """Variance against mean, ``y = C + K x + Q x²`` up to ``limit``.
 
     Attributes
@@ -54,15 +54,15 @@ class Curve:
         Why there is no slope; empty where there is one.
     """
 
-    points: Points
+    points: TransferPoints
     used: NDArray[np.bool_]
-    slope: Measured | None
-    constant: Measured
+    slope: MeasuredValue | None
+    constant: MeasuredValue
     bend: float
     departure: float
     chi2: float
     limit: float
-    saturation: Measured | None
+    saturation: MeasuredValue | None
     refusal: str = ""
 
     def variance(self, signal: ArrayLike) -> NDArray[np.float64]:
@@ -73,7 +73,7 @@ class Curve:
         return fitted
 
 
-def fit_curve(points: Points, clip: float | None, whole: bool) -> Curve:
+def fit_curve(points: TransferPoints, clip: float | None, whole: bool) -> PhotonTransferCurve:
     """Fit the curve.
 
     Parameters
@@ -109,7 +109,7 @@ def fit_curve(points: Points, clip: float | None, whole: bool) -> Curve:
     return curve
 
 
-def _fitted(points: Points, limit: float, whole: bool, saturation: Measured | None) -> Curve:
+def _fitted(points: TransferPoints, limit: float, whole: bool, saturation: MeasuredValue | None) -> PhotonTransferCurve:
     used = points.x <= limit
     lit = used & (points.x > 0.02 * limit)
     if whole:
@@ -122,7 +122,9 @@ def _fitted(points: Points, limit: float, whole: bool, saturation: Measured | No
     elif np.ptp(points.x[used]) < 0.1 * points.x[used].max():
         why = "all flats are of one brightness, and the darks have no noise to compare with"
     if why:
-        return Curve(points, used, None, Measured(0.0, np.inf), 0.0, 0.0, 0.0, limit, saturation, why)
+        return PhotonTransferCurve(
+            points, used, None, MeasuredValue(0.0, np.inf), 0.0, 0.0, 0.0, limit, saturation, why
+        )
     x, y, n = points.x[used], points.y[used], points.n[used].astype(float)
     terms, cov, chi2 = _least_squares(x, y, n, 2)
     bend, departure = 0.0, 0.0
@@ -132,10 +134,12 @@ def _fitted(points: Points, limit: float, whole: bool, saturation: Measured | No
         share = float(bowed[2] * x.max() / bowed[1]) if bowed[1] > 0 else np.inf
         if sure and abs(share) > BENT:
             terms, cov, chi2, bend, departure = bowed, bowed_cov, bowed_chi2, float(bowed[2]), share
-    constant, slope = (Measured(float(terms[k]), float(np.sqrt(cov[k, k]))) for k in (0, 1))
+    constant, slope = (MeasuredValue(float(terms[k]), float(np.sqrt(cov[k, k]))) for k in (0, 1))
     if not slope.value > 3 * slope.sigma or abs(departure) > REFUSED:
         why = "the variance does not grow in proportion to the light: the samples are processed, or light changed"
-    return Curve(points, used, None if why else slope, constant, bend, departure, chi2, limit, saturation, why)
+    return PhotonTransferCurve(
+        points, used, None if why else slope, constant, bend, departure, chi2, limit, saturation, why
+    )
 
 
 def _least_squares(
@@ -160,7 +164,7 @@ def _least_squares(
     return solution * back, cov * np.outer(back, back), chi2
 
 
-def _break(curve: Curve) -> Measured | None:
+def _break(curve: PhotonTransferCurve) -> MeasuredValue | None:
     """Return where the variance has its maximum, if it falls far below the curve beyond it (EMVA: saturation)."""
     if curve.refusal or curve.slope is None:
         return None
@@ -179,4 +183,4 @@ def _break(curve: Curve) -> Measured | None:
         return None
     at, nearest = float(np.median(top)), float(below[-1])
     # variance breaks between the last point on the curve and those where it is gone
-    return Measured(max(nearest, float(top.min())), max(abs(at - nearest) / 2, 0.5))
+    return MeasuredValue(max(nearest, float(top.min())), max(abs(at - nearest) / 2, 0.5))

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from lfcal.errors import InputError
 from lfcal.frames.photon_transfer.frame_list import CalibrationFrame
-from lfcal.frames.photon_transfer.pairs import Frames2, Points, measure_pair
-from lfcal.frames.photon_transfer.values import Measured
+from lfcal.frames.photon_transfer.pairs import Frames2, TransferPoints, measure_pair
+from lfcal.frames.photon_transfer.values import MeasuredValue
 
 __all__ = ["FINE", "DarkLevel", "dark_current", "measure_darks", "offset_scatter", "read_noise"]
 
@@ -54,7 +54,7 @@ class DarkLevel:
     exposure_s: float | None
     mean: NDArray[np.float32]
     count: int
-    variance: Measured
+    variance: MeasuredValue
     samples: int
     zeros: float
     likeness: tuple[float, float]
@@ -67,19 +67,21 @@ class DarkLevel:
         return self.zeros > MOST_ZEROS
 
     @property
-    def black(self) -> Measured:
+    def black(self) -> MeasuredValue:
         """Mean level and its error, of which the drift from frame to frame is a part."""
         values = self.mean[self.good].astype(np.float64)
         drift = float(self.frame_means.std(ddof=1)) / np.sqrt(self.count) if self.count > 1 else 0.0
         # what temporal noise and the pixels' own offsets make of the mean of so many pixels
         chance = float(values.std()) / np.sqrt(max(1, values.size))
-        return Measured(float(values.mean()), float(np.hypot(drift, chance)))
+        return MeasuredValue(float(values.mean()), float(np.hypot(drift, chance)))
 
     @property
-    def point(self) -> Points:
+    def point(self) -> TransferPoints:
         """The level as the darkest point of a photon-transfer curve."""
         one = np.zeros(1)
-        return Points(one, np.array([self.variance.value]), np.array([self.samples]), np.array([-1]), np.array([0]))
+        return TransferPoints(
+            one, np.array([self.variance.value]), np.array([self.samples]), np.array([-1]), np.array([0])
+        )
 
 
 def measure_darks(frames: Sequence[CalibrationFrame], exposure_s: float | None) -> DarkLevel:
@@ -107,7 +109,7 @@ def measure_darks(frames: Sequence[CalibrationFrame], exposure_s: float | None) 
         exposure_s,
         mean,
         len(frames),
-        Measured(value, _scatter(variances, value, total)),
+        MeasuredValue(value, _scatter(variances, value, total)),
         total,
         zeros,
         (float(np.mean([one for one, _ in likeness])), float(np.mean([two for _, two in likeness]))),
@@ -147,19 +149,19 @@ def _not_hot(mean: NDArray[np.float32]) -> NDArray[np.bool_]:
     return good
 
 
-def read_noise(dark: DarkLevel, whole: bool) -> Measured | None:
+def read_noise(dark: DarkLevel, whole: bool) -> MeasuredValue | None:
     """Return the read noise (sample values, rms) without that of rounding; None where rounding hides it."""
     if whole and dark.variance.value < FINE:
         return None
     rounding = 1 / 12 if whole else 0.0
-    found = Measured(dark.variance.value - rounding, dark.variance.sigma).root()
+    found = MeasuredValue(dark.variance.value - rounding, dark.variance.sigma).root()
     if whole and found.value < 0.6:
         # near one step the rounding errors of two frames are alike, by as much as the level lies between two values
-        return Measured(found.value, float(np.hypot(found.sigma, 0.04)))
+        return MeasuredValue(found.value, float(np.hypot(found.sigma, 0.04)))
     return found
 
 
-def offset_scatter(dark: DarkLevel, whole: bool) -> Measured | None:
+def offset_scatter(dark: DarkLevel, whole: bool) -> MeasuredValue | None:
     """Return the scatter of the pixels' offsets (sample values, rms), the mean frame's temporal noise taken off.
 
     None where rounding hides it, or the darks are cut off at zero.
@@ -172,10 +174,10 @@ def offset_scatter(dark: DarkLevel, whole: bool) -> Measured | None:
     noise = dark.variance.times(1 / dark.count)
     seen = float(values.var())
     chance = seen * np.sqrt(2 / max(1, values.size))
-    return Measured(seen - noise.value, float(np.hypot(chance, noise.sigma))).root()
+    return MeasuredValue(seen - noise.value, float(np.hypot(chance, noise.sigma))).root()
 
 
-def dark_current(levels: Sequence[DarkLevel], slope: Measured) -> tuple[Measured | None, str]:
+def dark_current(levels: Sequence[DarkLevel], slope: MeasuredValue) -> tuple[MeasuredValue | None, str]:
     """Return electrons per pixel and second from darks of several exposures, and how they were told.
 
     From the mean level over exposure; where the camera subtracts its own dark signal, from the growth of the variance.
@@ -194,7 +196,7 @@ def dark_current(levels: Sequence[DarkLevel], slope: Measured) -> tuple[Measured
     return by_variance, "the camera takes dark current off itself: it was told from the growth of the noise"
 
 
-def _slope(seconds: NDArray[np.float64], values: Sequence[Measured]) -> Measured:
+def _slope(seconds: NDArray[np.float64], values: Sequence[MeasuredValue]) -> MeasuredValue:
     y = np.array([v.value for v in values])
     weight = 1 / np.maximum(np.array([v.sigma for v in values]), 1e-9) ** 2
     middle = float((weight * seconds).sum() / weight.sum())
@@ -203,4 +205,4 @@ def _slope(seconds: NDArray[np.float64], values: Sequence[Measured]) -> Measured
     value = float((weight * away * y).sum() / norm)
     free = len(values) - 2
     chi2 = float((weight * (y - (weight * y).sum() / weight.sum() - value * away) ** 2).sum() / free) if free else 1.0
-    return Measured(value, float(np.sqrt(max(1.0, chi2) / norm)))
+    return MeasuredValue(value, float(np.sqrt(max(1.0, chi2) / norm)))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.frames.photon_transfer.levels import FlatLevel
-from lfcal.frames.photon_transfer.values import Measured
+from lfcal.frames.photon_transfer.values import MeasuredValue
 
 __all__ = ["measure_linearity"]
 
@@ -18,7 +18,7 @@ RANGE = (0.05, 0.95)
 
 def measure_linearity(
     levels: Sequence[FlatLevel], good: NDArray[np.bool_], top: float, dark_rate: float, shortest_s: float
-) -> tuple[Measured | None, str]:
+) -> tuple[MeasuredValue | None, str]:
     """Return the largest relative departure of the signal from a line over exposure, and why there is none.
 
     Parameters
@@ -55,7 +55,7 @@ def measure_linearity(
     line, *_ = np.linalg.lstsq(base, np.ones(values.size), rcond=None)
     fitted = line[0] + line[1] * seconds_
     away = np.abs(values - fitted) / fitted
-    return Measured(float(away.max()), float(errors[away.argmax()] / values[away.argmax()])), ""
+    return MeasuredValue(float(away.max()), float(errors[away.argmax()] / values[away.argmax()])), ""
 
 
 def _alike(levels: Sequence[FlatLevel], good: NDArray[np.bool_], top: float) -> NDArray[np.bool_]:

@@ -13,7 +13,7 @@ from lfcal.errors import InputError
 from lfcal.frames.cfa import channel_names
 from lfcal.frames.photon_transfer.checks import doubts_of, notes_of
 from lfcal.frames.photon_transfer.converter import Converter, ConverterScan
-from lfcal.frames.photon_transfer.curve import Curve, fit_curve
+from lfcal.frames.photon_transfer.curve import PhotonTransferCurve, fit_curve
 from lfcal.frames.photon_transfer.darks import (
     DarkLevel,
     dark_current,
@@ -24,10 +24,10 @@ from lfcal.frames.photon_transfer.darks import (
 from lfcal.frames.photon_transfer.frame_list import CalibrationFrame
 from lfcal.frames.photon_transfer.levels import FlatLevel, measure_level, sorted_levels
 from lfcal.frames.photon_transfer.linearity import measure_linearity
-from lfcal.frames.photon_transfer.pairs import Points
+from lfcal.frames.photon_transfer.pairs import TransferPoints
 from lfcal.frames.photon_transfer.pattern import find_dead, measure_prnu
 from lfcal.frames.photon_transfer.result import SensorMeasurement
-from lfcal.frames.photon_transfer.values import Measured
+from lfcal.frames.photon_transfer.values import MeasuredValue
 from lfcal.progress import Clock, Work, drained
 
 __all__ = ["iter_measure_sensor", "measure_sensor"]
@@ -115,13 +115,13 @@ def _by_exposure(darks: Sequence[CalibrationFrame]) -> list[list[CalibrationFram
     return [held[key] for key in sorted(held, key=lambda seconds: seconds or 0.0)]
 
 
-def _points(dark: DarkLevel, levels: Sequence[FlatLevel]) -> Points:
+def _points(dark: DarkLevel, levels: Sequence[FlatLevel]) -> TransferPoints:
     parts = [] if dark.cut_off else [dark.point]
     for k, level in enumerate(levels):
         parts += [replace(pair.points, level=np.full(pair.points.x.size, k)) for pair in level.pairs]
     if not any(level.pairs for level in levels):
         raise InputError.expected("flats", "two or more of a level", "one of each", "record them in pairs")
-    return Points.joined(parts)
+    return TransferPoints.joined(parts)
 
 
 def _measurement(
@@ -138,7 +138,7 @@ def _measurement(
     saturation = _saturation(converter, curve, black, notes)
     end = (1 << int(converter.top).bit_length()) - 1
     top = (end if saturation is None else saturation.value) - dark.black.value
-    rate, current = Measured(0.0, 0.0), None
+    rate, current = MeasuredValue(0.0, 0.0), None
     if curve.slope is not None:
         current, said = dark_current(darks, curve.slope)
         notes += [said] if said else []
@@ -146,7 +146,7 @@ def _measurement(
             rate = current.times(curve.slope)
             # darks of the shortest exposure still hold its dark current
             held = rate.times(dark.exposure_s or 0.0)
-            black = Measured(black.value - held.value, float(np.hypot(black.sigma, held.sigma)))
+            black = MeasuredValue(black.value - held.value, float(np.hypot(black.sigma, held.sigma)))
     linearity, said = measure_linearity(levels, dark.good, top, rate.value, dark.exposure_s or 0.0)
     notes += [said] if said else []
     prnu, dead = _pattern(levels, dark, curve, top, cfa, notes)
@@ -178,17 +178,19 @@ def _measurement(
     )
 
 
-def _electrons(saturation: Measured | None, black: Measured, inverse: Measured | None) -> Measured | None:
+def _electrons(
+    saturation: MeasuredValue | None, black: MeasuredValue, inverse: MeasuredValue | None
+) -> MeasuredValue | None:
     if saturation is None or inverse is None:
         return None
-    above = Measured(saturation.value - black.value, float(np.hypot(saturation.sigma, black.sigma)))
+    above = MeasuredValue(saturation.value - black.value, float(np.hypot(saturation.sigma, black.sigma)))
     return above.times(inverse)
 
 
-def _read_noise(dark: DarkLevel, curve: Curve, whole: bool, notes: list[str]) -> Measured | None:
+def _read_noise(dark: DarkLevel, curve: PhotonTransferCurve, whole: bool, notes: list[str]) -> MeasuredValue | None:
     if dark.cut_off:
         rounding = 1 / 12 if whole else 0.0
-        constant = Measured(curve.constant.value - rounding, curve.constant.sigma)
+        constant = MeasuredValue(curve.constant.value - rounding, curve.constant.sigma)
         if curve.slope is not None and constant.value > 2 * constant.sigma:
             return constant.root()
         notes.append("read noise: unknown, for the flats are too bright to show it and the darks are cut off")
@@ -199,12 +201,14 @@ def _read_noise(dark: DarkLevel, curve: Curve, whole: bool, notes: list[str]) ->
     return found
 
 
-def _saturation(converter: Converter, curve: Curve, black: Measured, notes: list[str]) -> Measured | None:
+def _saturation(
+    converter: Converter, curve: PhotonTransferCurve, black: MeasuredValue, notes: list[str]
+) -> MeasuredValue | None:
     broken = curve.saturation
     if broken is not None and (converter.clip is None or broken.value < 0.95 * (converter.clip - black.value)):
-        return Measured(broken.value + black.value, broken.sigma)
+        return MeasuredValue(broken.value + black.value, broken.sigma)
     if converter.clip is not None:
-        return Measured(converter.clip, 0.0)
+        return MeasuredValue(converter.clip, 0.0)
     notes.append(
         f"saturation and full well: not reached, for the brightest sample is {converter.top:.0f}; expose longer"
     )
@@ -212,8 +216,8 @@ def _saturation(converter: Converter, curve: Curve, black: Measured, notes: list
 
 
 def _pattern(
-    levels: Sequence[FlatLevel], dark: DarkLevel, curve: Curve, top: float, cfa: str, notes: list[str]
-) -> tuple[Measured | None, int]:
+    levels: Sequence[FlatLevel], dark: DarkLevel, curve: PhotonTransferCurve, top: float, cfa: str, notes: list[str]
+) -> tuple[MeasuredValue | None, int]:
     """Return pixel response and blind pixels, from the flats nearest to half of saturation."""
     means = np.array([float(level.bright[dark.good].mean(dtype=np.float64)) for level in levels])
     nearest = int(np.argmin(np.abs(means - 0.5 * top)))
@@ -227,9 +231,11 @@ def _pattern(
     return prnu, int(np.count_nonzero(dead))
 
 
-def _channels(points: Points, curve: Curve, clip: float | None, whole: bool, cfa: str) -> dict[str, Measured]:
+def _channels(
+    points: TransferPoints, curve: PhotonTransferCurve, clip: float | None, whole: bool, cfa: str
+) -> dict[str, MeasuredValue]:
     """Return the gain of every channel."""
-    found: dict[str, Measured] = {}
+    found: dict[str, MeasuredValue] = {}
     if curve.slope is None:
         return found
     for site, name in enumerate(channel_names(cfa)):
@@ -241,7 +247,7 @@ def _channels(points: Points, curve: Curve, clip: float | None, whole: bool, cfa
     return found
 
 
-def _multiplied(channels: dict[str, Measured], curve: Curve) -> tuple[str, ...]:
+def _multiplied(channels: dict[str, MeasuredValue], curve: PhotonTransferCurve) -> tuple[str, ...]:
     """Return the doubt that gains differ between channels, which a converter does not make."""
     if curve.slope is None or not channels:
         return ()

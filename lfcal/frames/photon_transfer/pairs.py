@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from lfcal.frames.cfa import pattern_side
 
-__all__ = ["Frames2", "PairFinding", "Points", "measure_pair", "strips"]
+__all__ = ["Frames2", "PairFinding", "TransferPoints", "measure_pair", "strips"]
 
 Image = NDArray[np.float32]
 
@@ -41,7 +41,7 @@ ROLLING_CHI2 = 3.0
 
 
 @dataclass(frozen=True)
-class Points:
+class TransferPoints:
     """Points of a photon-transfer curve, arrays ``(n,)``.
 
     Attributes
@@ -67,9 +67,9 @@ class Points:
         """Return the points of several pairs as one set."""
         return cls(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls)))
 
-    def where(self, chosen: NDArray[np.bool_]) -> Points:
+    def where(self, chosen: NDArray[np.bool_]) -> TransferPoints:
         """Return the chosen points."""
-        return Points(*(getattr(self, f.name)[chosen] for f in fields(self)))
+        return TransferPoints(*(getattr(self, f.name)[chosen] for f in fields(self)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +122,7 @@ class PairFinding:
         Whether the two frames are the same to the last bit.
     """
 
-    points: Points
+    points: TransferPoints
     change: float
     rolling: float
     likeness: tuple[float, float]
@@ -217,7 +217,7 @@ def _edges(pair: Frames2, variance: float) -> NDArray[np.float64]:
 
 def _moments(
     pair: Frames2, alpha: NDArray[np.float64], edges: NDArray[np.float64], quick: float
-) -> tuple[Points, tuple[float, float]]:
+) -> tuple[TransferPoints, tuple[float, float]]:
     side = pattern_side(pair.cfa)
     bins = len(edges) - 1
     limits = np.full((side * side * bins, 2), (-np.inf, np.inf))
@@ -245,7 +245,7 @@ def _moments(
     factor = 1 + float(np.mean(alpha**2))
     enough = n >= FEWEST
     at = np.flatnonzero(enough)
-    points = Points(
+    points = TransferPoints(
         s1[at] / n[at] / factor,
         variance[at] / 2 / factor,
         n[at].astype(np.int64),

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.frames.cfa import phases
-from lfcal.frames.photon_transfer.curve import Curve
+from lfcal.frames.photon_transfer.curve import PhotonTransferCurve
 from lfcal.frames.photon_transfer.levels import FlatLevel
-from lfcal.frames.photon_transfer.values import Measured
+from lfcal.frames.photon_transfer.values import MeasuredValue
 
 __all__ = ["find_dead", "measure_prnu"]
 
@@ -20,8 +20,8 @@ STRUCTURED = 0.15
 
 
 def measure_prnu(
-    level: FlatLevel, curve: Curve, dark_variance: float, good: NDArray[np.bool_], cfa: str
-) -> tuple[Measured | None, str]:
+    level: FlatLevel, curve: PhotonTransferCurve, dark_variance: float, good: NDArray[np.bool_], cfa: str
+) -> tuple[MeasuredValue | None, str]:
     """Return the relative rms of the pixels' responses, and why it cannot be told.
 
     The light is taken for smooth over `BOX` pixels of one colour; the temporal noise that is left in the mean of the
@@ -59,7 +59,7 @@ def measure_prnu(
     # of the residual of a mean over a box that holds the pixel itself, (1 - 1/box) of the pixel's variance is left
     seen = squares / count / (1 - 1 / BOX**2)
     chance = float(seen * np.sqrt(2 / count)) + 0.02 * noise / count
-    found = Measured(seen - noise / count, chance).root()
+    found = MeasuredValue(seen - noise / count, chance).root()
     if found.value < 2 * found.sigma:
         return None, f"pixel response (PRNU): below {100 * 2 * found.sigma:.2g} %, lost in noise; average more flats"
     return found, ""

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 
 from lfcal.camera import Camera, Sensor
 from lfcal.errors import InputError
-from lfcal.frames.photon_transfer.curve import Curve
-from lfcal.frames.photon_transfer.values import Measured
+from lfcal.frames.photon_transfer.curve import PhotonTransferCurve
+from lfcal.frames.photon_transfer.values import MeasuredValue
 
 __all__ = ["SensorMeasurement"]
 
@@ -58,31 +58,31 @@ class SensorMeasurement:
         The photon-transfer curve.
     """
 
-    gain: Measured | None
-    black_level: Measured | None
-    dark_level: Measured
-    read_noise_counts: Measured | None
-    read_noise_e: Measured | None
-    saturation: Measured | None
-    full_well_e: Measured | None
-    linearity: Measured | None
-    prnu: Measured | None
-    dsnu_counts: Measured | None
-    dsnu_e: Measured | None
-    dark_current_e_s: Measured | None
+    gain: MeasuredValue | None
+    black_level: MeasuredValue | None
+    dark_level: MeasuredValue
+    read_noise_counts: MeasuredValue | None
+    read_noise_e: MeasuredValue | None
+    saturation: MeasuredValue | None
+    full_well_e: MeasuredValue | None
+    linearity: MeasuredValue | None
+    prnu: MeasuredValue | None
+    dsnu_counts: MeasuredValue | None
+    dsnu_e: MeasuredValue | None
+    dark_current_e_s: MeasuredValue | None
     bits: int
     shift: int
     hot: int
     dead: int
-    channels: dict[str, Measured]
+    channels: dict[str, MeasuredValue]
     frames: tuple[int, int]
     shape: tuple[int, int]
     doubts: tuple[str, ...]
     notes: tuple[str, ...]
-    curve: Curve = field(repr=False, compare=False)
+    curve: PhotonTransferCurve = field(repr=False, compare=False)
 
     @property
-    def electrons_per_count(self) -> Measured | None:
+    def electrons_per_count(self) -> MeasuredValue | None:
         """One over the gain."""
         return None if self.gain is None else self.gain.inverse()
 
@@ -116,7 +116,7 @@ class SensorMeasurement:
         if clip is not None:
             values["saturation"] = clip
         for name in ("read_noise_e", "dark_current_e_s", "prnu", "dsnu_e", "linearity"):
-            found: Measured | None = getattr(self, name)
+            found: MeasuredValue | None = getattr(self, name)
             if found is not None:
                 values[name] = max(0.0, found.value)
         changed = tuple(name for name in values if name != "bit_depth" or full)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from lfcal.camera import Sensor
 from lfcal.errors import InputError
 from lfcal.frames.photon_transfer.result import SensorMeasurement
-from lfcal.frames.photon_transfer.values import Measured
+from lfcal.frames.photon_transfer.values import MeasuredValue
 from lfcal.units import format_number
 
 __all__ = ["figures_of", "unlike"]
@@ -71,7 +71,7 @@ def _taken(found: SensorMeasurement, known: Sensor | None) -> list[tuple[str, st
         sensor, _ = found.sensor(known)
     except InputError:  # nothing is taken over
         return []
-    full = Measured(sensor.full_well_e, sensor.full_well_e * found.gain.sigma / found.gain.value)
+    full = MeasuredValue(sensor.full_well_e, sensor.full_well_e * found.gain.sigma / found.gain.value)
     return [("  for the camera", f"{full} e⁻ at its highest count, {sensor.max_value}")]
 
 
@@ -79,16 +79,16 @@ def _brightest_e(found: SensorMeasurement) -> float:
     return 0.0 if found.gain is None else (found.brightest - found.dark_level.value) / found.gain.value
 
 
-def _reached(value: Measured | None, brightest: float, unit: str, found: SensorMeasurement) -> str:
+def _reached(value: MeasuredValue | None, brightest: float, unit: str, found: SensorMeasurement) -> str:
     """Return a limit in words; where no flat reached it, what it is above."""
     if value is not None or found.gain is None:
         return _text(value, unit)
     return f"above {format_number(brightest)} {unit} (not reached)"
 
 
-def _percent(value: Measured | None) -> Measured | None:
+def _percent(value: MeasuredValue | None) -> MeasuredValue | None:
     return None if value is None else value.times(100.0)
 
 
-def _text(value: Measured | None, unit: str) -> str:
+def _text(value: MeasuredValue | None, unit: str) -> str:
     return "unknown" if value is None else f"{value} {unit}"

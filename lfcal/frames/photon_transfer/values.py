@@ -5,31 +5,31 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-__all__ = ["Measured"]
+__all__ = ["MeasuredValue"]
 
 
-class Measured(NamedTuple):
+class MeasuredValue(NamedTuple):
     """A measured value and its standard error, in the same unit."""
 
     value: float
     sigma: float
 
-    def times(self, factor: Measured | float) -> Measured:
+    def times(self, factor: MeasuredValue | float) -> MeasuredValue:
         """Return the product with ``factor``, the errors of both being independent."""
-        if not isinstance(factor, Measured):
-            return Measured(self.value * factor, self.sigma * abs(factor))
+        if not isinstance(factor, MeasuredValue):
+            return MeasuredValue(self.value * factor, self.sigma * abs(factor))
         sigma = math.hypot(self.sigma * factor.value, self.value * factor.sigma)
-        return Measured(self.value * factor.value, sigma)
+        return MeasuredValue(self.value * factor.value, sigma)
 
-    def inverse(self) -> Measured:
+    def inverse(self) -> MeasuredValue:
         """Return one over the value."""
-        return Measured(1 / self.value, self.sigma / self.value**2)
+        return MeasuredValue(1 / self.value, self.sigma / self.value**2)
 
-    def root(self, floor: float = 0.0) -> Measured:
+    def root(self, floor: float = 0.0) -> MeasuredValue:
         """Return the square root of a variance, which noise may have pushed below ``floor``."""
         root = math.sqrt(max(self.value, floor))
         # near zero the root of the error is what the value may be at most
-        return Measured(root, min(self.sigma / (2 * root) if root > 0 else math.inf, math.sqrt(self.sigma)))
+        return MeasuredValue(root, min(self.sigma / (2 * root) if root > 0 else math.inf, math.sqrt(self.sigma)))
 
     def __str__(self) -> str:
         """Return the value with as many digits as its error warrants."""

@@ -16,7 +16,7 @@ from lfcal.inspect.faults.series import SURE, usual
 from lfcal.inspect.finding import Fault, Finding, Picture, PutIn, adding
 from lfcal.inspect.patch import Patch
 
-__all__ = ["FAULTS", "Background", "CutOff", "Saturated"]
+__all__ = ["FAULTS", "BackgroundFault", "CutOff", "Saturated"]
 
 F4 = NDArray[np.float32]
 
@@ -173,7 +173,7 @@ def _cut_off(level: float) -> PutIn:
     return put_in
 
 
-class Background(Fault):
+class BackgroundFault(Fault):
     """The same counts under all patterns."""
 
     name = "background"
@@ -206,4 +206,4 @@ class Background(Fault):
         )
 
 
-FAULTS = (Saturated(), CutOff(), Background())
+FAULTS = (Saturated(), CutOff(), BackgroundFault())

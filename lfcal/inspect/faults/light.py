@@ -15,7 +15,7 @@ from lfcal.inspect.faults.series import ENOUGH, SURE, robust, scan_order, sharpe
 from lfcal.inspect.finding import Fault, Finding, Picture, PutIn
 from lfcal.inspect.patch import Patch
 
-__all__ = ["FAULTS", "Exposure", "Flicker", "FocusDrift", "Lamp"]
+__all__ = ["FAULTS", "ExposureFault", "Flicker", "FocusDrift", "Lamp"]
 
 F8 = NDArray[np.float64]
 
@@ -64,7 +64,7 @@ def _within(plan: ScanPlan, index: NDArray[np.intp]) -> F8:
     return found
 
 
-class Exposure(Fault):
+class ExposureFault(Fault):
     """Single frames of another exposure."""
 
     name = "exposure"
@@ -234,4 +234,4 @@ def _drifting(plane: int, change: float) -> PutIn:
     return put_in
 
 
-FAULTS = (Exposure(), Lamp(), Flicker(), FocusDrift())
+FAULTS = (ExposureFault(), Lamp(), Flicker(), FocusDrift())

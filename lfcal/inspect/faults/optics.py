@@ -18,7 +18,7 @@ from lfcal.inspect.finding import Fault, Finding, Picture, PutIn, adding
 from lfcal.inspect.modelled import NEAR_ARRAY
 from lfcal.inspect.patch import Patch
 
-__all__ = ["FAULTS", "DepthLabel", "Ghost", "TypeLight"]
+__all__ = ["FAULTS", "DepthLabel", "GhostFault", "TypeLight"]
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
@@ -100,7 +100,7 @@ def _deeper(shares: F8) -> PutIn:
     return lambda patch: patch.moved(depth=shares[patch.index[:, 0]])
 
 
-class Ghost(Fault):
+class GhostFault(Fault):
     """A second, faint image of the pattern beside it: as it is, mirrored or turned."""
 
     name = "ghost"
@@ -277,4 +277,4 @@ def _nearest_type(lattice: LensletLattice, points: F8) -> NDArray[np.intp]:
     return found
 
 
-FAULTS = (DepthLabel(), Ghost(), TypeLight())
+FAULTS = (DepthLabel(), GhostFault(), TypeLight())

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from lfcal.inspect.evidence import Evidence
 from lfcal.inspect.faults.places import late, only_recorded, place_map, share_of
-from lfcal.inspect.faults.series import BETTER, SURE, Step, robust, scan_order, sharpest_step, usual
+from lfcal.inspect.faults.series import BETTER, SURE, SeriesJump, robust, scan_order, sharpest_step, usual
 from lfcal.inspect.finding import Fault, Finding, PutIn
 from lfcal.inspect.modelled import REACH_PX
 from lfcal.inspect.patch import Patch
 
-__all__ = ["FAULTS", "Backlash", "FrameShift", "Jitter", "StageAxes", "Strangers"]
+__all__ = ["FAULTS", "BacklashFault", "FrameShift", "Jitter", "StageAxesFault", "Strangers"]
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
@@ -66,7 +66,7 @@ def _fitted(evidence: Evidence, name: str) -> Moved:
     return Moved(dict(zip(names, zip(found[-3:], errors[-3:], strict=True), strict=True)), left)
 
 
-class StageAxes(Fault):
+class StageAxesFault(Fault):
     """Stage steps too long or short, axes turned or sheared, or a drift during the scan."""
 
     name = "stage_axes"
@@ -136,7 +136,7 @@ def _words(seen: dict[tuple[str, str], float]) -> str:
     return "axes of the stage are not those of the sensor"
 
 
-class Backlash(Fault):
+class BacklashFault(Fault):
     """Play of the stage: sources of rows that are scanned backwards are displaced."""
 
     name = "backlash"
@@ -229,7 +229,7 @@ class FrameShift(Fault):
         """Yield the sharpest step of the cutouts' displacements in the order of the scan."""
         for name, along in (("window_y", "down"), ("window_x", "across")):
             values, sigmas = evidence.column(name)
-            step: Step | None = sharpest_step(scan_order(evidence.index), values, np.hypot(sigmas, FLOOR_PX))
+            step: SeriesJump | None = sharpest_step(scan_order(evidence.index), values, np.hypot(sigmas, FLOOR_PX))
             if step is None or abs(step.size) < 2 * WORTH_PX or step.sigmas < SURE:
                 yield from self._all(evidence, name, along)
                 continue
@@ -327,4 +327,4 @@ def _whose(evidence: Evidence, k: int, far: F8, *, unlike: bool) -> str:
     return f"the source of {place} is {np.hypot(*far):.2f} px off"
 
 
-FAULTS = (StageAxes(), Backlash(), Jitter(), FrameShift(), Strangers())
+FAULTS = (StageAxesFault(), BacklashFault(), Jitter(), FrameShift(), Strangers())

@@ -16,7 +16,7 @@ from lfcal.inspect.finding import Fault, Finding, Picture, PutIn, Repair
 from lfcal.inspect.patch import Patch
 from lfcal.inspect.sensor_map import SensorMap, sensor_map
 
-__all__ = ["FAULTS", "BadPixels", "Mosaic"]
+__all__ = ["FAULTS", "BadPixels", "MosaicFault"]
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
@@ -167,7 +167,7 @@ def _bridged(bad: NDArray[np.bool_]) -> Repair:
     return repair
 
 
-class Mosaic(Fault):
+class MosaicFault(Fault):
     """The filters of a colour sensor, left in."""
 
     name = "mosaic"
@@ -225,4 +225,4 @@ def _by_lines(total: SensorMap) -> F8:
     return gains
 
 
-FAULTS = (BadPixels(), Mosaic())
+FAULTS = (BadPixels(), MosaicFault())

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["BETTER", "ENOUGH", "FEW", "SURE", "Step", "Usual", "robust", "scan_order", "sharpest_step", "usual"]
+__all__ = ["BETTER", "ENOUGH", "FEW", "SURE", "SeriesJump", "Usual", "robust", "scan_order", "sharpest_step", "usual"]
 
 F8 = NDArray[np.float64]
 
@@ -44,7 +44,7 @@ class Usual(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class SeriesJump:
     """A jump in the order of the scan.
 
     Attributes
@@ -114,7 +114,7 @@ def scan_order(index: NDArray[np.intp]) -> NDArray[np.intp]:
     return found
 
 
-def sharpest_step(order: NDArray[np.intp], values: F8, sigmas: F8) -> Step | None:
+def sharpest_step(order: NDArray[np.intp], values: F8, sigmas: F8) -> SeriesJump | None:
     """Return the jump that explains what values do in an ``order`` of them; None where a line does as well."""
     order = order[np.isfinite(sigmas[order])]
     if len(order) < 2 * FEW:
@@ -133,4 +133,4 @@ def sharpest_step(order: NDArray[np.intp], values: F8, sigmas: F8) -> Step | Non
     if np.median(np.abs(stepped)) > BETTER * np.median(np.abs(straight)):
         return None  # it goes up evenly
     size = float(np.median(whole[k + 1 :]) - np.median(whole[: k + 1]))
-    return Step(size, float(told[k]), order[k + 1 :])
+    return SeriesJump(size, float(told[k]), order[k + 1 :])

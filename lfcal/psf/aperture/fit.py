@@ -15,7 +15,7 @@ from lfcal.psf.aperture.locate import LitPatch, despike, find_patch
 from lfcal.psf.aperture.profile import ANGLES
 from lfcal.psf.aperture.shape import Aperture, CountFit, StuckBlade
 from lfcal.psf.aperture.size import measured_area
-from lfcal.psf.aperture.verdict import Verdict, judged
+from lfcal.psf.aperture.verdict import EdgeVerdict, judged
 
 __all__ = ["fit_aperture", "plane_verdict"]
 
@@ -70,7 +70,7 @@ def fit_aperture(depth_sum: ArrayLike, *, footprint_px: float = 0.0) -> Aperture
     return plane_verdict(depth_sum, footprint_px=footprint_px)[0]
 
 
-def plane_verdict(depth_sum: ArrayLike, *, footprint_px: float = 0.0) -> tuple[Aperture, Verdict | None]:
+def plane_verdict(depth_sum: ArrayLike, *, footprint_px: float = 0.0) -> tuple[Aperture, EdgeVerdict | None]:
     """Return the aperture and what it was judged by, None where no outline is to be seen; see `fit_aperture`."""
     image = _clean(depth_sum)
     if min(image.shape) < SMALLEST:
@@ -134,7 +134,7 @@ def _snr(level: float, noise: float) -> float:
     return level / noise if noise > 0 else math.inf
 
 
-def _aperture(verdict: Verdict, patch: LitPatch) -> Aperture:
+def _aperture(verdict: EdgeVerdict, patch: LitPatch) -> Aperture:
     """Return the aperture of a verdict, with what lies inside it."""
     fit, edge = verdict.fit, verdict.edge
     kind, refusal = verdict.kind, verdict.refusal
@@ -178,7 +178,7 @@ def _aperture(verdict: Verdict, patch: LitPatch) -> Aperture:
     )
 
 
-def _count(found: OutlineFit, verdict: Verdict) -> CountFit:
+def _count(found: OutlineFit, verdict: EdgeVerdict) -> CountFit:
     step = 2 * math.pi / found.blades
     variance = max(float(found.covariance[ROTATION, ROTATION]), 0.0) * verdict.unit
     return CountFit(

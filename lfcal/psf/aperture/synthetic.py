@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lfcal.psf.aperture.shape import Aperture, StuckBlade, polygon_area
 
-__all__ = ["Disturbance", "Fault", "depth_sum_of"]
+__all__ = ["Disturbance", "IrisFault", "depth_sum_of"]
 
 OVERSAMPLING = 3
 
@@ -59,7 +59,7 @@ class Disturbance:
 
 
 @dataclass(frozen=True, slots=True)
-class Fault:
+class IrisFault:
     """What is wrong with a synthetic iris.
 
     Attributes
@@ -82,7 +82,7 @@ class Fault:
     central: float = 0.0
 
 
-SOUND = Fault()
+SOUND = IrisFault()
 
 
 def depth_sum_of(
@@ -93,7 +93,7 @@ def depth_sum_of(
     rng: np.random.Generator,
     *,
     fill: float = 0.42,
-    fault: Fault = SOUND,
+    fault: IrisFault = SOUND,
 ) -> tuple[NDArray[np.float64], Aperture]:
     """Return a disturbed depth-plane sum ``(side, side)`` and the iris in it; centre and rotation are random.
 
@@ -157,7 +157,7 @@ def depth_sum_of(
     return image, truth
 
 
-def _outline(blades: int, rotation: float, apothem: float, curvature: float, fault: Fault) -> NDArray[np.float64]:
+def _outline(blades: int, rotation: float, apothem: float, curvature: float, fault: IrisFault) -> NDArray[np.float64]:
     """Return the radius over `RAYS`: the nearest of all blades and of the rim, each by its own circle."""
     arcs = [(rotation + (k + 0.5) * 2 * math.pi / blades, apothem, curvature / apothem) for k in range(blades)]
     if fault.stuck >= 0:
@@ -200,7 +200,7 @@ def _ripple(
     return total
 
 
-def _kind(curvature: float, fault: Fault) -> str:
+def _kind(curvature: float, fault: IrisFault) -> str:
     if fault.rim is not None:
         return "cat's eye"
     if fault.stuck >= 0:

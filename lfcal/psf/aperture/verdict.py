@@ -12,7 +12,7 @@ from lfcal.psf.aperture.edge import HIGHEST, Edge, harmonics, matched_edge
 from lfcal.psf.aperture.profile import ANGLES
 from lfcal.psf.aperture.shape import blade_radius
 
-__all__ = ["CERTAIN", "FALSE_ALARM", "TRIALS", "Verdict", "judged"]
+__all__ = ["CERTAIN", "FALSE_ALARM", "TRIALS", "EdgeVerdict", "judged"]
 
 FALSE_ALARM = 1e-4
 """How often noise may pass for a shape that is not there."""
@@ -49,7 +49,7 @@ STRAIGHT = 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class EdgeVerdict:
     """What an edge shows.
 
     Attributes
@@ -113,7 +113,7 @@ class _Fits:
         return max(1.0, best.chi2 / (2 * HIGHEST + 1 - best.parameters.size))
 
 
-def judged(edge: Edge, snr: float) -> Verdict:
+def judged(edge: Edge, snr: float) -> EdgeVerdict:
     """Return which shape an edge shows, and how far it stands out.
 
     Parameters
@@ -204,7 +204,7 @@ def _faintest(edge: Edge) -> float:
     return float((share**2).sum())
 
 
-def _refused(fits: _Fits, chosen: tuple[str, OutlineFit, float], snr: float) -> Verdict:
+def _refused(fits: _Fits, chosen: tuple[str, OutlineFit, float], snr: float) -> EdgeVerdict:
     """Return the verdict, with the reason where it cannot be relied on."""
     kind, fit, margin = chosen
     outline = _about(fit)
@@ -220,4 +220,6 @@ def _refused(fits: _Fits, chosen: tuple[str, OutlineFit, float], snr: float) -> 
     if refusal == "unclear" and snr < NOISY:
         # no shape is stated; what is kept is the best regular iris
         fit = fits.regular[0]
-    return Verdict("" if refusal else kind, fit, margin, fits.unit, refusal, fits.edge, tuple(fits.regular), fits.round)
+    return EdgeVerdict(
+        "" if refusal else kind, fit, margin, fits.unit, refusal, fits.edge, tuple(fits.regular), fits.round
+    )

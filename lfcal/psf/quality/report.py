@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from lfcal.psf.aperture import Aperture, FNumber, Iris
 from lfcal.psf.quality.metric import RANK, Merit, Metric
 from lfcal.psf.quality.periodicity import Periodicity
-from lfcal.psf.quality.verdict import Problem, counted, judged_sentence, merit_of, problems_of
+from lfcal.psf.quality.verdict import QualityProblem, counted, judged_sentence, merit_of, problems_of
 from lfcal.units import format_count, format_length, format_plane
 
 __all__ = ["QualityReport"]
@@ -105,7 +105,7 @@ class QualityReport:
         return math.sqrt(sum(m.cost**2 for m in self.metrics if m.merit != "unknown"))
 
     @property
-    def problems(self) -> tuple[Problem, ...]:
+    def problems(self) -> tuple[QualityProblem, ...]:
         """What is wrong with H, the worst first."""
         return problems_of(self.metrics, self.shape)
 

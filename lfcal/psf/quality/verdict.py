@@ -12,7 +12,7 @@ from lfcal.units import format_count
 __all__ = [
     "BAD",
     "FAIR",
-    "Problem",
+    "QualityProblem",
     "counted",
     "counted_words",
     "judged_sentence",
@@ -34,7 +34,7 @@ PLACES = 3
 
 
 @dataclass(frozen=True)
-class Problem:
+class QualityProblem:
     """One thing that is wrong with an H.
 
     Attributes
@@ -54,8 +54,8 @@ class Problem:
 
     Examples
     --------
-    >>> from lfcal.psf.quality.verdict import Problem, judged_sentence
-    >>> hot = Problem("hot line", "60 counts too many", "all positions", "0.31", "Subtract a dark frame.", "bad")
+    >>> from lfcal.psf.quality.verdict import QualityProblem, judged_sentence
+    >>> hot = QualityProblem("hot line", "60 counts too many", "all positions", "0.31", "Subtract a dark frame.", "bad")
     >>> print(judged_sentence([hot], "good").partition(". ")[2])
     Hot line: 60 counts too many; all positions; it costs 0.31. Subtract a dark frame. What remains is good.
     """
@@ -75,7 +75,7 @@ class Problem:
         return f"{_capital(self.title)}: {'; '.join(part for part in parts if part)}."
 
 
-def judged_sentence(problems: Sequence[Problem], rest: str) -> str:
+def judged_sentence(problems: Sequence[QualityProblem], rest: str) -> str:
     """Return the verdict on an H.
 
     Parameters
@@ -102,7 +102,7 @@ def judged_sentence(problems: Sequence[Problem], rest: str) -> str:
     return f"{head} {first.sentence} {first.advice} {_remains(left, rest)}"
 
 
-def _remains(left: Sequence[Problem], rest: str) -> str:
+def _remains(left: Sequence[QualityProblem], rest: str) -> str:
     for merit, words in (("bad", "should not be used"), ("fair", "is worth a look"), ("good", "is good but for")):
         own = [one.title for one in left if one.merit == merit]
         if own:
@@ -124,19 +124,19 @@ def merit_word(metric: Metric) -> str:
     return "repeat" if merit_of(metric) == "good" != metric.merit else metric.merit
 
 
-def problems_of(metrics: Iterable[Metric], shape: Sequence[int]) -> tuple[Problem, ...]:
+def problems_of(metrics: Iterable[Metric], shape: Sequence[int]) -> tuple[QualityProblem, ...]:
     """Return what metrics say is wrong with an H of ``shape`` ``(nz, ny, nx, ...)``, the worst first."""
     found = (_problem(m, math.prod(shape[:3])) for m in metrics if m.merit in ("bad", "fair"))
     return tuple(sorted(found, key=lambda one: RANK[one.merit]))
 
 
-def _problem(metric: Metric, frames: int) -> Problem:
+def _problem(metric: Metric, frames: int) -> QualityProblem:
     named = metric.spec.verdict_detail and metric.detail and not math.isnan(metric.value)
     value = f"∞ {metric.spec.unit}".strip() if math.isinf(metric.value) else metric.text
     cost = ""
     if metric.cost > 0:
         cost = f"{metric.cost:.3f} (NRMSE)" if metric.measured else f"{metric.cost:.2g} (NRMSE, typical)"
-    return Problem(
+    return QualityProblem(
         metric.detail if named else metric.spec.title.lower(),
         value if named or not metric.detail else f"{value}, {metric.detail}",
         where(metric.positions.tolist(), frames),

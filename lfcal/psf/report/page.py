@@ -19,7 +19,7 @@ from lfcal.psf.quality import Metric, QualityReport
 from lfcal.psf.quality.verdict import counted_words, merit_of, merit_word
 from lfcal.psf.report.beside import Beside
 from lfcal.psf.report.parts import document, figures, section, table, text
-from lfcal.psf.report.pictures import Picture
+from lfcal.psf.report.pictures import ReportPicture
 from lfcal.units import format_bytes, format_length, format_plane, format_seconds
 
 __all__ = ["limits", "page", "redo_of", "value_text"]
@@ -34,7 +34,7 @@ LISTED = 24
 def page(
     H: PSFMatrix,
     quality: QualityReport,
-    pictures: Sequence[Picture],
+    pictures: Sequence[ReportPicture],
     comparison: Comparison | None = None,
     reference: str = "",
     beside: Beside | None = None,
@@ -105,7 +105,7 @@ def _faults(beside: Beside) -> str:
     ]
     if not rows:
         return f"<p>{text(beside.words[0].upper() + beside.words[1:])}.</p>"
-    shown = [Picture("faults", f.title, f.caption, f.picture) for f in beside.faults if f.picture]
+    shown = [ReportPicture("faults", f.title, f.caption, f.picture) for f in beside.faults if f.picture]
     head = ["fault", "what", "of the light", ERROR, "what to do"]
     return table(head, rows, numeric=[2, 3]) + figures(shown, "faults")
 
@@ -264,7 +264,7 @@ def _tilings(quality: QualityReport) -> str:
     return table(headers, rows, range(6))
 
 
-def _compared(H: PSFMatrix, c: Comparison, reference: str, pictures: Sequence[Picture]) -> str:
+def _compared(H: PSFMatrix, c: Comparison, reference: str, pictures: Sequence[ReportPicture]) -> str:
     name = f" with {text(Path(reference).name)}" if reference else ""
     left = int(np.prod(H.shape[:3])) - c.compared
     words = (

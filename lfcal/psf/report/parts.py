@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from datetime import datetime
 
 from lfcal import __version__
-from lfcal.psf.report.pictures import Picture
+from lfcal.psf.report.pictures import ReportPicture
 from lfcal.psf.report.style import stylesheet
 
 __all__ = ["document", "figures", "section", "table", "text"]
@@ -55,7 +55,7 @@ def table(headers: Sequence[str], rows: Iterable[Iterable[str]], numeric: Iterab
     return f"<table>{head}<tbody>\n{body}</tbody></table>\n"
 
 
-def figures(pictures: Sequence[Picture], section: str) -> str:
+def figures(pictures: Sequence[ReportPicture], section: str) -> str:
     """Return the pictures of a section."""
     parts = []
     for p in pictures:

@@ -19,12 +19,12 @@ from lfcal.psf.quality import QualityReport
 from lfcal.psf.quality.verdict import counted_words, merit_word
 from lfcal.psf.report.beside import Beside
 from lfcal.psf.report.page import limits, redo_of, value_text
-from lfcal.psf.report.pictures import Picture
+from lfcal.psf.report.pictures import ReportPicture
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Block", "blocks", "iter_pages", "pdf"]
+__all__ = ["PageBlock", "blocks", "iter_pages", "pdf"]
 
 WIDTH, HEIGHT = 8.27, 11.69
 """A4 (inches)."""
@@ -42,7 +42,7 @@ LISTED = 30
 
 
 @dataclass(frozen=True)
-class Block:
+class PageBlock:
     """What stands on a page: words, a picture, or both side by side.
 
     Attributes
@@ -94,7 +94,7 @@ def _wrapped(text: str, width: float, size: float) -> list[str]:
     return [line for part in text.split("\n") for line in textwrap.wrap(part, many) or [""]]
 
 
-def _size_of(block: Block) -> tuple[float, float]:
+def _size_of(block: PageBlock) -> tuple[float, float]:
     """Return width and height of a block's picture (inches), which keeps its shape and fits on a page."""
     rows, columns = _pixels(block.picture)
     width = min(block.width, columns / 90)
@@ -111,11 +111,11 @@ def _pixels(png: bytes) -> tuple[int, int]:
 def blocks(
     H: PSFMatrix,
     quality: QualityReport,
-    pictures: Sequence[Picture],
+    pictures: Sequence[ReportPicture],
     beside: Beside | None = None,
     *,
     every: bool = False,
-) -> list[Block]:
+) -> list[PageBlock]:
     """Return everything that the pages hold, in their order: what a decision needs comes first.
 
     With ``every`` metrics that do not apply are listed, too.
@@ -126,10 +126,12 @@ def blocks(
     camera = f"; camera {H.camera.name}" if H.camera is not None else ""
     facts = f"{nz} planes, {ends}; {ny} × {nx} positions; cutout {nt} × {ns} pixels{camera}"
     found = [
-        Block(one_line(Path(H.path).name) or "PSF matrix", 17, bold=True),
-        Block(f"PSF quality report, {datetime.now().astimezone():%Y-%m-%d %H:%M}", 9, colour=COLOURS["muted"]),
-        Block(quality.verdict if beside is None else beside.verdict, 13, True, COLOURS.get(merit, "#1f2937"), gap=0.2),
-        Block(facts, gap=0.06),
+        PageBlock(one_line(Path(H.path).name) or "PSF matrix", 17, bold=True),
+        PageBlock(f"PSF quality report, {datetime.now().astimezone():%Y-%m-%d %H:%M}", 9, colour=COLOURS["muted"]),
+        PageBlock(
+            quality.verdict if beside is None else beside.verdict, 13, True, COLOURS.get(merit, "#1f2937"), gap=0.2
+        ),
+        PageBlock(facts, gap=0.06),
     ]
     if beside is not None:
         found += _faults(beside)
@@ -137,24 +139,24 @@ def blocks(
     return [*found, *_apertures(quality), *_drawn(pictures)]
 
 
-def _heading(text: str) -> Block:
-    return Block(text, 12, bold=True, gap=0.22, keep=True)
+def _heading(text: str) -> PageBlock:
+    return PageBlock(text, 12, bold=True, gap=0.22, keep=True)
 
 
-def _faults(beside: Beside) -> Iterator[Block]:
+def _faults(beside: Beside) -> Iterator[PageBlock]:
     yield _heading("Beside the camera's model")
-    yield Block(f"{beside.words[:1].upper()}{beside.words[1:]}.")
+    yield PageBlock(f"{beside.words[:1].upper()}{beside.words[1:]}.")
     for k, fault in enumerate(beside.faults):
         costs = f"{fault.share} of the light; error of a reconstruction {fault.cost}"
-        yield Block(f"{k + 1}. {fault.title}: {costs}", 10, bold=True, gap=0.14, keep=True)
-        yield Block(fault.detail, keep=True)
-        yield Block(f"What to do: {fault.advice}", keep=bool(fault.picture))
+        yield PageBlock(f"{k + 1}. {fault.title}: {costs}", 10, bold=True, gap=0.14, keep=True)
+        yield PageBlock(fault.detail, keep=True)
+        yield PageBlock(f"What to do: {fault.advice}", keep=bool(fault.picture))
         if fault.picture:
             # the three that matter most are seen at once; the others are smaller
-            yield Block(picture=fault.picture, width=3.4 if k < 3 else 2.6)
+            yield PageBlock(picture=fault.picture, width=3.4 if k < 3 else 2.6)
 
 
-def _actions(quality: QualityReport, beside: Beside | None) -> Iterator[Block]:
+def _actions(quality: QualityReport, beside: Beside | None) -> Iterator[PageBlock]:
     others = set() if beside is None else {*beside.settled, *beside.withdrawn}
     named = [m for m in quality.metrics if m.merit in ("bad", "fair") and m.key not in others]
     redo = redo_of(quality, beside)
@@ -162,21 +164,23 @@ def _actions(quality: QualityReport, beside: Beside | None) -> Iterator[Block]:
         yield _heading("What to do")
     for m in named:
         words = f"{m.spec.title}, {value_text(m)} ({m.merit}): {m.spec.advice}"
-        yield Block(words, colour=COLOURS.get(m.merit, "#1f2937"))
+        yield PageBlock(words, colour=COLOURS.get(m.merit, "#1f2937"))
     if redo:
         places = ", ".join(f"({z}, {y}, {x})" for (z, y, x), _ in redo[:LISTED])
         more = f" and {len(redo) - LISTED} more" if len(redo) > LISTED else ""
-        yield Block(f"Record again (z, y, x): {places}{more}. redo.json holds the list.")
+        yield PageBlock(f"Record again (z, y, x): {places}{more}. redo.json holds the list.")
 
 
 AT = (0.0, 0.65, 2.55, 4.25, 4.95, 5.65)
 """Where the columns of the table of metrics begin (inches)."""
 
 
-def _metrics(quality: QualityReport, beside: Beside | None, every: bool) -> Iterator[Block]:
+def _metrics(quality: QualityReport, beside: Beside | None, every: bool) -> Iterator[PageBlock]:
     yield _heading("Metrics")
-    yield Block(f"{counted_words(quality.metrics)}.", keep=True)
-    yield Block(cells=("merit", "metric", "value", "good", "bad", "cost or cause"), at=AT, size=8, bold=True, keep=True)
+    yield PageBlock(f"{counted_words(quality.metrics)}.", keep=True)
+    yield PageBlock(
+        cells=("merit", "metric", "value", "good", "bad", "cost or cause"), at=AT, size=8, bold=True, keep=True
+    )
     settled = {} if beside is None else beside.settled
     gone = frozenset[str]() if beside is None else beside.withdrawn
     for m in (m for m in quality.metrics if every or m.applies):
@@ -185,28 +189,28 @@ def _metrics(quality: QualityReport, beside: Beside | None, every: bool) -> Iter
         last = f"see {cause}" if cause and told else "not confirmed" if m.key in gone and told else m.cost_text
         tone = COLOURS["muted"] if told and (cause or m.key in gone) else COLOURS.get(m.merit, COLOURS["muted"])
         cells = (merit_word(m), m.spec.title, value_text(m), *limits(m), last)
-        yield Block(cells=cells, at=AT, size=8, colour=tone, gap=0.02)
+        yield PageBlock(cells=cells, at=AT, size=8, colour=tone, gap=0.02)
 
 
-def _apertures(quality: QualityReport) -> Iterator[Block]:
+def _apertures(quality: QualityReport) -> Iterator[PageBlock]:
     yield _heading("Aperture")
     for z, aperture in enumerate(quality.apertures):
-        yield Block(f"{quality.plane_words(z)}: {aperture.describe()}", 8)
+        yield PageBlock(f"{quality.plane_words(z)}: {aperture.describe()}", 8)
     if quality.iris is not None:
-        yield Block(f"All planes together: {quality.iris.describe()}", 8)
+        yield PageBlock(f"All planes together: {quality.iris.describe()}", 8)
     f = quality.f_number
     if f is not None:
         error = f" ± {f.standard_error:.2f}" if math.isfinite(f.standard_error) else ""
-        yield Block(f"Working f-number from the shadow over depth: {f.value:.2f}{error}", 8)
+        yield PageBlock(f"Working f-number from the shadow over depth: {f.value:.2f}{error}", 8)
 
 
-def _drawn(pictures: Sequence[Picture]) -> Iterator[Block]:
+def _drawn(pictures: Sequence[ReportPicture]) -> Iterator[PageBlock]:
     for one in pictures:
-        yield Block(one.caption, 8, colour=COLOURS["muted"], gap=0.2, keep=True)
-        yield Block(picture=one.png)
+        yield PageBlock(one.caption, 8, colour=COLOURS["muted"], gap=0.2, keep=True)
+        yield PageBlock(picture=one.png)
 
 
-def iter_pages(content: Sequence[Block]) -> Iterator[Figure]:
+def iter_pages(content: Sequence[PageBlock]) -> Iterator[Figure]:
     """Give each page as a figure, which is of use until the next one."""
     rest = list(content)
     number = 0
@@ -224,7 +228,7 @@ def iter_pages(content: Sequence[Block]) -> Iterator[Figure]:
             yield fig
 
 
-def _together(rest: Sequence[Block]) -> float:
+def _together(rest: Sequence[PageBlock]) -> float:
     """Return the room of the first block and of those that stand with it."""
     total = 0.0
     for one in rest:
@@ -234,7 +238,7 @@ def _together(rest: Sequence[Block]) -> float:
     return min(total, HEIGHT - TOP - BOTTOM)
 
 
-def _put(fig: Figure, block: Block, y: float) -> float:
+def _put(fig: Figure, block: PageBlock, y: float) -> float:
     """Put a block at a height (inches from the top); return where the next one begins."""
     y += block.gap
     step = 1.3 * block.size * POINT
@@ -264,7 +268,7 @@ def _put(fig: Figure, block: Block, y: float) -> float:
     return y
 
 
-def pdf(content: Sequence[Block], title: str) -> bytes:
+def pdf(content: Sequence[PageBlock], title: str) -> bytes:
     """Return the pages as PDF."""
     from matplotlib.backends.backend_pdf import PdfPages
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["PICTURES", "Picture", "pictures"]
+__all__ = ["PICTURES", "ReportPicture", "pictures"]
 
 PICTURES = (
     "depth_sums.png",
@@ -45,7 +45,7 @@ PANEL = 3.05
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class ReportPicture:
     """A picture of the report: where it stands, what it is called and what it shows."""
 
     section: str
@@ -56,9 +56,9 @@ class Picture:
 
 def pictures(
     H: PSFMatrix, quality: QualityReport, reference: PSFMatrix | None, comparison: Comparison | None
-) -> list[Callable[[], Picture]]:
+) -> list[Callable[[], ReportPicture]]:
     """Return what draws each picture, in the page's order."""
-    draw: list[Callable[[], Picture]] = [
+    draw: list[Callable[[], ReportPicture]] = [
         lambda: _depth_sums(H, quality),
         lambda: _transposed_sum(H),
         lambda: _over_depth(quality),
@@ -117,7 +117,7 @@ def _depth(depths: NDArray[np.float64], z: int) -> str:
     return format_plane(float(depths[z]), z, "z")
 
 
-def _depth_sums(H: PSFMatrix, quality: QualityReport) -> Picture:
+def _depth_sums(H: PSFMatrix, quality: QualityReport) -> ReportPicture:
     planes = chosen(len(H), PANELS)
     columns, rows = _columns(len(planes))
     with _sheet(columns, rows * _row_height(H.cutout)) as sheet:
@@ -139,7 +139,7 @@ def _depth_sums(H: PSFMatrix, quality: QualityReport) -> Picture:
     text = "Depth-plane sums: the aperture seen from each depth, with the fitted iris (dotted where it is not certain)"
     if H.camera is not None:
         text += " and, dashed, the one that the camera's description lets expect"
-    return Picture("aperture", "depth_sums.png", f"{text}{_of(len(planes), len(H))}.", sheet.png)
+    return ReportPicture("aperture", "depth_sums.png", f"{text}{_of(len(planes), len(H))}.", sheet.png)
 
 
 def _expected(H: PSFMatrix, z: int) -> Aperture | None:
@@ -167,7 +167,7 @@ def _unspoilt(image: NDArray[np.float64]) -> tuple[NDArray[np.float64], str]:
     return np.minimum(image, level), ", hot pixels cut"
 
 
-def _transposed_sum(H: PSFMatrix) -> Picture:
+def _transposed_sum(H: PSFMatrix) -> ReportPicture:
     """Draw the sum of the transposed plane itself, not the stored one turned."""
     z = len(H) // 2
     straight = np.nan_to_num(H.depth_sum(z))
@@ -181,10 +181,12 @@ def _transposed_sum(H: PSFMatrix) -> Picture:
         top = max(float(np.abs(apart).max()), 1e-6)
         right.images[0].set_clim(-top, top)
     caption = "The sum of the transposed matrix must be that of H turned by 180°: largest difference here "
-    return Picture("aperture", "transposed_sum.png", f"{caption}{np.abs(apart).max():.2g} of the peak.", sheet.png)
+    return ReportPicture(
+        "aperture", "transposed_sum.png", f"{caption}{np.abs(apart).max():.2g} of the peak.", sheet.png
+    )
 
 
-def _over_depth(quality: QualityReport) -> Picture:
+def _over_depth(quality: QualityReport) -> ReportPicture:
     depths, label = quality.depths, "depth z (µm)"
     if not quality.extent:
         depths, label = np.arange(depths.size, dtype=np.float64), "plane"
@@ -204,10 +206,10 @@ def _over_depth(quality: QualityReport) -> Picture:
             axes.ticklabel_format(useOffset=False, axis="y", scilimits=(-3, 5))
             top = np.nanmax(values, initial=0.0)
             axes.set_ylim(0, 1.15 * top if top > 0 else 1)
-    return Picture("aperture", "over_depth.png", "Size, energy and signal over depth.", sheet.png)
+    return ReportPicture("aperture", "over_depth.png", "Size, energy and signal over depth.", sheet.png)
 
 
-def _slices(H: PSFMatrix) -> Picture:
+def _slices(H: PSFMatrix) -> ReportPicture:
     planes = chosen(len(H), 3)
     y, x = (n // 2 for n in H.period)
     with _sheet(2, len(planes) * _row_height(H.cutout)) as sheet:
@@ -223,10 +225,10 @@ def _slices(H: PSFMatrix) -> Picture:
                 ylabel="voxel row t (px)",
             )
     caption = f"Slices at position y {y}, x {x}: where a point's light goes, and where a pixel's light comes from."
-    return Picture("slices", "slices.png", caption, sheet.png)
+    return ReportPicture("slices", "slices.png", caption, sheet.png)
 
 
-def _metric_map(metric: Metric, quality: QualityReport) -> Picture:
+def _metric_map(metric: Metric, quality: QualityReport) -> ReportPicture:
     if metric.map is None:
         raise ValueError("a metric without a map has no picture")
     planes = chosen(len(metric.map), PANELS)
@@ -245,7 +247,7 @@ def _metric_map(metric: Metric, quality: QualityReport) -> Picture:
             axes.plot(here[:, 2], here[:, 1], "s", mfc="none", mec=LINES[1], ms=6, mew=1.2)
     marked = " Squares: positions named." if len(metric.positions) else ""
     words = f"{metric.spec.title} ({metric.text}, {metric.merit}). {metric.spec.meaning}{marked}"
-    return Picture("maps", f"map_{metric.key}.png", f"{words}{_of(len(planes), len(metric.map))}", sheet.png)
+    return ReportPicture("maps", f"map_{metric.key}.png", f"{words}{_of(len(planes), len(metric.map))}", sheet.png)
 
 
 def _range(metric: Metric) -> tuple[float, float]:
@@ -263,7 +265,7 @@ def _positions_map(axes: Axes, values: NDArray[np.floating], title: str, unit: s
     draw_image(axes, values, title=title, unit=unit, xlabel="position x (px)", ylabel="position y (px)", signed=signed)
 
 
-def _tiling(quality: QualityReport) -> Picture:
+def _tiling(quality: QualityReport) -> ReportPicture:
     """Draw the control frames where they were taken: how far each is from the cell, and which place fits best."""
     known = [(z, t) for z, t in enumerate(quality.tilings) if t is not None]
     shown = [known[k] for k in chosen(len(known), 4)]
@@ -284,10 +286,10 @@ def _tiling(quality: QualityReport) -> Picture:
                 axes.set_ylabel("sensor row (px)")
                 sheet.fig.colorbar(dots, ax=axes, shrink=0.85).set_label(unit)
     text = "Control frames over the field against the same position of the cell, and how far away the position is that"
-    return Picture("tiling", "tiling.png", f"{text} fits best{_of(len(shown), len(known))}.", sheet.png)
+    return ReportPicture("tiling", "tiling.png", f"{text} fits best{_of(len(shown), len(known))}.", sheet.png)
 
 
-def _against(H: PSFMatrix, reference: PSFMatrix) -> Picture:
+def _against(H: PSFMatrix, reference: PSFMatrix) -> ReportPicture:
     """Draw the position in the middle of each plane beside the reference's, at equal energy."""
     planes = chosen(len(H), 3)
     y, x = (n // 2 for n in H.period)
@@ -300,10 +302,12 @@ def _against(H: PSFMatrix, reference: PSFMatrix) -> Picture:
             draw_image(next(grid), scaled, title=f"H, {_depth(H.known_depths, z)}", unit="at the reference's energy")
             draw_image(next(grid), theirs, title="reference", unit="value")
             draw_image(next(grid), scaled - theirs, title="difference", unit="value", signed=True)
-    return Picture("comparison", "against_reference.png", f"Position y {y}, x {x} and the reference's.", sheet.png)
+    return ReportPicture(
+        "comparison", "against_reference.png", f"Position y {y}, x {x} and the reference's.", sheet.png
+    )
 
 
-def _shifts(H: PSFMatrix, comparison: Comparison) -> Picture:
+def _shifts(H: PSFMatrix, comparison: Comparison) -> ReportPicture:
     planes = chosen(len(H), 4)
     with _sheet(3, len(planes) * _row_height(H.period)) as sheet:
         grid = sheet.grid(3 * len(planes), 3)
@@ -313,4 +317,4 @@ def _shifts(H: PSFMatrix, comparison: Comparison) -> Picture:
             _positions_map(next(grid), comparison.shift_px[z, ..., 0], "shift of the centroid, rows", "px", signed=True)
             _positions_map(next(grid), comparison.shift_px[z, ..., 1], "columns", "px", signed=True)
     text = "Error at equal energy and centroid shift over positions (grey: not compared)"
-    return Picture("comparison", "shifts.png", f"{text}{_of(len(planes), len(H))}.", sheet.png)
+    return ReportPicture("comparison", "shifts.png", f"{text}{_of(len(planes), len(H))}.", sheet.png)

@@ -19,7 +19,7 @@ from lfcal.plain import plain
 from lfcal.progress import Clock, Work
 from lfcal.psf.difference import Difference, Figures
 from lfcal.psf.report.parts import document, figures, section, table, text
-from lfcal.psf.report.pictures import Picture
+from lfcal.psf.report.pictures import ReportPicture
 from lfcal.units import format_length, format_number, format_plane, format_seconds
 
 __all__ = [
@@ -154,7 +154,7 @@ def iter_compared_report(found: Difference, folder: str | os.PathLike[str], seco
     target = Path(folder)
     if target.exists() and not target.is_dir():
         raise StorageError.expected(str(target), "a folder for the report", "a file", "name a folder")
-    draws: list[Callable[[], Picture]] = [lambda: _patterns(found), lambda: _maps(found)]
+    draws: list[Callable[[], ReportPicture]] = [lambda: _patterns(found), lambda: _maps(found)]
     clock = Clock("drawing the report", len(draws) + 1)
     drawn = []
     for k, draw in enumerate(draws):
@@ -179,7 +179,7 @@ def names(found: Difference) -> tuple[str, str]:
     return told[0], told[1]
 
 
-def _page(found: Difference, drawn: list[Picture], seconds: float) -> str:
+def _page(found: Difference, drawn: list[ReportPicture], seconds: float) -> str:
     first, second = names(found)
     notes = "".join(f"<li>{text(note)}</li>" for note in found.notes)
     rows = [[text(cell) for cell in row] for row in figure_rows(found)]
@@ -202,7 +202,7 @@ def _page(found: Difference, drawn: list[Picture], seconds: float) -> str:
     )
 
 
-def _patterns(found: Difference) -> Picture:
+def _patterns(found: Difference) -> ReportPicture:
     """Draw the positions that differ most: A, B at A's light, and their difference."""
     places = found.worst(SHOWN)
     first, second = names(found)
@@ -224,10 +224,10 @@ def _patterns(found: Difference) -> Picture:
                     axes.images[0].set_clim(min(0.0, float(np.nanmin(a))), top)
         if not places:
             fig.text(0.5, 0.5, "no position could be compared", ha="center")
-        return Picture("patterns", PATTERNS, "Positions (z, y, x) that differ most, at equal light.", _png(fig))
+        return ReportPicture("patterns", PATTERNS, "Positions (z, y, x) that differ most, at equal light.", _png(fig))
 
 
-def _maps(found: Difference) -> Picture:
+def _maps(found: Difference) -> ReportPicture:
     """Draw error and shift over the positions of planes, the worst planes first."""
     rank = np.nan_to_num([one.all.scaled for one in found.planes], nan=-1.0)
     order = np.argsort(-rank, kind="stable").tolist()
@@ -258,7 +258,7 @@ def _maps(found: Difference) -> Picture:
                     axes.images[0].set_clim(*map_levels(image))
         shown = "" if len(planes) == len(found.planes) else f"; {len(planes)} of {len(found.planes)} planes"
         words = f"Difference at equal light and shift of centroids over positions (grey: not compared){shown}."
-        return Picture("maps", MAPS, words, _png(fig))
+        return ReportPicture("maps", MAPS, words, _png(fig))
 
 
 def _png(fig: object) -> bytes:

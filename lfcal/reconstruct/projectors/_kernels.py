@@ -17,7 +17,7 @@ from lfcal.compiled import njit
 __all__ = [
     "LANES",
     "Entries",
-    "Layout",
+    "PhaseLayout",
     "Tiling",
     "count_entries",
     "fill_entries",
@@ -42,7 +42,7 @@ class Tiling(NamedTuple):
     period_x: int
 
 
-class Layout(NamedTuple):
+class PhaseLayout(NamedTuple):
     """How values lie in memory, sorted by phase: ``block`` values per phase, of which rows hold ``stride`` cells."""
 
     stride: int
@@ -135,7 +135,7 @@ def count_entries(plane: Array, keep: Array, by_source: Array, by_pixel: Array) 
 
 
 @njit()
-def fill_entries(plane: Array, keep: Array, layout: Layout, sources: Entries, pixels: Entries) -> None:
+def fill_entries(plane: Array, keep: Array, layout: PhaseLayout, sources: Entries, pixels: Entries) -> None:
     """Sort the entries of H by source phase (for the adjoint) and by image phase (for the forward projection).
 
     H[y, x][t, s] leads from phase (y, x) to the image phase (y + t - ct, x + s - cs) mod n, dy and dx cells farther

@@ -15,7 +15,7 @@ from lfcal.reconstruct.projectors.device_forecast import ON_DEVICES, device_fore
 from lfcal.reconstruct.projectors.device_polyphase import DevicePolyphase
 from lfcal.reconstruct.projectors.device_reduced import DeviceReduced
 from lfcal.reconstruct.projectors.device_sparse import DeviceSparse
-from lfcal.reconstruct.projectors.forecast import REDUCED, Problem, ProjectionForecast, forecast
+from lfcal.reconstruct.projectors.forecast import REDUCED, ProjectionForecast, ProjectionProblem, forecast
 from lfcal.reconstruct.projectors.grid import Grid
 from lfcal.reconstruct.projectors.reduced import Reduced
 
@@ -23,7 +23,7 @@ __all__ = ["engine_on", "forecast_on"]
 
 
 def forecast_on(
-    device: str | ArrayDevice, problem: Problem, method: str, memory_limit: int
+    device: str | ArrayDevice, problem: ProjectionProblem, method: str, memory_limit: int
 ) -> tuple[ArrayDevice | None, ProjectionForecast]:
     """Return the device that ``device`` names, None for the processor, and the cheapest way to project there.
 

@@ -17,7 +17,7 @@ from lfcal.reconstruct.projectors.device_direct import direct_bytes
 from lfcal.reconstruct.projectors.device_polyphase import band_bytes
 from lfcal.reconstruct.projectors.device_sparse import sparse_bytes
 from lfcal.reconstruct.projectors.engine import Cost, DeviceUse
-from lfcal.reconstruct.projectors.forecast import PAIRS, REDUCED, Problem, ProjectionForecast
+from lfcal.reconstruct.projectors.forecast import PAIRS, REDUCED, ProjectionForecast, ProjectionProblem
 from lfcal.reconstruct.projectors.nodes import Nodes
 from lfcal.reconstruct.projectors.reduction import quickest_spacing
 from lfcal.reconstruct.projectors.tiles import TilePlan
@@ -109,7 +109,9 @@ class _Option:
     plan: TilePlan | None = None
 
 
-def device_forecast(problem: Problem, method: str, memory_limit: int, device: ArrayDevice) -> ProjectionForecast:
+def device_forecast(
+    problem: ProjectionProblem, method: str, memory_limit: int, device: ArrayDevice
+) -> ProjectionForecast:
     """Return the cheapest way to project on ``device``, where prepared planes stay there or are moved each time.
 
     ``memory_limit`` are bytes of the processor, which hold planes that the device cannot keep; where neither can, they
@@ -152,7 +154,7 @@ def device_forecast(problem: Problem, method: str, memory_limit: int, device: Ar
 
 
 def _placed(
-    option: _Option, problem: Problem, rates: DeviceRates, free: int, memory_limit: int
+    option: _Option, problem: ProjectionProblem, rates: DeviceRates, free: int, memory_limit: int
 ) -> tuple[Cost, DeviceUse]:
     """Return what an option takes of the processor and of the device, planes kept as near as they can be."""
     once = option.operand_bytes // problem.planes
@@ -181,7 +183,7 @@ def _placed(
     return cost, DeviceUse(there, room, free, kept)
 
 
-def _options(problem: Problem, name: str, rates: DeviceRates, method: str) -> Iterator[_Option]:
+def _options(problem: ProjectionProblem, name: str, rates: DeviceRates, method: str) -> Iterator[_Option]:
     grid, planes, item = problem.grid, problem.planes, problem.dtype.itemsize
     entries = problem.plane_bytes // item
     cells = grid.cells[0] * grid.cells[1]
@@ -215,7 +217,7 @@ def _options(problem: Problem, name: str, rates: DeviceRates, method: str) -> It
         yield _Option(name, prepare, seconds, seconds, operand, least)
 
 
-def _windows_s(problem: Problem, sources: tuple[int, int], rates: DeviceRates) -> float:
+def _windows_s(problem: ProjectionProblem, sources: tuple[int, int], rates: DeviceRates) -> float:
     """Return the seconds of one projection of a plane with patterns at ``sources`` (rows, columns) of a period."""
     grid, item = problem.grid, problem.dtype.itemsize
     (ny, nx), (nt, ns), cells = grid.period, grid.cutout, grid.cells[0] * grid.cells[1]
@@ -229,7 +231,7 @@ def _windows_s(problem: Problem, sources: tuple[int, int], rates: DeviceRates) -
     return groups * (flops / rates.products + moved / rates.bytes)
 
 
-def _polyphase(problem: Problem, rates: DeviceRates) -> Iterator[_Option]:
+def _polyphase(problem: ProjectionProblem, rates: DeviceRates) -> Iterator[_Option]:
     grid, item = problem.grid, problem.dtype.itemsize
     for plan in problem.tile_plans():
         operand = plan.spectrum_bytes(2 * item, problem.pixels)

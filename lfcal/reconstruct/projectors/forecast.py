@@ -34,8 +34,8 @@ __all__ = [
     "METHODS",
     "PAIRS",
     "REDUCED",
-    "Problem",
     "ProjectionForecast",
+    "ProjectionProblem",
     "forecast",
     "reading_seconds",
     "tile_counts",
@@ -52,7 +52,7 @@ PAIRS = 20
 
 
 @dataclass(frozen=True, slots=True)
-class Problem:
+class ProjectionProblem:
     """What is to be projected.
 
     Attributes
@@ -162,7 +162,7 @@ class ProjectionForecast:
 Option = tuple[Cost, TilePlan | None, int | None]
 
 
-def forecast(problem: Problem, method: str, memory_limit: int) -> ProjectionForecast:
+def forecast(problem: ProjectionProblem, method: str, memory_limit: int) -> ProjectionForecast:
     """Return the cheapest way to project within ``memory_limit`` bytes.
 
     Raises
@@ -218,7 +218,7 @@ def reading_seconds(reader: PlaneReader) -> float:
     return (time.perf_counter() - start) * reader.shape[1]
 
 
-def _resident(cost: Cost, problem: Problem, limit: int) -> Cost:
+def _resident(cost: Cost, problem: ProjectionProblem, limit: int) -> Cost:
     """Return ``cost``, with planes prepared anew in each projection if they cannot be kept."""
     if cost.memory_bytes <= limit:
         return cost
@@ -235,7 +235,7 @@ def _resident(cost: Cost, problem: Problem, limit: int) -> Cost:
     )
 
 
-def _fft(problem: Problem) -> Cost:
+def _fft(problem: ProjectionProblem) -> Cost:
     grid = problem.grid
     rows, columns = (n + c for n, c in zip(grid.image_shape, grid.centre, strict=True))
     one = rates.fft_seconds(rows, columns, problem.dtype.str, problem.workers)
@@ -246,14 +246,14 @@ def _fft(problem: Problem) -> Cost:
     return Cost("fft", problem.planes * problem.read_s, pair, pair, operand, scratch, problem.read_bytes)
 
 
-def _direct(problem: Problem) -> Cost:
+def _direct(problem: ProjectionProblem) -> Cost:
     forward, adjoint = _direct_seconds(problem, problem.grid.period)
     each, planes, once = problem.planes * problem.read_s, problem.planes, problem.plane_bytes
     scratch = _direct_scratch(problem, problem.grid, problem.grid.period)
     return Cost("direct", each, planes * forward, planes * adjoint, planes * once, scratch, problem.read_bytes)
 
 
-def _direct_scratch(problem: Problem, grid: Grid, sources: tuple[int, int]) -> int:
+def _direct_scratch(problem: ProjectionProblem, grid: Grid, sources: tuple[int, int]) -> int:
     """Return the working memory of a projection with patterns at ``sources`` (rows, columns) of a period."""
     (ny, nx), (nt, ns), item = grid.period, grid.cutout, problem.dtype.itemsize
     height, width = grid.cells[0] * ny, grid.cells[1] * nx
@@ -271,7 +271,7 @@ def _direct_scratch(problem: Problem, grid: Grid, sources: tuple[int, int]) -> i
     return 2 * height * width * item + image + waiting * strip + problem.workers * own
 
 
-def _direct_seconds(problem: Problem, sources: tuple[int, int]) -> tuple[float, float]:
+def _direct_seconds(problem: ProjectionProblem, sources: tuple[int, int]) -> tuple[float, float]:
     """Return the seconds forward and back of a plane with patterns at ``sources`` (rows, columns) of a period."""
     grid, workers, dtype = problem.grid, problem.workers, problem.dtype.str
     nx, (nt, ns), cells = grid.period[1], grid.cutout, grid.cells[0] * grid.cells[1]
@@ -294,7 +294,7 @@ def _direct_seconds(problem: Problem, sources: tuple[int, int]) -> tuple[float, 
     return runs * (ahead + add * values) + bands, runs * (back + gather * values) + bands
 
 
-def _reduced(problem: Problem) -> Cost:
+def _reduced(problem: ProjectionProblem) -> Cost:
     planes, once = problem.planes, problem.plane_bytes
     spacing = quickest_spacing(problem.kept)
     nodes, kept = Nodes.of(problem.grid.period, spacing).shape, problem.kept.get(spacing, 0.0)
@@ -312,7 +312,7 @@ def _reduced(problem: Problem) -> Cost:
     return Cost(REDUCED, planes * prepare, forward, back, operand, scratch, once + problem.read_bytes)
 
 
-def _sparse(problem: Problem) -> Cost:
+def _sparse(problem: ProjectionProblem) -> Cost:
     grid = problem.grid
     entries = problem.density * grid.phases * grid.cutout[0] * grid.cutout[1] * problem.pixels / grid.phases
     once = problem.planes * _sparse_seconds(problem, problem.density)
@@ -322,7 +322,7 @@ def _sparse(problem: Problem) -> Cost:
     return Cost("sparse", prepare, once, once, operand, _sparse_scratch(problem), problem.read_bytes)
 
 
-def _sparse_scratch(problem: Problem) -> int:
+def _sparse_scratch(problem: ProjectionProblem) -> int:
     """Return the working memory of a projection: values by phase with margins, sums, and both sides packed."""
     grid = problem.grid
     (ny, nx), (cells_y, cells_x), (ry, rx) = grid.period, grid.cells, grid.reach
@@ -330,7 +330,7 @@ def _sparse_scratch(problem: Problem) -> int:
     return (block * grid.phases + 3 * cells_y * ny * cells_x * nx) * problem.dtype.itemsize
 
 
-def _sparse_seconds(problem: Problem, density: float) -> float:
+def _sparse_seconds(problem: ProjectionProblem, density: float) -> float:
     """Return the seconds of one projection of a plane of which a share ``density`` of entries is not zero."""
     grid = problem.grid
     entries = density * grid.cutout[0] * grid.cutout[1] * problem.pixels
@@ -338,7 +338,7 @@ def _sparse_seconds(problem: Problem, density: float) -> float:
     return entries * positions / rates.gather_rate(grid.phases, positions, problem.dtype.str, problem.workers)
 
 
-def _polyphase(problem: Problem, limit: int) -> list[Option]:
+def _polyphase(problem: ProjectionProblem, limit: int) -> list[Option]:
     """Return the best plans whose spectra fit into memory, and the smallest if none does."""
     complex_type = np.result_type(problem.dtype, np.complex64)
     grid, workers = problem.grid, problem.workers

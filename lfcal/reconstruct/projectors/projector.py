@@ -22,8 +22,8 @@ from lfcal.reconstruct.projectors.direct import Direct
 from lfcal.reconstruct.projectors.engine import Engine
 from lfcal.reconstruct.projectors.forecast import (
     REDUCED,
-    Problem,
     ProjectionForecast,
+    ProjectionProblem,
     reading_seconds,
 )
 from lfcal.reconstruct.projectors.grid import Grid, anchor_pixel
@@ -312,14 +312,14 @@ class Projector:
             yield clock.at(z + 1)
 
     # -- inside ----------------------------------------------------------------------------------------
-    def _problem(self, method: str, tiles: Tiles | None = None) -> Problem:
+    def _problem(self, method: str, tiles: Tiles | None = None) -> ProjectionProblem:
         pixels = self._grid.phases if self._phases is None else int(self._phases.sum())
         density = self._reader.density() if method in ("auto", "sparse") else 1.0
         nz = self._reader.shape[0]
         kept = self._reader.reduced(self._tolerance, SPACINGS) if self._tolerance > 0 else {}
         read_s = reading_seconds(self._reader)
         noisy = self.noise is not None
-        return Problem(self._grid, nz, pixels, self.dtype, self._workers, density, read_s, kept, tiles, noisy)
+        return ProjectionProblem(self._grid, nz, pixels, self.dtype, self._workers, density, read_s, kept, tiles, noisy)
 
     def _build(self) -> Engine:
         chosen = self._forecast

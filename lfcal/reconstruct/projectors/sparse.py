@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.errors import InputError
-from lfcal.reconstruct.projectors._kernels import Entries, Layout, count_entries, fill_entries, gather_sums
+from lfcal.reconstruct.projectors._kernels import Entries, PhaseLayout, count_entries, fill_entries, gather_sums
 from lfcal.reconstruct.projectors.grid import Grid
 from lfcal.threads import for_each_chunk, worker_count
 
@@ -59,7 +59,7 @@ class Sparse:
         by_source, by_pixel = np.zeros(n, np.int64), np.zeros(n, np.int64)
         count_entries(plane, self.keep, by_source, by_pixel)
         sources, pixels = self._room_for(by_source), self._room_for(by_pixel)
-        fill_entries(plane, self.keep, Layout(self.stride, self.block, *self.grid.reach), sources, pixels)
+        fill_entries(plane, self.keep, PhaseLayout(self.stride, self.block, *self.grid.reach), sources, pixels)
         return SparseOperand(pixels, sources)
 
     def _room_for(self, counts: NDArray[np.int64]) -> Entries:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lfcal.camera import ScanPlan
 from lfcal.errors import LfcalError
 from lfcal.simulate.accuracy.cost import few_seconds
-from lfcal.simulate.accuracy.sampling import Step, finer, step_for
+from lfcal.simulate.accuracy.sampling import LevelSampling, finer, step_for
 from lfcal.simulate.effects.base import Effect, FrameEffect, LightEffect, MotionEffect
 from lfcal.simulate.effects.optics import LensletDiffraction
 from lfcal.simulate.engines.base import EnergyError
@@ -58,7 +58,7 @@ class Influence:
         self._plan, self._z = plan, z
         self._outlook = outlook_of(plan, z)
         self._still = tuple(e for e in effects if e.acts_on.enters_h and not isinstance(e, LightEffect))
-        self._beside: dict[Step, NDArray[np.float64]] = {}
+        self._beside: dict[LevelSampling, NDArray[np.float64]] = {}
         near = self._outlook.has_lens and self._outlook.fresnel_main < SWITCH
         shares = (NEAR_ROWS, NEAR_COLUMNS) if near else (ROWS, COLUMNS)
         self._ys, self._xs = (
@@ -117,7 +117,7 @@ class Influence:
                 step = replace(step, sampling=finer(step.sampling))
         raise AssertionError  # the last attempt returns or raises
 
-    def _common_step(self, *sets: tuple[Effect, ...]) -> Step:
+    def _common_step(self, *sets: tuple[Effect, ...]) -> LevelSampling:
         """Return the step of that scene which fewer engines compute: it serves the other too.
 
         The Debye path serves separable scenes alone; rays need no sampling.
@@ -131,7 +131,7 @@ class Influence:
         scene, level = max((resolve_level(self._scene(effects)) for effects in sets), key=choosy)
         return step_for(scene, level, FINENESS)
 
-    def _responses(self, effects: tuple[Effect, ...], step: Step) -> NDArray[np.float64]:
+    def _responses(self, effects: tuple[Effect, ...], step: LevelSampling) -> NDArray[np.float64]:
         _, level = resolve_level(self._scene(effects))
         level = level if level == "geometric" else step.level
         response = PlaneResponse(self._plan, self._z, effects, level=level, sampling=step.sampling)

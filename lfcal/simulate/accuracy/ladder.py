@@ -16,14 +16,23 @@ from lfcal.errors import InputError, LfcalError
 from lfcal.progress import Clock, Progress, Work, drained
 from lfcal.simulate.accuracy.forecast import Whole, own_rows, whole_of
 from lfcal.simulate.accuracy.probe import LARGEST_GRID
-from lfcal.simulate.accuracy.sampling import Step, steps_for
+from lfcal.simulate.accuracy.sampling import LevelSampling, steps_for
 from lfcal.simulate.engines.base import EnergyError, PlaneEngine, Sampling
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.scene import Scene
 from lfcal.simulate.simulate import EffectsLike, budgeted
 from lfcal.simulate.staging import resolve_level, scene_for
 
-__all__ = ["Ladder", "LadderProgress", "Rung", "draw_ladder", "iter_ladder", "ladder", "rung_label", "shown_steps"]
+__all__ = [
+    "Ladder",
+    "LadderProgress",
+    "LadderRung",
+    "draw_ladder",
+    "iter_ladder",
+    "ladder",
+    "rung_label",
+    "shown_steps",
+]
 
 REFERENCE_SAMPLES = (12, 10, 8, 6, 4)
 """Samples per pixel of the reference, the most that its grid holds."""
@@ -33,7 +42,7 @@ DEBYE_SHOWN, WIDEST_SHOWN = 6, 40
 
 
 @dataclass(frozen=True, slots=True)
-class Rung:
+class LadderRung:
     """One level and sampling.
 
     Attributes
@@ -86,7 +95,7 @@ class Ladder:
         How many positions were measured.
     """
 
-    rungs: tuple[Rung, ...]
+    rungs: tuple[LadderRung, ...]
     refused: tuple[str, ...]
     tolerance: float
     reference: str
@@ -95,7 +104,7 @@ class Ladder:
     positions: int
 
     @property
-    def chosen(self) -> Rung | None:
+    def chosen(self) -> LadderRung | None:
         """The fastest rung within the tolerance; the most accurate one if none is; None without rungs."""
         good = [rung for rung in self.rungs if rung.error <= self.tolerance]
         if good:
@@ -118,7 +127,7 @@ def iter_ladder(
     effects: EffectsLike = "auto",
     z: int | None = None,
     positions: int = 3,
-    samplings: Iterable[Sampling | Step] | None = None,
+    samplings: Iterable[Sampling | LevelSampling] | None = None,
     reference: Sampling | None = None,
 ) -> Work[Ladder]:
     """Return seconds and error of every level and sampling for one plane of a plan, against the reference.
@@ -173,7 +182,7 @@ def iter_ladder(
     scene, level = _with_waves(scene_for(plan, z, chosen))
     places = _places(scene.period, positions)
     asked = shown_steps(scene, level) if samplings is None else samplings
-    steps = [(s.level, s.sampling) if isinstance(s, Step) else (level, s) for s in asked]
+    steps = [(s.level, s.sampling) if isinstance(s, LevelSampling) else (level, s) for s in asked]
     tasks: list[tuple[str, Sampling | None]] = [("geometric", None), *steps]
     clock = Clock("accuracy against time", len(tasks) + 1)
     yield clock.at(0, "reference")
@@ -233,10 +242,10 @@ def _places(period: tuple[int, int], count: int) -> list[tuple[int, int]]:
     return [(int(ny * ((0.1 + k * steps[0]) % 1)), int(nx * ((0.2 + k * steps[1]) % 1))) for k in range(max(1, count))]
 
 
-def shown_steps(scene: Scene, level: str) -> list[Step]:
+def shown_steps(scene: Scene, level: str) -> list[LevelSampling]:
     """Return the steps of a wave level that are quick enough to be measured, cheapest first."""
 
-    def quick(step: Step) -> bool:
+    def quick(step: LevelSampling) -> bool:
         if step.level == "debye":
             return step.sampling.nodes_per_px <= DEBYE_SHOWN
         return step.level != "wave" or step.sampling.margin_px <= WIDEST_SHOWN
@@ -284,7 +293,7 @@ def _measure(
     places: Sequence[tuple[int, int]],
     truth: NDArray[np.float32],
     shares: Whole,
-) -> Rung:
+) -> LadderRung:
     start = time.process_time()
     engine = engine_for(scene, level, sampling)
     setup = time.process_time() - start
@@ -292,10 +301,10 @@ def _measure(
     positions = scene.period[0] * scene.period[1]
     plane = engine.predicted_seconds(positions) * own_rows(engine)
     label, whole = rung_label(level, sampling), shares.seconds(setup, plane)
-    return Rung(level, sampling, label, float(error), setup, plane / positions, whole)
+    return LadderRung(level, sampling, label, float(error), setup, plane / positions, whole)
 
 
-def _marked(rungs: Sequence[Rung]) -> tuple[Rung, ...]:
+def _marked(rungs: Sequence[LadderRung]) -> tuple[LadderRung, ...]:
     """Return the rungs by time, those that no other beats in both marked as efficient."""
     best = math.inf
     out = []
@@ -360,7 +369,7 @@ def draw_ladder(found: Ladder, path: str | os.PathLike[str], title: str = "") ->
         save_figure(fig, path)
 
 
-def _family(rung: Rung) -> str:
+def _family(rung: LadderRung) -> str:
     if rung.sampling is None or rung.level != "wave":
         return rung.level
     return f"{rung.level}, coherent" if rung.sampling.coherent else rung.level

@@ -10,7 +10,7 @@ import numpy as np
 
 from lfcal.camera import ScanPlan
 from lfcal.simulate.accuracy.probe import places
-from lfcal.simulate.accuracy.sampling import Step, grid_extent, steps_for, tilt_orders
+from lfcal.simulate.accuracy.sampling import LevelSampling, grid_extent, steps_for, tilt_orders
 from lfcal.simulate.effects.base import Effect
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.scene import Scene
@@ -115,7 +115,7 @@ def _plane_bytes(
     # rows of responses that a filter goes over, copied
     filtered = 0 if kernel is None else 12 * math.prod(plan.cutout) * plan.period[1] * 4
     if sampling is not None:
-        return BESIDE + filtered + engine_bytes(scene, Step(resolved, sampling, 0.0), workers)
+        return BESIDE + filtered + engine_bytes(scene, LevelSampling(resolved, sampling, 0.0), workers)
     steps = steps_for(scene, resolved)
     first = next((k for k, step in enumerate(steps) if step.expected <= share), len(steps) - 1)
     if resolved == "reference":  # what others are judged by is not judged itself
@@ -150,7 +150,7 @@ def _between_lenslets(scene: Scene, y: int, x: int) -> bool:
     return not bool((np.hypot(*(centres - (x_um, y_um)).T) < reach).any())
 
 
-def engine_bytes(scene: Scene, step: Step, workers: int) -> int:
+def engine_bytes(scene: Scene, step: LevelSampling, workers: int) -> int:
     """Return the bytes that an engine of one step takes at most, while it is made or at work with so many threads."""
     if step.level == "geometric":
         return 0

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.errors import InputError
-from lfcal.simulate.accuracy.sampling import DEBYE_GAIN, WIDEST, Step, finer, steps_for
+from lfcal.simulate.accuracy.sampling import DEBYE_GAIN, WIDEST, LevelSampling, finer, steps_for
 from lfcal.simulate.engines.base import EnergyError, PlaneEngine, Sampling
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.engines.extent import SWITCH
@@ -170,11 +170,11 @@ class _Judge:
         self._known: dict[tuple[str, Sampling], Responses] = {}
 
     @property
-    def summed(self) -> tuple[Step, ...]:
+    def summed(self) -> tuple[LevelSampling, ...]:
         """The steps that add intensities of neighbouring lenslets, where fields can be added on a grid."""
         return tuple(s for s in self.steps if s.level == "wave" and not s.sampling.coherent) if self._on_grid else ()
 
-    def is_summing(self, step: Step, error: float, share: float) -> bool:
+    def is_summing(self, step: LevelSampling, error: float, share: float) -> bool:
         """Return whether intensities that are added are what keeps a step from ``share``: its windows are the rest."""
         if step not in self.summed:
             return False
@@ -188,7 +188,7 @@ class _Judge:
         across = 2 * scene.shadow_radius_um + 4 * scene.lattice.pitch_um
         return samples * max(across / scene.reduced_pixel_um, max(scene.cutout))
 
-    def measured(self, step: Step, before: Settled | None = None) -> Settled:
+    def measured(self, step: LevelSampling, before: Settled | None = None) -> Settled:
         """Return a step with its error; where nothing finer can be computed, as that of the step before lets expect."""
         engine, found, sampling = balanced(self.scene, step.level, step.sampling)
         self._known[step.level, sampling] = found
@@ -203,7 +203,7 @@ class _Judge:
             return Settled(engine, step.level, sampling, MARGIN * error / left)
         return Settled(engine, step.level, sampling, self._improved(step, before))
 
-    def _improved(self, step: Step, before: Settled | None) -> float:
+    def _improved(self, step: LevelSampling, before: Settled | None) -> float:
         """Return the error of a step that nothing judges: better than the one before by as much as steps are."""
         known = [s.expected for s in self.steps if before and (s.level, s.sampling) == (before.level, before.sampling)]
         if before is None or not known:
@@ -215,7 +215,7 @@ class _Judge:
             self._known[level, sampling] = balanced(self.scene, level, sampling)[1]
         return self._known[level, sampling]
 
-    def _judges(self, step: Step, sampling: Sampling, level: str) -> Iterator[tuple[str, Sampling, float]]:
+    def _judges(self, step: LevelSampling, sampling: Sampling, level: str) -> Iterator[tuple[str, Sampling, float]]:
         """Yield what a step may be judged by, the best first, and the share of its error that shows against it.
 
         What changes from a step to a finer one is the error less that of the finer one. ``level`` is the engine's.

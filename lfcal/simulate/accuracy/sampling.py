@@ -13,7 +13,7 @@ from lfcal.simulate.scene import Scene
 __all__ = [
     "WIDEST",
     "Fringes",
-    "Step",
+    "LevelSampling",
     "finer",
     "grid_extent",
     "grid_margin",
@@ -77,7 +77,7 @@ REFERENCE = ((1.0, 0.03), (1.25, 0.006), (1.6, 0.002), (2.4, 0.0005))
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class LevelSampling:
     """One fineness: an engine's level, its sampling, and the relative L1 error it is expected to leave."""
 
     level: str
@@ -141,7 +141,7 @@ class Fringes:
         return 0.4 / self.pitch_px
 
 
-def steps_for(described: Scene | Outlook, level: str) -> tuple[Step, ...]:
+def steps_for(described: Scene | Outlook, level: str) -> tuple[LevelSampling, ...]:
     """Return the steps of a level, cheapest first.
 
     Of level ``"wave"``: windows whose intensities are added, then the whole array on one grid; windows whose fields
@@ -153,14 +153,14 @@ def steps_for(described: Scene | Outlook, level: str) -> tuple[Step, ...]:
         grid = _grid_steps(described, fringes) if isinstance(described, Scene) and not _separable(described) else ()
         if grid:
             return grid
-        known = [Step(level, Sampling(nodes_per_px=n), error) for n, error in DEBYE_NODES]
+        known = [LevelSampling(level, Sampling(nodes_per_px=n), error) for n, error in DEBYE_NODES]
         more = range(len(known) + 1, MOST_NODES + 1)
-        return (*known, *(Step(level, Sampling(nodes_per_px=n), 0.04 / n**2) for n in more))
+        return (*known, *(LevelSampling(level, Sampling(nodes_per_px=n), 0.04 / n**2) for n in more))
     if level == "reference":
         counts = [(max(3, math.ceil(share * fringes.angle)), error) for share, error in REFERENCE]
-        return tuple(Step(level, Sampling(samples_per_px=n), error) for n, error in counts)
+        return tuple(LevelSampling(level, Sampling(samples_per_px=n), error) for n, error in counts)
     if level == "geometric":
-        return (Step(level, Sampling(), 0.0),)
+        return (LevelSampling(level, Sampling(), 0.0),)
     grid = _grid_steps(described, fringes)
     if level == "grid":
         return grid or _every_grid_step(described, fringes)[:1]
@@ -170,7 +170,7 @@ def steps_for(described: Scene | Outlook, level: str) -> tuple[Step, ...]:
     for margin, per_cycle, error in WINDOWS:
         nodes = max(round(2 * per_cycle), math.ceil(per_cycle * fringes.band))
         sampling = Sampling(nodes_per_px=nodes, margin_px=_wide(margin, fringes))
-        steps.append(Step(level, sampling, error + fringes.incoherent))
+        steps.append(LevelSampling(level, sampling, error + fringes.incoherent))
     if grid:
         return (*steps, *grid)
     for margin, extra, floor, error in COHERENT:
@@ -179,11 +179,11 @@ def steps_for(described: Scene | Outlook, level: str) -> tuple[Step, ...]:
         sampling = Sampling(
             nodes_per_px=fringes.nodes + extra, margin_px=_wide(margin, fringes), energy_floor=floor, coherent=True
         )
-        steps.append(Step(level, sampling, error))
+        steps.append(LevelSampling(level, sampling, error))
     return tuple(steps)
 
 
-def _grid_steps(described: Scene | Outlook, fringes: Fringes) -> tuple[Step, ...]:
+def _grid_steps(described: Scene | Outlook, fringes: Fringes) -> tuple[LevelSampling, ...]:
     """Return the steps of level ``"grid"`` that are not too large, cheapest first."""
     extent, px = grid_extent(described), _pixel_um(described)
     steps = []
@@ -196,13 +196,13 @@ def _grid_steps(described: Scene | Outlook, fringes: Fringes) -> tuple[Step, ...
     return tuple(steps)
 
 
-def _every_grid_step(described: Scene | Outlook, fringes: Fringes) -> tuple[Step, ...]:
+def _every_grid_step(described: Scene | Outlook, fringes: Fringes) -> tuple[LevelSampling, ...]:
     """Return the steps of level ``"grid"``, whatever their size."""
     steps = []
     finest = _meeting(described) * fringes.angle
     for share, fewest, left_out, error in GRID:
         per, margin = max(fewest, math.ceil(share * finest)), grid_margin(described, left_out)
-        steps.append(Step("grid", Sampling(samples_per_px=per, margin_px=margin), error))
+        steps.append(LevelSampling("grid", Sampling(samples_per_px=per, margin_px=margin), error))
     return tuple(steps)
 
 
@@ -266,7 +266,7 @@ def _wide(margin: float, fringes: Fringes) -> int:
     return min(WIDEST, math.ceil(margin * fringes.spot))
 
 
-def step_for(described: Scene | Outlook, level: str, tolerance: float) -> Step:
+def step_for(described: Scene | Outlook, level: str, tolerance: float) -> LevelSampling:
     """Return the cheapest step of a level that is expected to keep ``tolerance``, or the finest."""
     steps = steps_for(described, level)
     return next((step for step in steps if step.expected <= tolerance), steps[-1])

@@ -11,7 +11,7 @@ from lfcal.camera import Camera
 from lfcal.checks import check_number
 from lfcal.simulate.effects.base import EngineSeconds, Estimate, SceneEffect
 from lfcal.simulate.effects.outlook import Outlook, share_widened
-from lfcal.simulate.scene import LAWS, Iris, Scene
+from lfcal.simulate.scene import LAWS, PupilIris, Scene
 
 __all__ = ["ExactAngles", "IrisDiffraction", "IrisShape", "LensLaw", "LensTypeDefocus", "LensletDiffraction"]
 
@@ -191,10 +191,10 @@ class IrisShape(SceneEffect):
             if self.blades in (1, 2):
                 check_number(f"{self.title}: blades", self.blades, at_least=3, remedy="use 0 for a circular iris")
 
-    def iris(self, camera: Camera) -> Iris:
+    def iris(self, camera: Camera) -> PupilIris:
         """Return the iris of ``camera`` with this effect's values in it."""
         blades, curvature, rotation = (self.magnitude(f.name, camera) for f in fields(self))
-        return Iris(int(blades), float(curvature), float(rotation))
+        return PupilIris(int(blades), float(curvature), float(rotation))
 
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the symmetric difference of the polygon and the circle of the same area.

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from lfcal.compiled import njit
 
-__all__ = ["LANES", "RADICES", "STEP", "Grid", "Pixels", "Stages", "Way", "Work", "respond"]
+__all__ = ["LANES", "RADICES", "STEP", "Pixels", "ResponseGrid", "Stages", "Way", "Work", "respond"]
 
 Reals = NDArray[np.float32]
 
@@ -57,7 +57,7 @@ class Way(NamedTuple):
     then: Stages
 
 
-class Grid(NamedTuple):
+class ResponseGrid(NamedTuple):
     """What responses are made of; the arrays of complex numbers flat, as reals (re, im)."""
 
     lit: Reals  # the field that meets the array (n, n)
@@ -373,7 +373,7 @@ def _back(x: Reals, at: int, count: int, stages: Stages) -> None:
 
 
 @njit()
-def _light_on_rows(grid: Grid, corner: int, way: Way, pixels: Pixels, work: Work) -> float:
+def _light_on_rows(grid: ResponseGrid, corner: int, way: Way, pixels: Pixels, work: Work) -> float:
     """Fill ``work.lines`` with the light on rows of pixels, at the samples of columns that pixels see.
 
     Returns the power just behind the array, summed over its samples.
@@ -433,7 +433,7 @@ def _add_up(lines: Reals, side: int, pixels: Pixels, out: NDArray[Any]) -> None:
 
 
 @njit()
-def respond(grid: Grid, way: Way, pixels: Pixels, work: Work, out: Reals, powers: NDArray[np.float64]) -> None:
+def respond(grid: ResponseGrid, way: Way, pixels: Pixels, work: Work, out: Reals, powers: NDArray[np.float64]) -> None:
     """Fill ``out`` (positions, rows, columns) with the light on pixels, and the powers just behind the array."""
     for k in range(grid.corners.size):
         powers[k] = _light_on_rows(grid, grid.corners[k], way, pixels, work)

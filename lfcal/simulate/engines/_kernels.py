@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from lfcal.compiled import njit
 
-__all__ = ["Aperture", "Field", "Optics", "Target", "Zoom", "respond"]
+__all__ = ["LensAperture", "LightTarget", "MainLensField", "Optics", "Zoom", "respond"]
 
 F4 = NDArray[Any]  # single precision, or double where it is asked for
 F8 = NDArray[np.float64]
@@ -38,7 +38,7 @@ class Split(NamedTuple):
     im: F4
 
 
-class Field(NamedTuple):
+class MainLensField(NamedTuple):
     """The main lens's field E (or U near the native plane) on the array, about the source's image."""
 
     re: F4  # (n, n), rows along y; sample (n // 2, n // 2) lies at X0
@@ -46,7 +46,7 @@ class Field(NamedTuple):
     dx_um: float  # distance of samples
 
 
-class Aperture(NamedTuple):
+class LensAperture(NamedTuple):
     """The aperture of one lens type on the samples: the cell's table where it is not empty, else the disc's."""
 
     disc_re: F4  # (entries,) over r^2: aperture times exp(i bend r^2) times dx^2 pixel / L
@@ -85,7 +85,7 @@ class Optics(NamedTuple):
     glass: F8  # (5,): what a plate before the sensor leaves of exact angles' terms in sin^4, sin^6 ...
 
 
-class Target(NamedTuple):
+class LightTarget(NamedTuple):
     """Where light is added: the cutouts; or, for fields, node grids of the positions, squared at the end."""
 
     image: F4  # (positions, rows, columns) of pixels
@@ -123,7 +123,7 @@ def _product(a: F4, b: F4, out: F4) -> None:
 
 
 @njit(fastmath=True)
-def mask_from_disc(aperture: Aperture, dx: float, x0: float, y0: float, mask: Split) -> None:
+def mask_from_disc(aperture: LensAperture, dx: float, x0: float, y0: float, mask: Split) -> None:
     """Fill a disc times its phase, linear in its table over r^2; sample (h, h) lies at (x0, y0) from the centre."""
     table_re, table_im, re, im = aperture.disc_re, aperture.disc_im, mask.re, mask.im
     n, h = re.shape[0], re.shape[0] // 2
@@ -140,7 +140,7 @@ def mask_from_disc(aperture: Aperture, dx: float, x0: float, y0: float, mask: Sp
 
 
 @njit(fastmath=True)
-def mask_from_table(aperture: Aperture, dx: float, x0: float, y0: float, mask: Split) -> None:
+def mask_from_table(aperture: LensAperture, dx: float, x0: float, y0: float, mask: Split) -> None:
     """Fill the lattice's cell, bilinear in its fine table, times exp(i bend r^2 + i quartic r^4)."""
     table, step, re, im = aperture.cell, aperture.cell_step, mask.re, mask.im
     n, h = re.shape[0], re.shape[0] // 2
@@ -239,7 +239,9 @@ def _split_row(line: F4, i: int, parts: F4) -> None:
 
 
 @njit(fastmath=True)
-def fold(field: Field, place: tuple[int, int], mask: Split, turn: tuple[float, float], line: F4, parts: F4) -> float:
+def fold(
+    field: MainLensField, place: tuple[int, int], mask: Split, turn: tuple[float, float], line: F4, parts: F4
+) -> float:
     """Multiply field, aperture and tilt, f_k = E_k m_k exp(i (turn_y k_y + turn_x k_x)), and split f by parity.
 
     ``place`` is the table's row and column of the sample k = 0, ``turn`` the phase per sample (y, x). With
@@ -405,7 +407,9 @@ def _memory(zoom: Zoom, like: F4) -> _Scratch:
 
 
 @njit(fastmath=True)
-def respond(field: Field, aperture: Aperture, zoom: Zoom, optics: Optics, spots: Any, target: Target) -> None:
+def respond(
+    field: MainLensField, aperture: LensAperture, zoom: Zoom, optics: Optics, spots: Any, target: LightTarget
+) -> None:
     """Add one lenslet's response to the cutouts (incoherent) or node grids (coherent) of the listed positions.
 
     ``spots`` are those of `lfcal.simulate.engines._lenslets.select`, sorted so that neighbours share their place

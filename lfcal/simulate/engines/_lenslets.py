@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lfcal.compiled import njit
 
-__all__ = ["SPOT", "Light", "Window", "select", "square_fields"]
+__all__ = ["SPOT", "LensletLight", "LensletWindow", "select", "square_fields"]
 
 F4 = NDArray[Any]
 F8 = NDArray[np.float64]
@@ -44,7 +44,7 @@ energy_in, energy_out
 """
 
 
-class Light(NamedTuple):
+class LensletLight(NamedTuple):
     """What reaches the lenslets of one type."""
 
     energy: F4  # (n, n): what a lenslet at each sample of the field table passes
@@ -53,7 +53,7 @@ class Light(NamedTuple):
     half: int  # samples from the middle of an aperture to its edge
 
 
-class Window(NamedTuple):
+class LensletWindow(NamedTuple):
     """Where the light of a lenslet arrives on the sensor."""
 
     px_um: float  # pixel pitch, in the reduced frame
@@ -66,7 +66,9 @@ class Window(NamedTuple):
 
 
 @njit()
-def select(light: Light, window: Window, centre: F8, source: F8, pixel: I8, spots: Any) -> tuple[int, int]:
+def select(
+    light: LensletLight, window: LensletWindow, centre: F8, source: F8, pixel: I8, spots: Any
+) -> tuple[int, int]:
     """List in ``spots`` the positions whose light reaches a lenslet and, behind it, the cutout; return how many.
 
     Those whose light reaches it beyond the window alone are listed from the end on, with what evenly lit the lenslet

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 from lfcal.compiled import njit
 
-__all__ = ["Drawing", "Lenslets", "Shapes", "draw_spots"]
+__all__ = ["LitLenslets", "Shapes", "SpotDrawing", "draw_spots"]
 
 Array = NDArray[Any]
 F8 = NDArray[np.float64]
 
 
-class Lenslets(NamedTuple):
+class LitLenslets(NamedTuple):
     """The lenslets that may be lit, and what each does to a spot."""
 
     centres: F8  # (lenslets, 2) as (x, y) (µm)
@@ -47,7 +47,7 @@ class Shapes(NamedTuple):
     outer: float  # radius about the window (µm)
 
 
-class Drawing(NamedTuple):
+class SpotDrawing(NamedTuple):
     """How spots become pixel values."""
 
     px_um: float  # pixel pitch
@@ -202,7 +202,7 @@ def _paint(image: Array, a: Array, b: Array, n: int, gain: float, acc: Array) ->
 
 @njit()
 def draw_spots(
-    out: Array, source: Array, pixel: Array, lenslets: Lenslets, shapes: Shapes, drawing: Drawing
+    out: Array, source: Array, pixel: Array, lenslets: LitLenslets, shapes: Shapes, drawing: SpotDrawing
 ) -> tuple[int, float, float, float]:
     """Add the spots of all lenslets to the cutouts ``out`` (n, nt, ns).
 

@@ -13,8 +13,8 @@ from lfcal.simulate.engines._fused import (
     LANES,
     RADICES,
     STEP,
-    Grid,
     Pixels,
+    ResponseGrid,
     Stages,
     Way,
     Work,
@@ -174,7 +174,14 @@ class FusedResponse:
         first = np.array([row * width + column for row, column in corners], np.int64)
         powers = np.empty(len(out))
         pixels = Pixels(weights, *place, *out.shape[1:])
-        respond(Grid(_flat(lit), _flat(table), width, first, n, self._transfer), self._way, pixels, work, out, powers)
+        respond(
+            ResponseGrid(_flat(lit), _flat(table), width, first, n, self._transfer),
+            self._way,
+            pixels,
+            work,
+            out,
+            powers,
+        )
         return powers
 
 

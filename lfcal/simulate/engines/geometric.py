@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.simulate.engines._spots import Drawing, Lenslets, Shapes, draw_spots
+from lfcal.simulate.engines._spots import LitLenslets, Shapes, SpotDrawing, draw_spots
 from lfcal.simulate.engines.base import Certificate, Ledger, Pilot
 from lfcal.simulate.engines.polygon import Points, half_planes, iris_outline, regular
 from lfcal.simulate.engines.tables import aperture_outline
@@ -64,7 +64,7 @@ class GeometricPlane:
         self._shapes = Shapes(np.ascontiguousarray(subject), normals, limits, factor, sign, far, inner, about)
         # the same radius on the sensor in any unit of the subject
         least = LEAST_SPOT_PX * scene.reduced_pixel_um / reach
-        self._drawing = Drawing(scene.reduced_pixel_um, density * scene.pixel_fill**2, least)
+        self._drawing = SpotDrawing(scene.reduced_pixel_um, density * scene.pixel_fill**2, least)
         self._reach = about + far
         self._spread = pull, size
 
@@ -111,7 +111,7 @@ class GeometricPlane:
         centres, kinds = scene.lattice.lenslets_within(span[0], span[1], (middle[0], middle[1]))
         pull, size = self._spread
         moved, widened = scene.tilted(centres, kinds)
-        lenslets = Lenslets(centres, pull[kinds] + moved, size[kinds] + widened, scene.passed(centres))
+        lenslets = LitLenslets(centres, pull[kinds] + moved, size[kinds] + widened, scene.passed(centres))
         if not scene.accept[0]:
             self._ledger.add(*draw_spots(out, source, pixel, lenslets, self._shapes, self._drawing))
             return

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.errors import InputError
 from lfcal.progress import leave_if_unwanted
 from lfcal.simulate.engines._binning import bin_light
-from lfcal.simulate.engines._kernels import Aperture, Split, mask_from_disc, mask_from_table
+from lfcal.simulate.engines._kernels import LensAperture, Split, mask_from_disc, mask_from_table
 from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot, Sampling
 from lfcal.simulate.engines.extent import MOST_SAMPLES, MOST_SIDE, SWITCH, Extent
 from lfcal.simulate.engines.field import choose_mode, field_spectrum
@@ -132,7 +132,7 @@ class GridPlane:
         self._pilot = Pilot()
 
     # -- set-up ------------------------------------------------------------------------------------------
-    def _lenslets(self) -> tuple[tuple[Aperture, ...], ...]:
+    def _lenslets(self) -> tuple[tuple[LensAperture, ...], ...]:
         """Return aperture and phase of each lens type on the grid's samples; of a polygon real and imaginary part."""
         scene, dx = self.scene, self._dx
         reach = (self._half_lenslet + 1) * dx * math.sqrt(2)
@@ -145,7 +145,7 @@ class GridPlane:
             # a square, not the disc about it
             tables, step = bent_polygon_table(outline, dx, reach / math.sqrt(2), Bend(bend, scene.quartic(kind)))
             parts = (np.ascontiguousarray(part, self._real) for part in tables)
-            found.append(tuple(Aperture(none, none, 1.0, part, step, 0.0, 0.0) for part in parts))
+            found.append(tuple(LensAperture(none, none, 1.0, part, step, 0.0, 0.0) for part in parts))
         return tuple(found)
 
     @property

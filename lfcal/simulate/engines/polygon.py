@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import j1
 
 from lfcal.compiled import njit
-from lfcal.simulate.scene import Iris
+from lfcal.simulate.scene import PupilIris
 from lfcal.threads import for_each_chunk
 
 __all__ = ["area", "clip", "disc_transform", "half_planes", "iris_outline", "regular", "spectrum", "transform"]
@@ -61,7 +61,7 @@ def _blade_radius(chord: float, curvature: float) -> float:
     return math.sqrt(lo * hi)
 
 
-def iris_outline(iris: Iris, sagitta: float = 2e-4) -> Points:
+def iris_outline(iris: PupilIris, sagitta: float = 2e-4) -> Points:
     """Return the pupil ``(n, 2)`` as (x, y) in units of the radius of the disc f/(2N), counter-clockwise in (x, y).
 
     The iris has that disc's area, pi; a second stop takes light away. Arcs are drawn as chords no farther

@@ -11,7 +11,7 @@ import scipy.fft as sf
 from numpy.typing import NDArray
 
 from lfcal.camera.cell import cell_corners
-from lfcal.simulate.engines._kernels import Aperture, Field, Zoom
+from lfcal.simulate.engines._kernels import LensAperture, MainLensField, Zoom
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.field import field_table
 from lfcal.simulate.engines.masks import RING, disc_table, polygon_table
@@ -74,9 +74,9 @@ class LensTable:
     width: int
     pull: float
     half: int
-    aperture: Aperture
+    aperture: LensAperture
     zoom: Zoom
-    field: Field
+    field: MainLensField
     energy: Lit
     held_um: float
 
@@ -145,7 +145,7 @@ def build_tables(scene: Scene, sampling: Sampling, mode: str) -> PlaneTables:
     band = 2 * aperture_radius(scene) * scene.reduced_pixel_um / spread
     rule = fitted_rule(sampling.nodes_per_px, band, scene.pixel_fill)
     # lens types with the same sample distance share a field, whose FFTs are the dearest part
-    fields: dict[float, tuple[Field, Lit, float]] = {}
+    fields: dict[float, tuple[MainLensField, Lit, float]] = {}
     kinds = tuple(_lens_table(scene, sampling, mode, k, rule, fields) for k in range(len(scene.lattice.types)))
     floor = sampling.energy_floor * min(BEST, max(float(kind.energy.max()) for kind in kinds))
     reach = max(_lit_radius(energy, dx, floor) for dx, (_, energy, _) in fields.items())
@@ -207,7 +207,7 @@ def _lens_table(
     mode: str,
     kind: int,
     rule: NodeRule,
-    fields: dict[float, tuple[Field, Lit, float]],
+    fields: dict[float, tuple[MainLensField, Lit, float]],
 ) -> LensTable:
     px, spread = scene.reduced_pixel_um, scene.wavelength_um * scene.reduced_gap_um
     sigma, _, pull = _spot(scene, mode, kind)
@@ -259,7 +259,7 @@ def aperture_tables(
     *,
     kind: int = 0,
     fine: int | None = None,
-) -> Aperture:
+) -> LensAperture:
     """Return a lens type's tables, ``level`` high: then the square of the transform is energy per pixel's area.
 
     ``fine`` are the samples of a cell's table to one of ``dx``; None takes as many as are exact between them.
@@ -269,14 +269,14 @@ def aperture_tables(
         r2, quartic = step * np.arange(m.size), scene.quartic(kind)
         value = level * m * np.exp(1j * r2 * (bend + quartic * r2))
         parts = value.real.astype(dtype), value.imag.astype(dtype)
-        return Aperture(*parts, step, np.zeros((0, 0), dtype), 1.0, bend, quartic)
+        return LensAperture(*parts, step, np.zeros((0, 0), dtype), 1.0, bend, quartic)
     # a square, not the disc about it
     table, step = polygon_table(aperture_outline(scene), dx, reach / math.sqrt(2), fine)
     none: Array = np.zeros(2, dtype)
-    return Aperture(none, none, 1.0, (level * table).astype(dtype), step, bend, scene.quartic(kind))
+    return LensAperture(none, none, 1.0, (level * table).astype(dtype), step, bend, scene.quartic(kind))
 
 
-def bent(aperture: Aperture, by: float, gain: float = 1.0) -> Aperture:
+def bent(aperture: LensAperture, by: float, gain: float = 1.0) -> LensAperture:
     """Return the aperture with ``by`` (rad/µm^2) more quadratic phase, ``gain`` times as bright in amplitude."""
     dtype = aperture.disc_re.dtype
     if aperture.cell.size:
@@ -296,7 +296,9 @@ def _fewest_samples(scene: Scene, mode: str, half_px: int) -> float:
     return max(1.0, math.ceil(2 * need) / 2)
 
 
-def _field(scene: Scene, sampling: Sampling, mode: str, dx: float, half: int, half_px: int) -> tuple[Field, Lit, float]:
+def _field(
+    scene: Scene, sampling: Sampling, mode: str, dx: float, half: int, half_px: int
+) -> tuple[MainLensField, Lit, float]:
     """Return the field table, what a lenslet at each of its samples passes, and how far it holds (µm)."""
     reach = table_reach(scene, sampling, mode, dx, half_px) + (half + 2) * dx
     values = field_table(scene, dx, reach, mode).values
@@ -310,7 +312,7 @@ def _field(scene: Scene, sampling: Sampling, mode: str, dx: float, half: int, ha
     light = np.square(values.real)
     light += np.square(values.imag)
     dtype = np.float64 if sampling.double else np.float32
-    field = Field(values.real.astype(dtype), values.imag.astype(dtype), dx)
+    field = MainLensField(values.real.astype(dtype), values.imag.astype(dtype), dx)
     del values  # twice as large, and not needed any more
     spectrum = sf.rfft2(light, overwrite_x=True)
     spectrum *= shape

@@ -15,7 +15,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.simulate.engines._kernels import Field, Optics, Split, Target, mask_from_disc, mask_from_table, respond
+from lfcal.simulate.engines._kernels import (
+    LightTarget,
+    MainLensField,
+    Optics,
+    Split,
+    mask_from_disc,
+    mask_from_table,
+    respond,
+)
 from lfcal.simulate.engines._lenslets import SPOT
 from lfcal.simulate.engines._tails import add_tails
 from lfcal.simulate.engines.base import Sampling
@@ -96,13 +104,13 @@ def tail_of(scene: Scene, sampling: Sampling, lens: LensTable, kind: int) -> Tai
     rule = fitted_rule(max(2, math.ceil(NODES * band)), band)
     zoom = zoom_of(rule, width, px, 2 * math.pi / spread * dx * np.arange(half + 1), dtype.type)
     n = 2 * half + 1
-    even = Field(np.ones((n, n), dtype), np.zeros((n, n), dtype), dx)
+    even = MainLensField(np.ones((n, n), dtype), np.zeros((n, n), dtype), dx)
     image, grid = np.zeros((1, width, width), dtype), np.zeros((0, 0, 0), dtype)
     spots = np.zeros(1, SPOT)
     spots["row"] = spots["col"] = n // 2
     share = (spread / (dx * px)) ** 2
     flat = Optics(1 / spread, share, 1.0, 0.0, 0.0, 0.0, 0.0, (0.0, 0.0, 0.0), np.ones(5))
-    respond(even, aperture, zoom, flat, spots, Target(image, grid, grid, np.zeros((0, 4), np.int64)))
+    respond(even, aperture, zoom, flat, spots, LightTarget(image, grid, grid, np.zeros((0, 4), np.int64)))
     pattern = image[0].astype(np.float64)
     window = slice(beyond, beyond + lens.width)
     exact = _area(scene)

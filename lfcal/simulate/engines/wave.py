@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.progress import leave_if_unwanted
-from lfcal.simulate.engines._kernels import Optics, Target, respond
-from lfcal.simulate.engines._lenslets import SPOT, Light, Window, select, square_fields
+from lfcal.simulate.engines._kernels import LightTarget, Optics, respond
+from lfcal.simulate.engines._lenslets import SPOT, LensletLight, LensletWindow, select, square_fields
 from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot, Sampling
 from lfcal.simulate.engines.extent import SWITCH
 from lfcal.simulate.engines.field import choose_mode
@@ -158,7 +158,7 @@ class WavePlane:
         if image is not out:
             out[...] = image
 
-    def _add_lenses(self, source: NDArray[np.float64], pixel: NDArray[np.int64], target: Target) -> None:
+    def _add_lenses(self, source: NDArray[np.float64], pixel: NDArray[np.int64], target: LightTarget) -> None:
         """Add the light behind every lenslet that one of the sources (n, 2), as (x, y), reaches."""
         lo, hi = source.min(0), source.max(0)
         middle, span = (lo + hi) / 2, (hi - lo) / 2 + self.tables.reach_um
@@ -182,11 +182,11 @@ class WavePlane:
             rule = self.tables.rule
             square_fields(*target[1:], rule.weights.astype(self._dtype), rule.per_px, target.image)
 
-    def _target(self, image: Array, count: int) -> Target:
+    def _target(self, image: Array, count: int) -> LightTarget:
         """Return where light is added for ``image``, with empty node grids and boxes of ``count`` positions."""
         nt, ns = (self.tables.rule.count(n) for n in self.scene.cutout)
         boxes = np.tile(np.array([1 << 30, -(1 << 30)] * 2, np.int64), (count, 1))
-        return Target(image, np.zeros((count, nt, ns), self._dtype), np.zeros((count, nt, ns), self._dtype), boxes)
+        return LightTarget(image, np.zeros((count, nt, ns), self._dtype), np.zeros((count, nt, ns), self._dtype), boxes)
 
     def _add_lens(
         self,
@@ -194,7 +194,7 @@ class WavePlane:
         lens: LensTable,
         source: NDArray[np.float64],
         pixel: NDArray[np.int64],
-        target: Target,
+        target: LightTarget,
         ratio: float,
     ) -> tuple[NDArray[Any], NDArray[Any]]:
         """Add the light behind the lenslet at ``centre`` (x, y) for sources (n, 2) as (x, y).
@@ -205,8 +205,10 @@ class WavePlane:
         scene, tables, dx = self.scene, self.tables, lens.field.dx_um
         spots = np.empty(len(source), SPOT)
         beyond = tail_px(self.sampling) if self._tails else 0
-        window = Window(scene.reduced_pixel_um, ratio, lens.pull, lens.width, *scene.cutout, beyond)
-        found, far = select(Light(lens.energy, tables.floor, dx, lens.half), window, centre, source, pixel, spots)
+        window = LensletWindow(scene.reduced_pixel_um, ratio, lens.pull, lens.width, *scene.cutout, beyond)
+        found, far = select(
+            LensletLight(lens.energy, tables.floor, dx, lens.half), window, centre, source, pixel, spots
+        )
         missed, spots = spots[len(source) - far :], spots[:found]
         if found:
             # positions that share the lenslet's place between two samples share its mask

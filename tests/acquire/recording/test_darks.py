@@ -11,7 +11,7 @@ import pytest
 from lfcal.acquire.recording.source import RecordingSource
 from lfcal.acquire.session import record
 from lfcal.devices.protocols import Point, Roi
-from lfcal.devices.simulated.camera import Patch
+from lfcal.devices.simulated.camera import LightPatch
 from lfcal.frames import CorrectionRecipe, corrected_view
 from tests.acquire.rigs import CAREFUL, rig_for, small_plan
 
@@ -21,8 +21,8 @@ LIGHT = 40.0
 class Steps:
     """An even light on the upper half of the sensor, none below."""
 
-    def render(self, source_um: Point, exposure_s: float, roi: Roi) -> Patch:
-        return Patch(0, 0, np.repeat([LIGHT, 0.0], 48)[:, None] * np.ones((1, 96), np.float32))
+    def render(self, source_um: Point, exposure_s: float, roi: Roi) -> LightPatch:
+        return LightPatch(0, 0, np.repeat([LIGHT, 0.0], 48)[:, None] * np.ones((1, 96), np.float32))
 
 
 @pytest.mark.parametrize("count", [1, 8])

@@ -21,7 +21,7 @@ from lfcal.acquire.runner import Outcome
 from lfcal.acquire.session import iter_record, record
 from lfcal.acquire.session_file import SessionFile
 from lfcal.camera import StageAxes
-from lfcal.devices.simulated.faults import Fault
+from lfcal.devices.simulated.faults import DeviceFault
 from lfcal.errors import FileFormatError, InputError
 from lfcal.frames.source import Position
 from lfcal.progress import drain
@@ -192,7 +192,7 @@ def test_a_fault_while_damage_is_taken_again_leaves_what_was_whole(sessions: dic
     folder = copy_of(sessions["in place"], tmp_path)
     for slot in (3, 13, 20):
         rot_frame(folder / "recording.h5", slot)
-    rig = rig_for(PLAN, Fault("vanishes", at=2))
+    rig = rig_for(PLAN, DeviceFault("vanishes", at=2))
     with pytest.raises(AcquisitionStopped):
         record(folder, PLAN, rig, FULL, resume=True)
     left = verify(folder)

@@ -17,7 +17,7 @@ import pytest
 from lfcal.acquire.recording import slots as journal_module
 from lfcal.acquire.recording.reader import RecordingFile
 from lfcal.acquire.recording.records import RECORD, Kind, Note, Suspicion, frame_crc, intact, pack, suspicions
-from lfcal.acquire.recording.slots import Journal, read_layout
+from lfcal.acquire.recording.slots import RecordingJournal, read_layout
 from lfcal.errors import FileFormatError, StorageError
 
 SHAPE = (11, 13)
@@ -58,13 +58,13 @@ def frame(k: int) -> np.ndarray:
     return np.random.default_rng(k).integers(0, 4096, SHAPE, np.uint16)
 
 
-def write(journal: Journal, slot: int, data: np.ndarray, about: Note, sequence: int) -> None:
+def write(journal: RecordingJournal, slot: int, data: np.ndarray, about: Note, sequence: int) -> None:
     journal.put(slot, data, about, sequence)
     journal.sync()
 
 
-def make(path: Path, count: int = 6, written: tuple[int, ...] = ()) -> Journal:
-    journal = Journal.create(path, count, SHAPE, np.dtype(np.uint16), {"session": "s"})
+def make(path: Path, count: int = 6, written: tuple[int, ...] = ()) -> RecordingJournal:
+    journal = RecordingJournal.create(path, count, SHAPE, np.dtype(np.uint16), {"session": "s"})
     for sequence, slot in enumerate(written):
         write(journal, slot, frame(slot), note(slot), sequence)
     return journal
@@ -228,10 +228,10 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "r.h5", "r+") as file:
         file.attrs["version"] = 99
     with pytest.raises(FileFormatError, match="update lfcal"):
-        Journal(tmp_path / "r.h5")
+        RecordingJournal(tmp_path / "r.h5")
     (tmp_path / "cut.h5").write_bytes((tmp_path / "r.h5").read_bytes()[:600])
     with pytest.raises(FileFormatError):
-        Journal(tmp_path / "cut.h5")
+        RecordingJournal(tmp_path / "cut.h5")
 
 
 def test_crc_is_zlibs() -> None:

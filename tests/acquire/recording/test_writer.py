@@ -10,14 +10,14 @@ import pytest
 
 from lfcal.acquire.recording.records import Kind, Note
 from lfcal.acquire.recording.writer import Writer
-from lfcal.acquire.schedule import Step
+from lfcal.acquire.schedule import ScheduledFrame
 from lfcal.errors import StorageError
 
 FRAME = np.zeros((2, 2), np.uint16)
 
 
-def step(k: int, kind: Kind = Kind.POSITION) -> Step:
-    return Step(kind, k, k, 0, (0.0, 0.0, 0.0), 0, 0, 0, 0)
+def step(k: int, kind: Kind = Kind.POSITION) -> ScheduledFrame:
+    return ScheduledFrame(kind, k, k, 0, (0.0, 0.0, 0.0), 0, 0, 0, 0)
 
 
 def note(k: int) -> Note:
@@ -47,7 +47,7 @@ class Disk:
         self.leave.set()
         self.put_fails_at = self.sync_fails_at = 10**9
 
-    def put(self, step: Step, frame: Any, note: Note) -> None:
+    def put(self, step: ScheduledFrame, frame: Any, note: Note) -> None:
         if step.slot >= self.put_fails_at:
             raise StorageError("full")
         self.put_slots.append(step.slot)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lfcal.devices.protocols import Point, Roi
-from lfcal.devices.simulated.camera import SPREAD, Patch, SimCamera
+from lfcal.devices.simulated.camera import SPREAD, LightPatch, SimCamera
 from tests.acquire.rigs import rig_for, small_plan
 
 PLAN = small_plan()
@@ -21,8 +21,8 @@ class Even:
     def __init__(self, counts: float) -> None:
         self.counts = counts
 
-    def render(self, source_um: Point, exposure_s: float, roi: Roi) -> Patch:
-        return Patch(0, 0, np.full(SENSOR.shape, self.counts, np.float32))
+    def render(self, source_um: Point, exposure_s: float, roi: Roi) -> LightPatch:
+        return LightPatch(0, 0, np.full(SENSOR.shape, self.counts, np.float32))
 
 
 def camera_of(counts: float) -> SimCamera:

@@ -10,7 +10,7 @@ import pytest
 
 from lfcal.camera import Camera, ScanPlan, StageAxes, preset
 from lfcal.errors import InputError
-from lfcal.frames.lists.depths import Depths, Planes, find_depths
+from lfcal.frames.lists.depths import Depths, ListedPlanes, find_depths
 from lfcal.frames.lists.derived import plan_of_list
 from lfcal.frames.lists.listing import Listing
 from tests.frames.lists.scans import small_camera, step_um
@@ -20,15 +20,15 @@ DEPTHS = (-40e3, -10e3, 10e3)
 
 def planes_of(
     *, scale: float = 1.0, error: float = 0.001, counted: bool = False, depths: tuple[float, ...] = DEPTHS
-) -> Planes:
+) -> ListedPlanes:
     """Return the planes of a list whose z is ``scale`` times the depth."""
     camera = small_camera()
     sizes = np.array([step_um(camera, z) for z in depths])
     heights = np.arange(len(depths), dtype=float) if counted else np.array(depths) * scale + 5e3
-    return Planes("stage.csv", heights, sizes, np.full(len(depths), error), counted)
+    return ListedPlanes("stage.csv", heights, sizes, np.full(len(depths), error), counted)
 
 
-def depths_of(planes: Planes, camera: Camera | None = None) -> Depths:
+def depths_of(planes: ListedPlanes, camera: Camera | None = None) -> Depths:
     return find_depths(camera or small_camera(), StageAxes(), planes)
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from gui.models.autosave import Kept, find_kept, keep, read_kept
+from gui.models.autosave import UnsavedCopy, find_kept, keep, read_kept
 from gui.models.project import Project, ProjectState
 from gui.pages.plan.model import default_plan
 from lfcal.camera import preset
@@ -28,7 +28,7 @@ class Free:
         self.ours = False
 
 
-def kept_of(folder: Path, name: str = "a", path: Path | None = None) -> Kept:
+def kept_of(folder: Path, name: str = "a", path: Path | None = None) -> UnsavedCopy:
     project = Project(ProjectState("before"), path)
     project.update("rename", name=name)
     keep(project, folder / f"{name}.lfcal")
@@ -64,9 +64,9 @@ def test_which_is_newer(tmp_path: Path) -> None:
 def test_what_it_holds_is_said(tmp_path: Path) -> None:
     camera = preset("bench")
     state = ProjectState("n", camera, default_plan(camera), psf="/data/H.h5", recording="/data/rec")
-    words = "\n".join(Kept(tmp_path / "x", state, "", 0.0).words())
+    words = "\n".join(UnsavedCopy(tmp_path / "x", state, "", 0.0).words())
     assert camera.name in words and "positions" in words and "/data/H.h5" in words and "/data/rec" in words
-    assert "never saved" in Kept(tmp_path / "x", state, "", 0.0).name()
+    assert "never saved" in UnsavedCopy(tmp_path / "x", state, "", 0.0).name()
 
 
 def test_only_copies_of_dead_windows_that_hold_something_are_found(

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from matplotlib import colormaps
 
-from gui.models.display import COLOUR_MAPS, Display, bin_max, colour_table, levels_of, to_uint8
+from gui.models.display import COLOUR_MAPS, DisplaySettings, bin_max, colour_table, levels_of, to_uint8
 from lfcal.errors import InputError
 
 
 @pytest.mark.parametrize("scale", ["linear", "log", "gamma"])
 def test_scaling_is_monotonic_and_total(scale: str) -> None:
     values = np.array([[-np.inf, np.nan, 0, 1e-5, 0.01, 0.5, 1, np.inf]], np.float32)
-    shown = to_uint8(values, Display(scale), (0.0, 1.0))[0]
+    shown = to_uint8(values, DisplaySettings(scale), (0.0, 1.0))[0]
     assert shown[1] == 0 and shown[0] == 0 and shown[-1] == 255 and shown[6] == 255
     assert (np.diff(shown[2:7].astype(int)) >= 0).all()
     assert levels_of(np.zeros((2, 2))) == (0.0, 1.0)
@@ -22,7 +22,7 @@ def test_scaling_is_monotonic_and_total(scale: str) -> None:
 def test_bad_displays() -> None:
     for options in ({"scale": "cube"}, {"colour_map": "jet"}):
         with pytest.raises(InputError):
-            Display(**options)
+            DisplaySettings(**options)
     assert colour_table("viridis").shape == (256, 4)
 
 
@@ -45,10 +45,10 @@ def test_binning_keeps_every_point_source(step: int, dtype: str) -> None:
 def test_zero_light_is_dark_whatever_noise_takes_below_it() -> None:
     """Log is of the value, not of its distance to the lowest one: that drew zero counts in the middle of the scale."""
     values = np.array([[-20.0, 0.0, 1.0, 100.0, 10_000.0]])
-    assert to_uint8(values, Display("log"), (-20.0, 10_000.0)).tolist() == [[0, 0, 0, 128, 255]]
-    assert to_uint8(values, Display("gamma"), (-20.0, 10_000.0))[0, :2].tolist() == [0, 0]
+    assert to_uint8(values, DisplaySettings("log"), (-20.0, 10_000.0)).tolist() == [[0, 0, 0, 128, 255]]
+    assert to_uint8(values, DisplaySettings("gamma"), (-20.0, 10_000.0))[0, :2].tolist() == [0, 0]
     offset = np.array([[100.0, 1000.0, 10_000.0]])
-    assert to_uint8(offset, Display("log"), (100.0, 10_000.0)).tolist() == [[0, 128, 255]]
+    assert to_uint8(offset, DisplaySettings("log"), (100.0, 10_000.0)).tolist() == [[0, 128, 255]]
     for scale in ("log", "gamma"):  # no light at all
-        assert to_uint8(-values, Display(scale), (-10_000.0, 0.0)).tolist()[0][0] == 255
-        assert to_uint8(np.full((1, 2), 3.0), Display(scale), (3.0, 3.0)).shape == (1, 2)
+        assert to_uint8(-values, DisplaySettings(scale), (-10_000.0, 0.0)).tolist()[0][0] == 255
+        assert to_uint8(np.full((1, 2), 3.0), DisplaySettings(scale), (3.0, 3.0)).shape == (1, 2)

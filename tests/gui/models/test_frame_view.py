@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gui.models.display import Display, to_uint8
+from gui.models.display import DisplaySettings, to_uint8
 from gui.models.frame_view import MAX_PIXELS, frame_numbers, lattice_points, render_tile, visible_tile
 from lfcal.camera import preset
 
@@ -35,9 +35,9 @@ def test_a_visible_tile_shows_what_is_asked_for() -> None:
     frame = np.random.default_rng(2).integers(0, 4000, (400, 600)).astype(np.uint16)
     tile = visible_tile((400, 600), (100, 150), (200, 280), (500, 800))
     assert tile.step == 1 and tile.rows[0] <= 100 and tile.rows[1] >= 150
-    picture = render_tile(frame, tile, Display(), (0, 4000))
+    picture = render_tile(frame, tile, DisplaySettings(), (0, 4000))
     part = frame[tile.rows[0] : tile.rows[1], tile.columns[0] : tile.columns[1]]
-    np.testing.assert_array_equal(picture, to_uint8(part, Display(), (0, 4000)))
+    np.testing.assert_array_equal(picture, to_uint8(part, DisplaySettings(), (0, 4000)))
     far = visible_tile((400, 600), (0, 400), (0, 600), (100, 150))
     assert far.step == 4
 

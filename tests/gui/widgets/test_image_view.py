@@ -9,7 +9,7 @@ import pytest
 from PySide6.QtCore import QEvent, QPointF
 from pytestqt.qtbot import QtBot
 
-from gui.models.display import Display, colour_table
+from gui.models.display import DisplaySettings, colour_table
 from gui.widgets.colour_bar import bar_table
 from gui.widgets.image_view import ImageView
 from tests.gui.waiting import GUARD_MS
@@ -30,8 +30,10 @@ def middle(view: ImageView) -> QPointF:
     return view.plot.vb.mapViewToScene(QPointF(1.0, 1.0))
 
 
-@pytest.mark.parametrize("display", [Display("log"), Display("gamma"), Display(colour_map="magma")])
-def test_another_scaling_keeps_the_scale_that_pictures_share(view: ImageView, display: Display) -> None:
+@pytest.mark.parametrize(
+    "display", [DisplaySettings("log"), DisplaySettings("gamma"), DisplaySettings(colour_map="magma")]
+)
+def test_another_scaling_keeps_the_scale_that_pictures_share(view: ImageView, display: DisplaySettings) -> None:
     view.set_image(np.full((3, 3), 5.0), levels=(-20.0, 2437.0))
     view.set_display(display)
     assert view.bar.levels() == (-20.0, 2437.0)
@@ -41,7 +43,7 @@ def test_another_scaling_keeps_the_scale_that_pictures_share(view: ImageView, di
 def test_the_bar_has_the_colours_of_the_picture(view: ImageView, scale: str) -> None:
     levels = (-20.0, 980.0)
     values = np.linspace(*levels, 256)[None]
-    view.set_display(Display(scale))
+    view.set_display(DisplaySettings(scale))
     view.set_image(values, levels=levels)
     shown = colour_table("viridis")[view.item.image[0]]
     bar = bar_table("viridis", scale, levels)

@@ -11,7 +11,7 @@ from pytestqt.qtbot import QtBot
 
 from gui.pages.reconstruct.volume_view import VolumeView
 from gui.pages.simulate.influence_view import InfluenceView
-from gui.pages.simulate.model_influence import Influence
+from gui.pages.simulate.model_influence import InfluencePictures
 from gui.widgets.measured_part import entries_at
 
 
@@ -56,7 +56,9 @@ def test_pictures_of_an_effect_are_measured_with_one_contrast(qtbot: QtBot) -> N
     qtbot.addWidget(view)
     rng = np.random.default_rng(1)
     first, second = (rng.random((9, 11)).astype(np.float32) for _ in range(2))
-    view.show_influence(Influence(first, second, (-4, -5), ("column s", "row t"), "share of the light", "computed"))
+    view.show_influence(
+        InfluencePictures(first, second, (-4, -5), ("column s", "row t"), "share of the light", "computed")
+    )
     without, with_it, difference = view.parts
     np.testing.assert_array_equal(with_it.measured(), second)
     assert with_it.placed() == ((-4.0, -5.0), 1.0)

@@ -12,7 +12,7 @@ import pytest
 from gui.models.project import ProjectState
 from gui.pages.accuracy.model import (
     AccuracySettings,
-    Kept,
+    MeasuredCurves,
     axis_labels,
     iter_measure,
     points_of,
@@ -85,14 +85,14 @@ def test_what_can_be_measured(tmp_path: Path) -> None:
 
 def test_h_is_measured_and_closed(tmp_path: Path) -> None:
     save(PSFMatrix(np.random.default_rng(0).random((1, 2, 2, 3, 3)).astype(np.float32)), tmp_path / "H.h5")
-    state, kept = replace(ProjectState(), psf=str(tmp_path / "H.h5")), Kept()
+    state, kept = replace(ProjectState(), psf=str(tmp_path / "H.h5")), MeasuredCurves()
     drain(iter_measure(state, AccuracySettings(subject="psf"), ("storage", "lattice"), kept))
     assert len(kept.curves["storage"].rungs) == 10
     assert "H of an unknown camera" in kept.curves["lattice"].stopped
 
 
 def test_closed_at_any_record_it_keeps_what_it_has() -> None:
-    state, kept = replace(ProjectState(), plan=PLAN), Kept()
+    state, kept = replace(ProjectState(), plan=PLAN), MeasuredCurves()
     work = iter_measure(state, AccuracySettings(), ("bases",), kept)
     while len(kept.curves.get("bases", curve()).rungs) < 2:
         next(work)

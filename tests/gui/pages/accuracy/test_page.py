@@ -20,7 +20,7 @@ from gui.models.project import ProjectState
 from gui.pages.accuracy import PAGE
 from gui.pages.accuracy.page import Page
 from gui.theme import DARK, apply_theme
-from lfcal.accuracy import PLACES, Place, Rung, Step, Subject, Truth
+from lfcal.accuracy import PLACES, AccuracyStep, Place, Rung, Subject, Truth
 from lfcal.psf import PSFMatrix, save
 from tests.acquire.rigs import small_plan
 from tests.gui.conftest import OpenPage
@@ -130,7 +130,7 @@ def endless() -> Iterator[Any]:
     k = 0
     while True:
         k += 1
-        yield Step("next", 0.0)
+        yield AccuracyStep("next", 0.0)
         yield Rung(f"rung {k}", {"k": k}, 1 / k, float(k), "seconds")
 
 

@@ -23,7 +23,7 @@ from lfcal.acquire.live_coverage import LiveCoverage
 from lfcal.acquire.live_quality import LiveQuality, QualityState
 from lfcal.acquire.session import record
 from lfcal.devices.simulated.backend import simulated_rig
-from lfcal.devices.simulated.faults import Fault
+from lfcal.devices.simulated.faults import DeviceFault
 from lfcal.devices.simulated.targets import TargetPattern
 from lfcal.errors import LfcalError
 from lfcal.frames.source import Position
@@ -169,7 +169,7 @@ def test_after_a_fault_and_resume_all_runs_are_shown(
     open_page: OpenPage, context: Context, qtbot: QtBot, tmp_path: Path
 ) -> None:
     with pytest.raises(LfcalError):
-        record(tmp_path / "s", PLAN, rig_for(PLAN, Fault("vanishes", 8, 1)), CAREFUL)
+        record(tmp_path / "s", PLAN, rig_for(PLAN, DeviceFault("vanishes", 8, 1)), CAREFUL)
     page = opened(open_page("acquire"), context, qtbot, tmp_path / "s")
     page.record.start()
     qtbot.waitUntil(lambda: page.record.recording, timeout=GUARD_MS)

@@ -15,7 +15,7 @@ from gui.pages.acquire.model_faults import COUNTED, KINDS, fault_words
 from gui.pages.acquire.page import Page
 from lfcal.devices.errors import StageError
 from lfcal.devices.simulated.backend import inject, simulated_rig
-from lfcal.devices.simulated.faults import FAULTS, Fault
+from lfcal.devices.simulated.faults import FAULTS, DeviceFault
 from lfcal.errors import InputError
 from tests.acquire.rigs import small_plan
 from tests.gui.conftest import OpenPage
@@ -41,7 +41,7 @@ def page(open_page: OpenPage, qtbot: QtBot) -> Page:
 def test_every_fault_has_words_and_what_it_counts() -> None:
     assert [kind for kind, _ in KINDS] == list(FAULTS) and all(words != kind for kind, words in KINDS)
     assert set(COUNTED) == set(FAULTS)
-    assert fault_words(Fault("too warm", 4, 3)) == "reading 4 to 6: the room is too warm (gauge)"
+    assert fault_words(DeviceFault("too warm", 4, 3)) == "reading 4 to 6: the room is too warm (gauge)"
 
 
 def test_faults_are_added_and_removed_on_screen(page: Page, context: Context, qtbot: QtBot) -> None:
@@ -94,7 +94,7 @@ def test_a_fault_strikes_the_simulator_that_is_connected(page: Page, context: Co
 def test_only_simulated_devices_have_faults() -> None:
     rig = simulated_rig(PLAN)
     with pytest.raises(InputError, match="connect the simulator"):
-        inject(replace(rig, gauges=()), Fault("too warm", 0))
+        inject(replace(rig, gauges=()), DeviceFault("too warm", 0))
 
 
 def test_a_recording_holds_in_the_window_and_goes_on_by_itself(

@@ -10,7 +10,7 @@ import numpy as np
 
 from gui.models.project import ProjectState
 from gui.pages.fit.model import FitSettings
-from gui.pages.fit.model_run import Kept, asked_of, iter_fit
+from gui.pages.fit.model_run import FitRun, asked_of, iter_fit
 from lfcal.progress import drain
 from lfcal.psf import PSFMatrix, save
 from tests.fit.common import few_patterns
@@ -28,9 +28,9 @@ def project_of(path: Path, settings: FitSettings = GEOMETRY) -> ProjectState:
     return replace(state, settings=settings.into(state))
 
 
-def fit_of(path: Path) -> Kept:
+def fit_of(path: Path) -> FitRun:
     """Return what a fit of an H tells and finds."""
-    kept = Kept()
+    kept = FitRun()
     drain(iter_fit(asked_of(project_of(path), GEOMETRY), kept))
     assert kept.found is not None
     return kept

@@ -10,7 +10,7 @@ import pytest
 from pytestqt.qtbot import QtBot
 
 from gui.models.project import ProjectState
-from gui.pages.fit.model_run import Kept, Question
+from gui.pages.fit.model_run import FitRequest, FitRun
 from gui.pages.fit.page import Page
 from lfcal.progress import Progress, Work
 from tests.fit.shared import shared_models
@@ -38,21 +38,21 @@ def page(open_page: OpenPage, qtbot: QtBot) -> Page:
 
 
 @pytest.fixture(scope="session")
-def known(tmp_path_factory: pytest.TempPathFactory) -> Kept:
+def known(tmp_path_factory: pytest.TempPathFactory) -> FitRun:
     """Return what a fit of the tiny H tells and finds, computed once."""
     return fit_of(saved(tmp_path_factory.mktemp("fit") / "H.h5"))
 
 
 @pytest.fixture(scope="session")
-def known_outlier(tmp_path_factory: pytest.TempPathFactory) -> Kept:
+def known_outlier(tmp_path_factory: pytest.TempPathFactory) -> FitRun:
     """Return the same of the H in which one pattern is not like the others."""
     return fit_of(saved(tmp_path_factory.mktemp("outlier") / "outlier.h5", with_outlier()))
 
 
-def told(known: Kept) -> Callable[[Question, Kept], Work[None]]:
+def told(known: FitRun) -> Callable[[FitRequest, FitRun], Work[None]]:
     """Return the work of a fit whose result was computed before."""
 
-    def again(asked: Question, kept: Kept) -> Work[None]:
+    def again(asked: FitRequest, kept: FitRun) -> Work[None]:
         yield Progress(0, 1, "known")
         assert known.found is not None
         kept.rounds += known.rounds
@@ -62,7 +62,7 @@ def told(known: Kept) -> Callable[[Question, Kept], Work[None]]:
 
 
 @pytest.fixture
-def fitted(page: Page, known: Kept, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> Page:
+def fitted(page: Page, known: FitRun, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> Page:
     """Return the page after a fit, whose result was computed before."""
     monkeypatch.setattr("gui.pages.fit.page.iter_fit", told(known))
     page.fit_button.click()

@@ -13,7 +13,7 @@ import pytest
 
 from gui.models.project import ProjectState
 from gui.pages.fit.model import FitSettings, group_rows, offer_of, stamp_of
-from gui.pages.fit.model_run import Found, Kept, asked_of, iter_fit
+from gui.pages.fit.model_run import FitRun, FoundFit, asked_of, iter_fit
 from gui.pages.fit.model_use import use_of
 from gui.pages.fit.model_words import (
     detail_of,
@@ -27,7 +27,7 @@ from gui.pages.simulate.model import SimulateSettings
 from lfcal.camera import ScanPlan, preset
 from lfcal.errors import InputError
 from lfcal.fit import GROUPS
-from lfcal.fit.parameters import Frame
+from lfcal.fit.parameters import ScanScales
 from lfcal.progress import drain
 from lfcal.psf import PSFMatrix
 from lfcal.psf.facts import Facts
@@ -39,13 +39,13 @@ from tests.gui.pages.fit.common import GEOMETRY, project_of, saved
 
 
 @pytest.fixture
-def found(known: Kept) -> Found:
+def found(known: FitRun) -> FoundFit:
     assert known.found is not None
     return known.found
 
 
 @pytest.fixture
-def found_outlier(known_outlier: Kept) -> Found:
+def found_outlier(known_outlier: FitRun) -> FoundFit:
     assert known_outlier.found is not None
     return known_outlier.found
 
@@ -160,7 +160,7 @@ def test_an_h_without_noise_or_camera_says_so() -> None:
 def test_an_h_without_noise_is_refused_in_words_of_the_page(tmp_path: Path) -> None:
     project = project_of(saved(tmp_path / "H.h5", bare()))
     with pytest.raises(InputError, match=r"^H\.h5: H does not state its noise") as refused:
-        drain(iter_fit(asked_of(project, GEOMETRY), Kept()))
+        drain(iter_fit(asked_of(project, GEOMETRY), FitRun()))
     assert "\n" not in str(refused.value) and "--" not in str(refused.value)
 
 
@@ -172,13 +172,13 @@ def few_plan() -> ScanPlan:
 
 
 @pytest.mark.long
-def test_an_h_of_nothing_but_values_takes_noise_and_plan_of_the_window(tmp_path: Path, found: Found) -> None:
+def test_an_h_of_nothing_but_values_takes_noise_and_plan_of_the_window(tmp_path: Path, found: FoundFit) -> None:
     """It is fitted as the one that states both; without the plan its positions and depths have no meaning."""
     H = few_patterns()
     facts = Facts.of(H.shape[:3], H.cutout, recorded=H.recorded)
     path = saved(tmp_path / "H.h5", PSFMatrix(np.array(H), facts=facts))
     settings = replace(GEOMETRY, constant=64.0, slope=1.0)
-    project, kept = project_of(path, settings), Kept()
+    project, kept = project_of(path, settings), FitRun()
     with pytest.raises(InputError, match="make the plan on the Plan page"):
         drain(iter_fit(asked_of(project, settings), kept))
     other = replace(few_plan(), period=(2, 3))
@@ -192,7 +192,7 @@ def test_an_h_of_nothing_but_values_takes_noise_and_plan_of_the_window(tmp_path:
 
 
 # -- what is shown -----------------------------------------------------------------------------------------
-def test_pictures_belong_together(found: Found) -> None:
+def test_pictures_belong_together(found: FoundFit) -> None:
     assert found.places == tuple(sorted((int(z), int(y), int(x)) for z, y, x in found.measured.index))
     for place in found.places:
         np.testing.assert_array_equal(found.patterns[place], few_patterns()[place])
@@ -204,7 +204,7 @@ def test_pictures_belong_together(found: Found) -> None:
     assert {found.fate(place) for place in found.places} == {"fitted", "kept aside"}
 
 
-def test_a_pattern_that_was_left_out_is_shown_all_the_same(found_outlier: Found) -> None:
+def test_a_pattern_that_was_left_out_is_shown_all_the_same(found_outlier: FoundFit) -> None:
     (place,) = [place for place in found_outlier.places if found_outlier.fate(place) == "left out"]
     assert place == tuple(int(v) for v in np.argwhere(few_patterns().recorded > 0)[2])
     # the model is what would have been measured: the pattern before it was moved
@@ -218,7 +218,7 @@ def test_a_pattern_that_was_left_out_is_shown_all_the_same(found_outlier: Found)
     assert "1 left out as unlike the others" in detail_of(found_outlier)
 
 
-def test_rows_of_parameters_are_what_was_found(found: Found) -> None:
+def test_rows_of_parameters_are_what_was_found(found: FoundFit) -> None:
     rows = parameter_rows(found.fit)
     assert [one.name for one in found.fit.parameters.values()][:2] == ["gap_um", "rotation_rad"]
     assert [row.texts[0] for row in rows][:3] == ["gap", "rotation", "offset y"] and len(rows) == len(
@@ -237,7 +237,7 @@ def test_rows_of_parameters_are_what_was_found(found: Found) -> None:
     assert parameter_rows(known)[0].texts[5] == "–"
 
 
-def test_the_verdict_says_how_far_to_trust(found: Found) -> None:
+def test_the_verdict_says_how_far_to_trust(found: FoundFit) -> None:
     fit = found.fit
     assert merit_of(fit) == "good"
     assert re.fullmatch(
@@ -252,7 +252,7 @@ def test_the_verdict_says_how_far_to_trust(found: Found) -> None:
 
 
 # -- what it changes ---------------------------------------------------------------------------------------
-def test_the_camera_and_its_effects_are_used_everywhere(found: Found) -> None:
+def test_the_camera_and_its_effects_are_used_everywhere(found: FoundFit) -> None:
     fit = found.fit
     more = fit.setup.with_effect(Crosstalk(0.012)).with_effect(Zernike(((4, 0, 0.1), (3, 1, -0.05))))
     fit = replace(fit, setup=more)
@@ -280,10 +280,10 @@ def test_the_camera_and_its_effects_are_used_everywhere(found: Found) -> None:
 
 
 @pytest.mark.parametrize("name", GROUPS.names())
-def test_what_any_group_finds_goes_into_simulate(found: Found, name: str) -> None:
+def test_what_any_group_finds_goes_into_simulate(found: FoundFit, name: str) -> None:
     """Through the project's file: each effect comes out as it was found."""
     group, setup = GROUPS.get(name), found.fit.setup
-    frame = Frame(found.measured.plan.shape[0], 7.0)
+    frame = ScanScales(found.measured.plan.shape[0], 7.0)
     unknowns = group.unknowns(setup, frame)
     values = {one.name: one.value(one.clipped(0.5)) for one in unknowns}
     fit = replace(found.fit, setup=group.applied(setup, values, frame) if unknowns else setup)
@@ -298,7 +298,7 @@ def test_what_any_group_finds_goes_into_simulate(found: Found, name: str) -> Non
     assert after.camera == fit.camera
 
 
-def test_simulate_then_computes_the_h_of_the_fit(found: Found) -> None:
+def test_simulate_then_computes_the_h_of_the_fit(found: FoundFit) -> None:
     """Against the fit's own H: the same optics by the planner's settings, up to the tolerance."""
     state = ProjectState(plan=found.measured.plan)
     after = replace(state, **use_of(state, found.fit).changes)
@@ -315,7 +315,7 @@ def test_simulate_then_computes_the_h_of_the_fit(found: Found) -> None:
     assert np.abs(scale * before - model).sum() > 0.03 * model.sum()
 
 
-def test_a_plan_that_does_not_go_with_the_camera_is_dropped(found: Found) -> None:
+def test_a_plan_that_does_not_go_with_the_camera_is_dropped(found: FoundFit) -> None:
     camera = replace(found.fit.camera, sensor=replace(found.fit.camera.sensor, shape=(10, 10)))
     fit = replace(found.fit, setup=replace(found.fit.setup, camera=camera))
     use = use_of(ProjectState(plan=found.measured.plan), fit)

@@ -23,7 +23,7 @@ from gui.models.page import PageState
 from gui.models.project import ProjectState
 from gui.pages.fit import PAGE
 from gui.pages.fit.model import FitSettings, group_rows
-from gui.pages.fit.model_run import Found, Kept
+from gui.pages.fit.model_run import FitRun, FoundFit
 from gui.pages.fit.page import Page
 from gui.theme import DARK, LIGHT, apply_theme
 from gui.window import MainWindow
@@ -99,7 +99,7 @@ def test_chi_squared_of_a_plane_is_copied_as_a_table(fitted: Page) -> None:
     assert [float(row[3]) for row in rows] == pytest.approx([found.chi2[place] for place in view.places], rel=1e-6)
 
 
-def fewer(found: Found, count: int) -> Found:
+def fewer(found: FoundFit, count: int) -> FoundFit:
     """Return what a fit of the last patterns alone would show."""
     kept = found.places[-count:]
     return replace(
@@ -166,14 +166,14 @@ def test_parameters_are_sorted_by_number_and_copied(fitted: Page, qtbot: QtBot) 
     table.clearSelection()
     qtbot.keyClick(table, Qt.Key.Key_C, Qt.KeyboardModifier.ControlModifier)
     lines = QApplication.clipboard().text().splitlines()
-    assert lines[0].split("\t")[:3] == ["Parameter", "Found", "± σ"] and len(lines) == 5
+    assert lines[0].split("\t")[:3] == ["Parameter", "FoundFit", "± σ"] and len(lines) == 5
     table.selectRow(1)
     table.copy()
     assert len(QApplication.clipboard().text().splitlines()) == 2
 
 
 def test_an_outlier_is_found_by_its_line(
-    page: Page, known_outlier: Kept, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    page: Page, known_outlier: FitRun, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("gui.pages.fit.page.iter_fit", told(known_outlier))
     page.context.project.update("open", psf=str(saved(tmp_path / "outlier.h5", with_outlier())))
@@ -279,7 +279,7 @@ def test_the_first_fit_is_stopped_between_two_records(page: Page, let_go: thread
 
 
 # -- a fit made elsewhere ----------------------------------------------------------------------------------
-def test_a_fit_made_while_recording_is_taken_over(page: Page, known: Kept, qtbot: QtBot) -> None:
+def test_a_fit_made_while_recording_is_taken_over(page: Page, known: FitRun, qtbot: QtBot) -> None:
     assert known.found is not None
     fit = known.found.fit
     page.receive(fit)
@@ -297,7 +297,7 @@ def test_a_fit_made_while_recording_is_taken_over(page: Page, known: Kept, qtbot
     assert page.settings == GEOMETRY
 
 
-def test_a_fit_of_another_scan_is_not_taken_over(page: Page, known: Kept, qtbot: QtBot) -> None:
+def test_a_fit_of_another_scan_is_not_taken_over(page: Page, known: FitRun, qtbot: QtBot) -> None:
     assert known.found is not None
     fit = known.found.fit
     page.receive(replace(fit, planned=replace(fit.planned, cutout=(13, 13))))

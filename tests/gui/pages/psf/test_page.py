@@ -14,7 +14,7 @@ from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
 from gui.context import Context
-from gui.pages.psf.depth_strip import EXPECTED, FITTED, Tile
+from gui.pages.psf.depth_strip import EXPECTED, FITTED, PlaneTile
 from gui.widgets.plots import LINES
 from gui.window import MainWindow
 from lfcal.camera import preset
@@ -221,7 +221,7 @@ def test_apertures_of_all_planes_are_drawn_beside_the_expected_ones(
     assert "expected" in page.panel.aperture_text.text()
 
 
-def drawn_in(tile: Tile) -> set[str]:
+def drawn_in(tile: PlaneTile) -> set[str]:
     """Return which outlines are seen in the picture of a plane."""
     picture = tile.picture(160).toImage()
     pixels = [picture.pixelColor(x, y).getRgb()[:3] for x in range(160) for y in range(160)]

@@ -16,7 +16,7 @@ from gui.models.fitted import FittedCamera
 from gui.models.project import ProjectState
 from gui.models.stamp import stamp_of
 from gui.pages.quality.model import QualitySettings, fault_words, listed_metrics, metric_rows, worst_positions
-from gui.pages.quality.model_run import Kept, Question, asked_of, iter_judge
+from gui.pages.quality.model_run import InspectionRequest, InspectionRun, asked_of, iter_judge
 from gui.pages.quality.page import Page
 from lfcal.errors import InputError
 from lfcal.fit.setup import Setup, called_for
@@ -54,9 +54,9 @@ def state(written: Path, tmp_path: Path) -> ProjectState:
 
 
 @pytest.fixture(scope="module")
-def judged_once(written: Path) -> Kept:
+def judged_once(written: Path) -> InspectionRun:
     """Return what the faulty H is found to be."""
-    stamp, kept = stamp_of(str(written)), Kept()
+    stamp, kept = stamp_of(str(written)), InspectionRun()
     assert stamp is not None
     drain(iter_judge(asked_of(stamp, SECONDS, None), kept))
     assert kept.inspection is not None and kept.inspection.compared
@@ -64,11 +64,11 @@ def judged_once(written: Path) -> Kept:
 
 
 @pytest.fixture
-def known(judged_once: Kept, state: ProjectState, monkeypatch: pytest.MonkeyPatch) -> None:
+def known(judged_once: InspectionRun, state: ProjectState, monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the page's job know what the faulty H is found to be; all else that is asked is measured."""
     first = stamp_of(state.psf)
 
-    def at_once(asked: Question, kept: Kept) -> Work[None]:
+    def at_once(asked: InspectionRequest, kept: InspectionRun) -> Work[None]:
         if asked.stamp == first and asked.seconds == SECONDS.seconds and asked.setup is None and not asked.folder:
             kept.report, kept.depths, kept.inspection = judged_once.report, judged_once.depths, judged_once.inspection
         else:

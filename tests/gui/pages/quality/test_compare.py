@@ -15,7 +15,7 @@ from gui.models.project import ProjectState
 from gui.models.stamp import stamp_of
 from gui.pages.quality.model import QualitySettings
 from gui.pages.quality.model_compare import both_at, plane_of_row
-from gui.pages.quality.model_run import Kept, Question, asked_of, iter_judge
+from gui.pages.quality.model_run import InspectionRequest, InspectionRun, asked_of, iter_judge
 from gui.pages.quality.page import Page
 from lfcal.errors import InputError
 from lfcal.progress import Work, drain
@@ -51,9 +51,9 @@ def state(tmp_path: Path) -> ProjectState:
 
 
 @pytest.fixture(scope="module")
-def judged_once(tmp_path_factory: pytest.TempPathFactory) -> Kept:
+def judged_once(tmp_path_factory: pytest.TempPathFactory) -> InspectionRun:
     """Return what this H is found to be."""
-    stamp, kept = stamp_of(written(tmp_path_factory.mktemp("judged") / "H.h5", one_far_off())), Kept()
+    stamp, kept = stamp_of(written(tmp_path_factory.mktemp("judged") / "H.h5", one_far_off())), InspectionRun()
     assert stamp is not None
     drain(iter_judge(asked_of(stamp, METRICS_ALONE, None), kept))
     return kept
@@ -61,11 +61,11 @@ def judged_once(tmp_path_factory: pytest.TempPathFactory) -> Kept:
 
 @pytest.fixture
 def page(
-    open_page: OpenPage, state: ProjectState, judged_once: Kept, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+    open_page: OpenPage, state: ProjectState, judged_once: InspectionRun, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
 ) -> Page:
     first = stamp_of(state.psf)
 
-    def at_once(asked: Question, kept: Kept) -> Work[None]:
+    def at_once(asked: InspectionRequest, kept: InspectionRun) -> Work[None]:
         if asked.stamp == first and not asked.seconds:
             kept.report, kept.depths, kept.inspection = judged_once.report, judged_once.depths, judged_once.inspection
         else:

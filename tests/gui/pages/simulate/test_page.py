@@ -14,13 +14,13 @@ import gui.pages.simulate.page as simulate_page
 from gui.context import Context
 from gui.jobs import JobState
 from gui.pages.simulate.model import SimulateSettings, preview, tolerance_of
-from gui.pages.simulate.model_effects import Verdict, verdict_of
+from gui.pages.simulate.model_effects import EffectsVerdict, verdict_of
 from gui.pages.simulate.share_bar import TEXT
 from gui.window import MainWindow
 from lfcal.camera import ScanPlan
 from lfcal.progress import Progress
 from lfcal.psf import open_psf
-from lfcal.simulate.accuracy.ladder import Ladder, LadderProgress, Rung
+from lfcal.simulate.accuracy.ladder import Ladder, LadderProgress, LadderRung
 from tests.gui.pages.simulate.test_model import small_plan
 from tests.gui.waiting import GUARD_MS, idle
 
@@ -83,7 +83,7 @@ def test_before_the_planner_answers_nothing_uses_its_last_answer(
     idle(window.jobs, qtbot)
     asked: list[tuple[tuple[str, ...], str]] = []
 
-    def slow_planner(plan: ScanPlan, settings: SimulateSettings) -> Verdict:
+    def slow_planner(plan: ScanPlan, settings: SimulateSettings) -> EffectsVerdict:
         answer.wait()
         return verdict_of(plan, settings)
 
@@ -136,7 +136,7 @@ def test_rungs_that_were_measured_stay_when_measuring_is_stopped(
 ) -> None:
     """The curve was empty until all were done, and those that were done were lost."""
     plan = small_plan()
-    rung = Rung("geometric", None, "geometric", 0.4, 0.0, 0.1, 0.2)
+    rung = LadderRung("geometric", None, "geometric", 0.4, 0.0, 0.1, 0.2)
     found = Ladder((rung,), (), 0.05, "reference", 10.0, 4.0, 1)
     go_on = threading.Event()
 
