@@ -122,8 +122,8 @@ def judge(number: int, tolerance: float) -> Judged:
     """Return what is said of a random scene, and what is true of it."""
     from lfcal.bench._effect_scenes import random_plan
     from lfcal.simulate import plan_effects
+    from lfcal.simulate.plane_task import budgeted
     from lfcal.simulate.response import PlaneResponse
-    from lfcal.simulate.simulate import budgeted
     from lfcal.simulate.staging import outlook_of
 
     plan, known = random_plan(number)

@@ -103,7 +103,7 @@ def command(
 def _measured(plan: ScanPlan, tolerance: float, executors: list[str], rounds: int, many: int, place: Path) -> Figures:
     from lfcal.progress import drain
     from lfcal.simulate import plan_effects, predict_seconds
-    from lfcal.simulate.units import iter_simulate_units
+    from lfcal.simulate.simulate import iter_simulate_psf
     from lfcal.work import RunChoice
 
     effects = plan_effects(plan.camera, plan, tolerance)
@@ -113,7 +113,7 @@ def _measured(plan: ScanPlan, tolerance: float, executors: list[str], rounds: in
         """Return the seconds of a run, and those of the processor."""
         out, start, spent = place / f"{executor}_{workers}.h5", time.perf_counter(), _cpu_seconds()
         run = RunChoice(executor, workers)
-        drain(iter_simulate_units(scan.camera, scan, effects, run=run, tolerance=tolerance, out=out)).close()
+        drain(iter_simulate_psf(scan.camera, scan, effects, run=run, tolerance=tolerance, out=out)).close()
         took = time.perf_counter() - start, _cpu_seconds() - spent
         out.unlink()
         return took

@@ -262,7 +262,7 @@ def _write_h(task: _Task, runner: _Runner, choose: Callable[[float], EffectSelec
     whole: list[str] = []
     try:
         if run is not None:
-            matrix = run_kept(_in_units(task, out, run), out, quiet=task.quiet)
+            matrix = run_kept(_in_one_pass(task, out, workers, run), out, quiet=task.quiet)
         else:
             matrix = run_work(_simulation(task, out, workers, choose, whole), quiet=task.quiet)
     except BaseException:
@@ -312,36 +312,15 @@ def _memory(task: _Task, run: RunChoice | None, workers: int | None) -> int:
     return beside * one if beside > 1 else plane(count)
 
 
-def _in_units(task: _Task, out: Path, run: RunChoice) -> Work[Any]:
-    """Return the work of writing H plane by plane, in files that stay until all are there."""
-    from lfcal.simulate.units import iter_simulate_units
-
-    plan = task.planned
-    return iter_simulate_units(
-        plan.camera,
-        plan,
-        task.found,
-        task.level,
-        run=run,
-        tolerance=task.tolerance,
-        out=out,
-        provenance={"plan": plan.to_dict()},
-        store_tolerance=task.store_tolerance,
-    )
-
-
 def _simulation(
     task: _Task, out: Path, workers: int | None, choose: Callable[[float], EffectSelection] | None, whole: list[str]
 ) -> Work[Any]:
     """Return the work of writing H: in one go, or in passes, which note in ``whole`` what they have written."""
-    from lfcal.simulate import iter_refine_psf, iter_simulate_psf
+    from lfcal.simulate import iter_refine_psf
 
-    plan = task.planned
-    how: dict[str, Any] = {"tolerance": task.tolerance, "out": out, "workers": workers}
-    how["provenance"] = {"plan": plan.to_dict()}
     if choose is None:
-        how["store_tolerance"] = task.store_tolerance
-        return iter_simulate_psf(plan.camera, plan, task.found, task.level, **how)
+        return _in_one_pass(task, out, workers, None)
+    plan = task.planned
 
     def tell(matrix: PSFMatrix) -> None:
         worst = 100 * max(float(error) for error in matrix.facts.known()["error"])
@@ -349,7 +328,36 @@ def _simulation(
         if not task.quiet:
             report(f"{whole[-1]}; Ctrl-C keeps it")
 
-    return iter_refine_psf(plan.camera, plan, choose, task.level, on_pass=tell, **how)
+    return iter_refine_psf(
+        plan.camera,
+        plan,
+        choose,
+        task.level,
+        on_pass=tell,
+        tolerance=task.tolerance,
+        out=out,
+        workers=workers,
+        provenance={"plan": plan.to_dict()},
+    )
+
+
+def _in_one_pass(task: _Task, out: Path, workers: int | None, run: RunChoice | None) -> Work[Any]:
+    """Return the work of writing H; with a ``run`` planes stay in files until all are there."""
+    from lfcal.simulate import iter_simulate_psf
+
+    plan = task.planned
+    return iter_simulate_psf(
+        plan.camera,
+        plan,
+        task.found,
+        task.level,
+        tolerance=task.tolerance,
+        out=out,
+        workers=workers,
+        provenance={"plan": plan.to_dict()},
+        store_tolerance=task.store_tolerance,
+        run=run,
+    )
 
 
 def _tell_error(errors: Sequence[float], task: _Task) -> None:

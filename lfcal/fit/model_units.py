@@ -19,7 +19,7 @@ from lfcal.plain import plain
 from lfcal.progress import Work
 from lfcal.psf.joining import iter_join
 from lfcal.psf.store import PSFWriter
-from lfcal.simulate.units import effects_told, told_effects
+from lfcal.simulate.simulate import effects_told, told_effects
 from lfcal.work import RunChoice, Unit, iter_made
 
 __all__ = ["do_plane", "iter_model_units"]

@@ -106,6 +106,10 @@ class PlaneSource:
         """Return how another process opens what makes plane ``z``; None: it is made here, when planes are joined."""
         raise NotImplementedError
 
+    def named(self, out: Path) -> str:
+        """Return what a run of units makes, for people."""
+        return f"{self.title} {out.name}"
+
     def shown(self, record: Progress) -> Progress:
         """Return the progress of a run of units with what this process knows of its planes."""
         return record
@@ -254,7 +258,7 @@ def iter_units(source: PlaneSource, out: Path, stored: Stored, run: RunChoice, *
     units = units_of(source, stored)
     writer = PSFWriter.of(out, source.header, stored, run.workers)
     join = partial(_iter_joined, source=source, numbers=tuple(units), writer=writer)
-    todo, title = tuple(units.values()), f"{source.title} {out.name}"
+    todo, title = tuple(units.values()), source.named(out)
     with (
         _lent(source, todo),
         closing(iter_made(todo, out, run, join, title=title, keep=keep, in_order=source.in_order)) as work,

@@ -5,7 +5,8 @@
 - ``effects``: physical effects as objects with their a-priori estimates, found by registry
 - ``accuracy``: what a simulation costs, which effects to simulate, how finely to compute, the ladder of levels
 - ``staging``, ``response``: effects put to work on one plane
-- ``simulate``: H, in memory or straight to a file; ``progressive``: in passes
+- ``plane_task``: one plane of H, and all that decides its values
+- ``simulate``: H, in memory, in a file or in units; ``progressive``: in passes
 - ``sensor``: sensor frames of a simulated session
 - ``volume``: light fields of extended objects through the same H
 """

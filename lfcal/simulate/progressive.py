@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
-from collections.abc import Callable, Mapping
-from contextlib import nullcontext
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,11 +16,15 @@ from lfcal.checks import check_number
 from lfcal.progress import Progress, Work
 from lfcal.psf import PSFMatrix, open_psf
 from lfcal.psf.facts import Facts
+from lfcal.psf.layout import Plane, Stored
+from lfcal.psf.make import PlaneSource, Reopening, Zeros, iter_units, iter_write, units_of
 from lfcal.psf.provenance import simulated_planes
-from lfcal.psf.store import PSFWriter
-from lfcal.simulate.pass_units import PassUnits, kept_errors
-from lfcal.simulate.simulate import EffectsLike, Simulation, tolerance_for
-from lfcal.work import RunChoice
+from lfcal.simulate.plane_task import EffectsLike, tolerance_for
+from lfcal.simulate.simulate import Simulation
+from lfcal.work import RunChoice, parts_folder
+from lfcal.work.journal import PASS, Journal, read_notes
+from lfcal.work.runs import discard
+from lfcal.work.unit import stamp_of
 
 __all__ = ["Pass", "iter_refine_psf", "passes_for"]
 
@@ -118,25 +122,30 @@ def iter_refine_psf(
     path = Path(out)
     chosen = effects if callable(effects) else lambda _: effects
     passes = passes_for(tolerance_for(effects, tolerance), level)
-    works = [Simulation(camera, plan, chosen(p.tolerance), p.level, p.tolerance, None, workers) for p in passes]
-    units = None if run is None else PassUnits(path, run, {"dtype": dtype, "compression": compression})
+    works = [
+        Simulation(camera, plan, chosen(p.tolerance), p.level, p.tolerance, None, provenance=provenance) for p in passes
+    ]
+    stored = Stored(dtype, compression)
+    units = None if run is None else _PassUnits(path, run, stored)
     marks = [""] * len(works) if units is None else units.marks(works)
     there = 0 if units is None else units.done(marks)
     held: PSFMatrix | None = None
     try:
         held = open_psf(path) if there else None
         for number in range(there + 1, len(works) + 1):
-            work, mark = works[number - 1], marks[number - 1]
-            name, writing = f"pass {number} of {len(works)}", work.writer(path, dtype, compression, provenance)
-            steps = _pass(work, writing, held) if units is None else units.iter_pass(work, writing, held, mark, name)
-            yield from _noted(steps, name, _note(held))
+            name = f"pass {number} of {len(works)}"
+            planes = _PassPlanes(works[number - 1], held, name)
+            if units is None:
+                yield from _noted(iter_write(planes, path, stored, workers=workers), name, _note(held))
+            else:
+                yield from _noted(units.iter_pass(planes, marks[number - 1]), name, _note(held))
             if held is not None:
                 held.close()
             held = open_psf(path)
             if on_pass is not None:
                 on_pass(held)
         if units is not None:
-            units.finish()
+            discard(parts_folder(path))  # the file holds the last pass
     except BaseException:
         if held is not None:
             held.close()
@@ -149,23 +158,84 @@ def _note(held: PSFMatrix | None) -> str:
     return "" if held is None else f"H so far within {100 * float(np.max(held.facts.known()['error'])):.2g} %"
 
 
-def _pass(work: Simulation, writing: PSFWriter, before: PSFMatrix | None) -> Work[None]:
-    """Write every plane: computed, or copied from ``before`` where that keeps the tolerance already."""
-    plan, errors = work.plan, kept_errors(before, work.budget.tolerance)
-    # the earlier file is closed when the new one takes its name: Windows replaces none that is open
-    with writing as writer, nullcontext() if before is None else before:
-        plane = np.empty(plan.shape[1:], np.float32)
-        for z in range(plan.shape[0]):
-            if z in errors and before is not None:
-                plane[:] = before.plane(z)
-                error, record = errors[z], simulated_planes(before.provenance, len(before))[z]
-            else:
-                plane[:] = 0
-                error, record = yield from work.plane(z, plane)
-            writer.write_plane(z, plane, facts=Facts.of(plan.period, plan.cutout, error=error), simulated=record)
+def kept_errors(before: PSFMatrix | None, tolerance: float) -> dict[int, float]:
+    """Return the planes of an H that keep a tolerance already, with their error."""
+    if before is None:
+        return {}
+    errors = before.facts.known()["error"]
+    return {z: float(error) for z, error in enumerate(errors) if float(error) <= tolerance}
 
 
-def _noted(work: Work[None], stage: str, note: str) -> Work[None]:
+class _PassPlanes(PlaneSource):
+    """The planes of a pass: computed, or those of the pass before where they keep the tolerance already."""
+
+    def __init__(self, work: Simulation, before: PSFMatrix | None, name: str) -> None:
+        self.work, self.before, self._name = work, before, name
+        self.header, self.title = work.header, work.title
+        self._errors = kept_errors(before, work.budget.tolerance)
+
+    def iter_plane(self, z: int, zeros: Zeros, workers: int | None, *, alone: bool = False) -> Work[Plane]:
+        """Compute plane ``z``, or read it."""
+        before = self.before
+        if before is None or z not in self._errors:
+            return (yield from self.work.iter_plane(z, zeros, workers, alone=alone))
+        facts = Facts.of(self.work.plan.period, self.work.plan.cutout, error=self._errors[z])
+        record = simulated_planes(before.provenance, len(before))[z]
+        return Plane(before.plane(z), facts, simulated=record)
+
+    def reopening(self, z: int, stored: Stored) -> Reopening | None:
+        """Return how another process computes plane ``z``; one that is kept is read here."""
+        return None if z in self._errors else self.work.reopening(z, stored)
+
+    def named(self, out: Path) -> str:
+        """Return which pass it is."""
+        return f"{super().named(out)}, {self._name}"
+
+    def close(self) -> None:
+        """Close the file of the pass before: Windows replaces none that is open."""
+        if self.before is not None:
+            self.before.close()
+
+
+@dataclass(frozen=True)
+class _PassUnits:
+    """How the passes over one H are done in units.
+
+    Units of a pass lie next to the file until that holds the pass. The run's journal says which pass the file holds, so
+    that a run that is resumed begins with the next.
+    """
+
+    out: Path
+    run: RunChoice
+    stored: Stored
+
+    def marks(self, passes: Sequence[Simulation]) -> list[str]:
+        """Return what distinguishes each pass, and those before it, from any others."""
+        found, before = [], ""
+        for work in passes:
+            prints = [unit.fingerprint() for unit in units_of(work, self.stored).values()]
+            before = hashlib.sha256(" ".join((before, *prints)).encode()).hexdigest()[:16]
+            found.append(before)
+        return found
+
+    def done(self, marks: Sequence[str]) -> int:
+        """Return how many of the passes the file holds already, by an earlier run that is resumed now."""
+        notes = read_notes(parts_folder(self.out), PASS)
+        if self.run.begun != "resume" or not notes or not self.out.exists():
+            return 0
+        last = notes[-1]
+        there = last.get("mark") in marks and last.get("stamp") == stamp_of([str(self.out)])
+        return marks.index(last["mark"]) + 1 if there else 0
+
+    def iter_pass(self, planes: _PassPlanes, mark: str) -> Work[None]:
+        """Write the planes of a pass, and note that the file holds it."""
+        run = self.run if planes.before is None else replace(self.run, begun="resume")  # the first pass began it
+        yield from iter_units(planes, self.out, self.stored, run, keep=True)
+        with Journal.open(parts_folder(self.out)) as journal:
+            journal.note(PASS, mark=mark, stamp=stamp_of([str(self.out)]))
+
+
+def _noted(work: Work[Any], stage: str, note: str) -> Work[None]:
     """Pass on the progress of a pass under its name."""
     try:
         while True:

@@ -16,8 +16,8 @@ from lfcal.progress import Clock, Work, drained
 from lfcal.psf import PSFMatrix
 from lfcal.simulate._scatter import Row, scatter
 from lfcal.simulate.engines.base import Sampling
+from lfcal.simulate.plane_task import EffectsLike, budgeted
 from lfcal.simulate.response import PlaneResponse
-from lfcal.simulate.simulate import EffectsLike, budgeted
 from lfcal.threads import worker_count
 
 __all__ = ["iter_light_field", "light_field", "plume", "points", "vesicle"]

@@ -21,11 +21,11 @@ from lfcal.simulate.accuracy.planner import plan_effects
 from lfcal.simulate.effects.base import MotionEffect
 from lfcal.simulate.effects.light import FiniteSource
 from lfcal.simulate.engines.base import Sampling
+from lfcal.simulate.plane_task import EffectsLike, budgeted, tolerance_for
 from lfcal.simulate.sensor.camera_source import SimulatedCamera
 from lfcal.simulate.sensor.noise import FrameKind
 from lfcal.simulate.sensor.responses import Responses, Window
 from lfcal.simulate.sensor.windows import place
-from lfcal.simulate.simulate import EffectsLike, budgeted, tolerance_for
 from lfcal.targets.images import HoleImages, hole_images
 from lfcal.targets.plan import TargetPlan
 from lfcal.targets.target import Target

@@ -26,7 +26,7 @@ from lfcal.psf.saving import iter_transpose_file
 from lfcal.simulate import SimulatedCamera, simulate_psf
 from lfcal.simulate.effects import Quantisation
 from lfcal.simulate.progressive import iter_refine_psf
-from lfcal.simulate.units import iter_simulate_units
+from lfcal.simulate.simulate import iter_simulate_psf
 from lfcal.work import RunChoice
 from tests.simulate.common import BASE, FAST, small_plan
 
@@ -138,7 +138,7 @@ def test_each_simulated_plane_says_how_it_was_computed(tmp_path: Path) -> None:
         assert_says_how(H)
         assert_says_how(open_psf(drain(iter_transpose_file(H, tmp_path / "HT.h5"))))
     how = {"tolerance": 0.3, "out": tmp_path / "units.h5"}
-    with drain(iter_simulate_units(plan.camera, plan, run=RunChoice("threads"), **how)) as H:
+    with drain(iter_simulate_psf(plan.camera, plan, run=RunChoice("threads"), **how)) as H:
         assert_says_how(H)
 
 

@@ -22,7 +22,7 @@ from lfcal.simulate.effects import (
     catalogue,
 )
 from lfcal.simulate.effects.described import effect_from, parse_effects, read_effects
-from lfcal.simulate.simulate import describe
+from lfcal.simulate.plane_task import describe
 
 
 @pytest.mark.parametrize(

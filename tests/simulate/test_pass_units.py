@@ -13,8 +13,8 @@ from lfcal.camera import ScanPlan
 from lfcal.errors import InputError, StorageError
 from lfcal.progress import drain
 from lfcal.psf import open_psf
+from lfcal.simulate.plane_task import PlaneTask
 from lfcal.simulate.progressive import iter_refine_psf
-from lfcal.simulate.simulate import PlaneTask
 from lfcal.work import RunChoice, parts_folder, read_run
 from tests.psf.test_joining import contents
 from tests.simulate.common import small_camera

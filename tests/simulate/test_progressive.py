@@ -112,7 +112,7 @@ def test_planes_that_keep_the_tolerance_are_not_computed_again(
             super().__init__(plan, z, *args, tolerance=tolerance, **kwargs)  # type: ignore[arg-type]
             made.append((z, tolerance))
 
-    monkeypatch.setattr("lfcal.simulate.simulate.PlaneResponse", Counted)
+    monkeypatch.setattr("lfcal.simulate.plane_task.PlaneResponse", Counted)
     monkeypatch.setattr(progressive, "passes_for", lambda *_: (Pass("wave", 0.05), Pass("wave", 0.05)))
     effects = plan_effects(plan.camera, plan, 0.05)
     for _ in iter_refine_psf(plan.camera, plan, effects, out=tmp_path / "H.h5", workers=1):

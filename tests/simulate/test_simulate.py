@@ -185,11 +185,11 @@ def test_bad_input() -> None:
 def test_effects_that_are_on_at_some_planes_name_them() -> None:
     """What H was made of is known plane by plane."""
     plan = corner(ScanPlan.for_camera(small_camera(), virtual_depths=[6.0, 4.0, 2.5], cutout=31), 1, 1)
-    found = Simulation(plan.camera, plan, "auto", "auto", 0.3, None, 1)
+    found = Simulation(plan.camera, plan, "auto", "auto", 0.3, None)
     on = [{effect.name for effect in found.budget.at(z)[0]} for z in plan.depths_um]
     told = found.provenance()["simulated"]
     everywhere, some = set.intersection(*on), set.union(*on) - set.intersection(*on)
     assert everywhere and some
     assert told["effect_planes"] == {name: [z for z in range(3) if name in on[z]] for name in some}
     assert {effect["name"] for effect in told["effects"]} == everywhere | some
-    assert "effect_planes" not in Simulation(plan.camera, plan, BASE, "auto", 0.3, None, 1).provenance()["simulated"]
+    assert "effect_planes" not in Simulation(plan.camera, plan, BASE, "auto", 0.3, None).provenance()["simulated"]

@@ -11,9 +11,10 @@ from lfcal.simulate.accuracy.planner import plan_effects
 from lfcal.simulate.accuracy.sampling import steps_for
 from lfcal.simulate.effects import Effect, FiniteSource
 from lfcal.simulate.engines.base import Sampling
+from lfcal.simulate.plane_task import budgeted, tolerance_for
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.sensor.camera_source import SimulatedCamera
-from lfcal.simulate.simulate import budgeted, simulate_psf, tolerance_for
+from lfcal.simulate.simulate import simulate_psf
 from lfcal.simulate.staging import resolve_level, scene_for
 from lfcal.simulate.volume import light_field
 from tests.simulate.common import difference

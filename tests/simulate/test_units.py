@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import pickle
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,12 +14,14 @@ import pytest
 from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
 from lfcal.progress import drain
+from lfcal.psf.layout import Stored
+from lfcal.psf.make import units_of
 from lfcal.simulate import simulate_psf
 from lfcal.simulate.effects import CATALOGUE
 from lfcal.simulate.effects.described import effect_from
 from lfcal.simulate.engines.base import Sampling
-from lfcal.simulate.simulate import Simulation, describe
-from lfcal.simulate.units import iter_simulate_units, unit_of
+from lfcal.simulate.plane_task import describe
+from lfcal.simulate.simulate import Simulation, iter_simulate_psf
 from lfcal.work import RunChoice, parts_folder
 from tests.psf.test_joining import contents
 from tests.simulate.common import small_camera
@@ -44,7 +45,7 @@ def direct(plan: ScanPlan, tmp_path_factory: pytest.TempPathFactory) -> dict[str
 def test_bit_for_bit(plan: ScanPlan, direct: dict[str, Any], tmp_path: Path, executor: str) -> None:
     out = tmp_path / "H.h5"
     run = RunChoice(executor, workers=2)
-    drain(iter_simulate_units(plan.camera, plan, run=run, tolerance=0.1, out=out)).close()
+    drain(iter_simulate_psf(plan.camera, plan, run=run, tolerance=0.1, out=out)).close()
     assert contents(out) == direct
     assert not parts_folder(out).exists()
 
@@ -54,7 +55,7 @@ def test_what_an_earlier_run_left(plan: ScanPlan, direct: dict[str, Any], tmp_pa
 
     def work(begun: str, tolerance: float = 0.1) -> Any:
         run = RunChoice("threads", 1, begun=begun)
-        return iter_simulate_units(plan.camera, plan, run=run, tolerance=tolerance, out=out)
+        return iter_simulate_psf(plan.camera, plan, run=run, tolerance=tolerance, out=out)
 
     first = work("refuse")
     for record in first:
@@ -90,11 +91,9 @@ def test_effects_travel_as_text(name: str, plan: ScanPlan) -> None:
 
 
 def test_a_unit_is_small_and_tells_settings_apart(plan: ScanPlan) -> None:
-    stored: Mapping[str, str] = {"dtype": "float32", "compression": "gzip"}
-
     def unit(z: int = 0, tolerance: float = 0.1, level: str = "auto", sampling: Sampling | None = None) -> Any:
-        work = Simulation(plan.camera, plan, "auto", level, tolerance, sampling, None)
-        return unit_of(work.task(z), stored)
+        work = Simulation(plan.camera, plan, "auto", level, tolerance, sampling)
+        return units_of(work, Stored())[z]
 
     first = unit()
     assert len(pickle.dumps(first)) < 10_000
@@ -112,6 +111,6 @@ def test_an_effect_of_nobody_cannot_travel(plan: ScanPlan, tmp_path: Path) -> No
 
     run = RunChoice("threads", 1)
     with pytest.raises(InputError, match="one of the catalogue"):
-        drain(iter_simulate_units(plan.camera, plan, [Own()], run=run, out=tmp_path / "H.h5"))
+        drain(iter_simulate_psf(plan.camera, plan, [Own()], run=run, out=tmp_path / "H.h5"))
     assert dataclasses.is_dataclass(Own)
     assert not list(tmp_path.iterdir())

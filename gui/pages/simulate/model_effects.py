@@ -237,14 +237,14 @@ def iter_simulation(
 
     Planes that are done stay where it is stopped; called again it goes on from them.
     """
-    from lfcal.simulate.units import iter_simulate_units
+    from lfcal.simulate.simulate import iter_simulate_psf
 
     if verdict is None or not verdict.fits(plan, settings):
         verdict = verdict_of(plan, settings)
     found = verdict.found
     # the selection, not its effects: what is left out uses its part of the tolerance
     return (
-        yield from iter_simulate_units(
+        yield from iter_simulate_psf(
             plan.camera,
             plan,
             found,

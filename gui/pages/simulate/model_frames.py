@@ -110,7 +110,7 @@ class SimulatedFrame:
 
 def frame_question(verdict: EffectsVerdict, position: tuple[int, int, int]) -> FrameQuestion:
     """Return the question for the frame of a position with everything that the planner has on for frames."""
-    from lfcal.simulate.simulate import budgeted
+    from lfcal.simulate.plane_task import budgeted
 
     depth = verdict.plan.depths_um[position[0]]
     effects, share = budgeted(verdict.frames, verdict.plan, verdict.settings.tolerance).at(depth)

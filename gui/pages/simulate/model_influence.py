@@ -100,7 +100,7 @@ class InfluencePictures:
 
 def influence_question(verdict: EffectsVerdict, row: EffectRow, position: tuple[int, int, int]) -> InfluenceQuestion:
     """Return the question what the effect of ``row`` does at a position, beside what the planner has on."""
-    from lfcal.simulate.simulate import budgeted
+    from lfcal.simulate.plane_task import budgeted
 
     plan, settings = verdict.plan, verdict.settings
     selection = verdict.found if row.enters_h else verdict.frames

@@ -14,8 +14,8 @@ from lfcal.camera import ScanPlan
 from lfcal.simulate import plan_effects
 from lfcal.simulate.accuracy.forecast import engine_clock, plane_seconds, whole_of
 from lfcal.simulate.engines.choose import engine_for
+from lfcal.simulate.plane_task import Budget, budgeted
 from lfcal.simulate.response import PlaneResponse
-from lfcal.simulate.simulate import Budget, budgeted
 from lfcal.units import format_length
 
 __all__ = ["PLACE", "TOLERANCES"]

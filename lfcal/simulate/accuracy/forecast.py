@@ -15,8 +15,8 @@ from lfcal.simulate.accuracy.cost import engine_seconds
 from lfcal.simulate.effects import Effect
 from lfcal.simulate.engines.base import PlaneEngine, Sampling
 from lfcal.simulate.engines.choose import engine_for
+from lfcal.simulate.plane_task import Budget, EffectsLike, budgeted
 from lfcal.simulate.response import PlaneResponse
-from lfcal.simulate.simulate import Budget, EffectsLike, budgeted
 from lfcal.simulate.staging import light_samples, outlook_of
 from lfcal.simulate.symmetry import mirrored_rows
 

@@ -19,8 +19,8 @@ from lfcal.simulate.accuracy.probe import LARGEST_GRID
 from lfcal.simulate.accuracy.sampling import LevelSampling, steps_for
 from lfcal.simulate.engines.base import EnergyError, PlaneEngine, Sampling
 from lfcal.simulate.engines.choose import engine_for
+from lfcal.simulate.plane_task import EffectsLike, budgeted
 from lfcal.simulate.scene import Scene
-from lfcal.simulate.simulate import EffectsLike, budgeted
 from lfcal.simulate.staging import resolve_level, scene_for
 
 __all__ = [

@@ -13,8 +13,8 @@ from lfcal.simulate.accuracy.probe import places
 from lfcal.simulate.accuracy.sampling import LevelSampling, grid_extent, steps_for, tilt_orders
 from lfcal.simulate.effects.base import Effect
 from lfcal.simulate.engines.base import Sampling
+from lfcal.simulate.plane_task import EffectsLike, PlaneTask, budgeted
 from lfcal.simulate.scene import Scene
-from lfcal.simulate.simulate import EffectsLike, PlaneTask, budgeted
 from lfcal.simulate.staging import filter_kernel, resolve_level, scene_for
 from lfcal.threads import worker_count
 

@@ -24,11 +24,11 @@ from lfcal.simulate.accuracy.planner import plan_effects
 from lfcal.simulate.effects.base import FrameEffect, MotionEffect
 from lfcal.simulate.effects.light import FiniteSource
 from lfcal.simulate.engines.base import Sampling
+from lfcal.simulate.plane_task import EffectsLike, budgeted, describe, tolerance_for
 from lfcal.simulate.sensor.noise import FrameKind, expose, random_numbers, sample_type, temporal_noise
 from lfcal.simulate.sensor.responses import Responses
 from lfcal.simulate.sensor.white import white_light, white_tile
 from lfcal.simulate.sensor.windows import joined, place, sum_of
-from lfcal.simulate.simulate import EffectsLike, budgeted, describe, tolerance_for
 
 __all__ = ["SOURCE", "SimulatedCamera"]
 

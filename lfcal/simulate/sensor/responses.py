@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from lfcal.camera import ScanPlan
 from lfcal.camera.shadow import half_extent_px
 from lfcal.simulate.engines.base import Sampling
+from lfcal.simulate.plane_task import Budget
 from lfcal.simulate.response import PlaneResponse
-from lfcal.simulate.simulate import Budget
 from lfcal.simulate.staging import origin_of
 
 __all__ = ["DISPLACED_KEPT", "NEAR_PX", "Responses", "Window"]

@@ -15,8 +15,8 @@ from lfcal.errors import InputError
 from lfcal.files import read_text, replace_whole, require_space, storage_errors
 from lfcal.plain import plain
 from lfcal.progress import Clock, Work, drained
+from lfcal.simulate.plane_task import describe
 from lfcal.simulate.sensor.camera_source import SimulatedCamera
-from lfcal.simulate.simulate import describe
 
 __all__ = [
     "UNFINISHED",

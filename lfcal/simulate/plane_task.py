@@ -1,0 +1,163 @@
+"""One plane of an H by simulation, and all that decides its values: effects, tolerance, engine."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import ScanPlan
+from lfcal.errors import InputError
+from lfcal.progress import Clock, Progress, Work
+from lfcal.simulate.accuracy.cost import learn
+from lfcal.simulate.accuracy.planner import FOR_EFFECTS, EffectSelection, plan_effects
+from lfcal.simulate.effects.base import Effect
+from lfcal.simulate.engines.base import Sampling
+from lfcal.simulate.response import PlaneResponse
+from lfcal.simulate.staging import outlook_of
+from lfcal.threads import worker_count
+
+__all__ = ["Budget", "Computed", "EffectsLike", "PlaneTask", "budgeted", "describe", "tolerance_for"]
+
+BLOCK_BYTES = 64 << 20
+"""Rows of responses that are computed between two reports of progress are about this large."""
+
+USUAL_TOLERANCE = 0.03
+"""Relative L1 error allowed where nothing says another."""
+
+EffectsLike = Iterable[Effect] | EffectSelection | str
+
+
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """How a tolerance is split at each depth.
+
+    Attributes
+    ----------
+    effects
+        All that are on at any depth.
+    tolerance
+        Relative L1 error allowed in all.
+    selection
+        Which are on at which depth and what they leave out; None: the same effects everywhere, nothing left out.
+    """
+
+    effects: tuple[Effect, ...]
+    tolerance: float
+    selection: EffectSelection | None = None
+
+    def at(self, z_um: float) -> tuple[tuple[Effect, ...], float]:
+        """Return the effects at a depth, and the share of the tolerance that they leave to the computation."""
+        chosen = self.selection
+        if chosen is None:
+            return self.effects, self.tolerance
+        # a selection made for another tolerance must not use this one up
+        left = max(self.tolerance - chosen.left_out[chosen.plane(z_um)], (1 - FOR_EFFECTS) * self.tolerance)
+        return chosen.at(z_um), left
+
+
+def tolerance_for(effects: object, tolerance: float | None) -> float:
+    """Return ``tolerance`` where it is given; None: that of a selection of effects, else `USUAL_TOLERANCE`."""
+    if tolerance is not None:
+        return tolerance
+    return effects.tolerance if isinstance(effects, EffectSelection) else USUAL_TOLERANCE
+
+
+def budgeted(effects: EffectsLike, plan: ScanPlan, tolerance: float | None) -> Budget:
+    """Return the budget of effects as given, of those a selection has on, or of those that ``"auto"`` finds necessary.
+
+    Nothing is known to be left out beside effects that are given. ``tolerance`` is as in `tolerance_for`.
+    """
+    tolerance = tolerance_for(effects, tolerance)
+    if isinstance(effects, str):
+        if effects != "auto":
+            raise InputError.expected("effects", "effects, an EffectSelection or 'auto'", repr(effects), "correct it")
+        effects = plan_effects(plan.camera, plan, tolerance)
+    if isinstance(effects, EffectSelection):
+        return Budget(effects.effects, tolerance, effects)
+    chosen = tuple(effects)
+    for effect in chosen:
+        if not isinstance(effect, Effect):
+            raise InputError.expected("effects", "effect objects", type(effect).__name__, "see lfcal.simulate")
+    return Budget(chosen, tolerance)
+
+
+def describe(effects: Iterable[Effect]) -> list[dict[str, Any]]:
+    """Return the effects with their magnitudes as plain JSON types, for provenance."""
+    return [{"name": e.name, **dataclasses.asdict(e)} for e in effects]  # type: ignore[call-overload]
+
+
+class Computed(NamedTuple):
+    """What is known of a plane that was computed.
+
+    Attributes
+    ----------
+    error
+        Relative L1 error: what is left out, as estimated, and the computation, as measured.
+    record
+        ``engine``, ``sampling`` and ``seconds`` (elapsed), for provenance.
+    """
+
+    error: float
+    record: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class PlaneTask:
+    """One plane of an H, and all that decides its values.
+
+    Attributes
+    ----------
+    plan, z
+        The plan and the number of the plane.
+    effects
+        Those that are on at this plane.
+    level, sampling
+        As in `simulate_psf`.
+    tolerance
+        Relative L1 error that the computation may have.
+    left_out
+        The error of effects that are left out, as estimated.
+    """
+
+    plan: ScanPlan
+    z: int
+    effects: tuple[Effect, ...]
+    level: str
+    tolerance: float
+    left_out: float
+    sampling: Sampling | None
+
+    def compute(self, out: NDArray[np.float32], workers: int | None) -> Work[Computed]:
+        """Compute the plane into ``out`` ``(ny, nx, nt, ns)``, zeroed."""
+        begun, cpu = time.perf_counter(), time.process_time()
+        response = PlaneResponse(
+            self.plan, self.z, self.effects, level=self.level, tolerance=self.tolerance, sampling=self.sampling
+        )
+        name = f"simulate plane {self.z + 1} of {self.plan.shape[0]}"
+        yield from _plane(out, response, name, worker_count(workers))
+        outlook, rays = outlook_of(self.plan, self.z), response.level == "geometric"
+        lost = sum(e.estimate(outlook).error for e in self.effects if rays and e.needs_waves)
+        elapsed, count = time.perf_counter() - begun, worker_count(workers)
+        # of the process's time no more than its workers can have taken
+        learn(outlook, response.level, self.tolerance, response.runs, min(time.process_time() - cpu, count * elapsed))
+        seconds = round(elapsed, 3)
+        record = {"engine": response.level, "sampling": response.sampling_used, "seconds": seconds}
+        return Computed(response.reached + self.left_out + lost, record)
+
+
+def _plane(out: NDArray[np.float32], response: PlaneResponse, name: str, workers: int) -> Iterable[Progress]:
+    """Compute one plane into ``out`` ``(ny, nx, nt, ns)``, zeroed; yield progress."""
+    ny, nx = out.shape[:2]
+    # Whatever the number of threads: rows of a block mirror each other, and another block is other rounding. An even
+    # number, for they come in pairs.
+    block = min(ny, max(2, BLOCK_BYTES // max(1, out[0].nbytes) // 2 * 2))
+    clock = Clock(name, ny * response.runs)
+    yield clock.at(0)
+    for done in response.accumulate(out, np.arange(ny), np.arange(nx), block=block, workers=workers):
+        yield clock.at(done)
