@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lfcal.acquire.frame_plan import FramePlan, scan_of
+from lfcal.acquire.frame_plan import FramePlan
 from lfcal.acquire.lighting import check_light
 from lfcal.acquire.motion import check_limits
 from lfcal.acquire.options import Options
@@ -90,7 +90,7 @@ def forecast(
     >>> print(expected.positions, "positions and", expected.other_frames, "other frames")
     6 positions and 3 other frames
     """
-    scan = scan_of(plan)
+    scan = plan.scan
     devices = check_devices(scan, rig)
     check_fixed(devices, options)
     if isinstance(plan, ScanPlan):

@@ -8,9 +8,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.camera import RegionPlan, ScanPlan
+from lfcal.camera import ScanPlan
 
-__all__ = ["FramePlan", "frame_grid", "frame_positions", "read_frame_plan", "scan_of"]
+__all__ = ["FramePlan", "frame_grid", "frame_positions", "read_frame_plan"]
 
 
 class FramePlan(Protocol):
@@ -41,11 +41,6 @@ class FramePlan(Protocol):
     def to_dict(self) -> dict[str, Any]:
         """Return the plan as plain JSON types."""
         ...
-
-
-def scan_of(plan: ScanPlan | FramePlan | RegionPlan) -> ScanPlan:
-    """Return the scan that a plan is, or stands for; of several regions that of the first."""
-    return plan if isinstance(plan, ScanPlan) else plan.scan
 
 
 def frame_grid(plan: FramePlan) -> tuple[int, int, int]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from lfcal.acquire.control import Control
 from lfcal.acquire.errors import AcquisitionStopped
-from lfcal.acquire.frame_plan import FramePlan, scan_of
+from lfcal.acquire.frame_plan import FramePlan
 from lfcal.acquire.known import Known, known_around
 from lfcal.acquire.options import Options
 from lfcal.acquire.origin import check_origin
@@ -103,7 +103,7 @@ def iter_record(
     6 of 6 frames
     """
     control = control or Control()
-    scan = scan_of(plan)
+    scan = plan.scan
     devices = check_devices(scan, rig)
     if scan is not plan and (only is not None or len(kept_aside)):
         raise InputError.expected("positions to record", "none beside a target", "some", "its frames show many at once")

@@ -118,7 +118,7 @@ def _in_the_optics(camera: Camera) -> list[_Row]:
         ("micro-image over lenslet", f"{lenslet / number:.3g}", lenslet / number, "", (*APERTURE, "lattice.gap_um")),
         ("magnification |M|", f"{camera.magnification:.4g}", camera.magnification, "", DEPTH),
     ]
-    if isinstance(optics, MainLens):
+    if not optics.telecentric:
         distance = optics.image_distance_um
         rows.insert(0, ("lens to lenslets", format_length(distance), distance, "µm", DEPTH[:2]))
     return rows

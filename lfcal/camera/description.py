@@ -105,9 +105,7 @@ class Camera:
     @property
     def lattice_scale(self) -> float:
         """Micro-image lattice over lenslet lattice: 1 + B/b for a lens, 1 for a telecentric microscope."""
-        if isinstance(self.optics, Microscope):
-            return 1.0
-        # the chief ray leaves the lens's centre and passes the lenslet at distance b, the sensor at b + B
+        # the chief ray leaves the exit pupil's centre and passes the lenslet at distance b, the sensor at b + B
         return 1.0 + self.lattice.gap_um / self.optics.image_distance_um
 
     @property

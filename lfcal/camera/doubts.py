@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from lfcal.camera.derived import derived_of
 from lfcal.camera.description import Camera
-from lfcal.camera.main_lens import Microscope
 from lfcal.camera.quantities import Quantity, quantities_of, value_at
 
 __all__ = ["doubts"]
@@ -78,5 +77,5 @@ def _apertures(camera: Camera) -> list[str]:
     ratio = lattice.gap_um / (optics.working_f_number * lattice.clear_diameter_um)
     if ratio <= 1.5:
         return []
-    remedy = "magnification and NA" if isinstance(optics, Microscope) else "f-number and distance"
+    remedy = "magnification and NA" if optics.telecentric else "f-number and distance"
     return [f"micro-images would be {ratio:.2g} lenslets wide and overlap; check the gap, and {remedy}"]

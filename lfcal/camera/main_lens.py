@@ -136,6 +136,11 @@ class Microscope:
         return True
 
     @property
+    def image_distance_um(self) -> float:
+        """Distance from the exit pupil to the lenslet array: infinite, for chief rays are parallel."""
+        return math.inf
+
+    @property
     def working_f_number(self) -> float:
         """M / (2 NA): the cone that reaches the lenslets."""
         # paraxial 1/(2 NA) on the object side, M times slower on the image side

@@ -190,6 +190,11 @@ class ScanPlan:
         return (len(self.depths_um), *self.period, *self.cutout)
 
     @property
+    def scan(self) -> ScanPlan:
+        """The plan itself; plans of targets and of regions have the scan that they are made for."""
+        return self
+
+    @property
     def n_positions(self) -> int:
         """Source positions in all."""
         return len(self.depths_um) * self.period[0] * self.period[1]

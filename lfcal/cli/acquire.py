@@ -117,7 +117,6 @@ def command(
 
     Example: `lfcal acquire plan.json --backend sim --out session/ --assemble H.h5`
     """
-    from lfcal.acquire.frame_plan import scan_of
     from lfcal.acquire.redo import RedoList
     from lfcal.acquire.runner import Outcome
     from lfcal.camera import RegionPlan
@@ -144,7 +143,7 @@ def command(
     if goal is not None and (positions is not None or redo is not None):
         raise InputError("--until-error: chooses positions itself; leave --positions and --redo out")
     recorded = read_plan(plan, origin)
-    scan = scan_of(recorded)
+    scan = recorded.scan
     single = {
         "--positions": positions is not None,
         "--until-error": goal is not None,
@@ -295,14 +294,13 @@ def _record(task: _Task, rig: Rig, control: Control) -> tuple[Outcome | Adapted,
 
 
 def _adapted(task: _Task, rig: Rig, control: Control, quality: LiveQuality | LiveCoverage) -> Adapted:
-    from lfcal.acquire.frame_plan import scan_of
     from lfcal.campaign import iter_adaptive
     from lfcal.cli.console import run_work
 
     assert task.goal is not None
     work = iter_adaptive(
         task.out,
-        scan_of(task.plan),
+        task.plan.scan,
         rig,
         task.goal,
         task.options,
@@ -378,7 +376,6 @@ class _Cover:
 
 def _show_forecast(task: _Task, rig: Rig, frame_rate: float | None) -> None:
     from lfcal.acquire.forecast import forecast
-    from lfcal.acquire.frame_plan import scan_of
     from lfcal.camera import RegionPlan
     from lfcal.cli.acquire_regions import forecast_regions
     from lfcal.cli.console import print_json, print_table, report
@@ -388,7 +385,7 @@ def _show_forecast(task: _Task, rig: Rig, frame_rate: float | None) -> None:
 
     only: tuple[Position, ...] = () if task.only is None else task.only.positions
     if task.goal is not None:
-        scan = scan_of(task.plan)
+        scan = task.plan.scan
         most = task.goal.most or scan.n_positions
         only = tuple(Position(*place) for place in scan.order_indices()[:most].tolist())
         report("note: at most so much: the session ends when the wanted error of H is reached")
@@ -397,7 +394,7 @@ def _show_forecast(task: _Task, rig: Rig, frame_rate: float | None) -> None:
     else:
         found = forecast(task.plan, rig, task.options, task.out, only=only, frames_per_s=frame_rate)
     if task.quiet:
-        print_json(plain(found) | {"assumed": scan_of(task.plan).camera.marks.paths("assumed")})
+        print_json(plain(found) | {"assumed": task.plan.scan.camera.marks.paths("assumed")})
         return
     unread = f" {WITHOUT_READOUT}" if found.readout_seconds is None else ""
     optics = [["frames", simulated_words(optics)] for optics in simulated_optics(rig).values()]

@@ -21,7 +21,6 @@ R = TypeVar("R")
 
 def read_plan(path: Path, origin: str) -> ScanPlan | TargetPlan | RegionPlan:
     """Return the plan of a scan, a target or regions in a file, its stage at ``origin`` if that is given."""
-    from lfcal.acquire.frame_plan import scan_of
     from lfcal.camera import RegionPlan, ScanPlan
     from lfcal.cli.acquire_target import target_plan_in
     from lfcal.errors import InputError
@@ -38,7 +37,7 @@ def read_plan(path: Path, origin: str) -> ScanPlan | TargetPlan | RegionPlan:
     place = numbers(origin, "--origin") or ()
     if len(place) != 3:
         raise InputError.expected("--origin", "X,Y,Z in µm", origin, "give three numbers")
-    scan = scan_of(found)
+    scan = found.scan
     scan = replace(scan, stage=replace(scan.stage, origin_um=(place[0], place[1], place[2])))
     return scan if isinstance(found, ScanPlan) else replace(found, scan=scan)
 
@@ -61,11 +60,10 @@ def tell_automatic(plan: ScanPlan | TargetPlan | RegionPlan, rig: Rig, options: 
 
     A session that continues is compared with its own camera settings first, which gives the clearer message.
     """
-    from lfcal.acquire.frame_plan import scan_of
     from lfcal.acquire.session import check_devices, check_fixed
     from lfcal.cli.console import report
 
-    devices = check_devices(scan_of(plan), rig)
+    devices = check_devices(plan.scan, rig)
     if not goes_on:
         check_fixed(devices, options)
     if devices.automatic and options.allow_automatic:

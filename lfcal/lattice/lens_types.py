@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.camera import Camera, LensletLattice
-from lfcal.camera.main_lens import MainLens
 from lfcal.checks import as_sensor_frame, check_choice, check_tuple
 from lfcal.errors import InputError
 from lfcal.lattice.fit import LatticeFit
@@ -102,7 +101,7 @@ def expected_blur(camera: Camera, virtual_depth: float | None = None) -> tuple[f
     """
     gap = camera.lattice.gap_um
     if virtual_depth is None:
-        inverse = -gap / camera.optics.image_distance_um if isinstance(camera.optics, MainLens) else 0.0
+        inverse = -gap / camera.optics.image_distance_um
     elif virtual_depth == 0:
         raise InputError.expected("virtual depth", "a plane off the lenslets", 0, "choose another frame")
     else:

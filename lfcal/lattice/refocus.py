@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.camera import Camera, MainLens
+from lfcal.camera import Camera
 from lfcal.checks import check_number
 from lfcal.lattice.views import Views
 
@@ -35,7 +35,7 @@ def sensor_slope(camera: Camera, z_um: float) -> float:
     """
     a = camera.image_shift_um(z_um)
     v = a / camera.lattice.gap_um
-    if not isinstance(camera.optics, MainLens):
+    if camera.optics.telecentric:
         return v
     b = camera.optics.image_distance_um
     return v * (b + camera.lattice.gap_um) / (b + a)
@@ -49,7 +49,7 @@ def virtual_depth_of_slope(camera: Camera, slope: float) -> float:
     InputError
         If no plane has this slope: behind a main lens it grows to (b + B)/B at most.
     """
-    if not isinstance(camera.optics, MainLens):
+    if camera.optics.telecentric:
         return slope
     b, gap = camera.optics.image_distance_um, camera.lattice.gap_um
     limit = (b + gap) / gap

@@ -211,3 +211,9 @@ def test_every_entry_is_of_its_type(path: tuple[Any, ...]) -> None:
             assert len(str(error)) < 500, value
         else:
             assert ScanPlan.from_json(plan.to_json()) == plan, value
+
+
+def test_a_microscope_is_seen_from_infinity() -> None:
+    camera = next(camera for camera in map(preset, PRESETS) if isinstance(camera.optics, Microscope))
+    assert camera.optics.image_distance_um == math.inf
+    assert camera.lattice_scale == 1.0 and camera.magnification == camera.optics.magnification

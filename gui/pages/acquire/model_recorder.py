@@ -16,7 +16,7 @@ from gui.pages.acquire.model_earlier import EarlierFrames, EarlierRuns, PlaneSum
 from gui.pages.acquire.model_station import Station
 from lfcal.acquire.blocks import coarse_order
 from lfcal.acquire.control import Control
-from lfcal.acquire.frame_plan import frame_grid, frame_positions, scan_of
+from lfcal.acquire.frame_plan import frame_grid, frame_positions
 from lfcal.acquire.live_coverage import LiveCoverage
 from lfcal.acquire.live_quality import LiveQuality, QualityState
 from lfcal.acquire.options import Options
@@ -72,7 +72,7 @@ class Recorder:
         known: EarlierRuns | None = None,
     ) -> None:
         self.folder, self.recorded, self.options, self.resume = folder, plan, options, resume
-        self.plan = scan_of(plan)
+        self.plan = plan.scan
         self.redo = tuple(Position(*p) for p in redo)
         self.goal, self.ended = goal, ""
         self.steps: list[AdaptiveStep] = []

@@ -76,7 +76,7 @@ class OpticsView(QWidget):
         p.setBrush(QColor(theme.bad))
         p.setPen(Qt.PenStyle.NoPen)
         p.drawEllipse(QPointF(left, axis), 3.5, 3.5)
-        to_scale = isinstance(optics, MainLens)
+        to_scale = not optics.telecentric
         self._dimension(p, left, lens, axis + height * 1.15 + 10, format_length(before) if to_scale else "")
         if not to_scale:  # above, where there is room for words
             self._words(p, left, lens, axis - height * 1.15 - 22, "objective (not to scale)")

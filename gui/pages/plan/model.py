@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gui.models.form import Field
-from lfcal.camera import Camera, Forecast, MainLens, ScanPlan, StageAxes
+from lfcal.camera import Camera, Forecast, ScanPlan, StageAxes
 from lfcal.errors import LfcalError
 from lfcal.units import format_bytes, format_length, format_seconds
 
@@ -79,7 +79,7 @@ FIELDS = (
 
 def default_plan(camera: Camera) -> ScanPlan:
     """Return a plan to begin with: a few planes on one side of the array for a lens, on both for a microscope."""
-    if isinstance(camera.optics, MainLens):
+    if not camera.optics.telecentric:
         near = max((t.focus_depth(camera.lattice.gap_um) for t in camera.lattice.types), default=4.0)
         far = near if np.isfinite(near) and near > 2 else 5.0
         return ScanPlan.for_camera(camera, virtual_depths=[float(v) for v in np.linspace(2.0, far + 0.5, 4).round(2)])

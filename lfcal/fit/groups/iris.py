@@ -102,7 +102,7 @@ class Law(Group):
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return the law, 0 by the sine condition and 1 by the tangent."""
         del frame
-        if not isinstance(setup.camera.optics, MainLens) or setup.effect(ExactAngles) is None:
+        if setup.camera.optics.telecentric or setup.effect(ExactAngles) is None:
             return ()
         own = setup.effect(LensLaw)
         return (Unknown("lens_law", self.name, "", 0.0 if own is None else own.tangent, LAW, LAW, *LAWS),)

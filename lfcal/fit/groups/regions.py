@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 
-from lfcal.camera import MainLens
 from lfcal.fit.groups.depths import depth_scale
 from lfcal.fit.parameters import Group, ScanScales, Unknown
 from lfcal.fit.setup import RegionPlace, Setup
@@ -43,7 +42,7 @@ class FieldWavefront(Group):
         if len(frame.fields_um) < 2:
             return ()
         start, names = self._start(setup, frame), ["spherical"]
-        if isinstance(setup.camera.optics, MainLens):
+        if not setup.camera.optics.telecentric:
             names = ["coma", "astigmatism", *names]
             names += ["astigmatism_y", "astigmatism_x"] if len(frame.fields_um) > 2 else []
         held = "the wavefront's terms beside these are those on the axis"

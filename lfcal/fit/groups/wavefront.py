@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from lfcal.camera import MainLens
 from lfcal.fit.parameters import Group, ScanScales, Unknown
 from lfcal.fit.setup import Setup
 from lfcal.simulate.effects import Zernike
@@ -61,7 +60,7 @@ class WavefrontGroup(Group):
 
     def _terms_of(self, setup: Setup) -> tuple[tuple[int, int], ...]:
         """Return the terms that the camera's simulation has: of an objective those of rotational symmetry."""
-        lens = isinstance(setup.camera.optics, MainLens)
+        lens = not setup.camera.optics.telecentric
         return tuple((n, m) for n, m in self.terms if lens or m == 0)
 
 

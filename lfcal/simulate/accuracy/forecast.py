@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lfcal.camera import Microscope, ScanPlan
+from lfcal.camera import ScanPlan
 from lfcal.compiled import preparing_seconds
 from lfcal.simulate.accuracy.cost import engine_seconds
 from lfcal.simulate.effects import Effect
@@ -118,7 +118,7 @@ def _samples(plan: ScanPlan, z: int, budget: Budget) -> int:
 
 def _expected(plan: ScanPlan, z: int, budget: Budget, level: str) -> float:
     """Return the CPU-seconds of a plane, as estimated; ``auto`` is rays where nothing calls for waves."""
-    waves = "debye" if isinstance(plan.camera.optics, Microscope) else "wave"
+    waves = "debye" if plan.camera.optics.telecentric else "wave"
     level = {"auto": waves, "microscope": "debye"}.get(level, level)
     chosen, _ = budget.at(plan.depths_um[z])
     if level == waves and budget.selection is not None and not any(effect.needs_waves for effect in chosen):

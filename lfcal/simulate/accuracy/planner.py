@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from lfcal.camera import Camera, Microscope, ScanPlan
+from lfcal.camera import Camera, ScanPlan
 from lfcal.checks import check_number
 from lfcal.errors import InputError, choose
 from lfcal.simulate.accuracy.cost import engine_times
@@ -204,7 +204,7 @@ def plan_effects(
     candidates = tuple({e.name: e for e in (*catalogue(), *effects)}.values())
     settings = _settings(overrides or {}, candidates)
     known = {effect.name for effect in effects}
-    costs = _Costs(planes, "debye" if isinstance(camera.optics, Microscope) else "wave", tolerance)
+    costs = _Costs(planes, "debye" if camera.optics.telecentric else "wave", tolerance)
     counting = tuple(e for e in candidates if _counts(e, e.name in known, frames))
     estimates = estimates_of(candidates, counting, planes, region if isinstance(region, ScanPlan) else None)
     drafts = [

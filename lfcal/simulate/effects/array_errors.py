@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from lfcal.camera import Microscope
 from lfcal.errors import InputError
 from lfcal.simulate.effects.base import Estimate, SceneEffect
 from lfcal.simulate.effects.outlook import Outlook
@@ -40,7 +39,7 @@ class Telecentricity(SceneEffect):
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the growth of the period, and the spots' rms shift over the lit lenslets of the region."""
         optics = outlook.camera.optics
-        if isinstance(optics, Microscope):
+        if optics.telecentric:
             return Estimate(0.0, "px", 0.0, "telecentric")
         excess = outlook.gap_um / optics.image_distance_um
         # Micro-images are farther apart than lenslets by the ratio of the distances from the pupil.
@@ -51,8 +50,7 @@ class Telecentricity(SceneEffect):
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
         """Return the scene with the pupil where it is."""
-        optics = outlook.camera.optics
-        return scene if isinstance(optics, Microscope) else replace(scene, pupil_um=optics.image_distance_um)
+        return replace(scene, pupil_um=outlook.camera.optics.image_distance_um)
 
 
 @dataclass(frozen=True, slots=True)

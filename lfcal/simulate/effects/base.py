@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.camera import Camera, MainLens, has_value, value_at
+from lfcal.camera import Camera, has_value, value_at
 from lfcal.checks import check_number
 from lfcal.simulate.effects.outlook import Outlook
 from lfcal.simulate.scene import Scene
@@ -197,7 +197,7 @@ def typical(value: float | None, camera: Camera, lens: float, microscope: float)
     """Return ``value``, or where it is None what is typical of the kind of optics."""
     if value is not None:
         return value
-    return lens if isinstance(camera.optics, MainLens) else microscope
+    return microscope if camera.optics.telecentric else lens
 
 
 def _frozen(value: Any) -> Any:

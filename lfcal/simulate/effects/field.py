@@ -38,7 +38,7 @@ class CosFourth(FrameEffect):
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return 1 - cos^4 at the rms distance of the lit pixels from the axis."""
         optics = outlook.camera.optics
-        if not isinstance(optics, MainLens):
+        if optics.telecentric:
             return Estimate(0.0, "relative", 0.0, "telecentric")
         field = math.hypot(*outlook.field_um)
         r = math.hypot(field, outlook.field_rms_px * outlook.pixel_um)
@@ -48,7 +48,7 @@ class CosFourth(FrameEffect):
     def gain(self, camera: Camera, row: int, rows: int) -> NDArray[np.float32]:
         """Return the gain ``(rows, columns)`` of sensor rows ``row`` to ``row + rows``: (1 + (r/b)²)^-2."""
         optics, sensor = camera.optics, camera.sensor
-        if not isinstance(optics, MainLens):
+        if optics.telecentric:
             return np.ones((1, 1), np.float32)
         unit = sensor.pixel_um / optics.image_distance_um
         y = (np.arange(row, row + rows) - sensor.centre_px[0]) * unit

@@ -81,7 +81,7 @@ class VectorialPupil(SceneEffect):
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
         """Return what four more fields take: their tables are shared where rows and columns part (measured)."""
-        if not isinstance(outlook.camera.optics, Microscope):
+        if not outlook.camera.optics.telecentric:
             return 0.0
         lattice = outlook.camera.lattice
         shared = lattice.kind == "square" and lattice.edge_to_edge and lattice.rotation_rad == 0

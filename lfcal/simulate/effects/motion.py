@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.camera import Camera, Microscope
+from lfcal.camera import Camera
 from lfcal.simulate.effects.base import Estimate, MotionEffect
 from lfcal.simulate.effects.outlook import Outlook
 
@@ -218,7 +218,7 @@ class DepthError(MotionEffect):
         step = MEAN * self.rms(camera)
         dv = abs(camera.virtual_depth(outlook.z_um + step) - camera.virtual_depth(outlook.z_um))
         shift = dv * outlook.gap_um / (3 * outlook.f_number * abs(outlook.virtual_depth)) / outlook.pixel_um
-        if isinstance(camera.optics, Microscope):
+        if camera.optics.telecentric:
             shift = min(shift, outlook.shadow_px)
         return Estimate(dv, "virtual depth", outlook.moved(shift), "M² dz/B; shift dv B/(3 Nw v)")
 

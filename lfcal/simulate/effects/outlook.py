@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
-from lfcal.camera import Camera, MainLens, Microscope
+from lfcal.camera import Camera, Microscope
 
 __all__ = ["Outlook", "share_moved", "share_widened"]
 
@@ -276,4 +276,4 @@ class Outlook:
     @property
     def has_lens(self) -> bool:
         """Whether the optics are a photographic main lens."""
-        return isinstance(self.camera.optics, MainLens)
+        return not self.camera.optics.telecentric

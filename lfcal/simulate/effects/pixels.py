@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.camera import Camera, MainLens
+from lfcal.camera import Camera
 from lfcal.simulate.effects.base import EngineSeconds, Estimate, PsfEffect, SceneEffect
 from lfcal.simulate.effects.outlook import Outlook
 from lfcal.simulate.scene import Scene
@@ -145,10 +145,8 @@ class AngularResponse(SceneEffect):
 
     def slope(self, outlook: Outlook) -> tuple[float, float]:
         """Return the sines (y, x) of the region's chief ray."""
-        optics, (y, x) = outlook.camera.optics, outlook.field_um
-        if not isinstance(optics, MainLens):
-            return 0.0, 0.0
-        away = math.hypot(optics.image_distance_um, y, x)
+        y, x = outlook.field_um
+        away = math.hypot(outlook.camera.optics.image_distance_um, y, x)
         return y / away, x / away
 
     def estimate(self, outlook: Outlook) -> Estimate:
