@@ -159,10 +159,6 @@ class MainWindow(QMainWindow):
             self.stack.insertWidget(row, made)
         return self._pages[key]
 
-    def is_made(self, key: str) -> bool:
-        """Return whether the page called ``key`` was looked at."""
-        return key in self._pages
-
     def _row(self, key: str) -> int:
         """Return the place of a page in the rail, -1 where there is no such page."""
         return next((row for row, spec in enumerate(self.specs) if spec.key == key), -1)

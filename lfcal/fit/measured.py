@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from lfcal.camera import Camera, ScanPlan
 from lfcal.checks import check_number
@@ -150,10 +150,6 @@ class Measured:
         if self.beside is None or self.blur is None or hole_um is None:
             return self.beside
         return self.beside + np.float32(hole_um**2 - self.blurred_um**2) * self.blur
-
-    def with_left_out(self, left_out: ArrayLike) -> Measured:
-        """Return the same patterns with others kept aside."""
-        return replace(self, left_out=np.asarray(left_out, np.bool_))
 
 
 def measured_of(

@@ -144,15 +144,6 @@ class LatticeFit:
         """Return the straight lattice's vectors as rows (x, y): along a row, and to the next row (pixels)."""
         return self.model.basis()
 
-    def local_basis_px(self, row: float, column: float) -> Array:
-        """Return the lattice vectors as rows (x, y) as they are seen about a point of the frame (pixels)."""
-        basis = self.basis_px()
-        if self.distortion is None:
-            return basis
-        bend = self.distortion.jacobian(self.distortion.invert(np.array([column, row], float)))
-        local: Array = basis @ bend.T
-        return local
-
     @cached_property
     def model(self) -> LatticeModel:
         """The lattice as a model with points (x, y) (pixels)."""

@@ -45,8 +45,6 @@ class DisplayFit:
     >>> fit: DisplayFit = display_fit(step_um=10.0, pixel_um=2.0)
     >>> fit
     DisplayFit(pixel_um=2.0, step_um=10.0, image_px=0.2, placing_px=0.0, fits=True)
-    >>> print(fit.per_step, "display pixels from one source position to the next")
-    5 display pixels from one source position to the next
     """
 
     pixel_um: float
@@ -54,11 +52,6 @@ class DisplayFit:
     image_px: float
     placing_px: float
     fits: bool
-
-    @property
-    def per_step(self) -> int:
-        """Display pixels from one source position to the next."""
-        return max(1, round(self.step_um / self.pixel_um))
 
     @property
     def words(self) -> str:

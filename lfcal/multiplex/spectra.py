@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.errors import FileFormatError, InputError
 from lfcal.files import read_text
 
-__all__ = ["TABLES", "Spectra", "colour_matching", "daylight", "illuminant_a", "read_spectra", "shipped_spectra"]
+__all__ = ["TABLES", "Spectra", "colour_matching", "daylight", "read_spectra", "shipped_spectra"]
 
 Array = NDArray[np.float64]
 
@@ -141,13 +141,6 @@ def shipped_spectra(name: str) -> Spectra:
     if name not in TABLES:
         raise InputError.expected("table", " or ".join(TABLES), repr(name), "or read your own with read_spectra")
     return read_spectra(FOLDER / f"{name}.csv")
-
-
-def illuminant_a(wavelengths_nm: ArrayLike) -> Array:
-    """Return CIE standard illuminant A, relative power, 100 at 560 nm (CIE 15, equation of the standard)."""
-    waves = np.asarray(wavelengths_nm, float)
-    power: Array = 100 * (560 / waves) ** 5 * np.expm1(1.435e7 / (2848 * 560)) / np.expm1(1.435e7 / (2848 * waves))
-    return power
 
 
 def daylight(temperature_k: float) -> Spectra:

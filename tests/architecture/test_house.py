@@ -238,3 +238,12 @@ def test_no_public_class_name_stands_in_two_files() -> None:
                 files.setdefault(node.name, []).append(str(path.relative_to(ROOT)))
     assert {name: where for name, where in files.items() if len(where) > 1 and name not in SAME_NAME} == {}
     assert all(len(files[name]) > 1 for name in SAME_NAME), "an exception that is needed no longer"
+
+
+def test_tests_lie_in_folders_of_the_packages_that_they_test() -> None:
+    pages = [folder for folder in (ROOT / "gui" / "pages").iterdir() if (folder / "__init__.py").is_file()]
+    packages = [folder for folder in (ROOT / "lfcal").iterdir() if (folder / "__init__.py").is_file()]
+    assert len(packages) > 15 and len(pages) > 8
+    for folder in (*packages, *pages):
+        place = folder.relative_to(ROOT / "lfcal" if folder in packages else ROOT)
+        assert list((ROOT / "tests" / place).rglob("test_*.py")), place

@@ -155,7 +155,7 @@ def fitted(seed: int) -> tuple[Fit, float]:
     truth, design = random_truth(SMALL, rng, size=0.0), small_design()
     measured = recorded(truth, 15, rng, index=design.positions)
     aside = np.arange(15) >= len(design.fitted)
-    fit = fit_camera(measured.with_left_out(aside), unknowns=CORE, stage=0.0, workers=1)
+    fit = fit_camera(replace(measured, left_out=aside), unknowns=CORE, stage=0.0, workers=1)
     return fit, measured_error(fit, truth, 40)["error_l2"]
 
 

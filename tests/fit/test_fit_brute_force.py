@@ -121,7 +121,7 @@ def fit_of(case: Case, count: int = COUNT, peak: float = PEAK) -> Fit:
     used = spread_out(given.fitted, count, case.plan.period)
     patterns = measured(case.plan, data[used], given.fitted[used], (READ**2, 1.0))
     start = tuple(e for e in given.truth.effects if not isinstance(e, LensletSpherical))
-    whole = patterns.with_left_out(np.zeros(count, bool))
+    whole = replace(patterns, left_out=np.zeros(count, bool))
     return fit_camera(whole, unknowns=case.groups, effects=start, workers=1)
 
 

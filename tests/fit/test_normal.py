@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -22,7 +24,7 @@ def problem(seed: int = 0, noise: tuple[float, float] = (4.0, 0.5)):
     gains, backgrounds = np.array([300.0, 200.0]), np.array([5.0, -3.0])
     light = model * gains[PLANES, None]
     data = light + backgrounds[PLANES, None] + np.sqrt(noise[0] + noise[1] * light) * rng.standard_normal((N, M))
-    found = measured(PLAN, data.reshape(N, 5, 5), INDEX, noise).with_left_out(np.zeros(N, bool))
+    found = replace(measured(PLAN, data.reshape(N, 5, 5), INDEX, noise), left_out=np.zeros(N, bool))
     return rng, found, model, PatternLevels(gains, backgrounds, np.zeros(N))
 
 

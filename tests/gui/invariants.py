@@ -31,7 +31,7 @@ def check_window(window: MainWindow) -> None:
     _axes(window)
     _jobs(window)
     _project(window)
-    made = {spec.key: window.page(spec.key) for spec in window.specs if window.is_made(spec.key)}
+    made = {spec.key: window.page(spec.key) for spec in window.specs if spec.key in window._pages}
     for key, page in made.items():
         found: Any = CHECKS.get(key)
         if found is not None:

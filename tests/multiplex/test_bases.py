@@ -33,7 +33,6 @@ from lfcal.multiplex.spectra import (
     Spectra,
     colour_matching,
     daylight,
-    illuminant_a,
     read_spectra,
     shipped_spectra,
 )
@@ -84,6 +83,11 @@ def test_monte_carlo_is_the_formula_within_a_percent(modulator, reference, chi2:
 
 
 # -- spectra -------------------------------------------------------------------------------------------
+def illuminant_a(waves: np.ndarray) -> np.ndarray:
+    """Return CIE standard illuminant A, relative power, 100 at 560 nm (CIE 15, equation of the standard)."""
+    return 100 * (560 / waves) ** 5 * np.expm1(1.435e7 / (2848 * 560)) / np.expm1(1.435e7 / (2848 * waves))
+
+
 def test_tables_say_what_they_are_and_follow_their_formulas() -> None:
     for name in TABLES:
         table = shipped_spectra(name)

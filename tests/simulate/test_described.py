@@ -21,7 +21,7 @@ from lfcal.simulate.effects import (
     Zernike,
     catalogue,
 )
-from lfcal.simulate.effects.described import effect_from, parse_effects, read_effects
+from lfcal.simulate.effects.described import effect_from, parse_effects
 from lfcal.simulate.plane_task import describe
 
 
@@ -55,13 +55,13 @@ def test_settings_files_and_the_last_word(tmp_path: Path) -> None:
     assert settings == {"bandwidth": "on", "cos4": "off"}
     assert given == (Coma(0.3), Spherical(0.1), Zernike(((2, 2, 0.1),)))
     path.write_text(json.dumps({"effects": [{"name": "coma", "waves": 1}]}))
-    assert read_effects(path) == (Coma(1),)
+    assert parse_effects([str(path)])[1] == (Coma(1),)
 
 
 def test_every_effect_of_the_catalogue_survives_its_description(tmp_path: Path) -> None:
     path = tmp_path / "effects.json"
     path.write_text(json.dumps(describe(catalogue())))
-    assert read_effects(path) == catalogue()
+    assert parse_effects([str(path)])[1] == catalogue()
 
 
 @pytest.mark.parametrize(
@@ -101,7 +101,7 @@ def test_files_that_hold_no_effects(tmp_path: Path, text: str) -> None:
     path = tmp_path / "effects.json"
     path.write_text(text)
     with pytest.raises(FileFormatError, match="a list of effects"):
-        read_effects(path)
+        parse_effects([str(path)])
 
 
 @pytest.mark.parametrize(

@@ -147,10 +147,6 @@ class EffectsTable(QTreeWidget):
         assert isinstance(box, QComboBox)
         return box
 
-    def item_of(self, name: str) -> QTreeWidgetItem:
-        """Return the row of an effect."""
-        return self._items[name]
-
     # -- selection -------------------------------------------------------------------------------------
     @property
     def selected(self) -> str:

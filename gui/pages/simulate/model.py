@@ -96,10 +96,6 @@ class SimulateSettings(PageSettings):
         """Raise `InputError` unless the effects can have these magnitudes."""
         self.effects()
 
-    def override(self, effect: str) -> str:
-        """Return ``"auto"``, ``"on"`` or ``"off"`` for an effect."""
-        return dict(self.overrides).get(effect, "auto")
-
     def with_override(self, effect: str, choice: str) -> SimulateSettings:
         """Return the settings with one effect's choice changed."""
         rest = {k: v for k, v in self.overrides if k != effect}

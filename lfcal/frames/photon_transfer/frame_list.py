@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from lfcal.errors import InputError, StorageError
 from lfcal.frames.aligned import shifted
 from lfcal.frames.formats.opening import image_suffixes, open_image
 
-__all__ = ["CalibrationFrame", "array_frames", "find_frames"]
+__all__ = ["CalibrationFrame", "find_frames"]
 
 _UNITS = {"us": 1e-6, "µs": 1e-6, "ms": 1e-3, "s": 1.0, "sec": 1.0}
 # 10ms, exp_0.5s, 2p5ms; no letter may follow, or 3sets would be three seconds
@@ -70,17 +69,6 @@ class CalibrationFrame:
     def moved(self, shift: int) -> CalibrationFrame:
         """Return the frame with its samples moved down by ``shift`` bits."""
         return replace(self, shift=shift)
-
-
-def array_frames(
-    frames: Iterable[NDArray[Any]], exposures_s: Sequence[float | None] | float | None = None
-) -> list[CalibrationFrame]:
-    """Return frames in memory as a series; ``exposures_s`` of each, or of all."""
-    held = [np.asarray(frame) for frame in frames]
-    stated = [exposures_s] * len(held) if exposures_s is None or isinstance(exposures_s, int | float) else exposures_s
-    if len(stated) != len(held):
-        raise InputError.expected("exposures", f"one for each of {len(held)} frames", len(stated), "complete them")
-    return [CalibrationFrame(frame, k, seconds) for k, (frame, seconds) in enumerate(zip(held, stated, strict=True))]
 
 
 def find_frames(path: Path) -> tuple[list[CalibrationFrame], dict[str, Any]]:

@@ -25,7 +25,6 @@ __all__ = [
     "magnitudes_of",
     "parse_effects",
     "parse_entries",
-    "read_effects",
     "read_entries",
 ]
 
@@ -62,7 +61,7 @@ def parse_effects(items: Sequence[str]) -> tuple[dict[str, str], tuple[Effect, .
     items
         ``NAME=on``, ``off`` or ``auto``; ``NAME=VALUE``, for example ``coma=0.3@40deg``, ``lenslet_gap=5um`` or
         ``drift=rows:2um,columns:1um``: the first magnitude, or named ones, ``@`` being the direction; or a JSON file of
-        effects (`read_effects`). Of one name the last counts.
+        effects (`read_entries`). Of one name the last counts.
 
     Raises
     ------
@@ -96,14 +95,6 @@ def parse_entries(path: str | os.PathLike[str]) -> tuple[dict[str, str], tuple[E
     entries = read_entries(path)
     settings = {entry.name: entry.setting for entry in entries if entry.setting != "auto"}
     return settings, tuple(entry.effect for entry in entries if entry.effect is not None)
-
-
-def read_effects(path: str | os.PathLike[str]) -> tuple[Effect, ...]:
-    """Return the effects of a JSON file: a list of ``{"name": "coma", "waves": 0.3}``, as H's provenance has them.
-
-    Raises as `read_entries`.
-    """
-    return parse_entries(path)[1]
 
 
 def read_entries(path: str | os.PathLike[str]) -> tuple[Entry, ...]:

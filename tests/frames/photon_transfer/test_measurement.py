@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
 import pytest
 
 from lfcal.errors import InputError
-from lfcal.frames.photon_transfer.frame_list import array_frames
+from lfcal.frames.photon_transfer.frame_list import CalibrationFrame
 from lfcal.frames.photon_transfer.measurement import measure_sensor
 from lfcal.frames.photon_transfer.result import SensorMeasurement
 
@@ -26,6 +26,13 @@ NAMES = {
     "dsnu_e": lambda t: t.dsnu_e,
     "black_level": lambda t: t.black,
 }
+
+
+def array_frames(frames: Iterable[Any], exposures_s: Any = None) -> list[CalibrationFrame]:
+    """Return frames in memory as a series; ``exposures_s`` of each, or of all."""
+    held = [np.asarray(frame) for frame in frames]
+    stated = [exposures_s] * len(held) if exposures_s is None or isinstance(exposures_s, int | float) else exposures_s
+    return [CalibrationFrame(frame, k, seconds) for k, (frame, seconds) in enumerate(zip(held, stated, strict=True))]
 
 
 def measured(flats: list[Any], darks: list[Any], cfa: str = "", **exposures: Any) -> SensorMeasurement:

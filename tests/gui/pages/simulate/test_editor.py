@@ -73,15 +73,15 @@ def type_into(edit: QLineEdit, text: str, qtbot: QtBot) -> None:
 def test_coma_of_0_3_waves_at_40_degrees(page: Any, qtbot: QtBot, tmp_path: Path) -> None:
     context, table = page.context, page.panel.table
     editors = choose(page, "coma", qtbot)
-    assert not page.verdict.row("coma").on and table.item_of("coma").text(2).startswith("off: not known")
+    assert not page.verdict.row("coma").on and table._items["coma"].text(2).startswith("off: not known")
     assert editors["waves"].source.currentText() == "typical" and editors["waves"].edit.text() == "0.25"
     type_into(editors["waves"].edit, "0.3", qtbot)
     type_into(editors["angle_rad"].edit, "40", qtbot)
     idle(context.jobs, qtbot)
     assert given(page).effects() == (Coma(0.3, math.radians(40)),)
     row = page.verdict.row("coma")
-    assert row.on and row.verdict_text().startswith("on: 0.3 waves") and table.item_of("coma").text(2) == "on: needed"
-    assert row.verdict_text() in table.item_of("coma").toolTip(2)
+    assert row.on and row.verdict_text().startswith("on: 0.3 waves") and table._items["coma"].text(2) == "on: needed"
+    assert row.verdict_text() in table._items["coma"].toolTip(2)
     assert editors["waves"].source.currentData() == "stated" and editors["angle_rad"].edit.text() == "40"
     source = editors["waves"].source
     source.setCurrentIndex(source.findData("measured"))
@@ -317,7 +317,7 @@ def test_both_themes_show_everything(page: Any, context: Context, qtbot: QtBot, 
         apply_theme(qapp, theme)
         context.theme_changed.emit()
         idle(context.jobs, qtbot)
-        shown = page.panel.table.item_of("coma").foreground(0).color().name()
+        shown = page.panel.table._items["coma"].foreground(0).color().name()
         assert shown == theme.muted
         assert page.panel.effect.influence.graphics.backgroundBrush().color().name() == theme.plot
     assert page.panel.table.horizontalScrollBar().maximum() == 0, "all columns fit into a small window"

@@ -172,7 +172,7 @@ def test_nothing_is_cut_in_the_table_of_effects_in_a_small_window(window: MainWi
     table = page.panel.table
     metrics, header = table.fontMetrics(), table.header()
     for name in (row.name for row in page.verdict.rows):
-        item = table.item_of(name)
+        item = table._items[name]
         for column in (0, 2, 4):
             indent = 2 * table.indentation() if column == 0 else 0
             assert metrics.horizontalAdvance(item.text(column)) + indent + 6 <= table.columnWidth(column), item.text(
