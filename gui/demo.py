@@ -28,7 +28,7 @@ def iter_demo(folder: Path) -> Work[ProjectState]:
 
 def _assemble(session: Path, plan: ScanPlan, target: Path) -> Work[None]:
     from lfcal.frames import CorrectionRecipe, corrected_view, open_frames
-    from lfcal.psf.assemble_plan import iter_assemble_plan
+    from lfcal.psf.assembly import iter_assemble_plan
 
     with open_frames(session / "frames", plan_shape=plan.shape[:3]) as source:
         recipe = CorrectionRecipe(dark=session / "dark", white=session / "white")

@@ -66,7 +66,7 @@ DEAR = (
     "lfcal.fit.fit",
     "lfcal.inspect.inspection",
     "lfcal.inspect.search",
-    "lfcal.psf.assemble_plan",
+    "lfcal.psf.assembly",
     "lfcal.psf.report.write",
     "lfcal.simulate.accuracy.ladder",
     "lfcal.fit.holds",

@@ -22,7 +22,7 @@ from lfcal.frames.source import FrameSource
 from lfcal.h5.filters import encode_chunk
 from lfcal.h5.writing import new_h5
 from lfcal.progress import Clock, Work
-from lfcal.psf.assemble_plan import AssemblySettings, iter_assemble_plan
+from lfcal.psf.assembly import AssemblySettings, iter_assemble_plan
 from lfcal.psf.assembly_report import AssemblyReport
 from lfcal.psf.upright import iter_upright
 from lfcal.threads import worker_count

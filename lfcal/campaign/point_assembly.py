@@ -12,7 +12,7 @@ from lfcal.campaign.points import Points, iter_points_of
 from lfcal.frames.source import FrameSource
 from lfcal.progress import Work
 from lfcal.psf import AssemblyReport, AssemblySettings
-from lfcal.psf.assemble_plan import iter_assemble_plan
+from lfcal.psf.assembly import iter_assemble_plan
 from lfcal.targets import TargetPlan
 
 __all__ = ["AssembledPoints", "iter_assemble_points"]

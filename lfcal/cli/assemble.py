@@ -33,7 +33,7 @@ from lfcal.errors import InputError
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
     from lfcal.frames import CorrectionRecipe
-    from lfcal.psf.assemble_plan import AssemblySettings
+    from lfcal.psf.assembly import AssemblySettings
     from lfcal.psf.assembly_report import AssemblyReport
     from lfcal.work import RunChoice
 
@@ -147,7 +147,7 @@ def command(
     from lfcal.frames import CorrectionRecipe
     from lfcal.frames.aligned import chosen_shift
     from lfcal.frames.part import parse_origin, smaller
-    from lfcal.psf.assemble_plan import AssemblySettings
+    from lfcal.psf.assembly import AssemblySettings
 
     check_choice(orientation)
     if lost != AssemblySettings.lost and cutout != "auto":
@@ -281,7 +281,7 @@ def _assemble(
     from lfcal.cli.part_frames import PartFrames
     from lfcal.frames import check_turned_colours, corrected_view, iter_undamaged
     from lfcal.frames.half_cell import with_partners
-    from lfcal.psf.assemble_plan import iter_assemble_plan
+    from lfcal.psf.assembly import iter_assemble_plan
 
     start, settings, json = time.perf_counter(), how.settings, how.json
     frames = part.source

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from lfcal.frames import CorrectionRecipe
-    from lfcal.psf.assemble_plan import AssemblySettings
+    from lfcal.psf.assembly import AssemblySettings
     from lfcal.psf.assembly_report import AssemblyReport
     from lfcal.targets import TargetPlan
 

@@ -21,8 +21,7 @@ from lfcal.frames import CorrectionRecipe, Frames, FrameSource, corrected_view, 
 from lfcal.frames.damage import SelectedSource
 from lfcal.frames.half_cell import with_partners
 from lfcal.plain import plain
-from lfcal.psf.assemble_plan import planes_of_frames
-from lfcal.psf.assembly import AssembledPlanes
+from lfcal.psf.assembly import AssembledPlanes, planes_of_frames
 from lfcal.psf.filling import Fill
 from lfcal.psf.make import Reopening
 from lfcal.work.unit import stamp_of

@@ -7,7 +7,7 @@
 - ``opening``, ``store``, ``layout``: the H file; ``chunk_codec`` compresses it on all processors, ``nexus`` tells
   viewers what to plot; ``steps`` stores it within a tolerance
 - ``specification``, ``json_schema``: an H file held against the published schema of its format
-- ``cutout``, ``gather``, ``assembly``, ``assemble_plan``, ``pedestal``: frames to H with the shifting
+- ``cutout``, ``gather``, ``assembly``, ``pedestal``: frames to H with the shifting
   cutout
 - ``picked``: patterns of a few positions, no other frame read
 - ``orientation``, ``spot_path``: which way the frames of a scan lie, from where the pattern is in some of them

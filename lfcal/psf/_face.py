@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from lfcal.psf.assemble_plan import AssemblySettings, assemble_plan, iter_assemble_plan
-from lfcal.psf.assembly import assemble, iter_assemble
+from lfcal.psf.assembly import AssemblySettings, assemble, assemble_plan, iter_assemble, iter_assemble_plan
 from lfcal.psf.assembly_report import AssemblyReport
 from lfcal.psf.compare import Comparison, compare, iter_compare
 from lfcal.psf.cutout import Cutout, find_cutout

@@ -16,7 +16,7 @@ from lfcal.frames.half_cell import with_partners
 from lfcal.frames.regions import Region
 from lfcal.frames.source import FrameInfo, FrameMetadata, Frames, Noise, Position
 from lfcal.psf import PSFMatrix, open_psf
-from lfcal.psf.assemble_plan import assemble_plan
+from lfcal.psf.assembly import assemble_plan
 from lfcal.psf.half_cell import copied_positions
 from lfcal.psf.quality import inspect
 from tests.camera.test_half_cell import camera_of, plan_of

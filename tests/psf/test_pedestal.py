@@ -7,7 +7,7 @@ import pytest
 
 from lfcal.errors import InputError
 from lfcal.frames import ArraySource, CorrectionRecipe, corrected_view
-from lfcal.psf.assemble_plan import AssemblySettings, find_plan_cutout
+from lfcal.psf.assembly import AssemblySettings, find_plan_cutout
 from lfcal.psf.gather import Gatherer
 from lfcal.psf.pedestal import pedestal_share
 from tests.psf.test_orientation import a_plan, upright

@@ -20,7 +20,7 @@ from lfcal.frames import ORIENTATIONS, ArraySource, CorrectionChain, Dark, LeftO
 from lfcal.frames.source import Position
 from lfcal.progress import drain
 from lfcal.psf import Cutout, PSFMatrix, assemble, open_psf, save, save_regions
-from lfcal.psf.assemble_plan import AssemblySettings, assemble_plan
+from lfcal.psf.assembly import AssemblySettings, assemble_plan
 from lfcal.psf.provenance import Codec, FrameNoise, codec_of, light_shares, noise_of, optics_of, simulated_planes
 from lfcal.psf.saving import iter_transpose_file
 from lfcal.simulate import SimulatedCamera, simulate_psf
