@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from lfcal.checks import check_number
 from lfcal.errors import InputError
-from lfcal.figures import COLOURS, LINES, figure, save_figure
+from lfcal.figures import COLOURS, LINES
 from lfcal.fit.dated import Dated
-from lfcal.psf.quality.trend import MONTH_S, SHORTEST_S, TOO_SHORT
+from lfcal.psf.quality.trend import SHORTEST_S, TOO_SHORT, months_since_first, panels_over_time
 
 __all__ = ["Jump", "ParameterDrift", "Trend", "TrendPoint", "draw_trend", "trend"]
 
@@ -232,7 +232,7 @@ def _slope(points: Sequence[TrendPoint]) -> tuple[float, float]:
 
     Where values scatter about the line by more than their own standard deviations, the scatter counts.
     """
-    months = np.array([(point.when - points[0].when).total_seconds() / MONTH_S for point in points])
+    months = months_since_first([point.when for point in points])
     values = np.array([point.value for point in points])
     weight = 1.0 / np.maximum([point.sigma for point in points], 1e-300)
     a = np.stack([np.ones(len(months)), months], axis=1) * weight[:, None]
@@ -245,15 +245,10 @@ def _slope(points: Sequence[TrendPoint]) -> tuple[float, float]:
     return (slope if abs(slope) > 1e-9 * sigma else 0.0), sigma
 
 
-COLUMNS = 3
-
-
 def draw_trend(found: Trend, path: str | os.PathLike[str]) -> None:
     """Draw every parameter over time with its standard deviation; values that are not compared are grey."""
-    rows = max(1, math.ceil(len(found.drifts) / COLUMNS))
-    with figure(3.4 * COLUMNS, 0.6 + 2.0 * rows) as fig:
-        panels = np.ravel(fig.subplots(rows, COLUMNS, squeeze=False))
-        for panel, drift in zip(panels, found.drifts, strict=False):
+    with panels_over_time(len(found.drifts), path) as panels:
+        for panel, drift in zip(panels, found.drifts, strict=True):
             for compared, colour in ((False, COLOURS["muted"]), (True, COLOURS["bad"] if drift.moved else LINES[0])):
                 own = [point for point in drift.points if point.compared is compared]
                 if own:
@@ -269,7 +264,3 @@ def draw_trend(found: Trend, path: str | os.PathLike[str]) -> None:
                     )
             panel.set_title(drift.name + (": moved" if drift.moved else ""))
             panel.set_ylabel(drift.unit)
-            panel.tick_params(axis="x", labelsize=7, labelrotation=30)
-        for panel in panels[len(found.drifts) :]:
-            panel.set_axis_off()
-        save_figure(fig, path)

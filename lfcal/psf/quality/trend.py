@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import pairwise
@@ -12,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lfcal.errors import FileFormatError, InputError
 from lfcal.figures import COLOURS, LINES, figure, save_figure
@@ -21,7 +23,6 @@ from lfcal.psf.quality.metric import Merit
 from lfcal.psf.quality.report import QualityReport
 
 __all__ = [
-    "MONTH_S",
     "SHORTEST_S",
     "TOO_SHORT",
     "Course",
@@ -29,6 +30,8 @@ __all__ = [
     "QualityTrend",
     "draw_quality_trend",
     "judged_of",
+    "months_since_first",
+    "panels_over_time",
     "quality_trend",
     "read_judged",
 ]
@@ -320,7 +323,7 @@ def _course(key: str, scale: Scale, values: Sequence[Value | None], sessions: Se
     if len(known) > 1:
         span = (known[-1][0] - known[0][0]).total_seconds()
     if span >= SHORTEST_S:
-        months = np.array([(when - known[0][0]).total_seconds() / MONTH_S for when, _ in known])
+        months = months_since_first([when for when, _ in known])
         slope = float(np.polyfit(months, [v.value for _, v in known], 1)[0])
         # what rounding leaves of values that are the same
         slope = slope if abs(slope) > 1e-9 * max(abs(v.value) for _, v in known) else 0.0
@@ -336,11 +339,9 @@ def draw_quality_trend(found: QualityTrend, path: str | os.PathLike[str]) -> Non
     """Draw what is not good throughout over time, with the limits of good and bad; else what comes first."""
     shown = [one for one in (*found.faults, *found.metrics) if one.notable]
     shown = (shown or [one for one in found.metrics if one.newest is not None])[:MOST_PANELS]
-    rows = max(1, math.ceil(len(shown) / COLUMNS))
     when = [one.when for one in found.sessions]
-    with figure(3.4 * COLUMNS, 0.6 + 2.0 * rows) as fig:
-        panels = np.ravel(fig.subplots(rows, COLUMNS, squeeze=False))
-        for panel, course in zip(panels, shown, strict=False):
+    with panels_over_time(len(shown), path) as panels:
+        for panel, course in zip(panels, shown, strict=True):
             known = [(t, v) for t, v in zip(when, course.values, strict=True) if v is not None]
             panel.plot([t for t, _ in known], [v.value for _, v in known], "-", color=LINES[0], lw=0.8)
             for t, v in known:
@@ -349,7 +350,22 @@ def draw_quality_trend(found: QualityTrend, path: str | os.PathLike[str]) -> Non
                 panel.axhline(limit, color=COLOURS[name], lw=0.7, ls="--")
             panel.set_title(course.scale.title + (": worse" if course.worse else ""))
             panel.set_ylabel(course.scale.unit)
+
+
+@contextmanager
+def panels_over_time(count: int, path: str | os.PathLike[str]) -> Iterator[list[Any]]:
+    """Yield ``count`` panels whose x axis is time, and save the figure of them."""
+    rows = max(1, math.ceil(count / COLUMNS))
+    with figure(3.4 * COLUMNS, 0.6 + 2.0 * rows) as fig:
+        panels = list(np.ravel(fig.subplots(rows, COLUMNS, squeeze=False)))
+        for panel in panels[:count]:
             panel.tick_params(axis="x", labelsize=7, labelrotation=30)
-        for panel in panels[len(shown) :]:
+        for panel in panels[count:]:
             panel.set_axis_off()
+        yield panels[:count]
         save_figure(fig, path)
+
+
+def months_since_first(times: Sequence[datetime]) -> NDArray[np.float64]:
+    """Return how long after the first of them times are (months)."""
+    return np.array([(when - times[0]).total_seconds() for when in times]) / MONTH_S
