@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from lfcal.errors import InputError
+from lfcal.frames import ArraySource
 from lfcal.progress import Clock, Work, drain
-from lfcal.psf import PSFMatrix, iter_save, iter_save_regions, open_psf, save
+from lfcal.psf import Cutout, PSFMatrix, assemble, iter_save, iter_save_regions, open_psf, save
 from lfcal.psf.facts import Facts
+from lfcal.psf.filling import Filled
 from lfcal.psf.layout import Header, Plane, Stored
 from lfcal.psf.make import PlaneSource, Reopening, Zeros, iter_make, iter_write, iter_write_regions, units_of
 from lfcal.psf.saving import MatrixPlanes, iter_transpose_file
@@ -175,3 +177,24 @@ def test_regions_of_any_source(tmp_path: Path) -> None:
     with open_psf(tmp_path / "field.h5") as first, open_psf(tmp_path / "field.h5", region="b") as second:
         assert first.dtype == np.float64 and second.provenance["simulated"]["by"] == "test"
         assert second.facts.bound is not None
+
+
+def test_frames_are_assembled_in_units_where_it_is_said_which_they_are(tmp_path: Path) -> None:
+    frames = ArraySource(np.full((3, 16, 16), 7, np.uint16), [(0, 0, 0), (0, 0, 1), (0, 1, 0)])
+    missing: list[tuple[int, ...]] = []
+
+    def fill(z: int, values: Any, facts: Facts) -> Work[Filled]:
+        yield Clock("fill", 1).at(0)
+        assert facts.recorded is not None
+        missing.extend(map(tuple, np.argwhere(facts.recorded == 0).tolist()))
+        values[facts.recorded == 0] = 3
+        return Filled(facts, None)
+
+    how: dict[str, Any] = {"fill": fill, "workers": 1}
+    assemble(frames, (1, 2, 2), Cutout((5, 5), anchor=(7, 8)), tmp_path / "one.h5", **how).matrix.close()
+    with pytest.raises(InputError, match="distinguishes these frames"):
+        assemble(frames, (1, 2, 2), Cutout((5, 5), anchor=(7, 8)), tmp_path / "two.h5", **how, run=THREADS)
+    assert {path.name for path in tmp_path.iterdir()} == {"one.h5"}
+    how |= {"run": THREADS, "reopening": Reopening("", {"frames": "sevens"})}
+    assemble(frames, (1, 2, 2), Cutout((5, 5), anchor=(7, 8)), tmp_path / "two.h5", **how).matrix.close()
+    assert contents(tmp_path / "one.h5") == contents(tmp_path / "two.h5") and missing == [(1, 1)] * 2
