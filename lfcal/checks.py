@@ -45,7 +45,7 @@ def check_number(
     remedy: str = "correct this value",
 ) -> None:
     """Raise `InputError` unless ``value`` is a finite number within the bounds, and of at most `LARGEST` either way."""
-    # Plain kinds first: a look at the abstract ones takes as long as all else. A bool is an Integral in Python.
+    # plain kinds first: a look at the abstract ones takes as long as all else. A bool is an Integral in Python.
     plain = isinstance(value, int if integer else (float, int))
     good = (plain or isinstance(value, Integral if integer else Real)) and not isinstance(value, bool)
     if good and _finite(value):

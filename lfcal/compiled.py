@@ -84,7 +84,7 @@ class Kernel(Generic[P, R]):
             if self._compiled is None:
                 import numba
 
-                # Compiled code finds the kernels it calls among the names of its module, where numba
+                # compiled code finds the kernels it calls among the names of its module, where numba
                 # understands its own objects only.
                 names = self.function.__globals__
                 for name in self.function.__code__.co_names:

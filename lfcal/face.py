@@ -41,7 +41,7 @@ class _Package(ModuleType):
         raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
 
     def __setattr__(self, name: str, value: object) -> None:
-        # The import system binds every submodule to its package; it must not hide a public name that is spelt alike.
+        # the import system binds every submodule to its package; it must not hide a public name that is spelt alike.
         if not (isinstance(value, ModuleType) and value.__name__ == f"{self.__name__}.{name}"):
             super().__setattr__(name, value)
 

@@ -112,7 +112,7 @@ def run_r29(
         before = peak_memory()
         at = "cpu" if found is None else found
         P = Projector(_Repeated(stored, planes), shape, workers=workers, memory_limit=LIMIT, device=at)
-        # One after the other: the peak of memory is that of all three.
+        # one after the other: the peak of memory is that of all three.
         seconds = _time(P)
         peak = max(0, peak_memory() - before)
         cost, scale = P.forecast().chosen, PLANES / planes

@@ -111,7 +111,7 @@ def _timed(plan: ScanPlan, tolerance: float) -> dict[str, float]:
     from lfcal.simulate import predict_seconds, simulate_psf
 
     predicted = predict_seconds(plan, tolerance=tolerance)
-    # Processor time: what else runs on the machine does not count, and the forecast is in the same unit.
+    # processor time: what else runs on the machine does not count, and the forecast is in the same unit.
     start = time.process_time()
     simulate_psf(plan.camera, plan, tolerance=tolerance)
     measured = time.process_time() - start

@@ -39,7 +39,7 @@ def command(
     planning = time_planning()
     plan = bench_plan(cutout)
     with tempfile.TemporaryDirectory(prefix="lfcal-bench-", dir=folder) as place:
-        # Pair by pair, so that a slow moment of the disk falls on both; the median leaves outliers out.
+        # pair by pair, so that a slow moment of the disk falls on both; the median leaves outliers out.
         pairs = [(time_session(plan, Path(place)), time_bare_loop(plan, Path(place))) for _ in range(rounds)]
     ratio = float(np.median([session / bare for session, bare in pairs]))
     session, bare = (float(np.median(times)) for times in zip(*pairs, strict=True))
@@ -115,7 +115,7 @@ def time_bare_loop(plan: ScanPlan, folder: Path) -> float:
     descriptor = os.open(folder / "bare", os.O_RDWR | os.O_CREAT)
     try:
         first = count * len(record)
-        # The recording reserves its space too: growing a file costs more than writing into it.
+        # the recording reserves its space too: growing a file costs more than writing into it.
         reserve(descriptor, first + count * len(frame))
         write_at(descriptor, bytes(first), 0)
         sync_data(descriptor)

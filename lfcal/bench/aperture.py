@@ -161,7 +161,7 @@ def command(
     run(work[0])  # compile once, into the cache that the processes share
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(worker_count(workers), mp_context=spawn, initializer=warm_up) as pool:
-        # Trials depend on their seeds alone: any number of processes gives the same result.
+        # trials depend on their seeds alone: any number of processes gives the same result.
         outcomes = list(pool.map(run, work, chunksize=4))
     if json:
         print_json(outcomes)

@@ -41,7 +41,7 @@ def assemble_command(
         folder = Path(name)
         _write_session(folder, rows, columns, size, cutout)
         decode, whole = [], []
-        # The first round compiles kernels and fills the disk cache, and is not counted.
+        # the first round compiles kernels and fills the disk cache, and is not counted.
         for _ in range(repeats + 1):
             decode.append(_decode(folder))
             whole.append(_assemble(folder, rows, columns, cutout))
@@ -73,7 +73,7 @@ def _write_session(folder: Path, rows: int, columns: int, size: int, cutout: int
     top, left = (size - cutout - rows) // 2, (size - cutout - columns) // 2
     for y in range(rows):
         for x in range(columns):
-            # Shifted rather than drawn anew: quick to make, and no two frames are equal.
+            # shifted rather than drawn anew: quick to make, and no two frames are equal.
             frame = np.roll(noise, (7 * y, 5 * x), (0, 1))
             frame[top + y : top + y + cutout, left + x : left + x + cutout] += spots
             cv2.imwrite(str(folder / "frames" / f"y{y}_x{x}.png"), np.rint(frame).astype(np.uint16))

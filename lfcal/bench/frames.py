@@ -98,7 +98,7 @@ def fastest(function: Callable[[], Any], repeats: int) -> float:
         start = time.perf_counter()
         function()
         times.append(time.perf_counter() - start)
-    # The fastest run is the one that nothing else disturbed.
+    # the fastest run is the one that nothing else disturbed.
     return min(times)
 
 

@@ -72,7 +72,7 @@ def command(
     problem = Problem(preset_name, cutout | 1, planes, noise, compression, workers)
     with tempfile.TemporaryDirectory(prefix="lfcal_inspect_", dir=folder) as place:
         path = Path(place) / "H.h5"
-        # In a process of its own, so that its memory does not count.
+        # in a process of its own, so that its memory does not count.
         with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as child:
             child.submit(write, path, problem).result()
         found = measure(path, workers)
@@ -87,7 +87,7 @@ def measure(path: Path, workers: int | None) -> Figures:
     from lfcal.psf import open_psf
     from lfcal.psf.quality import inspect
 
-    # Compiled kernels are part of neither the time nor the memory that is compared.
+    # compiled kernels are part of neither the time nor the memory that is compared.
     inspect(small(), workers=workers)  # compile
     before = peak_memory()
     start = time.perf_counter()
@@ -141,7 +141,7 @@ def write(path: Path, problem: Problem) -> None:
         path, plan.shape, depths=plan.depths_um, camera=camera, compression=problem.compression, workers=workers
     ) as writer:
         for z, depth in enumerate(depths):
-            # Plane by plane: 11 planes of the R29 in float32 are 7.5 GB.
+            # plane by plane: 11 planes of the R29 in float32 are 7.5 GB.
             one = ScanPlan.for_camera(camera, virtual_depths=[depth], cutout=plan.shape[3:])
             values = simulate_psf(camera, one, (), workers=workers).plane(0).copy()  # a plane is read-only
             top = float(values.max())

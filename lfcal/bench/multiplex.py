@@ -69,7 +69,7 @@ def measure(shape: tuple[int, int], filters: list[str], workers: int | None, rou
     spare = np.ones_like(colours)
     bgr = np.ones((*shape, 3), np.uint16)
     views = lattice_channels(frame, lattice, VIEWS, workers=workers)
-    # Touched before timing: the first write to fresh memory costs more than the copy.
+    # touched before timing: the first write to fresh memory costs more than the copy.
     spare_views = np.ones_like(views)
     if workers is not None:
         cv2.setNumThreads(workers)

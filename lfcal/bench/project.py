@@ -136,7 +136,7 @@ def measure(image: int, period: int, cutout: int, planes: int, repeats: int, wor
     def ours(method: str, dtype: Any, anchor: tuple[int, int] = (0, 0)) -> Projector:
         return Projector(H, shape, anchor, method, dtype=dtype, workers=workers).prepare()
 
-    # Double precision is the truth that the others are held against.
+    # double precision is the truth that the others are held against.
     exact = ours("polyphase", np.float64)
     truth = exact.adjoint(data[1])
     rows = [_row("polyphase, float64", lambda: ours("polyphase", np.float64), data, truth, 1)]

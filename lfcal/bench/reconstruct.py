@@ -159,7 +159,7 @@ def scene(H: PSFMatrix, image: int, photons: float, name: str, workers: int) -> 
     P = Projector(H, (image, image), workers=workers, dtype=np.float64)
     truth = phantom(name, P.volume_shape)
     clean = np.maximum(P.forward(truth), 0)
-    # Volume and image are scaled together, so that the error is in the same photons.
+    # volume and image are scaled together, so that the error is in the same photons.
     scale = photons / clean.max()
     return truth * scale, np.random.default_rng(1).poisson(clean * scale).astype(np.float64)
 
@@ -198,7 +198,7 @@ def show(curves: list[Curve], reference: dict[str, float], title: str) -> None:
     """Print the table: least error, when it was reached, and when 5 % above the best of plain Richardson-Lucy."""
     from lfcal.cli.console import print_table, seconds
 
-    # Time to the same error: the only fair comparison of solvers whose iterations cost differently.
+    # time to the same error: the only fair comparison of solvers whose iterations cost differently.
     goal = 1.05 * min(curves[0].errors)
     rows = []
     for c in curves:

@@ -245,7 +245,7 @@ def command(
     from lfcal.cli.console import print_json, run_work
     from lfcal.system import free_memory
 
-    # Not all of the free memory: a machine that swaps would time its disk.
+    # not all of the free memory: a machine that swaps would time its disk.
     limit = int(memory * 1e9) if memory is not None else int(0.6 * free_memory())
     settings = (
         Settings(planes, min(limit, 1_500_000_000), workers, 3, 0.3, 1)

@@ -22,7 +22,7 @@ __all__ = ["Draft"]
 FOCUS, RANGES = "lattice.focus", "lattice.depth_ranges"
 PATHS = {quantity.path for quantity in QUANTITIES} | {FOCUS, RANGES}
 
-# A microscope's camera is rarely the sensor of a plenoptic one; both are assumptions and said to be.
+# a microscope's camera is rarely the sensor of a plenoptic one; both are assumptions and said to be.
 MICROSCOPE_SENSOR: dict[str, Any] = {"shape": (2048, 2048), "pixel_um": 6.5, "bit_depth": 16, "read_noise_e": 1.5}
 MICROSCOPE_PITCH_UM = 125.0
 SEEN_IN_PIXELS = tuple(f"lattice.{n}" for n in ("pitch_um", "row_pitch_um", "offset_um", "clear_um", "distortion"))

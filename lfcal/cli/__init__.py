@@ -48,7 +48,7 @@ def main() -> None:
         with _signals_clean_up():
             _run()
     except _Ended as ended:
-        # What shells expect of a program that a signal has ended.
+        # what shells expect of a program that a signal has ended.
         from lfcal.cli.console import KEPT
 
         kept = KEPT in getattr(ended, "__notes__", ())
@@ -58,7 +58,7 @@ def main() -> None:
 
 
 def _run() -> None:
-    # Imported late: a package that only asks where the command line is must not load every library.
+    # imported late: a package that only asks where the command line is must not load every library.
     import logging
 
     import typer

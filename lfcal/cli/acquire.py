@@ -177,13 +177,13 @@ def command(
         "keep_free_bytes": None if keep_free is None else int(1e9 * keep_free),
         "check_stage": check_stage,
     }
-    # A session that goes on keeps the options it began with; those given now replace single ones.
+    # a session that goes on keeps the options it began with; those given now replace single ones.
     options = options_of(out if resume or redo is not None else None, given, check_origin)
     again, only = (None if path is None else RedoList.read(path) for path in (redo, positions))
     task = _Task(out, recorded, options, resume, again, only, goal, json)
     with open_rig(scan, backend, sim, stage=stage) as rig:
         optics = simulated_optics(rig)
-        # A light that can be switched needs nobody to cover the lens, whatever was asked for.
+        # a light that can be switched needs nobody to cover the lens, whatever was asked for.
         if cover and rig.light is None:
             rig = replace(rig, light=_Cover())
         if dry_run:
@@ -209,7 +209,7 @@ def command(
     if adapted is not None and not json:
         show_adapted(adapted, out)
     if outcome.how != "complete":
-        # A session that was stopped is not a success: scripts must be able to see it.
+        # a session that was stopped is not a success: scripts must be able to see it.
         raise typer.Exit(128 + ended_by)
 
 
@@ -246,7 +246,7 @@ def _run(task: _Task, rig: Rig) -> tuple[Outcome | Adapted, dict[str, Any], int]
     from lfcal.cli.acquire_words import tell_automatic
 
     tell_automatic(task.plan, rig, task.options, goes_on=task.resume)
-    # A session that goes on has its darks already, and its positions are compared with the frames themselves.
+    # a session that goes on has its darks already, and its positions are compared with the frames themselves.
     if task.options.darks and not task.resume and task.redo is None:
         check_light(rig)
     control = Control()
@@ -369,7 +369,7 @@ class _Cover:
         from lfcal.devices import DeviceError
 
         report(f"{'uncover' if on else 'cover'} the lens, then press Enter")
-        # End of input: without a person, the frames would be taken of a lens that is not covered.
+        # end of input: without a person, the frames would be taken of a lens that is not covered.
         if not sys.stdin.readline():
             raise DeviceError("lens cover: nobody answered; run in a terminal, or record without darks (--darks 0)")
 

@@ -55,7 +55,7 @@ def finish(out: Path, assemble: Path | None, pack: bool, quiet: bool) -> dict[st
 
     result: dict[str, Any] = {}
     if assemble is not None:
-        # A complete session has every position once: a gap would be a defect, and is not to be filled quietly.
+        # a complete session has every position once: a gap would be a defect, and is not to be filled quietly.
         settings = AssemblySettings(strict=not SessionFile.read(out).redo[0])
         made = run_work(iter_assemble_session(out, assemble, settings=settings), quiet=quiet)
         with made.matrix as matrix:

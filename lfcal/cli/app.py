@@ -52,7 +52,7 @@ def build_app() -> typer.Typer:
         help="PSF calibration and acquisition for plenoptic (light-field) cameras.",
         no_args_is_help=True,
         rich_markup_mode="markdown",
-        # Errors end in one line, printed by main; the traceback of a defect is left to Python.
+        # errors end in one line, printed by main; the traceback of a defect is left to Python.
         pretty_exceptions_enable=False,
     )
 

@@ -156,7 +156,7 @@ def command(
         refuse(context, "--white", "none", "white_mode", "white_floor")
     place = parse_origin(origin)
     words = ScanFrames(frames, plan, manifest, pattern, order, columns, first, skip_damaged, orientation, place)
-    # A manifest's frames lie beside it.
+    # a manifest's frames lie beside it.
     read = (frames, words.beside, plan, manifest, dark, white, fill)
     if channel != "each":
         check_output(out, *read, force=may_replace(out, resume=resume, force=force))
@@ -378,7 +378,7 @@ def show_report(report: AssemblyReport, out: Path, seconds: float, json: bool) -
         where = "dark frame" if found.position is None else f"(z, y, x) = {tuple(found.position)}"
         line(f"left out: {found.label}, {where}")
     size = format_bytes(out.stat().st_size)
-    # What the cutout, by whole pixels, leaves of the fractional shifts of the micro-images.
+    # what the cutout, by whole pixels, leaves of the fractional shifts of the micro-images.
     rows, columns = report.residual_px
     typer.echo(f"{out}: H {matrix.shape} from {report.frames} frames, {size} in {format_seconds(seconds)}")
     typer.echo(f"sub-pixel residual left by the cutout: {rows:.2f} rows, {columns:.2f} columns (px)")

@@ -32,7 +32,7 @@ def report(message: str) -> None:
 
 def run_work(work: Work[R], *, quiet: bool = False) -> R:
     """Drain ``work`` with a progress bar on standard error (none when ``quiet`` or not a terminal)."""
-    # Bars in a log file are noise, and so they are for a program that reads JSON.
+    # bars in a log file are noise, and so they are for a program that reads JSON.
     if quiet or not sys.stderr.isatty():
         return drain(work)
     from rich.console import Console
@@ -52,7 +52,7 @@ def run_work(work: Work[R], *, quiet: bool = False) -> R:
         tasks: dict[str, Any] = {}
 
         def show(record: Progress) -> None:
-            # One bar per stage of the work, added when the stage begins: how many there are is not known before.
+            # one bar per stage of the work, added when the stage begins: how many there are is not known before.
             if record.stage not in tasks:
                 tasks[record.stage] = bar.add_task(record.stage, total=record.total or None, note="", said="")
             task = tasks[record.stage]
@@ -101,7 +101,7 @@ def print_table(headers: list[str], rows: list[list[str]], *, title: str = "") -
         table.add_column(header, justify="right" if numeric else "left", overflow="fold")
     for row in rows:
         table.add_row(*row)
-    # A pipe has no width: a fixed one makes the output the same everywhere.
+    # a pipe has no width: a fixed one makes the output the same everywhere.
     Console(width=None if sys.stdout.isatty() else 132).print(table)
 
 

@@ -148,7 +148,7 @@ def _against_truth(matrix: PSFMatrix, plan: ScanPlan, out: Path, steps: _Steps) 
         with truth:
             found = compare(matrix, truth)
         made.append("truth.h5")
-    # The sample camera is simulated, so the truth is known.
+    # the sample camera is simulated, so the truth is known.
     words = f"correlation with the simulated truth {found.correlation:.4f}, largest centroid shift "
     words += f"{found.max_shift_px:.2f} px"
     return {"correlation": found.correlation, "max_shift_px": found.max_shift_px, "words": words}

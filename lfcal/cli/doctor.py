@@ -131,7 +131,7 @@ def broken_plugins() -> list[dict[str, str]]:
     from lfcal.reconstruct.solvers.choice import SOLVERS
     from lfcal.simulate.effects import CATALOGUE
 
-    # In the order of the data, as the commands are.
+    # in the order of the data, as the commands are.
     registries: tuple[Registry[Any], ...] = (FORMATS, SOURCES, CATALOGUE, SOLVERS, METRICS, BACKENDS)
     return [
         {"kind": registry.what, "name": name, "reason": reason}

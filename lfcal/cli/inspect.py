@@ -106,7 +106,7 @@ def command(
     _check_before(report, source, reference, force=again)
     with ExitStack() as files:
         H = files.enter_context(open_matrix(source, mat_order=mat_order))
-        # The metrics are about the images of points: an HT file is inspected as the H it came from.
+        # the metrics are about the images of points: an HT file is inspected as the H it came from.
         H = H.T if H.is_transposed else H
         tell_assumed(H.camera, source.name, quiet=json)
         other = None if reference is None else files.enter_context(open_matrix(reference, mat_order=mat_order))

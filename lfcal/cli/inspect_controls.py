@@ -23,9 +23,9 @@ def control_frames(session: Path, H: PSFMatrix) -> Controls:
     for check in read_checks(session):
         if check.kind != Kind.CONTROL or check.position.z >= len(H):
             continue
-        # Control frames may have a margin around the cutout: the same pixels as in H are compared.
+        # control frames may have a margin around the cutout: the same pixels as in H are compared.
         top, left = ((n - m) // 2 for n, m in zip(check.frame.shape, H.cutout, strict=True))
-        # Smaller frames cannot have been recorded with this H; padding them would invent light.
+        # smaller frames cannot have been recorded with this H; padding them would invent light.
         if min(top, left) < 0:
             raise InputError.expected(
                 "control frames",
@@ -35,7 +35,7 @@ def control_frames(session: Path, H: PSFMatrix) -> Controls:
             )
         frames, places = found.setdefault(check.position.z, ([], []))
         frames.append(check.frame[top : top + H.cutout[0], left : left + H.cutout[1]])
-        # Where the source was, in periods from H's own cell: the tiling is tested far from it.
+        # where the source was, in periods from H's own cell: the tiling is tested far from it.
         places.append(np.array(H.anchor) + check.position[1:] + np.array(check.periods) * H.period)
     if not found:
         raise InputError.expected(

@@ -34,7 +34,7 @@ def listed_commands(package: str, order: tuple[str, ...] = ()) -> tuple[Listed, 
     """
     path = importlib.import_module(package).__path__
     names = [m.name for m in pkgutil.iter_modules(path) if not m.name.startswith("_")]
-    # A stable sort: what is not named in the order stays sorted by name behind it.
+    # a stable sort: what is not named in the order stays sorted by name behind it.
     names = sorted(name for name in names if name.partition("_")[0] == name or name.partition("_")[0] not in names)
     called = {name: name.replace("_", "-") for name in names}
     names.sort(key=lambda name: order.index(called[name]) if called[name] in order else len(order))

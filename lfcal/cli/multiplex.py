@@ -118,11 +118,11 @@ def _measured(modulator: Modulator, base: Modulator, trials: int) -> list[float 
 
     from lfcal.multiplex import monte_carlo_gain
 
-    # Gains are ratios of noise: both must recover all channels, and as many.
+    # gains are ratios of noise: both must recover all channels, and as many.
     if not modulator.rank() == modulator.count == base.count:
         return [None, None]
     return [
-        # The same seed for every modulator: differences between them are not those of the draw.
+        # the same seed for every modulator: differences between them are not those of the draw.
         monte_carlo_gain(modulator, base, chi2, rng=np.random.default_rng(1), trials=trials)
         for chi2 in (0.0, math.inf)
     ]

@@ -132,7 +132,7 @@ def _light(raw: NDArray[Any], dark: Path | None, level: Any) -> NDArray[Any]:
 
 
 def _fitting(fit: FrameLattice) -> int:
-    # An odd number of views has one in the middle, through the centre of the pupil.
+    # an odd number of views has one in the middle, through the centre of the pupil.
     return max(1, (int(min(fit.pitch_px, fit.row_pitch_px)) - 1) // 2 * 2 + 1)
 
 

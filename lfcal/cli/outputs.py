@@ -43,7 +43,7 @@ def check_outputs(outs: Iterable[Path], *inputs: Path | str | None, force: bool)
     """Check several outputs as `check_output` does; what else lies beside them is left alone."""
     files = list(outs)
     taken: set[tuple[int, int]] = set()
-    # Only a file that is there can be an input.
+    # only a file that is there can be an input.
     if any(out.exists() for out in files):
         taken = {found for source in inputs for path in files_of(source) if (found := _identity(path))}
     for out in files:

@@ -68,7 +68,7 @@ def parse_depths(text: str, *, lengths: bool) -> tuple[float, ...]:
     if "," in text or len(values) != 3 or values[2] == 0:
         raise InputError.expected("planes", "a,b,c or start:stop:step", repr(text), "for example 2:5.5:0.5")
     start, stop, step = values
-    # Rounded generously: 0.1:0.7:0.1 means seven planes, though 0.6 / 0.1 is below 6 in floating point.
+    # rounded generously: 0.1:0.7:0.1 means seven planes, though 0.6 / 0.1 is below 6 in floating point.
     count = math.floor((stop - start) / step * (1 + 1e-12) + 1e-9) + 1
     if not 1 <= count <= MAX_PLANES:
         raise InputError.expected(
@@ -80,7 +80,7 @@ def parse_depths(text: str, *, lengths: bool) -> tuple[float, ...]:
 def _number(field: str, lengths: bool) -> float:
     match = re.fullmatch(r"\s*([-+−]?[0-9.]+(?:[eE][-+]?\d+)?)\s*(um|µm|mm)?\s*", field)
     try:
-        # Virtual depths are ratios: a unit shows that the wrong option was used.
+        # virtual depths are ratios: a unit shows that the wrong option was used.
         if match is None or (match[2] and not lengths):
             raise ValueError
         return float(match[1].replace("−", "-")) * UNITS[match[2] or ""]
@@ -372,7 +372,7 @@ def command(
 
 def _write(plan: ScanPlan, pace: Pace, out: Path | None, positions: NDArray[np.intp] | None = None) -> Forecast:
     """Write the plan where asked, and return the forecast of its positions or of some of them."""
-    # Forecast before writing: a speed that makes no sense must leave no file behind.
+    # forecast before writing: a speed that makes no sense must leave no file behind.
     forecast = pace.forecast(plan, positions)
     if out is not None:
         with replace_whole(out) as part:

@@ -96,7 +96,7 @@ def ready_plan(path: Path) -> ScanPlan | None:
     from lfcal.camera import ScanPlan
     from lfcal.files import read_text
 
-    # A camera and a plan are both JSON: the format's name in the text tells them apart before parsing.
+    # a camera and a plan are both JSON: the format's name in the text tells them apart before parsing.
     text = read_text(path)
     return ScanPlan.from_json(text) if '"lfcal-plan"' in text else None
 

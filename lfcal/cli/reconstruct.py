@@ -314,7 +314,7 @@ def _solve(task: _Task, P: Projector, clean: Cleaner, view: Resampling | None, s
         save(name, None, {})
 
     work = iter_series(P, frames, len(frames), task.choice, take, weights=weights, warm=task.warm, missing=leave)
-    # The forecast goes to standard error, before the wait that it is about.
+    # the forecast goes to standard error, before the wait that it is about.
     if not task.quiet:
         report(f"{P.forecast()}; memory {run_memory(P, task.choice, warm=task.warm)}")
     if not task.choice.solver.in_parts:

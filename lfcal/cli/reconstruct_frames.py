@@ -86,7 +86,7 @@ def frames_of(path: Path) -> list[FrameFile]:
         raise InputError.expected(f"frames in {path}", "at least one image", "none", "check the folder")
     found = []
     for file in files:
-        # Opened for the number of pages alone; each page is read when its turn comes.
+        # opened for the number of pages alone; each page is read when its turn comes.
         image = open_image(file)
         image.close()
         for page in range(image.pages):

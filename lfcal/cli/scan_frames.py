@@ -68,7 +68,7 @@ class ScanFrames:
         if own is None and found is None:
             source.close()
             raise no_plan(frames if frames.is_dir() else frames.parent)
-        # A plan that is named replaces the recorded one: its cutout and anchor may have been corrected since.
+        # a plan that is named replaces the recorded one: its cutout and anchor may have been corrected since.
         if own is None or plan is None:
             return source, own or found  # type: ignore[return-value]  # one of them is there
         assert found is not None

@@ -255,7 +255,7 @@ def _write_h(task: _Task, runner: _Runner, choose: Callable[[float], EffectSelec
     plan, out, workers = task.planned, runner.out, runner.workers
     predicted = predict_seconds(plan, task.found, task.level, tolerance=task.tolerance)
     run = None if choose is not None else runner.choice(predicted)
-    # Told before the work begins, while there is still time to choose a larger tolerance.
+    # told before the work begins, while there is still time to choose a larger tolerance.
     if not task.quiet:
         most = _memory(task, run, workers)
         report(f"about {format_seconds(predicted)} of processor time ahead, at most {format_bytes(most)} of memory")
@@ -415,7 +415,7 @@ def _write_frames(task: _Task, folder: Path, seed: int, peak: float) -> dict[str
     from lfcal.simulate.sensor.camera_source import SimulatedCamera
     from lfcal.simulate.sensor.session import iter_write_session
 
-    # Frames of two sessions in one folder would be read as one.
+    # frames of two sessions in one folder would be read as one.
     if folder.exists() and any(folder.iterdir()):
         raise InputError.expected(str(folder), "a new or empty folder", "one with files in it", "choose another")
     source = SimulatedCamera(task.planned, task.found, level=task.level, tolerance=task.tolerance, seed=seed, peak=peak)

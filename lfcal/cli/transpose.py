@@ -60,7 +60,7 @@ def command(
     with open_matrix(source, mat_order=mat_order) as matrix:
         report_regions(source, matrix, "written")
         dark, missing = report_dark(matrix), report_missing(matrix)
-        # File to file by planes: H may be far larger than the memory.
+        # file to file by planes: H may be far larger than the memory.
         ahead = matrix.nbytes / RATE
         run = run_choice(out, executor, scheduler, workers, resume=resume, force=force, seconds=ahead)
         work = iter_transpose_file(matrix, out, method=method, compression=compression, workers=workers, run=run)

@@ -23,7 +23,7 @@ __all__ = ["H5File"]
 def _opened(path: Path) -> Any:
     import h5py
 
-    # Without HDF5's lock a file can be read while another program writes it, and on network disks. In one program it is
+    # without HDF5's lock a file can be read while another program writes it, and on network disks. In one program it is
     # opened a second time only by whoever asks for the same lock: a notebook's file has h5py's default, or any.
     for options in ({"locking": False}, {}, {"locking": True}):
         try:

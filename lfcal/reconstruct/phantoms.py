@@ -82,7 +82,7 @@ def phantom(name: str, shape: Shape, seed: int = 0) -> NDArray[np.float64]:
     """Return the phantom ``points``, ``vesicle`` or ``plume`` at a size that suits ``shape``."""
     if name == "points":
         rng = np.random.default_rng(seed)
-        # Away from the border, where half of a point's pattern would be cut off.
+        # away from the border, where half of a point's pattern would be cut off.
         margin = [min(n // 4, 12) if axis else 0 for axis, n in enumerate(shape)]
         low, high = np.array(margin), np.array(shape) - np.array(margin)
         where = rng.integers(low, np.maximum(high, low + 1), (max(4, 2 * shape[0]), 3))

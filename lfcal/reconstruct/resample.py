@@ -100,7 +100,7 @@ class Resampling:
         corners = np.array([(r, c) for r in (0, shape[0] - 1) for c in (0, shape[1] - 1)], float)
         reached = (corners - np.array(origin)) @ np.linalg.inv(matrix).T
         low, high = reached.min(axis=0), reached.max(axis=0)
-        # The first pixel of the result is a whole number of pixels from position (0, 0) of H.
+        # the first pixel of the result is a whole number of pixels from position (0, 0) of H.
         first = np.ceil(low - np.array(lattice_anchor) - 1e-9) + np.array(lattice_anchor)
         size = np.floor(high - first + 1e-9).astype(int) + 1
         return cls(origin, down, across, period, (int(size[0]), int(size[1])), (float(-first[0]), float(-first[1])))
@@ -225,7 +225,7 @@ class Resampling:
         def work(start: int, stop: int) -> None:
             rows, columns = np.mgrid[start:stop, : self.shape[1]]
             place = np.stack(self.places(rows, columns))
-            # A pixel's own extent beyond the outermost centres belongs to the frame.
+            # a pixel's own extent beyond the outermost centres belongs to the frame.
             place = np.where(np.abs(place - np.round(place)) < 1e-9, np.round(place), place)
             out[start:stop] = area * map_coordinates(prepared, place, order=spline, mode="constant", prefilter=False)
 

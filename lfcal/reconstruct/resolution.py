@@ -150,13 +150,13 @@ def iter_two_point(
             image = P.forward(truth)
             image *= photons / max(float(image.sum()), float(np.finfo(P.dtype).tiny))
             if seed is not None:
-                # Other noise for each distance, the same for each plane: planes are compared under equal noise.
+                # other noise for each distance, the same for each plane: planes are compared under equal noise.
                 image = np.random.default_rng(seed + k).poisson(np.maximum(image, 0)).astype(P.dtype)
             volume = richardson_lucy(P, image, iterations).volume
             dips.append(dip(volume[z, row].astype(np.float64), left, left + distance))
             yield clock.at(z * len(distances) + k + 1)
         apart = [d for d, value in zip(distances, dips, strict=True) if value < limit]
-        # The least distance from which on every larger one is resolved too.
+        # the least distance from which on every larger one is resolved too.
         best = next((d for k, d in enumerate(distances) if all(v < limit for v in dips[k:])), float("inf"))
         results.append(TwoPoint(z, float(P.depths[z]), float(best) if apart else float("inf"), tuple(dips)))
     return tuple(results)

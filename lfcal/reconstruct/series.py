@@ -176,7 +176,7 @@ def iter_series(
             results.append(FrameResult.without_volume(name, str(result), time.perf_counter() - start))
             continue
         save(name, result)
-        # Only the volume: the solver's memory belongs to the frame before.
+        # only the volume: the solver's memory belongs to the frame before.
         previous = result.volume if warm else None
         last = result.history[-1]
         seconds = time.perf_counter() - start

@@ -154,7 +154,7 @@ class PlaneTask:
 def _plane(out: NDArray[np.float32], response: PlaneResponse, name: str, workers: int) -> Iterable[Progress]:
     """Compute one plane into ``out`` ``(ny, nx, nt, ns)``, zeroed; yield progress."""
     ny, nx = out.shape[:2]
-    # Whatever the number of threads: rows of a block mirror each other, and another block is other rounding. An even
+    # whatever the number of threads: rows of a block mirror each other, and another block is other rounding. An even
     # number, for they come in pairs.
     block = min(ny, max(2, BLOCK_BYTES // max(1, out[0].nbytes) // 2 * 2))
     clock = Clock(name, ny * response.runs)

@@ -154,7 +154,7 @@ class PlaneResponse:
                 engine = self._add(out, part, engine, sample.weight, (ys[part], xs), workers)
                 done += part.size
                 yield done
-            # Engines of displaced points are freed here, one at a time in memory; their certificates are kept.
+            # engines of displaced points are freed here, one at a time in memory; their certificates are kept.
             if engine not in self._engines.values():
                 self._spent.append(engine.certificate)
 
@@ -168,7 +168,7 @@ class PlaneResponse:
         workers: int | None,
     ) -> PlaneEngine:
         """Add rows ``part``; return the engine that computed them, finer than ``engine`` where that was too coarse."""
-        # One engine run that fills consecutive rows alone may write into the result without a copy.
+        # one engine run that fills consecutive rows alone may write into the result without a copy.
         in_order = bool((np.diff(part) == 1).all())
         if self.runs == 1 and self.kernel is None and in_order and out.flags.c_contiguous:
             whole = out[part[0] : part[-1] + 1]
@@ -187,7 +187,7 @@ class PlaneResponse:
             except EnergyError:
                 if self.sampling is not None:
                     raise
-                # A grid is as fine as the light's angles need: more changes nothing.
+                # a grid is as fine as the light's angles need: more changes nothing.
                 if self.level in ("reference", "grid") or attempt == RETRIES:
                     balance = f"no more of it out than in at level {self.level!r}"
                     remedy = "choose another level, or a smaller tolerance"
@@ -208,7 +208,7 @@ class PlaneResponse:
     def _engine_of(self, sample: LightSample) -> PlaneEngine:
         if not (sample.rows or sample.columns):
             return self.engine(sample.wavelength_um)
-        # Offsets displace the source on the sensor's scale: the pixels stay where they are.
+        # offsets displace the source on the sensor's scale: the pixels stay where they are.
         shift = np.array([sample.rows, sample.columns]) * self.sensor_um
         planned = np.zeros((*self.scene.period, 2)) if self.scene.offsets_um is None else self.scene.offsets_um
         undisplaced = self.engine(sample.wavelength_um)
@@ -253,7 +253,7 @@ class PlaneResponse:
 
 def _pairs_together(scene: Scene, ys: NDArray[np.intp]) -> NDArray[np.intp]:
     """Return the order of rows in which those that mirror each other follow each other: engines compute one."""
-    # Rows next to each other fall into one block, and an engine mirrors within a block only.
+    # rows next to each other fall into one block, and an engine mirrors within a block only.
     twins = mirrored_rows(scene, ys)
     order = [i for k in range(len(ys)) if k not in twins for i in (k, *(t for t, of in twins.items() if of == k))]
     return np.array(order, np.intp)
@@ -262,7 +262,7 @@ def _pairs_together(scene: Scene, ys: NDArray[np.intp]) -> NDArray[np.intp]:
 def at_wavelength(scene: Scene, wavelength_um: float) -> Scene:
     """Return the scene in light of another wavelength; aberrations keep their path lengths, images and foci move."""
     scale = scene.wavelength_um / wavelength_um
-    # The glass keeps its path length in µm; in waves of another light it is another number.
+    # the glass keeps its path length in µm; in waves of another light it is another number.
     terms = tuple((n, m, waves * scale) for n, m, waves in scene.wavefront)
     found = replace(
         scene,

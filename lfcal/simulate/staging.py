@@ -82,7 +82,7 @@ def ideal_scene(plan: ScanPlan, outlook: Outlook, *, halo: int = 0, on_sensor: b
         residual_y = residual_x = 0.0  # resampled pixels are laid about the chief ray itself
     about = plan.lattice_anchor
     offsets = None
-    # Engines have the chief ray of position (0, 0) on a pixel's centre; what is left over displaces every source.
+    # engines have the chief ray of position (0, 0) on a pixel's centre; what is left over displaces every source.
     if residual_y or residual_x:
         offsets = np.broadcast_to(np.array([residual_y, residual_x]) * camera.sensor.pixel_um, (*plan.period, 2)).copy()
     sharpest = int(np.argmin(np.abs(outlook.defocus)))
@@ -143,7 +143,7 @@ def resolve_level(scene: Scene, level: str = "auto") -> tuple[Scene, str]:
         level = "debye" if scene.objective is not None else "wave"
     if level != "geometric" and not scene.lenslet_diffraction:
         scene = replace(scene, lenslet_diffraction=True)
-    # There fringes and shadow are one integral: half of it cannot be left out.
+    # there fringes and shadow are one integral: half of it cannot be left out.
     inseparable = scene.objective is not None or choose_mode(scene) == "U"
     if level != "geometric" and inseparable and not scene.main_diffraction:
         scene = replace(scene, main_diffraction=True)  # see `IrisDiffraction`

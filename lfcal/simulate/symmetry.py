@@ -30,7 +30,7 @@ def is_mirror_symmetric(scene: Scene) -> bool:
 
     A square or hexagonal array along the pixel rows does, lens types included, about every row of lenslets.
     """
-    # Offsets could mirror each other too; they are not looked at.
+    # offsets could mirror each other too; they are not looked at.
     lattice = scene.lattice
     upright = lattice.rotation_rad == lattice.shear_rad == 0 and scene.pixel_aspect == 1
     in_place = scene.offsets_um is None and scene.image_map is None and scene.tilt == (0, 0)
@@ -46,7 +46,7 @@ def _iris_is_symmetric(iris: PupilIris) -> bool:
         return False
     if iris.blades == 0 or iris.curvature == 1:
         return True
-    # A regular iris mirrors itself about x where a vertex or the middle of an edge lies on it.
+    # a regular iris mirrors itself about x where a vertex or the middle of an edge lies on it.
     turns = iris.rotation_rad * iris.blades / math.pi
     return abs(turns - round(turns)) < 1e-9
 

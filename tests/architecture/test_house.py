@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -246,3 +247,12 @@ def test_tests_lie_in_folders_of_the_packages_that_they_test() -> None:
     for folder in (*packages, *pages):
         place = folder.relative_to(ROOT / "lfcal" if folder in packages else ROOT)
         assert list((ROOT / "tests" / place).rglob("test_*.py")), place
+
+
+def test_comments_begin_with_a_small_letter() -> None:
+    """Names keep theirs; words that are none at the beginning of a comment show that it is written otherwise."""
+    words = "A|An|All|As|At|Each|For|Here|If|In|It|No|Not|On|One|Only|The|There|This|What|When|Where|With|Without"
+    # the first line of a comment, and none of a script that is written out
+    start = re.compile(rf'^(?! *#|.*""")[^\n]*\n *# (?:{words}) [a-z]{{2,}}', re.MULTILINE)
+    wrong = [f"{path.relative_to(ROOT)}: {found[0]}" for path in FILES for found in start.finditer(text_of(path))]
+    assert not wrong

@@ -22,7 +22,7 @@ from lfcal.frames.regions import check_region
 
 __all__ = ["TiffImage", "count_pages"]
 
-# What tifffile logs of damaged files is found out here and raised; without a handler it would reach the terminal.
+# what tifffile logs of damaged files is found out here and raised; without a handler it would reach the terminal.
 logging.getLogger("tifffile").addHandler(logging.NullHandler())
 
 _GREY = {1, CFA, LINEAR}

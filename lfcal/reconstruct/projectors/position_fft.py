@@ -32,7 +32,7 @@ class PositionFFT:
         self.rounding = 20 * float(np.finfo(dtype).eps)
         from scipy.fft import next_fast_len  # a tenth of a second to load, and few want this method
 
-        # The pattern's wrap-around may fall only on the c rows and columns that are cut off.
+        # the pattern's wrap-around may fall only on the c rows and columns that are cut off.
         self.shape = tuple(next_fast_len(n + c, real=True) for n, c in zip(grid.image_shape, grid.centre, strict=True))
         self.mask = None if phases is None else grid.tiled(phases)
 

@@ -66,7 +66,7 @@ class AxisTiles:
         return (self.count - 1) * self.valid + self.taken
 
     def _phase(self, cells: NDArray[np.intp]) -> NDArray[np.complex128]:
-        # The product is reduced before it meets 2*pi, so that the phase is exact for every size.
+        # the product is reduced before it meets 2*pi, so that the phase is exact for every size.
         turns = np.outer(np.arange(self.frequencies), cells) % self.length
         phase: NDArray[np.complex128] = np.exp(-2j * np.pi * turns / self.length)
         return phase

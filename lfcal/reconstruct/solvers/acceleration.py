@@ -47,7 +47,7 @@ def extrapolate(state: SolverState, name: str) -> tuple[NDArray[Any], float]:
             last, before = state.arrays[1], state.arrays[2]
             power = float(np.vdot(before, before))
             step = float(np.vdot(last, before)) / power if power > 0 else 0.0
-            # At 1 the extrapolation would not die out where updates stop shrinking.
+            # at 1 the extrapolation would not die out where updates stop shrinking.
             step = min(max(step, 0.0), 0.999)
     if step == 0.0:
         return state.volume, 0.0

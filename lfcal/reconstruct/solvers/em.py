@@ -245,7 +245,7 @@ def iter_em(
         change = relative_change(volume, state.volume)
         if done.turned_back:
             state = replace(state, volume=done.start)
-        # The likelihood belongs to the extrapolated start: where it fell, the last step was too long.
+        # the likelihood belongs to the extrapolated start: where it fell, the last step was too long.
         restart = done.turned_back or (step > 0 and fit.likelihood < before)
         arrays, numbers = pace.remember(state, done, options.acceleration, restart=restart)
         # else the volume that the iteration began with is held through the next one
@@ -335,7 +335,7 @@ def _start(P: Projector, data: Measurement, parts: tuple[_Part, ...], initial: A
         return volume
     light = float(data.weighted(np.maximum(data.image - data.background, 0)).sum(dtype=np.float64))
     level = light / reach if reach > 0 else 0.0
-    # A voxel no pixel sees would keep its start for ever: it starts, and stays, at zero.
+    # a voxel no pixel sees would keep its start for ever: it starts, and stays, at zero.
     start = np.zeros(P.volume_shape, P.dtype)
     start[sensitivity > UNSEEN * np.max(sensitivity)] = level
     return start
@@ -372,7 +372,7 @@ def _iterate(
         likelihood += fit.likelihood
         foretold += fit.left_out
         error += fit.left_out_error**2
-        # Subsets are disjoint: their squares add up to that of the whole image, each at its own estimate.
+        # subsets are disjoint: their squares add up to that of the whole image, each at its own estimate.
         own = data.image if part.mask is None else data.image * part.mask
         square += (fit.residual * float(np.linalg.norm(data.weighted(own)))) ** 2
         stretched, strength = pace.strength > 0, pace.at(model, data, floor)
@@ -450,7 +450,7 @@ def _update(
         """Update a plane, into the array that is not needed again: volumes may fill the memory; return its light."""
         share = below[z]
         if steep is not None:
-            # A steep gradient would turn the denominator negative or blow the voxel up: grow no more than tenfold.
+            # a steep gradient would turn the denominator negative or blow the voxel up: grow no more than tenfold.
             share = np.maximum(below[z] + scale * steep[z], 0.1 * below[z])
         seen = (part.sensitivity[z] > UNSEEN * top) & (share > 0)
         factor = np.divide(np.maximum(above[z], 0), share, out=np.ones_like(volume[z]), where=seen)

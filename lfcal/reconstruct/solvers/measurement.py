@@ -146,7 +146,7 @@ class Measurement:
         if read_noise > 0:
             data += np.asarray(read_noise**2, dtype)
             floor = floor + np.asarray(read_noise**2, dtype)
-        # Counted after the read noise is added: its square lifts most of them above zero.
+        # counted after the read noise is added: its square lifts most of them above zero.
         below = int(np.count_nonzero(data < 0))
         if below and not signed:
             notes.append(f"{below} negative pixels were taken as 0; a background or read noise would keep them")

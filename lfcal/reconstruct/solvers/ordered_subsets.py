@@ -16,7 +16,7 @@ __all__ = ["SOLVER"]
 def iterate(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:
     """Run Richardson-Lucy over the subsets asked for, 4 by default, in turn."""
     count = _parts(run.subsets)
-    # A short period has fewer phases than subsets are usual: then each phase is one.
+    # a short period has fewer phases than subsets are usual: then each phase is one.
     masks = interleaved_subsets(P.period, min(count, P.grid.phases))
     return iter_run(P, image, run, EmOptions(subsets=masks))
 

@@ -55,7 +55,7 @@ class TotalVariation:
 
     def gradient(self, volume: NDArray[Any]) -> NDArray[Any]:
         """Return minus the divergence of the unit gradient."""
-        # Below a millionth of the peak the direction of the gradient is rounding, not structure.
+        # below a millionth of the peak the direction of the gradient is rounding, not structure.
         least = max(float(volume.max(initial=0.0)) * 1e-6, float(np.finfo(volume.dtype).tiny))
 
         def of(slab: NDArray[Any]) -> NDArray[Any]:

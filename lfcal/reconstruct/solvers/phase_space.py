@@ -31,7 +31,7 @@ def views_of(P: Projector, image: ArrayLike, blocks: int) -> Masks:
     """Return masks ``(ny, nx)`` of ``blocks`` x ``blocks`` views, brightest in ``image`` first."""
     views = min(blocks, P.period[0]), min(blocks, P.period[1])
     masks = angular_subsets(P.period, views, lenslet_phase(P))
-    # Pixels without a value have weight 0 later on; here they must not decide which view is brightest.
+    # pixels without a value have weight 0 later on; here they must not decide which view is brightest.
     return by_energy(masks, np.nan_to_num(np.asarray(image, float), posinf=0.0, neginf=0.0), P.grid)
 
 

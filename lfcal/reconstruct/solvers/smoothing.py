@@ -49,7 +49,7 @@ def smoothing_widths(camera: Any, depths: ArrayLike) -> NDArray[np.float64]:
         if abs(v) < 1:
             widths.append(pitch)
             continue
-        # With several lens types the one in focus decides what is resolved.
+        # with several lens types the one in focus decides what is resolved.
         blur = min(abs(f - 1.0 / v) for f in inverse_focus) / 2
         widths.append(2 * pitch * min(0.5, abs(1.0 / abs(v) - blur)))
     return np.array(widths)
@@ -170,6 +170,6 @@ def _smooth(plane: NDArray[Any], kernel: NDArray[np.float64]) -> NDArray[Any]:
     plane = separable(plane, kernel)
     for axis in (0, 1):
         norm = np.convolve(np.ones(plane.shape[axis]), kernel)[kernel.size // 2 :][: plane.shape[axis]]
-        # A window cut by the border may sum to little: there the share of the kernel inside is at least a quarter.
+        # a window cut by the border may sum to little: there the share of the kernel inside is at least a quarter.
         plane /= np.expand_dims(np.maximum(norm, 0.25), 1 - axis)
     return plane

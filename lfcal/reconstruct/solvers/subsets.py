@@ -28,7 +28,7 @@ def interleaved_subsets(period: tuple[int, int], count: int) -> Masks:
     """
     ny, nx = period
     _check_count(count, ny * nx)
-    # A step near the golden ratio of the count keeps pixels of one subset far apart in both directions.
+    # a step near the golden ratio of the count keeps pixels of one subset far apart in both directions.
     step = next(k for k in range(max(1, round(count * 0.618)), 2 * count + 2) if math.gcd(k, count) == 1)
     y, x = np.mgrid[:ny, :nx]
     label = y % count if ny >= 4 * count else (x + step * y) % count

@@ -145,7 +145,7 @@ def _reckoned(outlook: Outlook, level: str, tolerance: float, positions: float) 
         widest = math.ceil(max(_spots_px(outlook)))
         seen = _lenslets_seen(outlook, widest)
         return 0.005 + positions * (2.5e-6 * seen + 1e-9 * outlook.pixels + 1e-5)
-    # The reference has no sampling of its own here: it is taken as a multiple of the wave engine.
+    # the reference has no sampling of its own here: it is taken as a multiple of the wave engine.
     step = step_for(outlook, "wave" if level == "reference" else level, tolerance)
     if level == "debye":
         # of large cutouts the products of matrices grow with a side more than with the pixels
@@ -174,7 +174,7 @@ def _wave_seconds(outlook: Outlook, sampling: Sampling) -> float:
     for spot in _spots_px(outlook):
         half = math.ceil(spot + sampling.margin_px)
         widest = max(widest, half)
-        # Samples per pixel on a lenslet that its window on the sensor needs (Nyquist), in steps of a half.
+        # samples per pixel on a lenslet that its window on the sensor needs (Nyquist), in steps of a half.
         need = 2 * (half + 0.5) * outlook.pixel_um**2 / (outlook.wavelength_um * outlook.gap_um)
         samples = 2 * outlook.lit_px * max(1.0, math.ceil(2 * need) / 2) + 3
         window = (2 * half + 1) * sampling.nodes_per_px + 2

@@ -105,7 +105,7 @@ class Whole:
 def whole_of(plan: ScanPlan, z: int, effects: Budget | Sequence[Effect], level: str, runs: int | None = None) -> Whole:
     """Return how plane ``z`` scales to the whole plan at an engine's level, by the effects' own estimates."""
     budget = effects if isinstance(effects, Budget) else Budget(tuple(effects), 1.0)
-    # Planes differ by how many lenslets they light and by their effects: the ratio is estimated, one is measured.
+    # planes differ by how many lenslets they light and by their effects: the ratio is estimated, one is measured.
     samples = [_samples(plan, k, budget) for k in range(plan.shape[0])]
     costs = [_expected(plan, k, budget, level) for k in range(plan.shape[0])]
     return Whole(sum(costs) / costs[z], sum(samples) / samples[z], samples[z] if runs is None else runs)

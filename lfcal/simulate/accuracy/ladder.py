@@ -186,7 +186,7 @@ def iter_ladder(
     tasks: list[tuple[str, Sampling | None]] = [("geometric", None), *steps]
     clock = Clock("accuracy against time", len(tasks) + 1)
     yield clock.at(0, "reference")
-    # One scene for all rungs: what differs is how it is computed.
+    # one scene for all rungs: what differs is how it is computed.
     truth, judge, each = _reference(scene, places, reference)
     shares = whole_of(plan, z, budget, level)
     whole = each * scene.period[0] * scene.period[1] * shares.runs * shares.planes
@@ -278,7 +278,7 @@ def _reference(
     choices = [wanted] if wanted is not None else [Sampling(samples_per_px=n) for n in REFERENCE_SAMPLES]
     reach = 2 * scene.shadow_radius_um / scene.reduced_pixel_um + 4 * scene.lattice.pitch_um / scene.reduced_pixel_um
     if wanted is None:
-        # The finest grid that is still quick; the coarsest where none is.
+        # the finest grid that is still quick; the coarsest where none is.
         choices = [c for c in choices if reach * (c.samples_per_px or 8) <= LARGEST_GRID] or choices[-1:]
     engine = engine_for(scene, "reference", choices[0])
     start = time.process_time()

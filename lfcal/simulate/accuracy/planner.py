@@ -200,7 +200,7 @@ def plan_effects(
     """
     check_number("tolerance", tolerance, above=0, at_most=4, remedy="0.03 is usual")
     planes = _outlooks(camera, region, peak)
-    # A given effect takes the place, and the order, of the catalogue's of its name.
+    # a given effect takes the place, and the order, of the catalogue's of its name.
     candidates = tuple({e.name: e for e in (*catalogue(), *effects)}.values())
     settings = _settings(overrides or {}, candidates)
     known = {effect.name for effect in effects}
@@ -271,7 +271,7 @@ class _Costs:
             by_rays = self.level_of(effects) == "geometric"
             runs = len(light_samples(effects, outlook))
             seconds += runs * (engine.rays if by_rays else engine.waves)
-            # The step from rays to waves and further runs are in the engines' seconds already.
+            # the step from rays to waves and further runs are in the engines' seconds already.
             seconds += sum(e.seconds(outlook, engine) for e in effects if not _in_engines(e))
         return seconds
 

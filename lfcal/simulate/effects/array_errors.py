@@ -42,7 +42,7 @@ class Telecentricity(SceneEffect):
         if optics.telecentric:
             return Estimate(0.0, "px", 0.0, "telecentric")
         excess = outlook.gap_um / optics.image_distance_um
-        # Micro-images are farther apart than lenslets by the ratio of the distances from the pupil.
+        # micro-images are farther apart than lenslets by the ratio of the distances from the pupil.
         period = max(outlook.camera.period_px) * excess
         return Estimate(
             period, "px", outlook.array_moved(excess * outlook.field_rms_px), "period * B/b; shift B/b * r_rms"

@@ -99,7 +99,7 @@ class MechanicalVignetting(SceneEffect):
         optics = outlook.camera.optics
         if not isinstance(optics, MainLens):
             return 0.0, 0.0
-        # The rim slides over the pupil in proportion to its distance from it (radius of the pupil: f/(2 N)).
+        # the rim slides over the pupil in proportion to its distance from it (radius of the pupil: f/(2 N)).
         unit = self.distance_um / optics.image_distance_um * 2.0 * optics.f_number / optics.focal_length_um
         return outlook.field_um[0] * unit, outlook.field_um[1] * unit
 
@@ -113,7 +113,7 @@ class MechanicalVignetting(SceneEffect):
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
         """Return the scene with the second stop; none where it cuts nothing."""
         y, x = self.shift(outlook)
-        # A stop that cuts nothing would still cost the symmetry and the tables of a circular pupil.
+        # a stop that cuts nothing would still cost the symmetry and the tables of a circular pupil.
         if overlap(math.hypot(y, x), self.radius) >= 1.0:
             return scene
         return replace(scene, iris=replace(scene.iris, stop=(x, y, self.radius)))
@@ -131,7 +131,7 @@ def overlap(distance: float, radius: float) -> float:
         return 0.0
     if d <= abs(r - 1.0):
         return min(1.0, r * r)
-    # At tangency rounding pushes the cosines beyond 1 and the kite below 0.
+    # at tangency rounding pushes the cosines beyond 1 and the kite below 0.
     a = math.acos(min(1.0, max(-1.0, (d * d + 1 - r * r) / (2 * d))))
     b = math.acos(min(1.0, max(-1.0, (d * d + r * r - 1) / (2 * d * r))))
     kite = 0.5 * math.sqrt(max(0.0, (1 + r - d) * (d + 1 - r) * (d + r - 1) * (d + r + 1)))

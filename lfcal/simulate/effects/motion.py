@@ -123,7 +123,7 @@ class Backlash(MotionEffect):
             drive = commanded_um[:, axis]
             carriage = drive[0]
             for k, target in enumerate(drive):
-                # The drive pushes the carriage one way and pulls it the other, with the play between.
+                # the drive pushes the carriage one way and pulls it the other, with the play between.
                 carriage = min(max(carriage, target), target + play)
                 out[k, axis] = carriage - target
         return out
@@ -214,7 +214,7 @@ class DepthError(MotionEffect):
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return dv = M² dz/B, and the mean spot shift dv B/(3 Nw v) that it makes."""
         camera = outlook.camera
-        # The depth is nonlinear in z: a finite step of the mean size, not a derivative.
+        # the depth is nonlinear in z: a finite step of the mean size, not a derivative.
         step = MEAN * self.rms(camera)
         dv = abs(camera.virtual_depth(outlook.z_um + step) - camera.virtual_depth(outlook.z_um))
         shift = dv * outlook.gap_um / (3 * outlook.f_number * abs(outlook.virtual_depth)) / outlook.pixel_um

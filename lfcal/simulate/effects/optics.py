@@ -173,7 +173,7 @@ class IrisShape(SceneEffect):
         "curvature": "optics.blade_curvature",
         "rotation_rad": "optics.blade_rotation_rad",
     }
-    # A microscope's pupil is round unless blades are given.
+    # a microscope's pupil is round unless blades are given.
     typical_sizes: ClassVar[Mapping[str, tuple[float, float]]] = {
         "blades": (0, 0),
         "curvature": (0.0, 0.0),
@@ -210,7 +210,7 @@ class IrisShape(SceneEffect):
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
         """Return the scene with the bladed iris; a second stop stays."""
-        # Mechanical vignetting may have been applied before.
+        # mechanical vignetting may have been applied before.
         return replace(scene, iris=replace(self.iris(outlook.camera), stop=scene.iris.stop))
 
 

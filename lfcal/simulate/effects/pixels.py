@@ -107,7 +107,7 @@ class Crosstalk(PsfEffect):
     def kernel(self, camera: Camera) -> NDArray[np.float64]:
         """Return the 3 x 3 kernel, the product of two three-point kernels."""
         del camera
-        # A product of two lines, so that the diagonal neighbours get the square of the share.
+        # a product of two lines, so that the diagonal neighbours get the square of the share.
         line = np.array([self.share, 1.0 - 2.0 * self.share, self.share])
         return np.outer(line, line)
 

@@ -24,16 +24,16 @@ def poisson_quantile(mean: NDArray[np.floating], share: NDArray[np.float64]) -> 
     out = np.zeros(mean.shape)
     large = mean > EXACT_MEAN
     if large.any():
-        # The normal deviate of a share of 0 is minus infinity.
+        # the normal deviate of a share of 0 is minus infinity.
         m, z = mean[large], ndtri(np.clip(share[large], 1e-16, None))
         third = (z * z - 1) / 6 - (z * z * z - z) / (72 * np.sqrt(m))
         out[large] = np.maximum(np.floor(m + z * np.sqrt(m) + third + 0.5), 0.0)
-    # A share below P(0) makes 0 electrons; the others count up until their share is reached.
+    # a share below P(0) makes 0 electrons; the others count up until their share is reached.
     todo = np.flatnonzero(~large.ravel() & (share > np.exp(-mean)).ravel())
     m, u, flat = mean.ravel()[todo], share.ravel()[todo], out.ravel()
     term = np.exp(-m)
     total, count = term.copy(), 0
-    # The sum may end a rounding below 1 and never reach the last share: 400 is far beyond any count here.
+    # the sum may end a rounding below 1 and never reach the last share: 400 is far beyond any count here.
     while todo.size and count < 400:
         count += 1
         term = term * m / count

@@ -23,12 +23,12 @@ def check_effect(kind: type[Effect]) -> None:
         raise TypeError("it is not a class derived from Effect")
     if inspect.isabstract(kind):
         raise TypeError(f"it lacks {', '.join(sorted(kind.__abstractmethods__))}")
-    # The fields are the magnitudes that provenance keeps; two equal effects must compare equal.
+    # the fields are the magnitudes that provenance keeps; two equal effects must compare equal.
     if not is_dataclass(kind) or not kind.__dataclass_params__.frozen:
         raise TypeError("it is not a frozen dataclass")
     if not isinstance(getattr(kind, "title", None), str) or not isinstance(getattr(kind, "acts_on", None), ActsOn):
         raise TypeError("it does not say its title or what it acts on")
-    # Tried here, because one estimate that fails later would stop every plan, whether it wants the effect or not.
+    # tried here, because one estimate that fails later would stop every plan, whether it wants the effect or not.
     camera = preset("bench")
     outlook = Outlook(camera, camera.depth_of(4.0), (61, 61), (33, 19))
     found = kind().estimate(outlook)

@@ -78,7 +78,7 @@ class StrayLight(FrameEffect):
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the share, and what is lost by the spots and gained by the cutout."""
         rows, columns = outlook.camera.sensor.shape
-        # The light is lost in the cutout and comes back spread over the whole sensor.
+        # the light is lost in the cutout and comes back spread over the whole sensor.
         veil = min(1.0, outlook.pixels / (rows * columns))
         return Estimate(self.share, "relative", self.share * (1.0 + veil), "share (1 + cutout/sensor)")
 
@@ -144,7 +144,7 @@ class ColourFilter(FrameEffect):
         side = len(passed)
         for r in range(side):
             for c in range(side):
-                # A strip may begin in the middle of the pattern.
+                # a strip may begin in the middle of the pattern.
                 strip[(r - view.row) % side :: side, c::side] *= passed[r, c]
         return strip
 
@@ -188,7 +188,7 @@ class FixedPattern(FrameEffect):
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the gains' rms and the mean deviation 0.8 rms; offsets count on every pixel of the cutout."""
         rms = self.gain_rms(outlook.camera)
-        # Gains follow the light, offsets do not: they count on dark pixels too.
+        # gains follow the light, offsets do not: they count on dark pixels too.
         offsets = self.offset_e * outlook.pixels / outlook.signal_e
         return Estimate(rms, "relative", MEAN * math.hypot(rms, offsets), "0.8 prnu")
 

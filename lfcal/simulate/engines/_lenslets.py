@@ -16,7 +16,7 @@ F4 = NDArray[Any]
 F8 = NDArray[np.float64]
 I8 = NDArray[np.int64]
 
-# Fields of a structured array belong to the signature a kernel is compiled for: other files may share this one.
+# fields of a structured array belong to the signature a kernel is compiled for: other files may share this one.
 SPOT = np.dtype(
     [
         *((name, np.int64) for name in ("position", "row", "col", "top", "left")),

@@ -135,7 +135,7 @@ def _strip(
     for effect, view in zip(ordered, views, strict=True):
         if effect.rank < COUNTS_FROM:
             strip = effect.on_frame(strip, view)
-    # Here the converter stands: electrons before, counts after it.
+    # here the converter stands: electrons before, counts after it.
     strip /= np.float32(camera.sensor.electrons_per_count)
     strip += np.float32(camera.sensor.black_level)
     for effect, view in zip(ordered, views, strict=True):
@@ -146,7 +146,7 @@ def _strip(
 
 def _patterns(seed: int, strip: int, shape: tuple[int, ...]) -> Callable[[str], NDArray[np.float32]]:
     def pattern(name: str) -> NDArray[np.float32]:
-        # Numbers where sessions made earlier had them; names of other distributions' patterns speak for themselves.
+        # numbers where sessions made earlier had them; names of other distributions' patterns speak for themselves.
         key = PATTERNS.index(name) if name in PATTERNS else zlib.crc32(name.encode())
         rng = random_numbers(seed, FrameKind.PATTERN, key, strip)
         return rng.standard_normal(shape, np.float32)
