@@ -21,7 +21,7 @@ from griffe import (
     Parameters,
 )
 
-from lfcal.progress import docstring_of
+from lfcal.base.progress import docstring_of
 
 
 class Drained(Extension):

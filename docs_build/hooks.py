@@ -99,7 +99,7 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
 
 def _keys(key: str) -> str:
     """Return the table of a page's own keys in the window."""
-    from gui.models.page import PAGES
+    from lfcal_gui.models.page import PAGES
 
     pairs = PAGES.get(key).keys
     rows = "\n".join(f"| {keys} | {what} |" for keys, what in pairs)

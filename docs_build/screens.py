@@ -24,7 +24,7 @@ def take_screens(out: Path) -> dict[str, bytes]:
     RuntimeError
         With what the window said, where it does not come up.
     """
-    words = [sys.executable, "-m", "gui.screenshots", str(out), "--theme", THEME, "--size", SIZE]
+    words = [sys.executable, "-m", "lfcal_gui.screenshots", str(out), "--theme", THEME, "--size", SIZE]
     words += [word for scene in SCENES for word in ("--scene", scene)]
     env = {**os.environ, "QT_QPA_PLATFORM": "offscreen"}
     done = subprocess.run(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=env)

@@ -32,7 +32,7 @@ def short(what: str) -> str:
 
 def draw(path: Path) -> None:
     """Draw bars on a logarithmic axis."""
-    from lfcal.figures import figure, save_figure
+    from lfcal.base.figures import figure, save_figure
 
     rows = ratios_of(PAGE.read_text(encoding="utf-8"))
     with figure(7, 4.6) as fig:

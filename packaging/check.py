@@ -107,7 +107,7 @@ def check_wheel(scratch: Path) -> None:
 
 def programs_in(folder: Path, python: str) -> Programs:
     """Return the programs of an installation with its Python."""
-    return Programs((str(folder / "lfcal"),), (str(folder / "lfcal-gui"),), (python, "-m", "gui.screenshots"))
+    return Programs((str(folder / "lfcal"),), (str(folder / "lfcal-gui"),), (python, "-m", "lfcal_gui.screenshots"))
 
 
 def check_programs(programs: Programs, scratch: Path) -> None:

@@ -12,7 +12,7 @@ import types
 from pathlib import Path
 
 SCREENSHOTS = "--screenshots"
-"""First word after which pictures of the window's pages are taken, see `gui.screenshots`; the bundle's check does."""
+"""First word after which pictures of the window's pages are taken, see `lfcal_gui.screenshots`; the bundle's check does."""
 
 
 def main() -> int:
@@ -22,19 +22,19 @@ def main() -> int:
     logging.getLogger("hdf5plugin").setLevel(logging.CRITICAL)
     _stand_in_for_opengl()
     _keep_compiled()
-    from lfcal.h5.probe import EXAMINE
+    from lfcal.base.h5.probe import EXAMINE
 
     first = sys.argv[1] if len(sys.argv) > 1 else ""
     if first == EXAMINE:
-        from lfcal.h5 import _examine
+        from lfcal.base.h5 import _examine
 
         _examine.main()
     elif first == SCREENSHOTS:
-        from gui.screenshots import main as screenshots
+        from lfcal_gui.screenshots import main as screenshots
 
         return screenshots(sys.argv[2:])
     elif Path(sys.executable).stem.lower() == "lfcal-gui":
-        from gui.app import main as window
+        from lfcal_gui.app import main as window
 
         return window()
     else:

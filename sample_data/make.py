@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import Any
 
 from lfcal.acquire import Options, iter_finish, record
+from lfcal.base.progress import drain
 from lfcal.camera import Camera, ScanPlan, preset
 from lfcal.devices import simulated_rig
-from lfcal.progress import drain
 from lfcal.simulate import SimulatedCamera
 from lfcal.simulate.effects import (
     DarkCurrent,

@@ -64,8 +64,8 @@ def begun(tmp_path_factory: pytest.TempPathFactory) -> Path:
 DEAR = (
     "lfcal.accuracy.base",
     "lfcal.fit.fit",
-    "lfcal.inspect.inspection",
-    "lfcal.inspect.search",
+    "lfcal.judge.inspection",
+    "lfcal.judge.search",
     "lfcal.psf.assembly",
     "lfcal.psf.report.write",
     "lfcal.simulate.accuracy.ladder",

@@ -8,9 +8,9 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from lfcal.accuracy.base import Curve
-from lfcal.errors import FileFormatError
-from lfcal.files import read_text, replace_whole
-from lfcal.plain import parse_json
+from lfcal.base.errors import FileFormatError
+from lfcal.base.files import read_text, replace_whole
+from lfcal.base.plain import parse_json
 
 __all__ = ["read_curves", "write_curves"]
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from lfcal.accuracy.base import UNITS, Rung
 from lfcal.accuracy.subject import Subject
-from lfcal.checks import check_choice
-from lfcal.progress import Progress
+from lfcal.base.checks import check_choice
+from lfcal.base.progress import Progress
 
 __all__ = ["AccuracyStep", "Measuring", "Place", "Truth"]
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.errors import InputError, LfcalError
+from lfcal.base.progress import Clock, Work
 from lfcal.camera import ScanPlan
-from lfcal.errors import InputError, LfcalError
-from lfcal.progress import Clock, Work
 from lfcal.psf import PSFMatrix
 from lfcal.simulate import iter_simulate_psf, plan_effects
 from lfcal.simulate.accuracy.sampling import step_for

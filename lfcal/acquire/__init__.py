@@ -16,7 +16,7 @@ Devices are those of `lfcal.devices`.
 
 from typing import TYPE_CHECKING
 
-from lfcal.face import lazy_face
+from lfcal._lazy import lazy_face
 
 if TYPE_CHECKING:
     from lfcal.acquire._face import *  # noqa: F403

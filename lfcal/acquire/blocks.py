@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from lfcal.acquire.frame_plan import FramePlan, frame_grid, frame_positions
 from lfcal.acquire.options import Options
 from lfcal.acquire.recording.records import Kind
+from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan
-from lfcal.errors import InputError
 from lfcal.frames.source import Position
 from lfcal.psf.cutout import Cutout
 

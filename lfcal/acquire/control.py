@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import threading
 
+from lfcal.base.errors import Cancelled
 from lfcal.devices.protocols import TimeSource
-from lfcal.errors import Cancelled
 
 __all__ = ["Aborted", "Control"]
 

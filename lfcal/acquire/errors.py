@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from lfcal.acquire.recording.records import Suspicion
-from lfcal.errors import LfcalError
+from lfcal.base.errors import LfcalError
 
 __all__ = ["AcquisitionStopped", "SuspectFrame"]
 

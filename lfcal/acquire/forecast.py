@@ -18,10 +18,10 @@ from lfcal.acquire.recording.store import recording_bytes
 from lfcal.acquire.schedule import Schedule
 from lfcal.acquire.session import check_devices, check_fixed
 from lfcal.acquire.session_file import frame_dtype
+from lfcal.base.files import require_space, storage_errors
 from lfcal.camera import Forecast, ScanPlan
 from lfcal.camera.forecast import readout_hours
 from lfcal.devices.rig import Rig
-from lfcal.files import require_space, storage_errors
 from lfcal.frames.source import Position
 
 __all__ = ["SessionForecast", "forecast"]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.acquire.recording.source import RecordingSource
-from lfcal.errors import LfcalError
+from lfcal.base.errors import LfcalError
 from lfcal.frames.source import Position
 
 __all__ = ["Known", "known_around"]

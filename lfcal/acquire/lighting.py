@@ -5,9 +5,9 @@ from __future__ import annotations
 from contextlib import suppress
 
 from lfcal.acquire.control import Control
+from lfcal.base.errors import InputError
 from lfcal.devices.checked import CheckedLight
 from lfcal.devices.rig import Rig
-from lfcal.errors import InputError
 
 __all__ = ["Lighting", "check_light"]
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from lfcal.acquire.recording.records import Kind, Note
 from lfcal.acquire.references import HotPixels, References, light_where
 from lfcal.acquire.schedule import ScheduledFrame
-from lfcal.axes import position_at
+from lfcal.base.axes import position_at
 from lfcal.camera import ScanPlan
 
 __all__ = ["Alarm", "LiveQuality", "QualityState"]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.acquire.control import Control
-from lfcal.checks import check_number
+from lfcal.base.checks import check_number
 from lfcal.devices.checked import CheckedStage
 from lfcal.devices.errors import LimitError, NotInPosition, StageError
 from lfcal.devices.protocols import Limits, Point, StageDevice, TimeSource

@@ -8,10 +8,10 @@ from typing import Any
 
 from lfcal.acquire.motion import Motion
 from lfcal.acquire.suspending import Bound
+from lfcal.base.checks import check_choice, check_number, check_type
+from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan
 from lfcal.camera.description import build
-from lfcal.checks import check_choice, check_number, check_type
-from lfcal.errors import InputError
 
 __all__ = ["ORDERS", "POLICIES", "Options"]
 

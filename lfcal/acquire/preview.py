@@ -53,7 +53,7 @@ class Preview:
     >>> from lfcal.acquire import LiveFrame, Preview, iter_record
     >>> from lfcal.camera import ScanPlan, preset
     >>> from lfcal.devices import simulated_rig
-    >>> from lfcal.progress import drain
+    >>> from lfcal.base.progress import drain
     >>> plan = replace(ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=21), period=(1, 2))
     >>> preview = Preview()  # another thread may look while it records
     >>> _ = drain(iter_record(Path("watched"), plan, simulated_rig(plan), preview=preview))

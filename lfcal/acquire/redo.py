@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from lfcal.errors import FileFormatError
-from lfcal.files import read_text, replace_whole
+from lfcal.base.errors import FileFormatError
+from lfcal.base.files import read_text, replace_whole
+from lfcal.base.plain import parse_json
 from lfcal.frames.source import Position
-from lfcal.plain import parse_json
 
 __all__ = ["RedoList"]
 

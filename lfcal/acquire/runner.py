@@ -25,12 +25,12 @@ from lfcal.acquire.recording.records import Kind, Note
 from lfcal.acquire.recording.writer import Acknowledged, Sink, Writer
 from lfcal.acquire.schedule import Schedule, ScheduledFrame
 from lfcal.acquire.taking import Taker
+from lfcal.base.errors import LfcalError
+from lfcal.base.progress import Progress, Work
 from lfcal.camera import ScanPlan
 from lfcal.devices.protocols import Roi
 from lfcal.devices.rig import Rig
-from lfcal.errors import LfcalError
 from lfcal.frames.source import Position
-from lfcal.progress import Progress, Work
 
 __all__ = ["Observer", "Outcome", "Runner"]
 

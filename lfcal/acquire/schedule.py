@@ -13,10 +13,10 @@ from lfcal.acquire.blocks import Block, blocks_of, frame_blocks, window_shape
 from lfcal.acquire.frame_plan import FramePlan, frame_grid
 from lfcal.acquire.options import Options
 from lfcal.acquire.recording.records import Kind
-from lfcal.axes import centre, position_at
+from lfcal.base.axes import centre, position_at
+from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan
 from lfcal.devices.protocols import Point, Roi
-from lfcal.errors import InputError
 from lfcal.frames.source import Position
 
 __all__ = ["Schedule", "ScheduledFrame", "window_shape"]

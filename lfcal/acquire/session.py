@@ -31,12 +31,12 @@ from lfcal.acquire.schedule import Schedule
 from lfcal.acquire.session_file import Devices, Run, SessionFile, frame_dtype
 from lfcal.acquire.setup.stage_check import iter_stage_check
 from lfcal.acquire.suspending import Suspender
+from lfcal.base.errors import InputError, LfcalError, StorageError
+from lfcal.base.files import require_space, storage_errors
+from lfcal.base.progress import Work, drained
 from lfcal.camera import ScanPlan
 from lfcal.devices.rig import Rig
-from lfcal.errors import InputError, LfcalError, StorageError
-from lfcal.files import require_space, storage_errors
 from lfcal.frames.source import Position
-from lfcal.progress import Work, drained
 
 __all__ = ["check_devices", "check_fixed", "check_new", "iter_record", "record"]
 

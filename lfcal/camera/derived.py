@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from lfcal.base.errors import InputError
+from lfcal.base.units import format_length
 from lfcal.camera.description import Camera
 from lfcal.camera.main_lens import MainLens
-from lfcal.errors import InputError
-from lfcal.units import format_length
 
 __all__ = ["DEPTH", "STEP", "WHOLE_FRAMES", "Derived", "assumed_of", "derived_of"]
 

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import fields, replace
 from typing import Any
 
+from lfcal.base.errors import InputError
 from lfcal.camera.description import Camera
 from lfcal.camera.distortion import BrownDistortion
 from lfcal.camera.lattice import LensletLattice, LensType
@@ -15,7 +16,6 @@ from lfcal.camera.main_lens import MainLens, Microscope, Optics
 from lfcal.camera.marks import Marks
 from lfcal.camera.quantities import QUANTITIES, quantities_of
 from lfcal.camera.sensor import Sensor
-from lfcal.errors import InputError
 
 __all__ = ["Draft"]
 

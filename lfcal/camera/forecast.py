@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.checks import check_number
 from lfcal.camera.plan import ScanPlan
-from lfcal.checks import check_number
 
 __all__ = ["Forecast", "readout_hours"]
 

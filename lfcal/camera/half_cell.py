@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.errors import InputError
 from lfcal.camera.plan import ScanPlan
-from lfcal.errors import InputError
 
 __all__ = ["HalfCell", "half_cell"]
 

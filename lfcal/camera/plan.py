@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.axes import Position, check_cutout
+from lfcal.base.axes import Position, check_cutout
+from lfcal.base.checks import check_choice, check_number, check_tuple, check_type
+from lfcal.base.errors import FileFormatError, InputError
+from lfcal.base.plain import parse_json
 from lfcal.camera.description import Camera, build
 from lfcal.camera.lens_centre import nearest_lens
 from lfcal.camera.planes import MAX_WAIT_S, checked_depths, checked_exposures, depths_of
 from lfcal.camera.shadow import cutout_for
 from lfcal.camera.stage import StageAxes
-from lfcal.checks import check_choice, check_number, check_tuple, check_type
-from lfcal.errors import FileFormatError, InputError
-from lfcal.plain import parse_json
 
 __all__ = ["ScanPlan"]
 

@@ -6,10 +6,10 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from lfcal.base.checks import check_number, check_tuple
+from lfcal.base.errors import InputError
 from lfcal.camera.description import Camera
 from lfcal.camera.main_lens import Microscope
-from lfcal.checks import check_number, check_tuple
-from lfcal.errors import InputError
 
 __all__ = ["MAX_WAIT_S", "checked_depths", "checked_exposures", "depths_of"]
 

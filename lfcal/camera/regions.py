@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.checks import check_tuple, check_type
+from lfcal.base.errors import FileFormatError, InputError
+from lfcal.base.plain import parse_json
 from lfcal.camera.lens_centre import nearest_lens
 from lfcal.camera.plan import ScanPlan
-from lfcal.checks import check_tuple, check_type
-from lfcal.errors import FileFormatError, InputError
-from lfcal.plain import parse_json
 
 __all__ = ["RegionPlan", "parse_regions"]
 

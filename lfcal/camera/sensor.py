@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from lfcal.checks import check_length, check_number, check_tuple, check_type
-from lfcal.errors import InputError
+from lfcal.base.checks import check_length, check_number, check_tuple, check_type
+from lfcal.base.errors import InputError
 
 __all__ = ["Sensor"]
 

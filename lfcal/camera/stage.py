@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.checks import check_tuple
-from lfcal.errors import InputError
+from lfcal.base.checks import check_tuple
+from lfcal.base.errors import InputError
 
 __all__ = ["StageAxes"]
 

@@ -11,7 +11,7 @@
 
 from typing import TYPE_CHECKING
 
-from lfcal.face import lazy_face
+from lfcal._lazy import lazy_face
 
 if TYPE_CHECKING:
     from lfcal.campaign._face import *  # noqa: F403

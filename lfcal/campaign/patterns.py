@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from lfcal.acquire.recording.source import RecordingSource
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
+from lfcal.base.progress import Work
 from lfcal.fit import Measured, measured_of
 from lfcal.frames import CorrectionRecipe, corrected_view
 from lfcal.frames.oriented import oriented
-from lfcal.progress import Work
 from lfcal.psf.measured_noise import scan_noise
 from lfcal.psf.picked import iter_pick
 from lfcal.psf.upright import iter_upright

@@ -6,11 +6,11 @@ import os
 from dataclasses import replace
 from typing import Any, NamedTuple
 
+from lfcal.base.progress import Work
 from lfcal.campaign.point_facts import target_facts
 from lfcal.campaign.point_frames import PointFrames
 from lfcal.campaign.points import Points, iter_points_of
 from lfcal.frames.source import FrameSource
-from lfcal.progress import Work
 from lfcal.psf import AssemblyReport, AssemblySettings
 from lfcal.psf.assembly import iter_assemble_plan
 from lfcal.targets import TargetPlan

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from lfcal.base.plain import plain
 from lfcal.campaign.points import Points
-from lfcal.plain import plain
 
 __all__ = ["target_facts"]
 

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from lfcal.base.progress import Work
 from lfcal.camera import RegionPlan, ScanPlan
 from lfcal.fit.field import FieldFit
 from lfcal.fit.files import fit_dict, iter_write_model
 from lfcal.fit.writing import CAMERA, EFFECTS, MODEL, NUMBERS, write_found
-from lfcal.progress import Work
 
 __all__ = ["iter_write_points", "point_outputs"]
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.progress import Work, drained
 from lfcal.campaign.point_hole import HOLE, is_told, iter_called_for, moved_far, not_told, without_hole
 from lfcal.campaign.point_optics import OwnOptics, iter_with_own_light
 from lfcal.campaign.point_parts import measured_points
@@ -24,7 +25,6 @@ from lfcal.fit.regional import Regional
 from lfcal.fit.setup import Setup, called_for
 from lfcal.fit.solver import descend
 from lfcal.frames.source import FrameSource
-from lfcal.progress import Work, drained
 from lfcal.simulate.effects import FiniteSource
 from lfcal.simulate.effects.base import Effect
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from lfcal.base.errors import InputError
 from lfcal.campaign.points import Points
-from lfcal.errors import InputError
 from lfcal.frames.regions import Region
 from lfcal.frames.source import FrameInfo, FrameMetadata, FrameSource, Position, Samples
 from lfcal.frames.view import SourceView

@@ -12,10 +12,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.checks import check_number, check_tuple
+from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan
 from lfcal.campaign.points import Points
-from lfcal.checks import check_number, check_tuple
-from lfcal.errors import InputError
 from lfcal.fit import Measured
 from lfcal.fit.regional import FieldRegion, Regional
 from lfcal.frames.source import FrameSource, Noise

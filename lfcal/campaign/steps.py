@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from lfcal.acquire.runner import Outcome
-from lfcal.checks import check_number
+from lfcal.base.checks import check_number
+from lfcal.base.units import format_share
 from lfcal.fit import Fit
 from lfcal.fit.judge import ModelError
 from lfcal.fit.model import Fineness
 from lfcal.fit.problem import ERRORS
-from lfcal.units import format_share
 
 __all__ = ["FEWEST", "Adapted", "AdaptiveStep", "Goal"]
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan
-from lfcal.errors import InputError
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.setup import Setup
 from lfcal.frames.lists.motion import centre_of_light

@@ -63,8 +63,8 @@ def _run() -> None:
 
     import typer
 
-    from lfcal.errors import Cancelled, LfcalError
-    from lfcal.threads import bounded_threads
+    from lfcal.base.errors import Cancelled, LfcalError
+    from lfcal.base.threads import bounded_threads
 
     # where its list of fonts cannot be kept for the next time, on a full disk, nothing of ours is the worse for it
     logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)
@@ -102,7 +102,7 @@ def _drop_output() -> None:
 
 def _system_words(error: OSError) -> str:
     """Return what the system refused: a name that is too long, a folder that vanished, output onto a full disk."""
-    from lfcal.errors import StorageError
+    from lfcal.base.errors import StorageError
 
     if error.filename is not None:
         where, remedy = os.fsdecode(error.filename) if isinstance(error.filename, str | bytes) else "file", "check it"

@@ -26,10 +26,10 @@ if TYPE_CHECKING:
     from lfcal.acquire.options import Options
     from lfcal.acquire.redo import RedoList
     from lfcal.acquire.runner import Outcome
+    from lfcal.base.progress import Work
     from lfcal.camera import RegionPlan, ScanPlan
     from lfcal.campaign import Adapted, Goal
     from lfcal.devices.rig import Rig
-    from lfcal.progress import Work
     from lfcal.targets import TargetPlan
 
 R = TypeVar("R")
@@ -119,6 +119,7 @@ def command(
     """
     from lfcal.acquire.redo import RedoList
     from lfcal.acquire.runner import Outcome
+    from lfcal.base.errors import InputError, LfcalError
     from lfcal.camera import RegionPlan
     from lfcal.cli.acquire_regions import check_region_options
     from lfcal.cli.acquire_target import check_target_options, simulated_options
@@ -127,7 +128,6 @@ def command(
     from lfcal.cli.outputs import check_output
     from lfcal.cli.usage import refuse
     from lfcal.devices.registry import open_rig
-    from lfcal.errors import InputError, LfcalError
 
     if frame_rate is not None and not dry_run:
         raise InputError("--frame-rate: is for the time that --dry-run tells; leave it out, or add --dry-run")
@@ -376,12 +376,12 @@ class _Cover:
 
 def _show_forecast(task: _Task, rig: Rig, frame_rate: float | None) -> None:
     from lfcal.acquire.forecast import forecast
+    from lfcal.base.plain import plain
+    from lfcal.base.units import format_bytes, format_seconds
     from lfcal.camera import RegionPlan
     from lfcal.cli.acquire_regions import forecast_regions
     from lfcal.cli.console import print_json, print_table, report
     from lfcal.frames.source import Position
-    from lfcal.plain import plain
-    from lfcal.units import format_bytes, format_seconds
 
     only: tuple[Position, ...] = () if task.only is None else task.only.positions
     if task.goal is not None:

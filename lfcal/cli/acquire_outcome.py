@@ -79,9 +79,9 @@ def _show_suspects(suspects: RedoList, path: Path) -> None:
 
 def show_outcome(result: dict[str, Any], outcome: Outcome, out: Path, json: bool) -> None:
     """Print how a session ended, and what to do next."""
+    from lfcal.base.units import format_seconds
     from lfcal.cli.acquire_target import show_coverage
     from lfcal.cli.console import print_json
-    from lfcal.units import format_seconds
 
     if json:
         print_json(result)

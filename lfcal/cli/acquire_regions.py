@@ -6,9 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from lfcal.base.errors import InputError
 from lfcal.cli.acquire_words import reported_holds
 from lfcal.cli.console import run_work
-from lfcal.errors import InputError
 
 if TYPE_CHECKING:
     from lfcal.acquire.control import Control

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.errors import InputError, LfcalError
-from lfcal.units import format_share
+from lfcal.base.errors import InputError, LfcalError
+from lfcal.base.units import format_share
 
 if TYPE_CHECKING:
     from lfcal.acquire.live_coverage import CoverageState, LiveCoverage

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from lfcal.base.errors import InputError
 from lfcal.cli.options import parse_groups
-from lfcal.errors import InputError
 
 if TYPE_CHECKING:
     from lfcal.campaign import Adapted, AdaptiveStep, Goal

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 if TYPE_CHECKING:
     from lfcal.acquire.control import Control
     from lfcal.acquire.options import Options
+    from lfcal.base.progress import Work
     from lfcal.camera import RegionPlan, ScanPlan
     from lfcal.devices.rig import Rig
-    from lfcal.progress import Work
     from lfcal.targets import TargetPlan
 
 __all__ = ["numbers", "options_of", "pairs", "read_plan", "reported_holds", "tell_automatic"]
@@ -21,11 +21,11 @@ R = TypeVar("R")
 
 def read_plan(path: Path, origin: str) -> ScanPlan | TargetPlan | RegionPlan:
     """Return the plan of a scan, a target or regions in a file, its stage at ``origin`` if that is given."""
+    from lfcal.base.errors import InputError
+    from lfcal.base.files import read_text
+    from lfcal.base.plain import parse_json
     from lfcal.camera import RegionPlan, ScanPlan
     from lfcal.cli.acquire_target import target_plan_in
-    from lfcal.errors import InputError
-    from lfcal.files import read_text
-    from lfcal.plain import parse_json
 
     text = read_text(path)
     data = parse_json(text, "scan plan")
@@ -95,7 +95,7 @@ def reported_holds(work: Work[R], control: Control) -> Work[R]:
 
 def numbers(text: str | None, what: str) -> tuple[float, ...] | None:
     """Return numbers separated by commas; None where nothing is given."""
-    from lfcal.errors import InputError
+    from lfcal.base.errors import InputError
 
     if text is None:
         return None
@@ -107,7 +107,7 @@ def numbers(text: str | None, what: str) -> tuple[float, ...] | None:
 
 def pairs(options: list[str]) -> dict[str, str]:
     """Return the options of a backend, written as NAME=VALUE."""
-    from lfcal.errors import InputError
+    from lfcal.base.errors import InputError
 
     found = {}
     for text in options:

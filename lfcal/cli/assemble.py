@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from lfcal.base.errors import InputError
 from lfcal.cli.channels import ChannelPart, open_colour, parts_of
 from lfcal.cli.completing import complete_orientation
 from lfcal.cli.listed import ColumnsOption, OriginOption, report_notes, tell_size
@@ -28,7 +29,6 @@ from lfcal.cli.regions import make_regions
 from lfcal.cli.runs import may_replace, run_choice, run_kept
 from lfcal.cli.scan_frames import ScanFrames
 from lfcal.cli.usage import refuse
-from lfcal.errors import InputError
 
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
@@ -334,9 +334,9 @@ def _assemble_regions(
 
 def show_report(report: AssemblyReport, out: Path, seconds: float, json: bool) -> dict[str, Any]:
     """Return what was assembled, and print it but for ``json``; what nobody measured is null or "unknown"."""
+    from lfcal.base.units import format_bytes, format_seconds
     from lfcal.cli.console import report as line
     from lfcal.psf.facts import Origin
-    from lfcal.units import format_bytes, format_seconds
 
     matrix = report.matrix
     origin = matrix.facts.origin

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from lfcal.base.errors import InputError
+from lfcal.base.files import replace_whole
 from lfcal.cli.cameras import load_camera
 from lfcal.cli.colour_planes import read_white
 from lfcal.cli.console import print_json, print_table, report
@@ -14,8 +16,6 @@ from lfcal.cli.listed import OriginOption
 from lfcal.cli.options import CameraArgument, ForceOption, JsonOption, WorkersOption
 from lfcal.cli.outputs import check_output
 from lfcal.cli.usage import refuse
-from lfcal.errors import InputError
-from lfcal.files import replace_whole
 
 if TYPE_CHECKING:
     from lfcal.frames.white_orientation import TurnedWhite

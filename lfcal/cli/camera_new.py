@@ -9,6 +9,7 @@ from typing import Any
 
 import typer
 
+from lfcal.base.errors import InputError
 from lfcal.camera import PRESETS, Draft, Marks, preset, quantities_of, value_at
 from lfcal.cli.camera_values import (
     ArrayOption,
@@ -27,7 +28,6 @@ from lfcal.cli.camera_values import (
 from lfcal.cli.console import report
 from lfcal.cli.options import ForceOption, JsonOption
 from lfcal.cli.outputs import check_output
-from lfcal.errors import InputError
 
 __all__ = ["register"]
 

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from lfcal.base.errors import InputError
+from lfcal.base.files import replace_whole
 from lfcal.cli.console import print_json, print_table, report, run_work
 from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
 from lfcal.cli.outputs import check_outputs
 from lfcal.cli.plan import load_camera
-from lfcal.errors import InputError
-from lfcal.files import replace_whole
 
 if TYPE_CHECKING:
     from lfcal.camera import Camera

@@ -9,8 +9,8 @@ from typing import Annotated, Any, TypeAlias
 
 import typer
 
+from lfcal.base.errors import InputError
 from lfcal.camera import QUANTITIES
-from lfcal.errors import InputError
 
 __all__ = [
     "ArrayOption",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from lfcal.base.errors import StorageError, choose
 from lfcal.camera import (
     CAMERA_FORMATS,
     PRESETS,
@@ -17,7 +18,6 @@ from lfcal.camera import (
     value_at,
 )
 from lfcal.cli.console import report
-from lfcal.errors import StorageError, choose
 
 __all__ = ["assumed_in_words", "load_camera", "load_file", "tell", "tell_assumed"]
 

@@ -34,7 +34,7 @@ class ChannelPart:
 
 def open_colour(opened: Callable[..., tuple[Frames, ScanPlan]], channel: str) -> tuple[Frames, ScanPlan]:
     """Return frames and plan; of colour images the component that ``channel`` names, green for ``"each"``."""
-    from lfcal.errors import FileFormatError
+    from lfcal.base.errors import FileFormatError
     from lfcal.frames.components import open_component
 
     try:
@@ -62,7 +62,7 @@ def parts_of(
     quiet
         Say nothing of what a colour has of the scan.
     """
-    from lfcal.errors import InputError
+    from lfcal.base.errors import InputError
     from lfcal.frames.colour_scan import ThinnedSource, colour_scan, colours_of
     from lfcal.frames.components import COMPONENTS
 

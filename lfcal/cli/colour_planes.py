@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lfcal.checks import check_choice
-from lfcal.errors import FileFormatError, InputError
+from lfcal.base.checks import check_choice
+from lfcal.base.errors import FileFormatError, InputError
 
 if TYPE_CHECKING:
     import numpy as np

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import typer
 
+from lfcal.base.errors import InputError
 from lfcal.cli.options import ForceOption, JsonOption, MatOrderOption, MatrixArgument, WorkersOption
-from lfcal.errors import InputError
 
 __all__ = ["register"]
 

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import typer
 
-from lfcal.plain import plain
-from lfcal.progress import Progress, Work, drain
-from lfcal.units import format_seconds
+from lfcal.base.plain import plain
+from lfcal.base.progress import Progress, Work, drain
+from lfcal.base.units import format_seconds
 
 if TYPE_CHECKING:
     from lfcal.psf import PSFMatrix

@@ -56,12 +56,12 @@ def command(
 
     Example: `lfcal demo demo_out`
     """
+    from lfcal.base.units import format_seconds
     from lfcal.cli.console import print_json, print_table
     from lfcal.cli.outputs import check_outputs
     from lfcal.cli.sample import sample_session
     from lfcal.cli.scan_frames import ScanFrames
     from lfcal.psf.report import report_files
-    from lfcal.units import format_seconds
 
     check_outputs([*(out / name for name in FILES), *report_files(out / REPORT)], force=force)
     session = sample_session()
@@ -113,8 +113,8 @@ def _assembled(
 
 
 def _pictures(matrix: PSFMatrix, out: Path, steps: _Steps) -> None:
-    from lfcal.figures import draw_image, figure, save_figure
-    from lfcal.units import format_length
+    from lfcal.base.figures import draw_image, figure, save_figure
+    from lfcal.base.units import format_length
 
     z, y, x = len(matrix) // 2, matrix.period[0] // 2, matrix.period[1] // 2
     with steps.step("one slice of the transposed matrix, without building it") as made, figure(9, 3.4) as fig:

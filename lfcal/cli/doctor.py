@@ -13,8 +13,8 @@ from typing import Any
 
 import typer
 
+from lfcal.base.registry import Registry
 from lfcal.cli.options import JsonOption
-from lfcal.registry import Registry
 
 LIBRARIES = (
     "numpy",
@@ -100,10 +100,10 @@ def examine() -> dict[str, Any]:
     from dataclasses import asdict
 
     from lfcal import __version__
+    from lfcal.base.system import processors, total_memory
+    from lfcal.base.threads import worker_count
+    from lfcal.base.units import format_bytes
     from lfcal.devices.registry import find_backends
-    from lfcal.system import processors, total_memory
-    from lfcal.threads import worker_count
-    from lfcal.units import format_bytes
 
     machine: dict[str, Any] = {
         "lfcal": __version__,
@@ -153,8 +153,8 @@ def _remedy(name: str) -> str:
 
 
 def _bound_by() -> str:
-    from lfcal.system import processors
-    from lfcal.threads import WORKERS, worker_count
+    from lfcal.base.system import processors
+    from lfcal.base.threads import WORKERS, worker_count
 
     return WORKERS if worker_count() != processors() else "every processor this process may use"
 

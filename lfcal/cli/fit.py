@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from lfcal.base.errors import InputError
 from lfcal.cli.options import (
     ExecutorOption,
     ForceOption,
@@ -19,7 +20,6 @@ from lfcal.cli.options import (
     WorkersOption,
     parse_groups,
 )
-from lfcal.errors import InputError
 
 if TYPE_CHECKING:
     from lfcal.fit import Fit, Measured

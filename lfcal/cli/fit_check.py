@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import typer
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
@@ -109,8 +109,8 @@ def _frames(H: PSFMatrix, source: Path, asked: CheckRequest, stack: ExitStack, *
 
 def single_frames(source: Path, stack: ExitStack) -> FrameSource:
     """Return frames of which nobody knows the places: every page of a file, or of a folder's files."""
+    from lfcal.base.errors import StorageError
     from lfcal.cli.fit_source import own_words
-    from lfcal.errors import StorageError
     from lfcal.frames import FolderSource, FrameEntry, Manifest, Position, open_image
     from lfcal.frames.formats.opening import image_suffixes
     from lfcal.frames.positions import natural_key
@@ -211,7 +211,7 @@ def new_frame(view: FrameSource, k: int, place: tuple[float, float] | None, plan
 
 def check_dict(found: Check) -> dict[str, Any]:
     """Return what was found as plain types."""
-    from lfcal.plain import plain
+    from lfcal.base.plain import plain
 
     words = {True: "holds", False: "does not hold", None: "not told"}
     error, chi2 = found.error, found.chi_square
@@ -267,8 +267,8 @@ def _frame_dict(one: Compared) -> dict[str, Any]:
 
 
 def _show(found: Check) -> None:
+    from lfcal.base.units import format_share
     from lfcal.cli.console import print_table, report
-    from lfcal.units import format_share
 
     rows = [
         [

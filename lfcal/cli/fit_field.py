@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 
 if TYPE_CHECKING:
     from lfcal.cli.fit_source import PatternReading

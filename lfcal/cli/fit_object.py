@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lfcal.base.errors import InputError
 from lfcal.cli.fit_check import new_frame, single_frames
 from lfcal.cli.fit_validate import error_dict
-from lfcal.errors import InputError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

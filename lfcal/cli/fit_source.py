@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lfcal.errors import FileFormatError, InputError, LfcalError
+from lfcal.base.errors import FileFormatError, InputError, LfcalError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -72,7 +72,7 @@ def is_matrix(path: Path) -> bool:
         return False
     if suffix not in (".h5", ".hdf5"):
         return True
-    from lfcal.h5.file import H5File
+    from lfcal.base.h5.file import H5File
     from lfcal.psf.store import FORMAT
 
     with H5File(path) as file:

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 if TYPE_CHECKING:
+    from lfcal.base.progress import Work
     from lfcal.cli.fit_source import PatternReading
     from lfcal.fit import Fit, Measured
     from lfcal.fit.judge import ModelError
     from lfcal.fit.validate import PointError, Validation
-    from lfcal.progress import Work
 
 __all__ = [
     "VALIDATION",

@@ -22,7 +22,7 @@ from lfcal.cli.options import (
 
 if TYPE_CHECKING:
     from lfcal.fit import Setup
-    from lfcal.inspect import Inspection
+    from lfcal.judge import Inspection
     from lfcal.psf import PSFMatrix
     from lfcal.psf.compare import Comparison
     from lfcal.psf.quality import QualityReport
@@ -81,6 +81,7 @@ def command(
 
     Example: `lfcal inspect H.h5 --report report/`
     """
+    from lfcal.base.errors import InputError
     from lfcal.cli.cameras import tell_assumed
     from lfcal.cli.console import print_json, run_work
     from lfcal.cli.inspect_controls import control_frames
@@ -89,8 +90,7 @@ def command(
     from lfcal.cli.regions import show_loss, told_loss
     from lfcal.cli.runs import may_replace, run_choice, run_kept
     from lfcal.cli.usage import refuse
-    from lfcal.errors import InputError
-    from lfcal.inspect import iter_inspection
+    from lfcal.judge import iter_inspection
     from lfcal.psf.compare import iter_compare
     from lfcal.psf.quality import iter_inspect
     from lfcal.psf.region_loss import draw_region_loss
@@ -153,7 +153,7 @@ def command(
 
 def _setup_of(folder: Path, H: PSFMatrix, seconds: float) -> Setup:
     """Return what a fit found of the camera; raises where it is of another scan, or would not be used."""
-    from lfcal.errors import InputError
+    from lfcal.base.errors import InputError
     from lfcal.fit.expected import plan_of
     from lfcal.fit.stored import read_fit
 
@@ -189,7 +189,7 @@ def _write(
     quiet: bool,
 ) -> Path:
     from lfcal.cli.console import run_work
-    from lfcal.inspect.telling import told
+    from lfcal.judge.telling import told
     from lfcal.psf.report import iter_report
 
     work = iter_report(
@@ -207,10 +207,10 @@ def _show(
     every: bool,
 ) -> None:
     """Print verdict, metrics, apertures and the comparison."""
+    from lfcal.base.units import format_seconds
     from lfcal.cli.console import print_table
     from lfcal.psf.quality.verdict import counted_words, merit_word
     from lfcal.psf.report.page import limits, value_text
-    from lfcal.units import format_seconds
 
     quality = found.quality
     typer.echo(f"H (z, y, x, t, s) = {quality.shape}, inspected in {format_seconds(quality.seconds)}")
@@ -258,9 +258,9 @@ def _show(
 
 def _show_faults(found: Inspection) -> None:
     """Print what the comparison with the camera found."""
+    from lfcal.base.units import format_share
     from lfcal.cli.console import print_table
-    from lfcal.inspect.telling import compared_words, cost_words
-    from lfcal.units import format_share
+    from lfcal.judge.telling import compared_words, cost_words
 
     typer.echo(compared_words(found))
     if found.findings:

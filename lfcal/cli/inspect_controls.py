@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lfcal.acquire.recording.records import Kind
 from lfcal.acquire.recording.source import read_checks
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.psf import PSFMatrix
 from lfcal.psf.quality.inspect import Controls
 

@@ -12,9 +12,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from lfcal.base.progress import Clock, Work
 from lfcal.cli.inspect_controls import control_frames
 from lfcal.cli.outputs import files_of
-from lfcal.progress import Clock, Work
 from lfcal.psf import PSFMatrix, open_psf
 from lfcal.psf.opening import mat_order_of
 from lfcal.psf.quality import QualityReport

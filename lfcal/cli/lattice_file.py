@@ -6,10 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lfcal.checks import check_choice, check_number, check_tuple, check_type
-from lfcal.errors import FileFormatError, InputError
-from lfcal.files import read_text
-from lfcal.plain import parse_json
+from lfcal.base.checks import check_choice, check_number, check_tuple, check_type
+from lfcal.base.errors import FileFormatError, InputError
+from lfcal.base.files import read_text
+from lfcal.base.plain import parse_json
 
 if TYPE_CHECKING:
     from lfcal.lattice.fit import LatticeFit

@@ -86,7 +86,7 @@ def plan_from_list(
     InputError
         If the frames are a part of the camera's sensor and ``origin`` does not say which.
     """
-    from lfcal.errors import StorageError
+    from lfcal.base.errors import StorageError
     from lfcal.frames import named_orientation
     from lfcal.frames.lists.derived import plan_of_list
     from lfcal.frames.lists.entries import located
@@ -120,8 +120,8 @@ def plan_from_list(
 
 def _tell_turned(listing: Listing, plan: ScanPlan, read: Callable[[int], NDArray[Any]]) -> None:
     """Report frames that are flipped or turned against the camera, which the path of their light cannot show."""
+    from lfcal.base.errors import FileFormatError, StorageError
     from lfcal.campaign.turned_frames import find_turned_frames, seen_patterns
-    from lfcal.errors import FileFormatError, StorageError
     from lfcal.frames.lists.placing import place
 
     try:

@@ -52,7 +52,7 @@ def report_missing(matrix: PSFMatrix) -> int:
 
 def check_mat_files(mat_order: str, *paths: Path | None) -> None:
     """Raise `InputError` where ``--mat-order`` is unknown, or none of the files is a ``.mat`` file."""
-    from lfcal.errors import InputError
+    from lfcal.base.errors import InputError
     from lfcal.psf.mat_import import check_mat_order
 
     check_mat_order(mat_order)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from lfcal.base.errors import InputError
 from lfcal.cli import multiplex_figures as pictures
 from lfcal.cli.console import print_json, print_table, report, run_work
 from lfcal.cli.multiplex_coding import coding
@@ -18,14 +19,13 @@ from lfcal.cli.multiplex_views import views
 from lfcal.cli.options import Chi2Option, ForceOption, GainOption, JsonOption, PresetOption, WorkersOption
 from lfcal.cli.outputs import check_output, check_outputs
 from lfcal.cli.usage import refuse
-from lfcal.errors import InputError
 from lfcal.multiplex.naming import GRAMMAR, is_whole, modulator_of
 
 if TYPE_CHECKING:
+    from lfcal.base.progress import Work
     from lfcal.multiplex import Modulator
     from lfcal.multiplex.search import Frontier, SearchProgress
     from lfcal.multiplex.summary import ModulatorNumbers
-    from lfcal.progress import Work
 
 __all__ = ["register"]
 

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 
-from lfcal.checks import check_choice
+from lfcal.base.checks import check_choice
+from lfcal.base.errors import InputError
 from lfcal.cli.console import print_json, print_table, report
 from lfcal.cli.matrices import check_mat_files, open_matrix
 from lfcal.cli.options import ForceOption, GainOption, JsonOption, MatOrderOption, WorkersOption
 from lfcal.cli.outputs import check_output, check_outputs
 from lfcal.cli.usage import refuse
-from lfcal.errors import InputError
 from lfcal.multiplex.codes import CODES
 from lfcal.multiplex.naming import is_whole
 
@@ -285,9 +285,9 @@ def _write(
     import cv2
     import numpy as np
 
-    from lfcal.files import replace_whole, storage_errors
+    from lfcal.base.files import replace_whole, storage_errors
+    from lfcal.base.npy import npy_header
     from lfcal.multiplex import display_frames
-    from lfcal.npy import npy_header
 
     files[0].parent.mkdir(parents=True, exist_ok=True)
     again = (repeat, repeat) if repeat else None

@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from lfcal.base.errors import InputError
+from lfcal.base.progress import Clock, Work
 from lfcal.cli.console import print_json, print_table, report
 from lfcal.cli.multiplex_frames import level_of, read_frame
-from lfcal.errors import InputError
-from lfcal.progress import Clock, Work
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from lfcal import tiff_file
-from lfcal.errors import InputError
+from lfcal.base import tiff_file
+from lfcal.base.errors import InputError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

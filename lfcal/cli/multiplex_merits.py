@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from lfcal.base.errors import InputError
 from lfcal.cli.console import print_json, print_table, report
 from lfcal.cli.options import Chi2Option, ForceOption, GainOption, JsonOption, PresetOption, WorkersOption
 from lfcal.cli.outputs import check_output
 from lfcal.cli.usage import refuse
-from lfcal.errors import InputError
 from lfcal.multiplex.matrix_file import MATRIX_SUFFIXES
 from lfcal.multiplex.naming import GRAMMAR, is_whole, modulator_of
 

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 
-from lfcal.checks import check_choice
+from lfcal.base.checks import check_choice
+from lfcal.base.errors import InputError
 from lfcal.cli.console import print_json, run_work
 from lfcal.cli.multiplex_frames import ROUTES, Weighing, check_told, fourier_file, level_of, read_frame, write_tiff
 from lfcal.cli.options import ForceOption, GainOption, JsonOption, WorkersOption
 from lfcal.cli.outputs import check_output
 from lfcal.cli.usage import refuse
-from lfcal.errors import InputError
 from lfcal.multiplex.naming import GRAMMAR, modulator_of
 
 if TYPE_CHECKING:
@@ -63,9 +63,9 @@ def recover(
     """
     import numpy as np
 
+    from lfcal.base.npy import map_npy
     from lfcal.cli.cameras import load_camera
     from lfcal.multiplex import without_black_level
-    from lfcal.npy import map_npy
 
     check_output(out, frame, transmissions, camera, dead, force=force)
     check_choice("route", route, ROUTES)

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 
-from lfcal.checks import check_choice
+from lfcal.base.checks import check_choice
+from lfcal.base.errors import InputError
 from lfcal.cli.console import print_json
 from lfcal.cli.multiplex_frames import (
     ROUTES,
@@ -21,7 +22,6 @@ from lfcal.cli.multiplex_frames import (
 from lfcal.cli.options import ForceOption, GainOption, JsonOption, WorkersOption
 from lfcal.cli.outputs import check_output
 from lfcal.cli.usage import refuse
-from lfcal.errors import InputError
 from lfcal.multiplex.naming import modulator_of
 
 if TYPE_CHECKING:

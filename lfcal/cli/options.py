@@ -7,9 +7,9 @@ from typing import Annotated, TypeAlias
 
 import typer
 
+from lfcal.base.errors import InputError
+from lfcal.base.threads import bounded_threads
 from lfcal.cli.completing import complete_camera, complete_compression, complete_executor, complete_mat_order
-from lfcal.errors import InputError
-from lfcal.threads import bounded_threads
 
 __all__ = [
     "CameraArgument",

@@ -13,7 +13,7 @@ __all__ = ["check_choice", "upright"]
 
 def check_choice(choice: str) -> None:
     """Raise `InputError` unless ``choice`` is check, auto or the name of an orientation."""
-    from lfcal.errors import InputError
+    from lfcal.base.errors import InputError
     from lfcal.frames import ORIENTATIONS
     from lfcal.psf.upright import AUTO, CHECK
 

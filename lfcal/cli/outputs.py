@@ -2,7 +2,7 @@
 
 An input is never replaced. What exists is replaced only with ``--force``. The decision is made once, at the start: a
 file that appears while the command works is replaced, too, unless another program is still writing it
-(`lfcal.files.replace_whole`).
+(`lfcal.base.files.replace_whole`).
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
-from lfcal.errors import InputError
-from lfcal.files import check_writable
+from lfcal.base.errors import InputError
+from lfcal.base.files import check_writable
 
 __all__ = ["RECORDINGS", "TABLES", "check_output", "check_outputs", "files_of"]
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from lfcal.base.plain import plain
 from lfcal.camera import ScanPlan
 from lfcal.cli.channels import open_colour, parts_of
 from lfcal.cli.outputs import files_of
@@ -20,7 +21,6 @@ from lfcal.cli.scan_frames import ScanFrames
 from lfcal.frames import CorrectionRecipe, Frames, FrameSource, corrected_view, named_orientation, oriented
 from lfcal.frames.damage import SelectedSource
 from lfcal.frames.half_cell import with_partners
-from lfcal.plain import plain
 from lfcal.psf.assembly import AssembledPlanes, planes_of_frames
 from lfcal.psf.filling import Fill
 from lfcal.psf.make import Reopening

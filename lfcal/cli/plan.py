@@ -11,6 +11,9 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
+from lfcal.base.errors import InputError
+from lfcal.base.files import replace_whole
+from lfcal.base.units import format_bytes, format_length, format_seconds
 from lfcal.camera import Forecast, ScanPlan, StageAxes
 from lfcal.camera.derived import DEPTH, STEP, WHOLE_FRAMES, assumed_of
 from lfcal.cli.cameras import load_camera
@@ -49,9 +52,6 @@ from lfcal.cli.plan_target import (
     plan_source,
 )
 from lfcal.cli.usage import refuse
-from lfcal.errors import InputError
-from lfcal.files import replace_whole
-from lfcal.units import format_bytes, format_length, format_seconds
 
 __all__ = ["load_camera", "parse_cutout", "parse_depths", "parse_pair", "parse_planes", "register"]
 

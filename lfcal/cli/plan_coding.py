@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lfcal.errors import InputError
-from lfcal.files import replace_whole, storage_errors
+from lfcal.base.errors import InputError
+from lfcal.base.files import replace_whole, storage_errors
 
 if TYPE_CHECKING:
     from lfcal.multiplex import CodingVerdict

@@ -10,10 +10,10 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
+from lfcal.base.errors import InputError
 from lfcal.cli.console import print_json, print_table, report, run_work
 from lfcal.cli.options import parse_groups
 from lfcal.cli.outputs import check_outputs
-from lfcal.errors import InputError
 
 if TYPE_CHECKING:
     from lfcal.camera import Forecast, ScanPlan
@@ -93,8 +93,8 @@ def write_positions(positions: NDArray[np.intp], out: Path, *, json: bool) -> No
 
 def ready_plan(path: Path) -> ScanPlan | None:
     """Return the scan plan in a JSON file, or None where it is something else."""
+    from lfcal.base.files import read_text
     from lfcal.camera import ScanPlan
-    from lfcal.files import read_text
 
     # a camera and a plan are both JSON: the format's name in the text tells them apart before parsing.
     text = read_text(path)
@@ -164,9 +164,9 @@ def _steadiness(wanted: WantedPositions, earlier: Earlier | None) -> Spread:
 
 
 def _show(found: PositionDesign, whole: Forecast, earlier: Earlier | None, pace: Pace) -> None:
+    from lfcal.base.units import format_seconds, format_share
     from lfcal.fit.model import Fineness
     from lfcal.fit.problem import ERRORS
-    from lfcal.units import format_seconds, format_share
 
     rows = [
         [str(p.positions), format_seconds(3600 * p.hours), format_share(p.error), format_share(p.spread_error)]

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
+from lfcal.base.files import replace_whole
+from lfcal.base.units import format_seconds
 from lfcal.cli.console import print_json, print_table
-from lfcal.files import replace_whole
-from lfcal.units import format_seconds
 
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan

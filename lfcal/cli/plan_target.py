@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
+from lfcal.base.errors import InputError
+from lfcal.base.files import read_text, replace_whole
+from lfcal.base.units import format_length, format_seconds, format_share
 from lfcal.cli.console import print_json, print_table, report, run_work
 from lfcal.cli.outputs import check_outputs
 from lfcal.cli.plan_pace import WITHOUT_READOUT, Pace
-from lfcal.errors import InputError
-from lfcal.files import read_text, replace_whole
-from lfcal.units import format_length, format_seconds, format_share
 
 if TYPE_CHECKING:
     from lfcal.camera import RegionPlan, ScanPlan

@@ -153,7 +153,8 @@ def command(
 
     Example: `lfcal reconstruct H.h5 frame.tif -o volume.tif --solver rl-tv --iterations 30`
     """
-    from lfcal.checks import check_number
+    from lfcal.base.checks import check_number
+    from lfcal.base.errors import InputError
     from lfcal.cli.matrices import check_mat_files, report_missing, report_regions
     from lfcal.cli.outputs import check_outputs
     from lfcal.cli.reconstruct_forecast import show_forecast, total_seconds
@@ -162,7 +163,6 @@ def command(
     from lfcal.cli.reconstruct_regions import files_of_regions, open_regions, projector_of
     from lfcal.cli.reconstruct_saving import saving, targets_of
     from lfcal.cli.reconstruct_units import Settings
-    from lfcal.errors import InputError
     from lfcal.psf.voxels import voxel_um
     from lfcal.reconstruct.memory import room_for_projections
     from lfcal.reconstruct.solvers.choice import SolverChoice
@@ -336,10 +336,10 @@ def _solve_in_units(
 
     ``where``: what gives the memory of projections where processes ``share`` it, and the device that was asked for.
     """
+    from lfcal.base.errors import InputError
+    from lfcal.base.threads import worker_count
     from lfcal.cli.reconstruct_units import device_hints, frame_units, iter_collect
-    from lfcal.errors import InputError
     from lfcal.reconstruct.series import check_any
-    from lfcal.threads import worker_count
     from lfcal.work import iter_made
 
     if task.warm and run.executor != "threads":
@@ -390,7 +390,7 @@ def _show_results(
 
 def _source(frame: Path | None, batch: Path | None, *, wanted: bool) -> Path:
     """Return where the frames lie; raise unless there is one such place, and something is ``wanted`` of them."""
-    from lfcal.errors import InputError, StorageError
+    from lfcal.base.errors import InputError, StorageError
 
     source = batch or frame
     if source is None or (frame is not None and batch is not None):
@@ -407,8 +407,8 @@ def _cleaned(frame: FrameFile, clean: Cleaner) -> NDArray[Any]:
 
 
 def _show(result: Any, target: Path, shape: tuple[int, ...]) -> None:
+    from lfcal.base.units import format_seconds
     from lfcal.cli.console import report
-    from lfcal.units import format_seconds
 
     if result.failed:
         report(f"{result.name}: no volume; {result.failed}")

@@ -25,9 +25,9 @@ def total_seconds(P: Projector, choice: SolverChoice, frames: int) -> float:
 
 def show_forecast(P: Projector, choice: SolverChoice, frames: int, *, warm: bool, json: bool) -> None:
     """Print what each way to project costs, and time and memory of the whole run."""
+    from lfcal.base.units import format_bytes, format_seconds
     from lfcal.cli.console import print_json, print_table
     from lfcal.reconstruct.memory import run_memory
-    from lfcal.units import format_bytes, format_seconds
 
     found = P.forecast()
     memory = run_memory(P, choice, warm=warm)

@@ -9,8 +9,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from lfcal.base.errors import InputError
 from lfcal.cli.outputs import files_of
-from lfcal.errors import InputError
 from lfcal.work.unit import stamp_of
 
 if TYPE_CHECKING:

@@ -24,7 +24,7 @@ def grid_of(text: str, H: PSFMatrix, shape: tuple[int, int], anchor: tuple[float
 
     ``shape`` and ``anchor`` are those of the images, the anchor None where it is H's own.
     """
-    from lfcal.errors import InputError
+    from lfcal.base.errors import InputError
     from lfcal.reconstruct.metric import MetricGrid
 
     if not text:
@@ -81,8 +81,8 @@ def known_view(
     H: PSFMatrix, shape: tuple[int, int], white: Path | None, lattice: Path | None = None, *, quiet: bool = False
 ) -> Resampling | None:
     """Return the map by a measured lattice, that of the white frame, or else that of H's camera; None: unknown."""
+    from lfcal.base.errors import InputError
     from lfcal.cli.console import report
-    from lfcal.errors import InputError
     from lfcal.reconstruct.resample import Resampling, lattice_anchor_of
 
     if lattice is not None:
@@ -100,7 +100,7 @@ def known_view(
 
 def anchor_of(text: str, view: Resampling | None, H: Any) -> tuple[float, float] | None:
     """Return the pixel of H's position (0, 0): as given, where resampling puts it, or None for H's own."""
-    from lfcal.errors import InputError
+    from lfcal.base.errors import InputError
     from lfcal.reconstruct.resample import lattice_anchor_of
 
     if not text:
@@ -114,7 +114,7 @@ def anchor_of(text: str, view: Resampling | None, H: Any) -> tuple[float, float]
 
 def check_as_is(lattice: Path | None, *, resample: bool, as_is: bool) -> bool | None:
     """Return whether to resample frames; None: where they need it. Refuse options that exclude each other."""
-    from lfcal.errors import InputError
+    from lfcal.base.errors import InputError
 
     if as_is and (resample or lattice is not None):
         other = "--resample" if resample else "--lattice"
@@ -124,7 +124,7 @@ def check_as_is(lattice: Path | None, *, resample: bool, as_is: bool) -> bool | 
 
 def view_of(H: Any, white: Path | None, lattice: Path | None = None) -> Resampling:
     """Return the map of frames onto H's period, by a measured lattice, the white frame's or H's camera's."""
-    from lfcal.errors import InputError
+    from lfcal.base.errors import InputError
     from lfcal.frames.corrections.recipe import read_average
     from lfcal.reconstruct.resample import Resampling, lattice_anchor_of
 
@@ -156,8 +156,8 @@ def _measured(camera: Camera, fit: LatticeFit, white: NDArray[np.float32] | None
 
     Which one that is the white frame tells; without it, or where it does not, the nearest to the offset stated.
     """
+    from lfcal.base.errors import InputError
     from lfcal.cli.console import report
-    from lfcal.errors import InputError
     from lfcal.lattice.lens_types import classify_lens_types, expected_blur
 
     lattice = fit.to_lattice(camera)

@@ -42,7 +42,7 @@ def noise_of(H: PSFMatrix) -> tuple[float, float] | None:
 
 def _number(option: str, text: str, least: int, kind: str, words: Iterable[str]) -> int | None:
     """Return a whole number of at least ``least``; None for one of ``words``."""
-    from lfcal.errors import InputError
+    from lfcal.base.errors import InputError
 
     if text in words:
         return None

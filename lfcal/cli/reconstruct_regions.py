@@ -32,7 +32,7 @@ def _places(psf: Path, regions: Sequence[str]) -> list[tuple[Path, str]]:
     InputError
         If it is neither.
     """
-    from lfcal.errors import InputError
+    from lfcal.base.errors import InputError
     from lfcal.psf.opening import regions_of
 
     if not regions:

@@ -22,8 +22,8 @@ from lfcal.work.unit import file_name, stamp_of
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from lfcal.base.progress import Work
     from lfcal.cli.reconstruct_saving import Saved
-    from lfcal.progress import Work
     from lfcal.reconstruct.projectors.device import ArrayDevice
     from lfcal.reconstruct.projectors.projector import Projector
     from lfcal.reconstruct.resample import Resampling
@@ -110,8 +110,8 @@ def do_frame(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None
 
     Of a frame of several that has no volume the file says why, and holds what the next one begins with.
     """
+    from lfcal.base.errors import FileFormatError, InputError
     from lfcal.cli.reconstruct_frames import read_frame
-    from lfcal.errors import FileFormatError, InputError
     from lfcal.reconstruct.series import iter_frame
     from lfcal.reconstruct.solvers.choice import SolverChoice
     from lfcal.reconstruct.volumes import save_volume
@@ -171,7 +171,7 @@ def _begun_from(file: str) -> NDArray[Any] | None:
 
 def _details(part: Path) -> dict[str, Any]:
     """Return what the file of a unit says of its volume."""
-    from lfcal.h5.file import H5File
+    from lfcal.base.h5.file import H5File
 
     with H5File(part) as file:
         found: dict[str, Any] = json.loads(file.attributes().text("details", "{}"))
@@ -254,7 +254,7 @@ def iter_collect(parts: Sequence[Path], names: Sequence[str], saved: Saved, resu
 
     Where no frame has a volume nothing is saved.
     """
-    from lfcal.progress import Clock
+    from lfcal.base.progress import Clock
     from lfcal.reconstruct.series import FrameResult
     from lfcal.reconstruct.volumes import load_volume
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 
 if TYPE_CHECKING:
     from lfcal.camera import RegionPlan, ScanPlan
@@ -21,9 +21,9 @@ Made = Callable[["ScanPlan", str, Path], dict[str, Any]]
 
 def ready_regions(path: str) -> RegionPlan | None:
     """Return the plan of regions in a JSON file; None where it holds something else."""
+    from lfcal.base.files import read_text
+    from lfcal.base.plain import parse_json
     from lfcal.camera import RegionPlan
-    from lfcal.files import read_text
-    from lfcal.plain import parse_json
 
     if not path.endswith(".json"):
         return None
@@ -67,8 +67,8 @@ def told_loss(source: Path, *, workers: int | None, quiet: bool) -> Any:
 
 def show_loss(loss: Any) -> None:
     """Print it: the number of each region, and the worst."""
+    from lfcal.base.units import format_share
     from lfcal.cli.console import print_table
-    from lfcal.units import format_share
 
     rows = [
         [name, f"{row:g}, {column:g}", format_share(error), f"{shift:.2f}"]

@@ -6,11 +6,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
+from lfcal.base.errors import LfcalError
 from lfcal.cli.console import KEPT, report, run_work
-from lfcal.errors import LfcalError
 
 if TYPE_CHECKING:
-    from lfcal.progress import Work
+    from lfcal.base.progress import Work
     from lfcal.work import RunChoice
 
 __all__ = ["LONG", "may_replace", "run_choice", "run_kept"]

@@ -45,8 +45,8 @@ class ScanFrames:
         InputError
             If there is no plan, or the one named is not of the scan that the frames belong to.
         """
+        from lfcal.base.errors import InputError
         from lfcal.cli.planned import no_plan
-        from lfcal.errors import InputError
         from lfcal.frames import open_frames
 
         frames, plan = self.frames, self.plan
@@ -103,8 +103,8 @@ class ScanFrames:
 
 def find_plan(frames: Path, plan: Path | None) -> ScanPlan | None:
     """Return the plan of a file, or of ``plan.json`` in or above the folder of the frames; None without one."""
+    from lfcal.base.files import read_text
     from lfcal.camera import ScanPlan
-    from lfcal.files import read_text
 
     places = _plans(frames, plan)
     if not places:

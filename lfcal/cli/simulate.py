@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.checks import check_number
+from lfcal.base.checks import check_number
+from lfcal.base.errors import InputError
 from lfcal.cli.completing import complete_camera
 from lfcal.cli.console import print_json, print_table, report, run_work
 from lfcal.cli.options import (
@@ -29,11 +30,10 @@ from lfcal.cli.outputs import check_output
 from lfcal.cli.planned import planned_scan
 from lfcal.cli.regions import make_regions, ready_regions
 from lfcal.cli.runs import may_replace, run_choice, run_kept
-from lfcal.errors import InputError
 
 if TYPE_CHECKING:
+    from lfcal.base.progress import Work
     from lfcal.camera import ScanPlan
-    from lfcal.progress import Work
     from lfcal.psf import PSFMatrix
     from lfcal.simulate import EffectSelection
     from lfcal.work import RunChoice
@@ -187,7 +187,7 @@ class _Task:
 
 
 def _show(found: EffectSelection, planned: ScanPlan, json: bool) -> None:
-    from lfcal.units import format_seconds
+    from lfcal.base.units import format_seconds
 
     if json:
         print_json(
@@ -248,9 +248,9 @@ class _Runner:
 
 
 def _write_h(task: _Task, runner: _Runner, choose: Callable[[float], EffectSelection] | None) -> dict[str, Any]:
+    from lfcal.base.units import format_bytes, format_seconds
     from lfcal.simulate import predict_seconds
     from lfcal.simulate.cutout_light import light_in_cutout
-    from lfcal.units import format_bytes, format_seconds
 
     plan, out, workers = task.planned, runner.out, runner.workers
     predicted = predict_seconds(plan, task.found, task.level, tolerance=task.tolerance)
@@ -290,8 +290,8 @@ def _write_h(task: _Task, runner: _Runner, choose: Callable[[float], EffectSelec
 
 def _memory(task: _Task, run: RunChoice | None, workers: int | None) -> int:
     """Return the bytes that all planes under way take at most together."""
+    from lfcal.base.threads import worker_count
     from lfcal.simulate import predict_bytes
-    from lfcal.threads import worker_count
     from lfcal.work.executors.threads import at_once, memory_beside
 
     plan, count = task.planned, worker_count(workers)

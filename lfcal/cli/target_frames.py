@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lfcal.errors import InputError, StorageError
+from lfcal.base.errors import InputError, StorageError
 
 if TYPE_CHECKING:
     from lfcal.campaign.points import Points

@@ -56,8 +56,8 @@ def _judged(place: Path, label: str) -> Judged:
 
 
 def _show(found: QualityTrend, out: Path | None) -> None:
+    from lfcal.base.units import format_dates, format_slope
     from lfcal.cli.console import print_table, report
-    from lfcal.units import format_dates, format_slope
 
     shown = found.sessions[-SHOWN:]
     listed = [one for one in (*found.faults, *found.metrics) if one.notable]

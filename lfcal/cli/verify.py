@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from lfcal.base.errors import InputError, StorageError
+from lfcal.base.units import format_count
 from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
 from lfcal.cli.outputs import check_output
-from lfcal.errors import InputError, StorageError
-from lfcal.units import format_count
 
 if TYPE_CHECKING:
     from lfcal.acquire.recording.verify import SessionReport
@@ -63,8 +63,8 @@ def command(
 def _session(path: Path, redo: Path | None, workers: int | None, json: bool) -> bool:
     from lfcal.acquire.recording.verify import iter_verify
     from lfcal.acquire.redo import RedoList
+    from lfcal.base.plain import plain
     from lfcal.cli.console import print_json, run_work
-    from lfcal.plain import plain
 
     report = run_work(iter_verify(path, workers=workers), quiet=json)
     if redo is not None and report.to_redo:
@@ -109,9 +109,9 @@ def _show_session(report: SessionReport, redo: Path | None) -> None:
 
 
 def _matrix(path: Path, redo: Path | None, workers: int | None, json: bool) -> bool:
+    from lfcal.base.errors import FileFormatError
+    from lfcal.base.plain import plain
     from lfcal.cli.console import print_json, run_work
-    from lfcal.errors import FileFormatError
-    from lfcal.plain import plain
     from lfcal.psf.verify import iter_verify
 
     if redo is not None:

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from lfcal.base.checks import check_choice, check_number
+from lfcal.base.errors import InputError
 from lfcal.camera import Camera
-from lfcal.checks import check_choice, check_number
 from lfcal.cli.colour_planes import CHANNELS, ColourReading, read_planes
 from lfcal.cli.console import print_json, print_table
 from lfcal.cli.listed import OriginOption
@@ -21,7 +22,6 @@ from lfcal.cli.usage import refuse
 from lfcal.cli.views_files import save_picture, save_stack, stack_names, view_names
 from lfcal.cli.views_input import Given, ViewedFrame, cutting_of
 from lfcal.cli.views_report import as_json, rows
-from lfcal.errors import InputError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

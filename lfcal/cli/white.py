@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from lfcal.base.files import replace_whole
 from lfcal.camera import Camera
 from lfcal.cli.colour_planes import read_white
 from lfcal.cli.console import print_json, print_table
@@ -16,7 +17,6 @@ from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
 from lfcal.cli.outputs import check_outputs
 from lfcal.cli.plan import load_camera
 from lfcal.cli.white_files import LATTICE, RESIDUAL_MAP, RESIDUALS, lattice_dict, save_lattice
-from lfcal.files import replace_whole
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

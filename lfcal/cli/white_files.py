@@ -6,8 +6,8 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from lfcal.base.files import replace_whole
 from lfcal.cli.lattice_file import FORMAT, VERSION
-from lfcal.files import replace_whole
 
 if TYPE_CHECKING:
     from lfcal.lattice.fit import LatticeFit
@@ -83,7 +83,7 @@ def _table(fit: LatticeFit) -> str:
 def _draw(fit: LatticeFit, path: Path) -> None:
     import numpy as np
 
-    from lfcal.figures import figure, save_figure
+    from lfcal.base.figures import figure, save_figure
 
     left = fit.residual_map()
     limit = max(float(np.nanpercentile(np.abs(left), 99)), 1e-3)

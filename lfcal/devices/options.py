@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from lfcal.base.errors import InputError
 from lfcal.devices.protocols import Limits
-from lfcal.errors import InputError
 
 __all__ = ["limits_option", "number_option"]
 

@@ -7,11 +7,11 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from lfcal.base.progress import Progress
+from lfcal.base.units import format_share
 from lfcal.fit.judge import chi_square
 from lfcal.fit.problem import Point, Problem
 from lfcal.fit.questions import unexplained
-from lfcal.progress import Progress
-from lfcal.units import format_share
 
 __all__ = ["FitProgress", "rounds"]
 

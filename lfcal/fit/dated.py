@@ -10,11 +10,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from lfcal.base.errors import FileFormatError, InputError
+from lfcal.base.files import read_text
+from lfcal.base.plain import parse_json
 from lfcal.camera import Camera
-from lfcal.errors import FileFormatError, InputError
-from lfcal.files import read_text
 from lfcal.fit.files import FORMAT
-from lfcal.plain import parse_json
 
 __all__ = ["Dated", "fits_in", "read_dated"]
 

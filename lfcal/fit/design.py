@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.checks import check_number
+from lfcal.base.errors import InputError
+from lfcal.base.progress import Clock, Work, drained
 from lfcal.camera import Forecast, ScanPlan
-from lfcal.checks import check_number
-from lfcal.errors import InputError
 from lfcal.fit.chosen import Chosen, choose
 from lfcal.fit.earlier import Earlier
 from lfcal.fit.information import Expected, Information, iter_information
@@ -18,7 +19,6 @@ from lfcal.fit.lacking import check_groups
 from lfcal.fit.parameters import GROUPS
 from lfcal.fit.setup import Setup, called_for
 from lfcal.fit.spread import kept_aside, spread_out
-from lfcal.progress import Clock, Work, drained
 
 __all__ = ["CurvePoint", "PositionDesign", "iter_next_positions", "next_positions"]
 

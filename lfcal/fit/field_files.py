@@ -6,6 +6,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from lfcal.base.plain import plain
+from lfcal.base.progress import Work
 from lfcal.fit.field import FieldFit
 from lfcal.fit.field_report import field_report_files, iter_field_report
 from lfcal.fit.files import fit_dict
@@ -14,8 +16,6 @@ from lfcal.fit.measured import Measured
 from lfcal.fit.parameters import field_of
 from lfcal.fit.result import Fit
 from lfcal.fit.writing import CAMERA, EFFECTS, REPORT, fit_outputs, iter_write_fit, write_found
-from lfcal.plain import plain
-from lfcal.progress import Work
 from lfcal.psf import PSFMatrix
 from lfcal.work import RunChoice
 

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.checks import check_number
+from lfcal.base.errors import InputError
+from lfcal.base.progress import Work, drained
 from lfcal.camera import Camera
-from lfcal.checks import check_number
-from lfcal.errors import InputError
 from lfcal.fit.convergence import rounds
 from lfcal.fit.lacking import check_groups
 from lfcal.fit.measured import Measured, measured_of
@@ -38,7 +39,6 @@ from lfcal.fit.setup import Setup, called_for
 from lfcal.fit.solver import Tell, descend
 from lfcal.fit.stand_ins import StandIns, iter_held_beside
 from lfcal.fit.summary import summarised
-from lfcal.progress import Work, drained
 from lfcal.psf import PSFMatrix
 from lfcal.simulate.effects.base import Effect
 

@@ -8,12 +8,12 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.progress import Work
 from lfcal.camera import Camera, ScanPlan
 from lfcal.fit.judge import ModelError
 from lfcal.fit.nuisance import Spread
 from lfcal.fit.setup import Setup
 from lfcal.fit.weighing import PatternLevels
-from lfcal.progress import Work
 
 __all__ = ["Fitted", "FittedPlace"]
 

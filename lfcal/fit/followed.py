@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.fit.expected import Behind
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.problem import STEP, STEP_PX

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lfcal.checks import check_number
-from lfcal.errors import InputError
+from lfcal.base.checks import check_number
+from lfcal.base.errors import InputError
 from lfcal.fit.locate import NewFrame
 from lfcal.psf import PSFMatrix
 

@@ -9,8 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.checks import check_number
-from lfcal.errors import InputError
+from lfcal.base.checks import check_number
+from lfcal.base.errors import InputError
+from lfcal.base.progress import Clock, Work, drained
+from lfcal.base.units import format_share
 from lfcal.fit.compared import Compared, compared_with
 from lfcal.fit.expected import Behind, ExpectedPattern, behind
 from lfcal.fit.followed import followed
@@ -19,9 +21,7 @@ from lfcal.fit.judge import ChiSquare, ModelError
 from lfcal.fit.locate import LocatedPattern, NewFrame, find_source
 from lfcal.fit.spread import spread_out
 from lfcal.fit.suspects import Left, Suspect, changes_of, held_against
-from lfcal.progress import Clock, Work, drained
 from lfcal.psf import PSFMatrix
-from lfcal.units import format_share
 
 __all__ = ["Check", "check", "iter_check"]
 

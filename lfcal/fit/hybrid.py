@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.progress import Work
 from lfcal.fit.fitted import Fitted
 from lfcal.fit.hybrid_patterns import RecordedPatterns, iter_plane_data, model_uncertainty
 from lfcal.fit.leftover import Leftover, iter_leftover
@@ -21,7 +22,6 @@ from lfcal.fit.leftover_size import PlaneResiduals
 from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness
 from lfcal.fit.problem import ERRORS
-from lfcal.progress import Work
 from lfcal.psf import PSFMatrix
 from lfcal.psf.facts import Facts, Origin, stacked
 

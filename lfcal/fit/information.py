@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.checks import check_number
+from lfcal.base.progress import Clock, Work, drain
 from lfcal.camera import ScanPlan
-from lfcal.checks import check_number
 from lfcal.fit.fit import problem_of
 from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness, predict
@@ -18,7 +19,6 @@ from lfcal.fit.parameters import Unknown
 from lfcal.fit.problem import Point, Problem
 from lfcal.fit.setup import Setup
 from lfcal.fit.weighing import Response
-from lfcal.progress import Clock, Work, drain
 
 __all__ = ["Expected", "Information", "iter_information"]
 

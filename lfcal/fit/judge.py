@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.units import format_share
 from lfcal.fit.normal import Columns
 from lfcal.fit.problem import Point, Problem
 from lfcal.fit.solver import shared_of, with_prior
 from lfcal.fit.weighing import Weighed, flat, variance
-from lfcal.units import format_share
 
 __all__ = ["INCOMPLETE", "ChiSquare", "ModelError", "chi_square", "covariance", "eliminated", "left_out_error"]
 

@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.progress import Clock, Work
+from lfcal.base.threads import for_each_chunk, one_blas_thread, worker_count
 from lfcal.fit.leftover_field import Moving, ResidualField, sampled_variance
 from lfcal.fit.leftover_size import PlaneResiduals, sized
 from lfcal.fit.spread import spread_out
-from lfcal.progress import Clock, Work
-from lfcal.threads import for_each_chunk, one_blas_thread, worker_count
 
 __all__ = ["Leftover", "ResidualKind", "iter_leftover", "left_out", "spot_velocity"]
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.checks import check_number
+from lfcal.base.errors import InputError
 from lfcal.camera import Camera, ScanPlan
-from lfcal.checks import check_number
-from lfcal.errors import InputError
 from lfcal.fit.spread import kept_aside, spread_out
 from lfcal.psf import PSFMatrix
 from lfcal.psf.half_cell import copied_positions

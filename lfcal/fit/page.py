@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from lfcal import __version__
-from lfcal.files import replace_whole
+from lfcal.base.files import replace_whole
 from lfcal.psf.report.style import stylesheet
 
 __all__ = ["PAGE", "add_section", "page_of", "paragraphs", "picture_of", "section_of", "table_of", "text_of"]

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.checks import check_number
+from lfcal.base.errors import InputError
+from lfcal.base.registry import Registry
 from lfcal.camera import ScanPlan
-from lfcal.checks import check_number
-from lfcal.errors import InputError
 from lfcal.fit.setup import Setup
-from lfcal.registry import Registry
 
 __all__ = ["GROUP", "GROUPS", "Group", "ScanScales", "Unknown", "Vector", "field_of", "find_groups"]
 

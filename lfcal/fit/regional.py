@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.errors import InputError
 from lfcal.camera import Camera, ScanPlan
-from lfcal.errors import InputError
 from lfcal.fit.measured import Measured
 
 __all__ = ["FieldRegion", "Regional", "regional_of"]

@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.axes import Position
+from lfcal.base.axes import Position
+from lfcal.base.errors import InputError
+from lfcal.base.plain import plain
+from lfcal.base.progress import Work, drained
 from lfcal.camera import Camera, ScanPlan
-from lfcal.errors import InputError
 from lfcal.fit.hybrid import iter_hybrid
 from lfcal.fit.judge import INCOMPLETE, ChiSquare, ModelError
 from lfcal.fit.measured import Measured
@@ -20,8 +22,6 @@ from lfcal.fit.model import Fineness, iter_model_plane
 from lfcal.fit.nuisance import Spread
 from lfcal.fit.setup import Setup
 from lfcal.fit.weighing import PatternLevels
-from lfcal.plain import plain
-from lfcal.progress import Work, drained
 from lfcal.psf import PSFMatrix
 from lfcal.simulate.effects.base import Effect
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.fit.normal import Columns, Normal
 from lfcal.fit.parameters import GROUPS
 from lfcal.fit.problem import Point, Problem

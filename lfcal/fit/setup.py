@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
+from lfcal.base.checks import check_number
+from lfcal.base.errors import InputError
 from lfcal.camera import Camera, ScanPlan
-from lfcal.checks import check_number
-from lfcal.errors import InputError
 from lfcal.simulate.effects import (
     CATALOGUE,
     ExactAngles,

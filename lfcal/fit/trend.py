@@ -12,9 +12,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.checks import check_number
-from lfcal.errors import InputError
-from lfcal.figures import COLOURS, LINES
+from lfcal.base.checks import check_number
+from lfcal.base.errors import InputError
+from lfcal.base.figures import COLOURS, LINES
 from lfcal.fit.dated import Dated
 from lfcal.psf.quality.trend import SHORTEST_S, TOO_SHORT, months_since_first, panels_over_time
 

@@ -9,15 +9,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import InputError
-from lfcal.figures import LINES, figure, save_figure
+from lfcal.base.errors import InputError
+from lfcal.base.figures import LINES, figure, save_figure
+from lfcal.base.progress import Clock, Work, drained
 from lfcal.fit.compared import Compared, compared_with
 from lfcal.fit.judge import ModelError
 from lfcal.fit.locate import LocatedPattern, NewFrame
 from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness, PlaneModel
 from lfcal.fit.result import Fit
-from lfcal.progress import Clock, Work, drained
 
 __all__ = ["PointError", "Validation", "draw_validation", "iter_validate", "predicted_frame", "validate"]
 

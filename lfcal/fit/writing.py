@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from lfcal.base.progress import Work
 from lfcal.fit.files import (
     effects_text,
     fit_dict,
@@ -20,7 +21,6 @@ from lfcal.fit.hybrid import HybridSummary, hybrid_note
 from lfcal.fit.measured import Measured
 from lfcal.fit.report import iter_fit_report, report_files
 from lfcal.fit.result import Fit
-from lfcal.progress import Work
 from lfcal.psf import PSFMatrix
 from lfcal.work import RunChoice, parts_folder
 from lfcal.work.runs import discard

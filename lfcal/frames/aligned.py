@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.checks import check_number
-from lfcal.errors import FileFormatError, InputError, StorageError
+from lfcal.base.checks import check_number
+from lfcal.base.errors import FileFormatError, InputError, StorageError
 from lfcal.frames.regions import Region
 from lfcal.frames.source import FrameMetadata, Frames, FrameSource, Samples
 from lfcal.frames.view import SourceView

@@ -7,9 +7,9 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from lfcal.axes import Position
+from lfcal.base.axes import Position
+from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan
-from lfcal.errors import InputError
 from lfcal.frames.cfa import channel_names, channel_phase, pattern_side
 from lfcal.frames.regions import Region
 from lfcal.frames.source import FrameInfo, FrameMetadata, FrameSource, Samples

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from lfcal.base.errors import InputError
 from lfcal.camera import Camera, ScanPlan, Sensor
-from lfcal.errors import InputError
 from lfcal.frames.cfa import cfa_from
 from lfcal.frames.regions import Region
 from lfcal.frames.source import FrameInfo, FrameMetadata, Frames, FrameSource, Noise, Samples

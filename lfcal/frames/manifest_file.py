@@ -9,10 +9,10 @@ import os
 from pathlib import Path
 from typing import Any
 
-from lfcal.errors import FileFormatError, InputError
-from lfcal.files import read_text, replace_whole, storage_errors
+from lfcal.base.errors import FileFormatError, InputError
+from lfcal.base.files import read_text, replace_whole, storage_errors
+from lfcal.base.plain import parse_json
 from lfcal.frames.manifest import COLUMNS, FrameEntry, Manifest, entry_from
-from lfcal.plain import parse_json
 
 __all__ = ["read_manifest", "write_manifest"]
 

@@ -7,8 +7,8 @@ import re
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from lfcal.checks import check_tuple
-from lfcal.errors import InputError
+from lfcal.base.checks import check_tuple
+from lfcal.base.errors import InputError
 
 if TYPE_CHECKING:
     from lfcal.camera import Camera

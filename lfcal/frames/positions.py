@@ -10,8 +10,8 @@ from pathlib import PurePosixPath
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.checks import check_choice, check_number
-from lfcal.errors import InputError
+from lfcal.base.checks import check_choice, check_number
+from lfcal.base.errors import InputError
 from lfcal.frames.source import Position
 
 __all__ = ["NamePattern", "first_number", "natural_key", "scan_positions"]

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self, TypeAlias, ru
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.axes import Position
-from lfcal.errors import InputError
+from lfcal.base.axes import Position
+from lfcal.base.errors import InputError
 from lfcal.frames.regions import Region
 
 if TYPE_CHECKING:

@@ -10,9 +10,9 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lfcal.base.checks import as_sensor_frame, check_choice, check_tuple
+from lfcal.base.errors import InputError
 from lfcal.camera import Camera, LensletLattice
-from lfcal.checks import as_sensor_frame, check_choice, check_tuple
-from lfcal.errors import InputError
 from lfcal.lattice.fit import LatticeFit
 from lfcal.lattice.micro_image import light_of
 from lfcal.lattice.mosaic import levelled

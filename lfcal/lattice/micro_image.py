@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
+from lfcal.base.threads import chunks, for_each_chunk, worker_count
 from lfcal.lattice._kernels import Template, WhiteLenslets, fold, lenslet_statistics, register
-from lfcal.threads import chunks, for_each_chunk, worker_count
 
 __all__ = ["LensletPlaces", "MicroImage", "light_of", "mean_micro_image", "place_lenslets"]
 

@@ -10,9 +10,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lfcal.base.checks import check_tuple
+from lfcal.base.errors import InputError
 from lfcal.camera import Camera
-from lfcal.checks import check_tuple
-from lfcal.errors import InputError
 
 __all__ = [
     "CameraLattice",

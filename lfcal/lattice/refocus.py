@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.checks import check_number
 from lfcal.camera import Camera
-from lfcal.checks import check_number
 from lfcal.lattice.views import Views
 
 __all__ = ["MIN_WEIGHT", "refocus", "sensor_slope", "virtual_depth_of_slope"]

@@ -12,16 +12,16 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lfcal.base.checks import check_number
+from lfcal.base.errors import InputError
+from lfcal.base.threads import for_each_chunk
 from lfcal.camera import Camera
-from lfcal.checks import check_number
-from lfcal.errors import InputError
 from lfcal.lattice._rendering_kernels import RefocusPlane, render_rows
 from lfcal.lattice.lens_types import expected_blur
 from lfcal.lattice.micro_images import FrameLattice, TypeOf
 from lfcal.lattice.refocus import MIN_WEIGHT, virtual_depth_of_slope
 from lfcal.lattice.view_grid import ViewGrid, view_grid
 from lfcal.lattice.views import RADIUS, less_dark
-from lfcal.threads import for_each_chunk
 
 __all__ = ["MIN_SLOPE", "RenderedPlanes", "check_slopes", "render", "sharpness_shares", "total_focus"]
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.threads import for_each_chunk
 from lfcal.lattice._view_kernels import Sites, ViewReading, sample_rows
 from lfcal.lattice.view_grid import ViewGrid
-from lfcal.threads import for_each_chunk
 
 __all__ = ["TAPS", "sample_views"]
 

@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.checks import check_choice, check_number
-from lfcal.errors import InputError
+from lfcal.base.checks import check_choice, check_number
+from lfcal.base.errors import InputError
 
 __all__ = ["CODES", "MOST_POINTS", "code_matrix", "random_code", "s_matrix", "s_matrix_orders"]
 

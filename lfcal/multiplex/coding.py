@@ -15,8 +15,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.checks import check_choice, check_number
-from lfcal.errors import InputError
+from lfcal.base.checks import check_choice, check_number
+from lfcal.base.errors import InputError
 from lfcal.multiplex.codes import code_matrix
 from lfcal.multiplex.sensor_noise import SensorNoise
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.checks import check_number
-from lfcal.errors import InputError
+from lfcal.base.checks import check_number
+from lfcal.base.errors import InputError
 from lfcal.multiplex.sensor_noise import SensorNoise
 from lfcal.multiplex.spectra import Spectra, colour_matching, shipped_spectra
 from lfcal.multiplex.spectral_filters import spectral_array

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from lfcal.checks import check_tuple
-from lfcal.errors import InputError
+from lfcal.base.checks import check_tuple
+from lfcal.base.errors import InputError
 from lfcal.multiplex.modulator import Modulator
 
 __all__ = ["CFA_PATTERNS", "FILTERS", "cfa", "parse_pattern"]

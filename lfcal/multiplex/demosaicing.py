@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
+from lfcal.base.threads import for_each_chunk
 from lfcal.multiplex._demosaic_kernels import Mosaic, blend_rows, estimate_rows
 from lfcal.multiplex.estimation import (
     ALONG_COLUMNS,
@@ -20,7 +21,6 @@ from lfcal.multiplex.estimation import (
 )
 from lfcal.multiplex.filters import COLOUR_FILTERS
 from lfcal.multiplex.modulator import Modulator
-from lfcal.threads import for_each_chunk
 
 __all__ = ["can_estimate", "reconstruct_by_estimation"]
 

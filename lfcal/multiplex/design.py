@@ -10,15 +10,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.checks import check_number, check_tuple
-from lfcal.errors import InputError
+from lfcal.base.checks import check_number, check_tuple
+from lfcal.base.errors import InputError
+from lfcal.base.progress import leave_if_unwanted
 from lfcal.multiplex.colour_filters import CFA_PATTERNS, FILTERS, cfa
 from lfcal.multiplex.mask_bounds import mask_gain_bound, noise_shares
 from lfcal.multiplex.masks import mask, mask_at_distance
 from lfcal.multiplex.modulator import Modulator
 from lfcal.multiplex.noise import snr_gain
 from lfcal.multiplex.search import best_mask
-from lfcal.progress import leave_if_unwanted
 
 __all__ = ["Design", "best_array", "best_printed_mask", "with_crosstalk"]
 

@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.checks import check_number, check_tuple
-from lfcal.errors import InputError
+from lfcal.base.checks import check_number, check_tuple
+from lfcal.base.errors import InputError
+from lfcal.base.progress import Clock, Work, drained
 from lfcal.multiplex.demultiplexing import check_frame
 from lfcal.multiplex.modulator import Modulator
 from lfcal.multiplex.weighted import measured
-from lfcal.progress import Clock, Work, drained
 
 __all__ = ["GeneralModel", "GeneralSamples", "demultiplex_generally", "iter_demultiplex_generally", "mask_shadows"]
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.checks import check_number, check_tuple
-from lfcal.errors import InputError
+from lfcal.base.checks import check_number, check_tuple
+from lfcal.base.errors import InputError
 
 __all__ = ["Modulator", "default_rcond", "modulator_from_matrix"]
 

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
+from lfcal.base.progress import Clock, Work, drained
 from lfcal.multiplex.demosaicing import can_estimate
 from lfcal.multiplex.demultiplexing import demultiplex, multiplex
 from lfcal.multiplex.filters import COLOUR_FILTERS, SPATIAL_FILTERS
 from lfcal.multiplex.modulator import Modulator
-from lfcal.progress import Clock, Work, drained
 
 __all__ = ["WAYS", "FilterTrial", "Ringing", "iter_measure_filters", "measure_filters", "ringing", "ways_of"]
 

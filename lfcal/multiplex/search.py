@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.checks import check_number
-from lfcal.errors import InputError
+from lfcal.base.checks import check_number
+from lfcal.base.errors import InputError
+from lfcal.base.progress import Clock, Progress, Work, drained, leave_if_unwanted
 from lfcal.multiplex.colour_filters import CFA_PATTERNS, FILTERS, cfa
 from lfcal.multiplex.mask_bounds import MAX_EXHAUSTIVE, best_binary_mask, mask_gain_bound, noise_shares
 from lfcal.multiplex.masks import MASKS, mask, mask_at_distance, mask_pattern
 from lfcal.multiplex.modulator import Modulator, modulator_from_matrix
 from lfcal.multiplex.noise import amplification, snr_gain
-from lfcal.progress import Clock, Progress, Work, drained, leave_if_unwanted
 
 __all__ = [
     "Frontier",

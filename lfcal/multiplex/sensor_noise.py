@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lfcal.base.checks import check_number
+from lfcal.base.errors import InputError
 from lfcal.camera import Sensor
-from lfcal.checks import check_number
-from lfcal.errors import InputError
 from lfcal.multiplex.black_level import black_level_map
 
 __all__ = ["SensorNoise", "pixel_weights", "sensor_noise"]

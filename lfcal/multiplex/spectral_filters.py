@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.checks import check_number, check_tuple
-from lfcal.errors import InputError
+from lfcal.base.checks import check_number, check_tuple
+from lfcal.base.errors import InputError
 from lfcal.multiplex.modulator import MAX_SAMPLES, Modulator
 from lfcal.multiplex.spectra import Spectra, shipped_spectra
 

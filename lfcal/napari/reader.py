@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from lfcal.acquire.recording.source import RecordingSource
 from lfcal.acquire.session_file import NAME
-from lfcal.errors import FileFormatError, LfcalError
-from lfcal.h5.file import H5File
+from lfcal.base.errors import FileFormatError, LfcalError
+from lfcal.base.h5.file import H5File
 from lfcal.napari.lazy import Index, Lazy
 from lfcal.psf.opening import open_psf, regions_of
 from lfcal.psf.store import FORMAT

@@ -16,14 +16,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lfcal.base.checks import check_number
+from lfcal.base.errors import InputError
+from lfcal.base.plain import plain
+from lfcal.base.progress import Clock, Progress, Work, drained
+from lfcal.base.threads import worker_count
 from lfcal.camera import Camera, ScanPlan
-from lfcal.checks import check_number
-from lfcal.errors import InputError
 from lfcal.frames.orientation import AS_IS
 from lfcal.frames.part import check_stated
 from lfcal.frames.source import FrameSource, Noise, Position
-from lfcal.plain import plain
-from lfcal.progress import Clock, Progress, Work, drained
 from lfcal.psf.assembly_report import AssemblyReport
 from lfcal.psf.cutout import Cutout, find_cutout
 from lfcal.psf.facts import Facts, pack_valid
@@ -35,7 +36,6 @@ from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.measured_noise import MeasuredNoise, measure_noise
 from lfcal.psf.pedestal import check_pedestal
 from lfcal.psf.steps import check_store_tolerance
-from lfcal.threads import worker_count
 
 if TYPE_CHECKING:
     from lfcal.work import RunChoice
@@ -448,7 +448,7 @@ def iter_assemble(
     --------
     >>> import numpy as np
     >>> from lfcal.frames import ArraySource
-    >>> from lfcal.progress import drain
+    >>> from lfcal.base.progress import drain
     >>> from lfcal.psf import Cutout, iter_assemble
     >>> frames = ArraySource(np.ones((3, 16, 16), np.uint16), [(0, 0, 0), (0, 0, 1), (0, 1, 0)])
     >>> report = drain(iter_assemble(frames, (1, 2, 2), Cutout((5, 5), anchor=(7, 8))))

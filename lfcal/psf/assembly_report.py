@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lfcal.base.units import format_count
 from lfcal.frames.orientation import AS_IS, ORIENTATIONS
 from lfcal.frames.source import LeftOut, Position
 from lfcal.psf.matrix import PSFMatrix
-from lfcal.units import format_count
 
 __all__ = ["AssemblyReport"]
 

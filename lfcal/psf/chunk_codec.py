@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import InputError
-from lfcal.h5.chunks import FILTER_NAMES
-from lfcal.h5.dataset import H5Data
-from lfcal.h5.filters import encode_chunk
-from lfcal.threads import worker_count
+from lfcal.base.errors import InputError
+from lfcal.base.h5.chunks import FILTER_NAMES
+from lfcal.base.h5.dataset import H5Data
+from lfcal.base.h5.filters import encode_chunk
+from lfcal.base.threads import worker_count
 
 __all__ = ["chunk_pipeline", "copy_plane", "parallel_read", "parallel_write"]
 

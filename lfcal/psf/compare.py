@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.errors import InputError
-from lfcal.progress import Clock, Work, drained
+from lfcal.base.errors import InputError
+from lfcal.base.progress import Clock, Work, drained
+from lfcal.base.threads import for_each_chunk
 from lfcal.psf.matrix import PSFMatrix
-from lfcal.threads import for_each_chunk
 
 __all__ = ["Comparison", "centroids", "compare", "iter_compare"]
 

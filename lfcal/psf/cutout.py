@@ -10,9 +10,9 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.axes import centre, check_cutout
+from lfcal.base.axes import centre, check_cutout
+from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan
-from lfcal.errors import InputError
 from lfcal.frames.source import Position
 
 __all__ = ["INTERPOLATIONS", "Cutout", "Window", "find_cutout"]

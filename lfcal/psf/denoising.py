@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.threads import for_each_chunk
 from lfcal.psf._noise_kernels import NoiseRule, reduce_noise
 from lfcal.psf.facts import Origin, unpack_valid
 from lfcal.psf.matrix import PSFMatrix
-from lfcal.threads import for_each_chunk
 
 __all__ = ["denoised", "mean_noise", "noise_of_positions"]
 

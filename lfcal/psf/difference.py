@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.progress import Clock, Work, drained
+from lfcal.base.progress import Clock, Work, drained
+from lfcal.base.threads import for_each_chunk, worker_count
 from lfcal.psf.compare import centroids
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.pairing import Pair, pair
 from lfcal.psf.shifting import best_shift, shifted
-from lfcal.threads import for_each_chunk, worker_count
 
 __all__ = ["Difference", "Figures", "PlaneFigures", "difference", "iter_difference"]
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.frames.regions import Region, clipped, moved, part_of, region_shape
 from lfcal.frames.source import FrameInfo, FrameSource, Noise, Position, Samples
 from lfcal.psf.cutout import Cutout, Window

@@ -16,16 +16,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.axes import AXES, check_psf_shape
-from lfcal.errors import InputError
-from lfcal.h5.dataset import H5Data
+from lfcal.base.axes import AXES, check_psf_shape
+from lfcal.base.errors import InputError
+from lfcal.base.h5.dataset import H5Data
+from lfcal.base.threads import for_each_chunk
+from lfcal.base.version import full_version
 from lfcal.psf._step_kernels import add_rounded, round_pattern
 from lfcal.psf.chunk_codec import copy_plane, parallel_write
 from lfcal.psf.facts import Facts, stacked
 from lfcal.psf.provenance import with_simulated
 from lfcal.psf.steps import bound_after, check_store_tolerance, step_of_range, stepped_plane
-from lfcal.threads import for_each_chunk
-from lfcal.version import full_version
 
 if TYPE_CHECKING:
     from lfcal.camera import Camera

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.axes import Position
+from lfcal.base.axes import Position
 from lfcal.camera.lens_centre import nearest_lens
 from lfcal.psf.cutout import Cutout
 from lfcal.psf.facts import Facts

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.axes import centre
-from lfcal.errors import FileFormatError
-from lfcal.h5.file import H5File
+from lfcal.base.axes import centre
+from lfcal.base.errors import FileFormatError
+from lfcal.base.h5.file import H5File
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.plain_pickle import Record, load_plain
 from lfcal.psf.planes import Planes, TransposedPlanes

@@ -18,10 +18,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import InputError
-from lfcal.files import require_space
-from lfcal.plain import plain
-from lfcal.progress import Clock, Progress, Work, drain
+from lfcal.base.errors import InputError
+from lfcal.base.files import require_space
+from lfcal.base.plain import plain
+from lfcal.base.progress import Clock, Progress, Work, drain
 from lfcal.psf.facts import stacked
 from lfcal.psf.joining import adopt
 from lfcal.psf.layout import Header, MatrixGroup, Plane, Stored

@@ -18,8 +18,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.errors import LfcalError
 from lfcal.camera import ScanPlan
-from lfcal.errors import LfcalError
 from lfcal.frames.regions import Region, moved
 from lfcal.frames.source import Frames, FrameSource
 from lfcal.psf.cutout import Cutout

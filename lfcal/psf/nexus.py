@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from lfcal.axes import centre
+from lfcal.base.axes import centre
 
 __all__ = ["mark_default_plot"]
 

@@ -12,15 +12,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.axes import AXES, check_psf_shape
+from lfcal.base.axes import AXES, check_psf_shape
+from lfcal.base.checks import MAX_SAMPLE
+from lfcal.base.errors import FileFormatError, InputError
+from lfcal.base.h5.attributes import Attributes
+from lfcal.base.h5.dataset import H5Data
+from lfcal.base.h5.file import H5File
+from lfcal.base.npy import map_npy
+from lfcal.base.plain import parse_json
 from lfcal.camera import Camera
-from lfcal.checks import MAX_SAMPLE
-from lfcal.errors import FileFormatError, InputError
-from lfcal.h5.attributes import Attributes
-from lfcal.h5.dataset import H5Data
-from lfcal.h5.file import H5File
-from lfcal.npy import map_npy
-from lfcal.plain import parse_json
 from lfcal.psf.chunk_codec import parallel_read
 from lfcal.psf.facts import Facts
 from lfcal.psf.layout import CENTRE_RULE, PLANE_NUMBER, plane_checksum

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.axes import centre
-from lfcal.errors import InputError
+from lfcal.base.axes import centre
+from lfcal.base.errors import InputError
+from lfcal.base.units import format_plane
 from lfcal.psf.matrix import PSFMatrix
-from lfcal.units import format_plane
 
 __all__ = ["Pair", "pair"]
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import FileFormatError, InputError
+from lfcal.base.errors import FileFormatError, InputError
 from lfcal.frames.regions import clipped
 from lfcal.psf.gather import Gatherer
 

@@ -9,10 +9,10 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.axes import check_psf_shape
-from lfcal.checks import MAX_SAMPLE
-from lfcal.errors import FileFormatError, InputError
-from lfcal.h5.dataset import H5Data
+from lfcal.base.axes import check_psf_shape
+from lfcal.base.checks import MAX_SAMPLE
+from lfcal.base.errors import FileFormatError, InputError
+from lfcal.base.h5.dataset import H5Data
 
 __all__ = [
     "ArrayPlanes",

@@ -13,17 +13,17 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lfcal.base.errors import InputError
+from lfcal.base.files import require_space
+from lfcal.base.h5.writing import new_h5
+from lfcal.base.version import full_version
 from lfcal.camera import Camera
-from lfcal.errors import InputError
-from lfcal.files import require_space
-from lfcal.h5.writing import new_h5
 from lfcal.psf.chunk_codec import chunk_pipeline, parallel_write
 from lfcal.psf.facts import Facts
 from lfcal.psf.layout import STORED_TYPES, Header, MatrixGroup, Plane, Stored, StoredPlane
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.nexus import mark_default_plot
 from lfcal.psf.steps import bits_at_most
-from lfcal.version import full_version
 
 __all__ = [
     "CHECKED_VERSION",

@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import InputError
-from lfcal.files import require_space
-from lfcal.progress import Clock, Work
+from lfcal.base.errors import InputError
+from lfcal.base.files import require_space
+from lfcal.base.progress import Clock, Work
+from lfcal.base.tiff_file import write_tiff
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.voxels import pixel_um, voxel_um
-from lfcal.tiff_file import write_tiff
 
 __all__ = ["iter_write_tiff", "tiff_files"]
 

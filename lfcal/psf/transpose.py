@@ -1,6 +1,6 @@
 """The transposed matrix HT, one slice of it, and depth-plane sums, of plain arrays in memory.
 
-HT is an index permutation of H, exact for every period (axes and centre rule in `lfcal.axes`)::
+HT is an index permutation of H, exact for every period (axes and centre rule in `lfcal.base.axes`)::
 
     HT[z, y, x, t, s] = H[z, (y + t - ct) mod ny, (x + s - cs) mod nx, nt-1-t, ns-1-s]
 
@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.axes import centre, check_psf_shape
-from lfcal.errors import InputError
-from lfcal.threads import for_each_chunk
+from lfcal.base.axes import centre, check_psf_shape
+from lfcal.base.errors import InputError
+from lfcal.base.threads import for_each_chunk
 
 __all__ = ["BORDER_LIMIT", "border_energy", "border_warning", "depth_sum", "ht_slice", "transpose"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 
 __all__ = ["nrmse"]
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.errors import InputError
-from lfcal.threads import for_each_chunk
+from lfcal.base.errors import InputError
+from lfcal.base.threads import for_each_chunk
 
 __all__ = ["MOST_DRIFT", "Resampling", "drift_note", "drift_words", "lattice_anchor_of", "resampling_for"]
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.progress import Clock, Work, drained
+from lfcal.base.progress import Clock, Work, drained
 from lfcal.reconstruct.projectors.projector import Projector
 from lfcal.reconstruct.solvers.richardson_lucy import richardson_lucy
 

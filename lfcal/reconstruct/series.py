@@ -9,8 +9,8 @@ from typing import Any
 
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.errors import FileFormatError, InputError
-from lfcal.progress import Progress, Work
+from lfcal.base.errors import FileFormatError, InputError
+from lfcal.base.progress import Progress, Work
 from lfcal.reconstruct.projectors.projector import Projector
 from lfcal.reconstruct.solvers.choice import SOLVERS, SolverChoice, iter_solve
 from lfcal.reconstruct.solvers.measurement import NothingMeasured
@@ -137,7 +137,7 @@ def iter_series(
     Examples
     --------
     >>> import numpy as np
-    >>> from lfcal.progress import drain
+    >>> from lfcal.base.progress import drain
     >>> from lfcal.reconstruct import FrameResult, Projector, SolverChoice, iter_series, load_volume, save_volume
     >>> P = Projector(np.full((1, 1, 1, 3, 3), 1 / 9), (16, 16))
     >>> frames = [("dim", lambda: np.full((16, 16), 10.0)), ("bright", lambda: np.full((16, 16), 20.0))]

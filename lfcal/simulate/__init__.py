@@ -13,7 +13,7 @@
 
 from typing import TYPE_CHECKING
 
-from lfcal.face import lazy_face
+from lfcal._lazy import lazy_face
 
 if TYPE_CHECKING:
     from lfcal.simulate._face import *  # noqa: F403

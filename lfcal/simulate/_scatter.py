@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.compiled import njit
-from lfcal.threads import chunks, for_each_chunk
+from lfcal.base.compiled import njit
+from lfcal.base.threads import chunks, for_each_chunk
 
 __all__ = ["Row", "scatter"]
 

@@ -6,21 +6,21 @@ import dataclasses
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.errors import InputError
+from lfcal.base.progress import Clock, Progress, Work
+from lfcal.base.threads import worker_count
 from lfcal.camera import ScanPlan
-from lfcal.errors import InputError
-from lfcal.progress import Clock, Progress, Work
 from lfcal.simulate.accuracy.cost import learn
 from lfcal.simulate.accuracy.planner import FOR_EFFECTS, EffectSelection, plan_effects
 from lfcal.simulate.effects.base import Effect
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.staging import outlook_of
-from lfcal.threads import worker_count
 
 __all__ = ["Budget", "Computed", "EffectsLike", "PlaneTask", "budgeted", "describe", "tolerance_for"]
 
@@ -30,7 +30,7 @@ BLOCK_BYTES = 64 << 20
 USUAL_TOLERANCE = 0.03
 """Relative L1 error allowed where nothing says another."""
 
-EffectsLike = Iterable[Effect] | EffectSelection | str
+EffectsLike: TypeAlias = Iterable[Effect] | EffectSelection | str
 
 
 @dataclass(frozen=True, slots=True)

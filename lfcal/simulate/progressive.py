@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from lfcal.base.checks import check_number
+from lfcal.base.progress import Progress, Work
 from lfcal.camera import Camera, ScanPlan
-from lfcal.checks import check_number
-from lfcal.progress import Progress, Work
 from lfcal.psf import PSFMatrix, open_psf
 from lfcal.psf.facts import Facts
 from lfcal.psf.layout import Plane, Stored
@@ -110,7 +110,7 @@ def iter_refine_psf(
     Examples
     --------
     >>> from lfcal.camera import ScanPlan, preset
-    >>> from lfcal.progress import drain
+    >>> from lfcal.base.progress import drain
     >>> from lfcal.simulate import iter_refine_psf
     >>> camera = preset("bench")
     >>> plan = ScanPlan(camera, (1, 3), cutout=(41, 41), depths_um=(camera.depth_of(4.0),), anchor=(160, 160))

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.checks import check_number
-from lfcal.errors import InputError
+from lfcal.base.checks import check_number
+from lfcal.base.errors import InputError
 
 __all__ = ["PupilIris", "Wavefront", "check_wavefront", "pixel_response", "seidel"]
 

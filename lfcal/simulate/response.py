@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lfcal.base.progress import leave_if_unwanted
 from lfcal.camera import ScanPlan
-from lfcal.progress import leave_if_unwanted
 from lfcal.simulate.accuracy.probe import RETRIES, balanced, settle
 from lfcal.simulate.accuracy.sampling import finer, step_for
 from lfcal.simulate.effects.base import Effect, LightSample

@@ -20,10 +20,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.axes import check_cutout
+from lfcal.base.axes import check_cutout
+from lfcal.base.checks import check_choice, check_number, check_wavelength
+from lfcal.base.errors import InputError
 from lfcal.camera import LensletLattice, Microscope
-from lfcal.checks import check_choice, check_number, check_wavelength
-from lfcal.errors import InputError
 from lfcal.simulate.pupil import PupilIris, Wavefront, check_wavefront, seidel
 from lfcal.simulate.specimen import Specimen, cone_radius_um
 

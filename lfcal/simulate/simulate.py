@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lfcal.base.errors import InputError
+from lfcal.base.plain import plain
+from lfcal.base.progress import Work, drained
+from lfcal.base.units import format_bytes
 from lfcal.camera import Camera, ScanPlan
-from lfcal.errors import InputError
-from lfcal.plain import plain
-from lfcal.progress import Work, drained
 from lfcal.psf import PSFMatrix
 from lfcal.psf.facts import Facts
 from lfcal.psf.layout import Header, Plane, Stored
@@ -23,7 +24,6 @@ from lfcal.simulate.effects.base import Effect
 from lfcal.simulate.effects.described import effect_from
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.plane_task import EffectsLike, PlaneTask, budgeted, describe
-from lfcal.units import format_bytes
 
 if TYPE_CHECKING:
     from lfcal.work import RunChoice

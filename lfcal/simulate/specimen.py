@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.checks import check_number
 from lfcal.camera import Microscope
-from lfcal.checks import check_number
 
 __all__ = ["Crossing", "Specimen", "cone_radius_um", "ray_heights"]
 

@@ -10,8 +10,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.errors import InputError, choose
 from lfcal.camera import Camera, ScanPlan
-from lfcal.errors import InputError, choose
 from lfcal.simulate.camera_scene import scene_of
 from lfcal.simulate.effects.base import Effect, LightEffect, LightSample, PsfEffect, SceneEffect
 from lfcal.simulate.effects.light import Bandwidth

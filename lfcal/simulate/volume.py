@@ -8,17 +8,17 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.axes import centre
+from lfcal.base.axes import centre
+from lfcal.base.checks import check_number
+from lfcal.base.errors import InputError
+from lfcal.base.progress import Clock, Work, drained
+from lfcal.base.threads import worker_count
 from lfcal.camera import ScanPlan
-from lfcal.checks import check_number
-from lfcal.errors import InputError
-from lfcal.progress import Clock, Work, drained
 from lfcal.psf import PSFMatrix
 from lfcal.simulate._scatter import Row, scatter
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.plane_task import EffectsLike, budgeted
 from lfcal.simulate.response import PlaneResponse
-from lfcal.threads import worker_count
 
 __all__ = ["iter_light_field", "light_field", "plume", "points", "vesicle"]
 

@@ -20,7 +20,7 @@ A scan plan keeps its meaning: a `TargetPlan` holds one, whose positions it show
 
 from typing import TYPE_CHECKING
 
-from lfcal.face import lazy_face
+from lfcal._lazy import lazy_face
 
 if TYPE_CHECKING:
     from lfcal.targets._face import *  # noqa: F403

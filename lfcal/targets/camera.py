@@ -12,11 +12,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lfcal.base.errors import InputError
+from lfcal.base.progress import Clock, Work
+from lfcal.base.threads import for_each_chunk, one_blas_thread, worker_count
 from lfcal.camera.shadow import half_extent_px
-from lfcal.errors import InputError
 from lfcal.frames.regions import Region, check_region
 from lfcal.frames.source import FrameInfo, FrameMetadata, Frames
-from lfcal.progress import Clock, Work
 from lfcal.simulate.accuracy.planner import plan_effects
 from lfcal.simulate.effects.base import MotionEffect
 from lfcal.simulate.effects.light import FiniteSource
@@ -29,7 +30,6 @@ from lfcal.simulate.sensor.windows import place
 from lfcal.targets.images import HoleImages, hole_images
 from lfcal.targets.plan import TargetPlan
 from lfcal.targets.target import Target
-from lfcal.threads import for_each_chunk, one_blas_thread, worker_count
 
 __all__ = ["TargetCamera", "uneven"]
 

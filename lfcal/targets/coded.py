@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.frames.regions import Region
 from lfcal.frames.source import FrameInfo, FrameMetadata, FrameSource, Noise, Samples
 from lfcal.frames.view import SourceView

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.frames.opening import open_frames
 from lfcal.frames.source import FrameInfo, FrameMetadata, Frames, FrameSource
 from lfcal.frames.view import SourceView
@@ -70,7 +70,7 @@ def read_target_plan(frames: Path, plan: Path | None) -> TargetPlan | None:
 
     A plan of a scan with a single point is none.
     """
-    from lfcal.files import read_text
+    from lfcal.base.files import read_text
 
     folder = frames if frames.is_dir() else frames.parent
     places = [plan] if plan else [p for p in (folder / "plan.json", folder.parent / "plan.json") if p.is_file()]

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from lfcal.checks import check_tuple, check_type
-from lfcal.errors import InputError
+from lfcal.base.checks import check_tuple, check_type
+from lfcal.base.errors import InputError
 
 __all__ = ["Lit", "checked_lit", "lit_blocks", "lit_by", "lit_matrix"]
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan
-from lfcal.errors import InputError
 from lfcal.targets.lines import line_offsets
 from lfcal.targets.phases import Phases
 from lfcal.targets.target import Target

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from lfcal.base.checks import check_number
+from lfcal.base.errors import InputError
+from lfcal.base.progress import Clock, Work, drained
+from lfcal.base.units import format_length, format_share
 from lfcal.camera import ScanPlan
-from lfcal.checks import check_number
-from lfcal.errors import InputError
-from lfcal.progress import Clock, Work, drained
 from lfcal.targets.covering import FINEST_PX, iter_cover
 from lfcal.targets.images import HoleImages, hole_images
 from lfcal.targets.phases import Phases
@@ -22,7 +23,6 @@ from lfcal.targets.plan import TargetPlan
 from lfcal.targets.pose import Pose
 from lfcal.targets.tails import Tails, simulated_tails
 from lfcal.targets.target import Target
-from lfcal.units import format_length, format_share
 
 __all__ = ["Wishes", "iter_plan_target", "plan_target", "poses_within", "propose_target", "shown_within"]
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.checks import check_number
-from lfcal.errors import InputError
+from lfcal.base.checks import check_number
+from lfcal.base.errors import InputError
 
 __all__ = ["Pose", "length_um"]
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan
-from lfcal.errors import InputError
 from lfcal.simulate.accuracy.planner import plan_effects
 from lfcal.simulate.accuracy.sampling import steps_for
 from lfcal.simulate.effects import Effect, IrisDiffraction, LensletDiffraction

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.checks import check_choice, check_number, check_tuple, check_type
+from lfcal.base.errors import FileFormatError, InputError
+from lfcal.base.plain import parse_json
 from lfcal.camera.description import build
-from lfcal.checks import check_choice, check_number, check_tuple, check_type
-from lfcal.errors import FileFormatError, InputError
-from lfcal.plain import parse_json
 from lfcal.targets.pose import Pose
 
 __all__ = ["KINDS", "MOST_HOLES", "Target"]

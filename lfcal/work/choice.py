@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from lfcal.checks import check_choice
-from lfcal.errors import InputError
-from lfcal.progress import Work
+from lfcal.base.checks import check_choice
+from lfcal.base.errors import InputError
+from lfcal.base.progress import Work
 from lfcal.work.executors import EXECUTORS
 from lfcal.work.executors.base import Executor
 from lfcal.work.following import Following
@@ -81,7 +81,7 @@ def iter_begun(
 
     Examples
     --------
-    >>> from lfcal.progress import drain
+    >>> from lfcal.base.progress import drain
     >>> from lfcal.psf import open_psf
     >>> from lfcal.psf.layout import Stored
     >>> from lfcal.psf.make import units_of
@@ -142,7 +142,7 @@ def iter_made(
     Examples
     --------
     >>> from pathlib import Path
-    >>> from lfcal.progress import Progress
+    >>> from lfcal.base.progress import Progress
     >>> from lfcal.psf import open_psf
     >>> from lfcal.psf.layout import Stored
     >>> from lfcal.psf.make import units_of

@@ -15,11 +15,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TextIO
 
-from lfcal.checks import check_number
-from lfcal.errors import InputError, LfcalError
-from lfcal.files import read_text, storage_errors
-from lfcal.plain import parse_json
-from lfcal.system import is_alive
+from lfcal.base.checks import check_number
+from lfcal.base.errors import InputError, LfcalError
+from lfcal.base.files import read_text, storage_errors
+from lfcal.base.plain import parse_json
+from lfcal.base.system import is_alive
 
 __all__ = [
     "JOURNAL",
@@ -129,7 +129,7 @@ class RunState:
     Examples
     --------
     >>> from pathlib import Path
-    >>> from lfcal.progress import drain
+    >>> from lfcal.base.progress import drain
     >>> from lfcal.work import RunChoice, RunState, iter_run, read_run
     >>> _ = drain(iter_run([], Path("HT.h5.parts"), RunChoice("threads", workers=1).make(), title="HT of no plane"))
     >>> state: RunState = read_run(Path("HT.h5.parts"))
@@ -199,7 +199,7 @@ def read_run(folder: Path, now: float | None = None) -> RunState:
     Examples
     --------
     >>> from pathlib import Path
-    >>> from lfcal.progress import drain
+    >>> from lfcal.base.progress import drain
     >>> from lfcal.psf import open_psf
     >>> from lfcal.psf.layout import Stored
     >>> from lfcal.psf.make import units_of

@@ -16,8 +16,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from lfcal.errors import FileFormatError, UnsafeFileError
-from lfcal.files import replace_whole, storage_errors
+from lfcal.base.errors import FileFormatError, UnsafeFileError
+from lfcal.base.files import replace_whole, storage_errors
 
 __all__ = ["load_record", "save_record"]
 

@@ -13,10 +13,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from lfcal.errors import InputError, StorageError
-from lfcal.files import only_writer, require_space, storage_errors, sweep_scratch
-from lfcal.h5.probe import trust
-from lfcal.progress import Clock, Progress, Work
+from lfcal.base.errors import InputError, StorageError
+from lfcal.base.files import only_writer, require_space, storage_errors, sweep_scratch
+from lfcal.base.h5.probe import trust
+from lfcal.base.progress import Clock, Progress, Work
 from lfcal.work.executors.base import Ended, Event, Executor, What
 from lfcal.work.following import Following
 from lfcal.work.journal import JOURNAL, Journal, read_events, read_run, read_seals, read_settled
@@ -139,7 +139,7 @@ def iter_run(
     Examples
     --------
     >>> from pathlib import Path
-    >>> from lfcal.progress import drain
+    >>> from lfcal.base.progress import drain
     >>> from lfcal.psf import open_psf
     >>> from lfcal.psf.layout import Stored
     >>> from lfcal.psf.make import units_of

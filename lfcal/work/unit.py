@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from lfcal import __version__
-from lfcal.errors import InputError
-from lfcal.files import storage_errors
-from lfcal.plain import plain
-from lfcal.progress import Work
+from lfcal.base.errors import InputError
+from lfcal.base.files import storage_errors
+from lfcal.base.plain import plain
+from lfcal.base.progress import Work
 
 __all__ = ["Job", "Task", "Unit", "file_name", "seal_of", "stamp_of"]
 

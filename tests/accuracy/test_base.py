@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfcal.accuracy import Curve, Rung, draw_curves, marked, read_curves, write_curves
-from lfcal.errors import FileFormatError, InputError
+from lfcal.base.errors import FileFormatError, InputError
 
 PAIRS = st.lists(st.tuples(st.floats(0, 1e3), st.floats(0, 10)), min_size=1, max_size=30)
 

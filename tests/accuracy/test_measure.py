@@ -21,8 +21,8 @@ from lfcal.accuracy import (
     measure_curve,
 )
 from lfcal.accuracy.catalogue import find_places
-from lfcal.errors import InputError
-from lfcal.progress import drain
+from lfcal.base.errors import InputError
+from lfcal.base.progress import drain
 
 
 def place(work: Callable[..., Iterator[object]], name: str = "made up") -> Place:

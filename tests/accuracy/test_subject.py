@@ -10,9 +10,9 @@ import pytest
 
 from lfcal.accuracy import PLACES, Subject, measure_curve
 from lfcal.accuracy import subject as module
+from lfcal.base.errors import InputError
+from lfcal.base.progress import drain
 from lfcal.camera import ScanPlan
-from lfcal.errors import InputError
-from lfcal.progress import drain
 from lfcal.psf import PSFMatrix, open_psf, save
 from lfcal.simulate import plan_effects, simulate_psf
 

@@ -18,8 +18,8 @@ import numpy as np
 
 from lfcal.acquire.finish import iter_assemble_session
 from lfcal.acquire.recording.source import RecordingSource
+from lfcal.base.progress import drain
 from lfcal.camera import ScanPlan
-from lfcal.progress import drain
 from lfcal.psf import AssemblySettings
 
 STRICT = AssemblySettings(strict=True)

@@ -16,12 +16,12 @@ from lfcal.acquire.finish import iter_assemble_session
 from lfcal.acquire.forecast import forecast
 from lfcal.acquire.session import record
 from lfcal.acquire.session_file import SessionFile
+from lfcal.base.errors import FileFormatError, InputError
+from lfcal.base.progress import drain
 from lfcal.camera import RegionPlan
 from lfcal.cli import main
 from lfcal.devices.protocols import Setting
 from lfcal.devices.rig import Rig
-from lfcal.errors import FileFormatError, InputError
-from lfcal.progress import drain
 from tests.acquire.rigs import CAREFUL, frames_of, rig_for, small_plan
 
 PLAN = small_plan(planes=1)

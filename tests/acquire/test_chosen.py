@@ -19,11 +19,11 @@ from lfcal.acquire.recording.verify import verify
 from lfcal.acquire.redo import RedoList
 from lfcal.acquire.session import record
 from lfcal.acquire.session_file import SessionFile
+from lfcal.base.errors import FileFormatError, InputError
+from lfcal.base.progress import drain
 from lfcal.camera import Forecast
 from lfcal.devices.simulated.faults import DeviceFault
-from lfcal.errors import FileFormatError, InputError
 from lfcal.frames.source import Position
-from lfcal.progress import drain
 from tests.acquire.rigs import CAREFUL, assert_same_frames, frames_of, rig_for, small_plan
 
 PLAN = small_plan()

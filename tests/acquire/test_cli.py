@@ -22,15 +22,15 @@ from lfcal.acquire.recording.source import RecordingSource, read_checks
 from lfcal.acquire.redo import RedoList
 from lfcal.acquire.session_file import SessionFile
 from lfcal.acquire.suspects import read_suspects
+from lfcal.base.errors import FileFormatError, InputError
+from lfcal.base.progress import drain
 from lfcal.camera import ScanPlan, preset
 from lfcal.campaign import Goal, iter_adaptive
 from lfcal.cli import main
 from lfcal.devices.registry import open_rig
 from lfcal.devices.simulated.backend import simulated_rig
-from lfcal.errors import FileFormatError, InputError
 from lfcal.frames import CorrectionRecipe, corrected_view, open_frames
-from lfcal.inspect import Unlike, iter_evidence
-from lfcal.progress import drain
+from lfcal.judge import Unlike, iter_evidence
 from lfcal.psf import AssemblySettings, PSFMatrix, inspect, open_psf
 from lfcal.simulate import simulate_psf
 from tests.acquire.rigs import assert_same_frames, frames_of, small_plan

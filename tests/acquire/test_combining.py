@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lfcal.acquire.combining import average, merge
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 
 MAX, BLACK = 4095, 64
 

@@ -22,9 +22,9 @@ from lfcal.acquire.options import LEAST_RESERVE, Options
 from lfcal.acquire.recording.durable import DiskGuard, FolderLock, holder_of
 from lfcal.acquire.session import iter_record, record
 from lfcal.acquire.session_file import SessionFile
+from lfcal.base.errors import StorageError
+from lfcal.base.system import sync_data
 from lfcal.camera import RegionPlan
-from lfcal.errors import StorageError
-from lfcal.system import sync_data
 from tests.acquire.rigs import assert_same_frames, frames_of, rig_for, small_plan
 from tests.cli.conftest import Run, lfcal
 from tests.cli.test_disks import Mount, mount

@@ -25,12 +25,12 @@ from lfcal.acquire.preview import Preview
 from lfcal.acquire.session import record
 from lfcal.acquire.setup.live import iter_live
 from lfcal.acquire.suspects import read_suspects
+from lfcal.base.errors import LfcalError
 from lfcal.camera import ScanPlan, preset
 from lfcal.devices import calling, checked
 from lfcal.devices.errors import DeviceError, DeviceLost
 from lfcal.devices.protocols import Frame, Point, Roi, Setting
 from lfcal.devices.rig import Rig
-from lfcal.errors import LfcalError
 from lfcal.frames.source import Position
 from tests.acquire.rigs import CAREFUL, assert_same_frames, deceived_rig, frames_of, rig_for, scaled, small_plan
 

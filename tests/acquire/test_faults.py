@@ -19,6 +19,8 @@ from lfcal.acquire.recording.durable import FolderLock
 from lfcal.acquire.recording.source import RecordingSource
 from lfcal.acquire.session import record
 from lfcal.acquire.session_file import SessionFile
+from lfcal.base.errors import LfcalError, StorageError
+from lfcal.base.system import write_at
 from lfcal.devices.errors import (
     DeviceError,
     DeviceLost,
@@ -31,8 +33,6 @@ from lfcal.devices.errors import (
 )
 from lfcal.devices.simulated.faults import DeviceFault
 from lfcal.devices.simulated.stage import StageModel
-from lfcal.errors import LfcalError, StorageError
-from lfcal.system import write_at
 from tests.acquire.rigs import CAREFUL, assert_same_frames, frames_of, rig_for, small_plan
 
 PLAN = small_plan()

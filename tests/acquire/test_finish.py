@@ -15,10 +15,10 @@ from lfcal.acquire.finish import iter_assemble_session, iter_finish, iter_repack
 from lfcal.acquire.recording.slots import read_layout
 from lfcal.acquire.recording.source import RecordingSource
 from lfcal.acquire.session import iter_record, record
+from lfcal.base.errors import FileFormatError, InputError, StorageError
+from lfcal.base.progress import drain
 from lfcal.camera import ScanPlan, preset
-from lfcal.errors import FileFormatError, InputError, StorageError
 from lfcal.frames.source import Position
-from lfcal.progress import drain
 from lfcal.psf import AssemblySettings, open_psf
 from lfcal.simulate.sensor.camera_source import SimulatedCamera
 from tests.acquire.rigs import CAREFUL, assert_same_frames, frames_of, rig_for, small_plan

@@ -14,11 +14,11 @@ from lfcal.acquire.control import Control
 from lfcal.acquire.finish import iter_assemble_session
 from lfcal.acquire.live_quality import LiveQuality, QualityState
 from lfcal.acquire.session import record
+from lfcal.base.progress import drain
 from lfcal.camera import ScanPlan, StageAxes
 from lfcal.devices.protocols import Point
 from lfcal.devices.simulated.stage import StageModel
 from lfcal.frames.source import Position
-from lfcal.progress import drain
 from tests.acquire.rigs import CAREFUL, deceived_rig, rig_for, small_plan
 
 PLAN = small_plan((11, 19), 2, cutout=(31, 31))

@@ -13,8 +13,8 @@ from lfcal.acquire.blocks import coarse_order, window_shape
 from lfcal.acquire.options import Options
 from lfcal.acquire.recording.records import Kind
 from lfcal.acquire.schedule import Schedule
+from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan, preset
-from lfcal.errors import InputError
 from lfcal.frames.source import Position
 from tests.acquire.rigs import small_plan
 
@@ -129,7 +129,7 @@ def test_redo_takes_each_position_once() -> None:
 
 
 def test_a_full_session_is_planned_in_arrays() -> None:
-    """57,475 positions of the R29: made and gone through once; `lfcal bench acquire` times it."""
+    """57,475 positions of the R29: made and gone through once; `python -m benchmarks acquire` times it."""
     plan = ScanPlan.for_camera(preset("r29"), virtual_depths=[-3, -2, 1.5, 2, 2.5, 3, 3.5, 4, 4.5, 5, 5.5])
     schedule = Schedule.of(plan, Options(reference_every=500, darks=0))
     assert schedule.count(Kind.POSITION) == plan.n_positions == 57475

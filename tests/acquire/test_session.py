@@ -22,17 +22,17 @@ from lfcal.acquire.recording.source import RecordingSource, read_checks
 from lfcal.acquire.session import iter_record, record
 from lfcal.acquire.session_file import SessionFile
 from lfcal.acquire.setup.levels import levels
+from lfcal.base.errors import FileFormatError, InputError, StorageError
+from lfcal.base.progress import drain
 from lfcal.camera import StageAxes
 from lfcal.devices.errors import DeviceLost, LimitError
 from lfcal.devices.protocols import Frame, Point, Roi, Setting
 from lfcal.devices.rig import Rig
 from lfcal.devices.simulated.camera import LightPatch, Renderer
 from lfcal.devices.simulated.optics import PatternRenderer
-from lfcal.errors import FileFormatError, InputError, StorageError
 from lfcal.frames import CorrectionRecipe, corrected_view
 from lfcal.frames.described import sensor_noise
 from lfcal.frames.source import FrameSource, Position
-from lfcal.progress import drain
 from tests.acquire.rigs import CAREFUL, assert_same_frames, frames_of, rig_for, small_plan
 
 PLAN = small_plan()

@@ -28,11 +28,11 @@ from lfcal.acquire.setup import (
     predicted_image,
     suggest_exposure,
 )
+from lfcal.base.errors import InputError
+from lfcal.base.progress import drain
 from lfcal.camera import ScanPlan, StageAxes, preset
 from lfcal.devices.errors import LimitError
 from lfcal.devices.simulated.faults import DeviceFault
-from lfcal.errors import InputError
-from lfcal.progress import drain
 from tests.acquire.rigs import deceived_rig, rig_for, scaled, small_plan
 
 PLAN = small_plan((11, 19), 3)

@@ -18,6 +18,8 @@ from lfcal.acquire.runner import Outcome
 from lfcal.acquire.session import iter_record, record
 from lfcal.acquire.session_file import SessionFile
 from lfcal.acquire.setup import StageCheck, iter_stage_check
+from lfcal.base.errors import Cancelled, InputError
+from lfcal.base.progress import drain
 from lfcal.camera import RegionPlan, ScanPlan, StageAxes, preset
 from lfcal.campaign import iter_record_regions
 from lfcal.devices.errors import FrameTimeout, LimitError
@@ -28,9 +30,7 @@ from lfcal.devices.simulated.camera import LightPatch, Renderer
 from lfcal.devices.simulated.faults import DeviceFault
 from lfcal.devices.simulated.optics import PatternRenderer, simulated_optics
 from lfcal.devices.simulated.stage import StageModel
-from lfcal.errors import Cancelled, InputError
 from lfcal.frames.source import Position
-from lfcal.progress import drain
 from tests.acquire.rigs import CAREFUL, Deceived, deceived_rig, rig_for, scaled, small_plan
 
 PLAN = ScanPlan.for_camera(preset("bench"), virtual_depths=[2.0, 4.0])

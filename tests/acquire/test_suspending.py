@@ -11,12 +11,12 @@ from lfcal.acquire.options import Options
 from lfcal.acquire.session import iter_record, record
 from lfcal.acquire.session_file import SessionFile
 from lfcal.acquire.suspending import Bound, Suspender
+from lfcal.base.errors import InputError
+from lfcal.base.progress import drain
 from lfcal.devices.errors import DeviceError
 from lfcal.devices.gauges import FileGauge
 from lfcal.devices.protocols import Gauge
 from lfcal.devices.simulated.faults import DeviceFault
-from lfcal.errors import InputError
-from lfcal.progress import drain
 from tests.acquire.rigs import CAREFUL, assert_same_frames, frames_of, rig_for, small_plan
 
 PLAN = small_plan()

@@ -19,13 +19,13 @@ from lfcal.acquire.recording.whole_frames import TargetRecording
 from lfcal.acquire.session import record
 from lfcal.acquire.session_file import SessionFile
 from lfcal.acquire.suspects import read_suspects
-from lfcal.axes import Position
+from lfcal.base.axes import Position
+from lfcal.base.errors import FileFormatError, InputError
 from lfcal.camera import ScanPlan
 from lfcal.devices.rig import Rig
 from lfcal.devices.simulated.backend import simulated_rig
 from lfcal.devices.simulated.faults import DeviceFault
 from lfcal.devices.simulated.targets import SwitchedRenderer, TargetPattern
-from lfcal.errors import FileFormatError, InputError
 from lfcal.frames import open_frames
 from lfcal.frames.corrections.recipe import CorrectionRecipe, corrected_view
 from lfcal.targets import Pose, Target, TargetPlan, Wishes, decoded, plan_target

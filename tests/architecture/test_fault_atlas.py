@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from lfcal.inspect import FAULTS
-from tests.inspect.atlas import DOCS, IMAGES, INJECTIONS, PAGE, found_of, parts
+from lfcal.judge import FAULTS
+from tests.judge.atlas import DOCS, IMAGES, INJECTIONS, PAGE, found_of, parts
 
-REMEDY = "make it with python -m tests.inspect.atlas"
+REMEDY = "make it with python -m tests.judge.atlas"
 LARGEST = 40_000
 
 

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 import lfcal
-from lfcal.compiled import Kernel, njit, preparing_seconds
-from lfcal.errors import InputError, LfcalError, StorageError
-from lfcal.registry import Registry
+from lfcal.base.compiled import Kernel, njit, preparing_seconds
+from lfcal.base.errors import InputError, LfcalError, StorageError
+from lfcal.base.registry import Registry
 from tests.distribution import install
 
 
@@ -57,7 +57,7 @@ def test_kernels_compile_at_their_first_call_and_call_each_other() -> None:
 RECORDED = """
 from typing import NamedTuple
 import numpy as np
-from lfcal.compiled import njit
+from lfcal.base.compiled import njit
 class {name}(NamedTuple):
     first: float
     second: float

@@ -12,7 +12,7 @@ import pytest
 from tests.architecture.test_house import MODULES, ROOT, circles, runtime_imports
 
 PARTS = 120
-OUTSIDE = ("lfcal.__main__", "gui.__main__", "lfcal.bench", "lfcal.cli", "lfcal.napari", "gui")
+OUTSIDE = ("lfcal.__main__", "lfcal_gui.__main__", "benchmarks", "lfcal.cli", "lfcal.napari", "gui")
 """Modules of the command line, of other programs and of Qt, which other libraries let only one thread import."""
 
 FIRST = """

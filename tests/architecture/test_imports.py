@@ -133,7 +133,7 @@ def test_the_arrow_test_can_fail(tmp_path: Path) -> None:
 def test_pages_do_not_import_each_other() -> None:
     pages = ROOT / "gui" / "pages"
     for path in sorted(pages.glob("*/*.py")):
-        others = {n.split(".")[2] for n in imported(path) if n.startswith("gui.pages.")}
+        others = {n.split(".")[2] for n in imported(path) if n.startswith("lfcal_gui.pages.")}
         assert others <= {path.parent.name}, path
 
 
@@ -164,7 +164,7 @@ PLATFORM_CALLS = re.compile(
 def test_calls_that_differ_between_systems_have_one_home() -> None:
     files = [path for package in ("lfcal", "gui") for path in modules(package) if path != ROOT / "lfcal" / "system.py"]
     calls = {str(p.relative_to(ROOT)): PLATFORM_CALLS.search(text_of(p)) for p in files}
-    assert not {name: found[0] for name, found in calls.items() if found}, "use lfcal.system"
+    assert not {name: found[0] for name, found in calls.items() if found}, "use lfcal.base.system"
 
 
 PART_OF = {"dask": "distributed", "shiboken6": "pyside6-essentials"}

@@ -8,11 +8,11 @@ import pytest
 
 from tests.architecture.test_kernels import run
 
-KERNEL = "from lfcal.compiled import njit\n\n@njit()\ndef first(a):\n    return a[0] + 1\n"
+KERNEL = "from lfcal.base.compiled import njit\n\n@njit()\ndef first(a):\n    return a[0] + 1\n"
 
 TOGETHER = """
 import numpy as np, m
-from lfcal.compiled import Kernel
+from lfcal.base.compiled import Kernel
 whole, half = np.array([7]), np.array([0.5])
 one, two, other = (Kernel(m.first.function, {"cache": True, "nogil": True}) for _ in range(3))
 file = two.compiled()._cache._cache_file

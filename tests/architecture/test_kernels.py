@@ -124,7 +124,7 @@ def test_many_arguments_are_found() -> None:
 
 
 RECORD = "from typing import NamedTuple\n\nclass Pair(NamedTuple):\n    over: float\n    under: float\n"
-KERNEL = "from lfcal.compiled import njit\n\n@njit()\ndef ratio(p):\n    return p.over / p.under\n"
+KERNEL = "from lfcal.base.compiled import njit\n\n@njit()\ndef ratio(p):\n    return p.over / p.under\n"
 
 
 def run(folder: Path, code: str) -> str:

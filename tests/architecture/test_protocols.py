@@ -10,15 +10,15 @@ from tests.architecture.test_house import FILES
 
 MODULE, PART, DRIVER = "attributes of a module", "what another distribution has registered", "a driver's own answer"
 ALLOWED = {
-    ("gui/log.py", "__version__"): MODULE,
-    ("lfcal/bench/transpose.py", "__version__"): MODULE,
-    ("lfcal/face.py", "__all__"): MODULE,
-    ("lfcal/files.py", "O_NOFOLLOW"): MODULE,
-    ("lfcal/h5/probe.py", "CREATE_NO_WINDOW"): MODULE,
-    ("lfcal/h5/probe.py", "frozen"): MODULE,
-    ("lfcal/system.py", "O_BINARY"): MODULE,
-    ("lfcal/system.py", "O_CLOEXEC"): MODULE,
-    ("lfcal/registry.py", "name"): PART,
+    ("gui/lfcal_gui/log.py", "__version__"): MODULE,
+    ("benchmarks/transpose.py", "__version__"): MODULE,
+    ("lfcal/_lazy.py", "__all__"): MODULE,
+    ("lfcal/base/files.py", "O_NOFOLLOW"): MODULE,
+    ("lfcal/base/h5/probe.py", "CREATE_NO_WINDOW"): MODULE,
+    ("lfcal/base/h5/probe.py", "frozen"): MODULE,
+    ("lfcal/base/system.py", "O_BINARY"): MODULE,
+    ("lfcal/base/system.py", "O_CLOEXEC"): MODULE,
+    ("lfcal/base/registry.py", "name"): PART,
     ("lfcal/fit/parameters.py", "title"): PART,
     ("lfcal/simulate/effects/registered.py", "title"): PART,
     ("lfcal/simulate/effects/registered.py", "acts_on"): PART,
@@ -28,9 +28,9 @@ ALLOWED = {
     ("lfcal/cli/__init__.py", "__notes__"): "Python gives exceptions notes when the first is added",
     ("lfcal/cli/usage.py", "ctx"): "errors of click",
     ("lfcal/cli/usage.py", "option_name"): "errors of click",
-    ("lfcal/compiled.py", "_cache"): "dispatchers of numba",
-    ("lfcal/compiled.py", "_cache_file"): "dispatchers of numba",
-    ("lfcal/compiled.py", "args"): "signatures of numba",
+    ("lfcal/base/compiled.py", "_cache"): "dispatchers of numba",
+    ("lfcal/base/compiled.py", "_cache_file"): "dispatchers of numba",
+    ("lfcal/base/compiled.py", "args"): "signatures of numba",
     ("lfcal/frames/formats/raw.py", "photometric"): "pages of tifffile",
 }
 """File and attribute of what Python or other people's libraries may lack, and why it is asked for."""

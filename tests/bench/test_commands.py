@@ -12,10 +12,10 @@ import cv2
 import numpy as np
 import pytest
 
-from lfcal.bench import _r29, _reduced, acquire, aperture
-from lfcal.bench import multiplex as multiplex_bench
-from lfcal.bench import reconstruct as reconstruct_bench
-from lfcal.bench._solver_scenes import CAMERAS, problem_of, subject_of
+from benchmarks import _r29, _reduced, acquire, aperture
+from benchmarks import multiplex as multiplex_bench
+from benchmarks import reconstruct as reconstruct_bench
+from benchmarks._solver_scenes import CAMERAS, problem_of, subject_of
 from lfcal.cli import main
 from lfcal.psf import PSFMatrix, save
 from lfcal.reconstruct import Projector
@@ -25,13 +25,13 @@ from tests.strict import strict_json
 
 
 class Bench:
-    """Runs ``lfcal bench`` in this process and returns what it prints."""
+    """Runs ``python -m benchmarks`` in this process and returns what it prints."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
         self._monkeypatch, self._capsys = monkeypatch, capsys
 
     def __call__(self, *arguments: object, code: int = 0) -> str:
-        self._monkeypatch.setattr(sys, "argv", ["lfcal", "bench", *map(str, arguments)])
+        self._monkeypatch.setattr(sys, "argv", ["benchmarks", *map(str, arguments)])
         self._capsys.readouterr()
         with pytest.raises(SystemExit) as stop:
             main()
@@ -317,8 +317,8 @@ def test_retrieve(bench: Bench, tmp_path: Path) -> None:
 def small_cameras(monkeypatch: pytest.MonkeyPatch) -> None:
     few = replace(CAMERAS["bench"], depths=(2.2, 2.8), cutout=25, side=48)
     monkeypatch.setitem(CAMERAS, "bench", few)
-    monkeypatch.setattr("lfcal.bench._solver_trials.UNITS", (2, 5))
-    monkeypatch.setattr("lfcal.bench._solver_tables.UNITS", (2, 5))
+    monkeypatch.setattr("benchmarks._solver_trials.UNITS", (2, 5))
+    monkeypatch.setattr("benchmarks._solver_tables.UNITS", (2, 5))
 
 
 def test_solvers(bench: Bench, tmp_path: Path, small_cameras: None) -> None:
@@ -342,7 +342,7 @@ def test_solvers(bench: Bench, tmp_path: Path, small_cameras: None) -> None:
 def test_solvers_longer(bench: Bench, tmp_path: Path, small_cameras: None, monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
     monkeypatch.setattr(
-        "lfcal.bench._solver_scenes.subject_of", lambda name, side=0: asked.append(side) or subject_of(name, 40)
+        "benchmarks._solver_scenes.subject_of", lambda name, side=0: asked.append(side) or subject_of(name, 40)
     )
     said = bench("solvers", "--full", "--camera", "bench", "--scene", "shell", "--solver", "rl", "--force")
     assert asked == [132] and "wins or ties after 2 iterations of rl" in said
@@ -367,8 +367,8 @@ def test_scenes_are_not_made_by_what_is_inverted() -> None:
 
 
 def test_forecast(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lfcal.bench.forecast.CUTOUTS", (21,))
-    monkeypatch.setattr("lfcal.bench.forecast.DEPTHS_UM", (0.0, 5.0))
+    monkeypatch.setattr("benchmarks.forecast.CUTOUTS", (21,))
+    monkeypatch.setattr("benchmarks.forecast.DEPTHS_UM", (0.0, 5.0))
     found = bench.json("forecast", "lfm_20x05", "--tolerance", "0.1", "--rows", "3")
     assert [(one["depth_um"], one["cutout"]) for one in found] == [(0.0, 21), (5.0, 21)]
     assert all(one[key] > 0 for one in found for key in ("planned", "predicted", "taken"))

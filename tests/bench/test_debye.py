@@ -7,9 +7,9 @@ import sys
 
 import pytest
 
-from lfcal.bench.debye import measure
+from benchmarks.debye import measure
+from lfcal.base.errors import InputError
 from lfcal.cli import main
-from lfcal.errors import InputError
 
 
 @pytest.mark.long
@@ -30,7 +30,7 @@ def test_command_prints_json_and_refuses_even_cutouts(capsys, monkeypatch):
         measure(5.0, 30, 1)
     monkeypatch.setitem(sys.modules, "pyolaf", None)  # whether it is installed or not
     options = ["--depth", "0", "--cutout", "31", "--repeat", "1", "--json"]
-    monkeypatch.setattr(sys, "argv", ["lfcal", "bench", "debye", *options])
+    monkeypatch.setattr(sys, "argv", ["benchmarks", "debye", *options])
     with pytest.raises(SystemExit) as stop:
         main()
     assert not stop.value.code

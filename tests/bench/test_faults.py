@@ -1,4 +1,4 @@
-"""``lfcal bench faults``: what is put in is what is measured; cameras without a fault raise no alarm."""
+"""``python -m benchmarks faults``: what is put in is what is measured; cameras without a fault raise no alarm."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lfcal.bench import faults
-from lfcal.bench._fault_list import FAULTS, Injected
-from lfcal.bench._fault_recordings import CAMERAS, Recording
-from lfcal.bench.faults import Tried
+from benchmarks import faults
+from benchmarks._fault_list import FAULTS, Injected
+from benchmarks._fault_recordings import CAMERAS, Recording
+from benchmarks.faults import Tried
 from tests.bench.test_commands import Bench, bench
 
 __all__ = ["bench"]

@@ -6,9 +6,9 @@ import json
 
 from typer.testing import CliRunner
 
-from lfcal.bench.frames import iter_compare
+from benchmarks.frames import iter_compare
+from lfcal.base.progress import drain
 from lfcal.cli.app import build_app
-from lfcal.progress import drain
 
 
 def test_rows() -> None:

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info
 
-from lfcal.bench import _solver_trials
-from lfcal.bench._solver_scenes import Problem, Subject
-from lfcal.bench._solver_tables import verdict
-from lfcal.bench._solver_trials import Trial, trial
+from benchmarks import _solver_trials
+from benchmarks._solver_scenes import Problem, Subject
+from benchmarks._solver_tables import verdict
+from benchmarks._solver_trials import Trial, trial
 from lfcal.psf import PSFMatrix
 from lfcal.reconstruct import Projector
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lfcal.bench import target as bench
-from lfcal.bench._target_scene import target_scene
-from lfcal.bench.target import compared, error_of, single_error
+from benchmarks import target as bench
+from benchmarks._target_scene import target_scene
+from benchmarks.target import compared, error_of, single_error
 from lfcal.cli import main
 from lfcal.fit.model import Fineness
 from lfcal.fit.setup import Setup
@@ -49,7 +49,7 @@ def test_the_true_camera_of_the_scene_is_a_setup(monkeypatch: pytest.MonkeyPatch
     """The reference patterns are those of the true camera with its cat's eye, of point sources in the plane."""
     scene = target_scene(1)
     seen: list[Setup] = []
-    monkeypatch.setattr("lfcal.bench._target_scene.predicted", lambda setup, *_: seen.append(setup))
+    monkeypatch.setattr("benchmarks._target_scene.predicted", lambda setup, *_: seen.append(setup))
     scene.true_light(scene.plan.scan, np.zeros((1, 3), np.intp))
     (setup,) = seen
     assert setup.effect(MechanicalVignetting) == MechanicalVignetting(32e3, 1.03)
@@ -79,7 +79,7 @@ def test_the_command_asks_for_what_its_options_say(
         return RESULT
 
     def run(*words: str) -> str:
-        monkeypatch.setattr(sys, "argv", ["lfcal", "bench", "target", *words])
+        monkeypatch.setattr(sys, "argv", ["benchmarks", "target", *words])
         with pytest.raises(SystemExit) as stop:
             main()
         assert not stop.value.code

@@ -1,4 +1,4 @@
-"""The rivals of ``lfcal bench transpose`` do what they are said to do, and the table says what was scaled."""
+"""The rivals of ``python -m benchmarks transpose`` do what they are said to do, and the table says what was scaled."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from lfcal.bench import _transposers as ways
-from lfcal.bench import transpose as bench
+from benchmarks import _transposers as ways
+from benchmarks import transpose as bench
+from lfcal.base.errors import InputError, LfcalError
 from lfcal.cli import main
-from lfcal.errors import InputError, LfcalError
 from lfcal.psf import transpose
 
 
 def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, *arguments: str) -> str:
     monkeypatch.setitem(sys.modules, "pyolaf", None)  # whether it is installed or not
-    monkeypatch.setattr(sys, "argv", ["lfcal", "bench", "transpose", *arguments])
+    monkeypatch.setattr(sys, "argv", ["benchmarks", "transpose", *arguments])
     with pytest.raises(SystemExit) as stop:
         main()
     assert not stop.value.code

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lfcal.base.errors import FileFormatError, InputError
 from lfcal.camera import PRESETS, BrownDistortion, Camera, MainLens, Microscope, ScanPlan, Sensor, preset
-from lfcal.errors import FileFormatError, InputError
 from tests.camera.strategies import cameras
 
 QUICK = settings(derandomize=True, deadline=None, max_examples=20)

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lfcal.base.errors import FileFormatError, InputError
 from lfcal.camera import Camera, LatticeDistortion, LensletLattice, LensType, MainLens, Sensor
-from lfcal.errors import FileFormatError, InputError
 
 CUBIC = LatticeDistortion(
     "polynomial",

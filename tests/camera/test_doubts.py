@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.camera import PRESETS, Camera, Microscope, derived_of, doubts, preset
 from lfcal.camera.distortion import BrownDistortion
-from lfcal.errors import InputError
 
 
 @pytest.mark.parametrize("name", PRESETS)

@@ -6,9 +6,9 @@ import math
 
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.camera import Draft, MainLens, Microscope, preset
 from lfcal.camera.draft import RANGES
-from lfcal.errors import InputError
 
 
 def test_the_first_value_wins_and_the_rest_is_assumed() -> None:

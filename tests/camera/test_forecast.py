@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.camera import Forecast, ScanPlan, preset
-from lfcal.errors import InputError
 
 
 def plan(**options: object) -> ScanPlan:

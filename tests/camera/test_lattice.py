@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.camera import LensletLattice, LensType
 from lfcal.camera.distortion import LatticeDistortion
-from lfcal.errors import InputError
 
 THREE = (LensType(1000.0), LensType(1100.0), LensType(1200.0))
 

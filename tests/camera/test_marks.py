@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.camera import Camera, Marks, preset
-from lfcal.errors import InputError
 
 MARKED = Marks.of({"sensor.pixel_um": "assumed", "lattice.pitch_um": "stated", "lattice.gap_um": "derived"})
 

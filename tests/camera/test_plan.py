@@ -12,7 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lfcal.axes import Position
+from lfcal.base.axes import Position
+from lfcal.base.errors import InputError
 from lfcal.camera import (
     PRESETS,
     Camera,
@@ -25,7 +26,6 @@ from lfcal.camera import (
     StageAxes,
     preset,
 )
-from lfcal.errors import InputError
 from tests.camera.strategies import cameras, numbers
 
 QUICK = settings(derandomize=True, deadline=None, max_examples=40)

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.camera import preset
 from lfcal.camera.planes import checked_depths
-from lfcal.errors import InputError
 
 
 @pytest.mark.parametrize("depth", [-9000.0, -20000.0, 1e9])

@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lfcal.base.errors import FileFormatError, InputError
 from lfcal.camera import RegionPlan, ScanPlan, preset
 from lfcal.camera.distortion import LatticeDistortion
 from lfcal.camera.regions import parse_regions
-from lfcal.errors import FileFormatError, InputError
 
 R29 = ScanPlan.for_camera(preset("r29"), virtual_depths=(4.0,))
 BENCH = ScanPlan.for_camera(preset("bench"), virtual_depths=(4.0,), cutout=31)

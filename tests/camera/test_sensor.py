@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.camera import Camera, ScanPlan, Sensor, preset
-from lfcal.errors import InputError
 
 
 def test_what_was_measured_is_kept_with_the_camera() -> None:

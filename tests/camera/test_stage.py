@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.camera import StageAxes
-from lfcal.errors import InputError
 
 
 def test_axes_are_mapped_with_their_signs() -> None:

@@ -18,6 +18,8 @@ from lfcal.acquire.options import Options
 from lfcal.acquire.recording.verify import verify
 from lfcal.acquire.session import record
 from lfcal.acquire.session_file import SessionFile
+from lfcal.base.errors import InputError
+from lfcal.base.progress import Work, drain
 from lfcal.camera import ScanPlan
 from lfcal.campaign import Adapted, AdaptiveStep, Goal, adaptive, iter_adaptive
 from lfcal.campaign.adaptive import _gained_nothing
@@ -25,13 +27,11 @@ from lfcal.campaign.patterns import iter_session_patterns
 from lfcal.campaign.steps import FEWEST
 from lfcal.devices.registry import open_rig
 from lfcal.devices.rig import Rig
-from lfcal.errors import InputError
 from lfcal.fit.design import CurvePoint, PositionDesign
 from lfcal.fit.judge import ModelError
 from lfcal.fit.nuisance import Spread
 from lfcal.fit.setup import described_effects
 from lfcal.frames.source import Position
-from lfcal.progress import Work, drain
 from lfcal.simulate.effects.described import Entry, entries_json
 from tests.acquire.rigs import frames_of, rig_for
 from tests.fit.common import small_plan

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lfcal.base.progress import drain
 from lfcal.campaign.point_assembly import iter_assemble_points
 from lfcal.campaign.point_parts import measured_points
 from lfcal.campaign.points import points_of
 from lfcal.frames import ArraySource, CorrectionRecipe, corrected_view
 from lfcal.frames.source import FrameSource
 from lfcal.multiplex import s_matrix
-from lfcal.progress import drain
 from lfcal.psf import AssemblySettings, PSFMatrix
 from lfcal.simulate.effects import Quantisation, ReadNoise, ShotNoise
 from lfcal.targets import Display, TargetCamera, TargetPlan, Wishes, coded_plan, decoded, iter_plan_display

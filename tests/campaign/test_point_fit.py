@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lfcal.base.progress import drain
 from lfcal.campaign.point_fit import _placed
 from lfcal.campaign.point_optics import OwnOptics
 from lfcal.campaign.point_parts import measured_modulo, measured_points
@@ -17,7 +18,6 @@ from lfcal.fit.model import Fineness
 from lfcal.fit.normal import Local
 from lfcal.fit.setup import Setup, called_for, described_effects
 from lfcal.frames import ArraySource, CorrectionRecipe, corrected_view
-from lfcal.progress import drain
 from lfcal.simulate.effects import Quantisation, ReadNoise, ShotNoise
 from lfcal.targets import Pose, TargetCamera
 from lfcal.targets.frames import TargetFrames

@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lfcal.base.errors import InputError
+from lfcal.base.progress import drain
 from lfcal.campaign.point_fit import fit_points
 from lfcal.campaign.point_hole import HOLE, hole_words, is_told, iter_called_for, without_hole
 from lfcal.campaign.point_optics import OwnOptics, iter_with_own_light
 from lfcal.campaign.point_parts import measured_points
 from lfcal.campaign.points import Points, points_of
-from lfcal.errors import InputError
 from lfcal.fit.fit import problem_of
 from lfcal.fit.lacking import check_groups
 from lfcal.fit.model import Fineness, predict
@@ -25,7 +26,6 @@ from lfcal.fit.setup import Setup, described_effects
 from lfcal.fit.solver import descend
 from lfcal.fit.spread import spread_out
 from lfcal.frames.source import FrameSource
-from lfcal.progress import drain
 from lfcal.simulate.effects import FiniteSource, Quantisation, ReadNoise, ShotNoise
 from lfcal.simulate.engines.base import Sampling
 from lfcal.targets import Pose, TargetCamera, uneven
@@ -165,8 +165,8 @@ def test_a_scan_of_single_points_has_no_holes() -> None:
 
 @pytest.mark.long
 def test_holes_forty_percent_larger_than_described_cost_nothing_once_they_are_found() -> None:
-    from lfcal.bench._target_scene import predicted
-    from lfcal.bench.target import error_of
+    from benchmarks._target_scene import predicted
+    from benchmarks.target import error_of
     from lfcal.campaign import point_fit
 
     offsets = [(0.0, 0.0), (7.3, -11.2)]

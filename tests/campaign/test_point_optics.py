@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lfcal.base.progress import drain
 from lfcal.campaign.point_fit import _with_hole
 from lfcal.campaign.point_optics import OwnOptics, _Holes, iter_with_own_light
 from lfcal.campaign.point_parts import measured_points
@@ -17,7 +18,6 @@ from lfcal.fit.problem import Problem
 from lfcal.fit.regional import Regional
 from lfcal.fit.setup import Setup, described_effects
 from lfcal.frames.source import FrameSource
-from lfcal.progress import drain
 from lfcal.simulate.effects import FiniteSource, MechanicalVignetting
 from lfcal.targets import Pose
 from tests.campaign.points import SCAN, array_of, frames_of_drawn, plan_of, view_of

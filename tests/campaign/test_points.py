@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lfcal.base.errors import InputError
+from lfcal.base.progress import drain
 from lfcal.campaign.point_facts import target_facts
 from lfcal.campaign.point_frames import PointFrames, shown_positions
 from lfcal.campaign.point_parts import measured_modulo, measured_points, tiles_of
 from lfcal.campaign.points import Points, points_of
-from lfcal.errors import InputError
 from lfcal.frames.source import FrameSource
-from lfcal.progress import drain
 from lfcal.psf.picked import iter_pick
 from lfcal.targets.mistakes import Mistake
 from lfcal.targets.phases import Phases

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 from lfcal.acquire.session_file import SessionFile
+from lfcal.base.errors import InputError
+from lfcal.base.progress import drain
 from lfcal.camera import RegionPlan
 from lfcal.campaign.regions import first_begun, is_regions, iter_record_regions, read_regions
 from lfcal.cli import main
 from lfcal.devices.simulated.faults import DeviceFault
-from lfcal.errors import InputError
 from lfcal.frames import open_frames
-from lfcal.progress import drain
 from lfcal.psf import open_psf, regions_of
 from lfcal.psf.region_loss import region_loss
 from tests.acquire.rigs import CAREFUL, assert_same_frames, frames_of, rig_for, small_plan

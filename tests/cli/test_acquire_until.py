@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from lfcal.acquire.session_file import SessionFile
+from lfcal.base.errors import InputError
 from lfcal.cli.acquire_until import parse_goal
-from lfcal.errors import InputError
 from lfcal.fit.setup import described_effects
 from lfcal.simulate.effects.described import Entry, entries_json
 from tests.cli.conftest import Run

@@ -280,7 +280,7 @@ def test_read_only_folder(lfcal: Lfcal, session: Path, tmp_path: Path) -> None:
 
 
 def test_full_disk(lfcal: Lfcal, session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from lfcal import files
+    from lfcal.base import files
 
     usage = type("Usage", (), {"free": 10})
     monkeypatch.setattr(files.shutil, "disk_usage", lambda _: usage)

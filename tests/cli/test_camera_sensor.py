@@ -10,9 +10,9 @@ import pytest
 import tifffile
 from typer.testing import CliRunner
 
+from lfcal.base.errors import InputError
 from lfcal.camera import Camera, preset
 from lfcal.cli.app import build_app
-from lfcal.errors import InputError
 from tests.frames.photon_transfer.sensor_model import Truth, micro_images
 
 TRUTH = Truth(shape=(120, 160), dark_e_s=30.0)

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 import tifffile
 
+from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan, preset
-from lfcal.errors import InputError
 from lfcal.frames import ArraySource
 from lfcal.frames.colour_scan import colour_scan
 from lfcal.psf import open_psf

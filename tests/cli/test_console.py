@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 import pytest
 
+from lfcal.base.progress import Progress, Work
 from lfcal.cli.console import done_text, run_work
-from lfcal.progress import Progress, Work
 
 
 class Terminal(io.StringIO):

@@ -12,7 +12,7 @@ import pytest
 
 from tests.cli.writing import LONG, WRITERS, Answer, Shell, listing, make_inputs
 
-UNCHECKED = "import lfcal.files; lfcal.files.require_space = lambda *_, **__: None"
+UNCHECKED = "import lfcal.base.files; lfcal.base.files.require_space = lambda *_, **__: None"
 """The free space is not looked at beforehand, as where another program fills the disk meanwhile."""
 
 NAMES = [pytest.param(name, marks=pytest.mark.long) if name in LONG else name for name in WRITERS]

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lfcal.files import replace_whole
+from lfcal.base.files import replace_whole
 from lfcal.psf import PSFMatrix, save
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="streams and names of POSIX")

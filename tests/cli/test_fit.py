@@ -15,14 +15,14 @@ import numpy as np
 import pytest
 
 import lfcal.fit
+from lfcal.base.errors import InputError
+from lfcal.base.progress import Work
 from lfcal.camera import Camera, ScanPlan
 from lfcal.cli.fit_source import PatternReading, parse_noise, read_patterns
 from lfcal.cli.fit_validate import withheld_points
-from lfcal.errors import InputError
 from lfcal.fit import Fit, Measured
 from lfcal.fit.model import Fineness, predict
 from lfcal.frames import CorrectionRecipe
-from lfcal.progress import Work
 from lfcal.psf import PSFMatrix, open_psf, save
 from lfcal.psf.facts import Facts
 from lfcal.simulate.effects import Crosstalk

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lfcal.errors import StorageError
+from lfcal.base.errors import StorageError
+from lfcal.base.progress import drain
 from lfcal.fit import Fit
 from lfcal.fit.files import iter_write_model
-from lfcal.progress import drain
 from lfcal.psf import save
 from lfcal.work import RunChoice, parts_folder
 from tests.cli.conftest import Run

@@ -13,7 +13,7 @@ import pytest
 from lfcal.psf import PSFMatrix, save
 from tests.cli.conftest import Run
 from tests.fit.common import few_patterns
-from tests.inspect.common import added, clean, matrix, plan, sensor
+from tests.judge.common import added, clean, matrix, plan, sensor
 from tests.psf.plain_report import undrawn
 
 Lfcal = Callable[..., Run]

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from lfcal.acquire.session import record
-from lfcal.errors import StorageError
+from lfcal.base.errors import StorageError
 from lfcal.psf import PSFMatrix, save
 from lfcal.work import parts_folder
 from tests.acquire.rigs import CAREFUL, rig_for, small_plan

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.cli import install_desktop
 from lfcal.cli.install_desktop import data_home, desktop_files, window_program
-from lfcal.errors import InputError
 from tests.cli.conftest import Run
 
 NAMES = ("applications/lfcal.desktop", "icons/hicolor/scalable/apps/lfcal.svg", "mime/packages/lfcal.xml")

@@ -119,13 +119,13 @@ WAITING = (
     + """
 import sys
 from lfcal.cli import main
-import lfcal.files
-real = lfcal.files.sync_file
+import lfcal.base.files
+real = lfcal.base.files.sync_file
 def wait(path):
     real(path)
     print('written', flush=True)
     signal.pause()
-lfcal.files.sync_file = wait
+lfcal.base.files.sync_file = wait
 sys.argv = ['lfcal', *sys.argv[1:]]
 main()
 """

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 import tifffile
 
+from lfcal.base.errors import FileFormatError
 from lfcal.cli.lattice_file import load_lattice
 from lfcal.cli.white_files import save_lattice
-from lfcal.errors import FileFormatError
 from lfcal.lattice import LatticeFit, fit_lattice
 from lfcal.psf import PSFMatrix, save
 from tests.cli.conftest import Run

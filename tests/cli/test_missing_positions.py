@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.psf import Facts, PSFMatrix, export, open_psf, save
 from lfcal.psf.facts import Origin
 from lfcal.psf.light import empty_positions, empty_words

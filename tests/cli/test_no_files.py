@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from lfcal.acquire import RedoList
-from lfcal.errors import FileFormatError, StorageError
-from lfcal.files import read_text
+from lfcal.base.errors import FileFormatError, StorageError
+from lfcal.base.files import read_text
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
 

@@ -15,8 +15,8 @@ import pytest
 import tifffile
 import typer.main
 
+from lfcal.base.files import replace_whole
 from lfcal.cli.app import build_app
-from lfcal.files import replace_whole
 from lfcal.psf import tiff_export
 from lfcal.psf.report import report_files
 from tests.cli.conftest import Run
@@ -221,7 +221,7 @@ def test_frames_of_one_file_become_volumes_of_one_file(lfcal: Lfcal, place: Path
 HOLD = """
 import sys
 from pathlib import Path
-from lfcal.files import replace_whole
+from lfcal.base.files import replace_whole
 with replace_whole(sys.argv[1]) as part:
     part.write_text("first")
     print("writing", flush=True)
@@ -252,7 +252,7 @@ def test_where_there_are_no_locks_files_are_written_all_the_same(place: Path, mo
     def refused(_: int) -> None:
         raise OSError(38, "Function not implemented")
 
-    monkeypatch.setattr("lfcal.files.lock", refused)
+    monkeypatch.setattr("lfcal.base.files.lock", refused)
     dead = subprocess.Popen([sys.executable, "-c", ""])
     dead.wait()
     for process in (dead.pid, os.getppid()):

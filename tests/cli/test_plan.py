@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan, preset
 from lfcal.cli import main
 from lfcal.cli.plan import load_camera, parse_depths, parse_pair
-from lfcal.errors import InputError
 
 Run = Callable[..., tuple[int, str, str]]
 

@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 import pytest
 
+from lfcal.base.errors import InputError
+from lfcal.base.progress import drain
 from lfcal.cli.plan_coding import coding_facts, coding_verdict, coding_words, planned_for_display
-from lfcal.errors import InputError
 from lfcal.frames import open_frames
-from lfcal.progress import drain
 from lfcal.targets import Display, Target, TargetPlan, Wishes, iter_plan_display
 from tests.cli.conftest import Run
 from tests.targets.common import scan_of, small

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from lfcal.base.errors import FileFormatError
 from lfcal.camera import ScanPlan
-from lfcal.errors import FileFormatError
 from lfcal.targets import Pose, Target, TargetPlan
 from tests.cli.conftest import Run
 from tests.targets.common import small

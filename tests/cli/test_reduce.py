@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lfcal.progress import drain
+from lfcal.base.progress import drain
 from lfcal.psf import PSFMatrix, open_psf, save, save_regions
 from lfcal.psf.saving import iter_transpose_file
 from lfcal.work import parts_folder

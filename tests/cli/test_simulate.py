@@ -1,4 +1,4 @@
-"""``lfcal simulate`` and ``lfcal bench accuracy`` as a user runs them."""
+"""``lfcal simulate`` and ``python -m benchmarks accuracy`` as a user runs them."""
 
 from __future__ import annotations
 

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 import tifffile
 
-from lfcal.errors import StorageError
-from lfcal.progress import drain
+from lfcal.base.errors import StorageError
+from lfcal.base.progress import drain
 from lfcal.psf import PSFMatrix, open_psf, save
 from lfcal.reconstruct.volumes import load_volume
 from lfcal.work import iter_run, parts_folder

@@ -103,11 +103,11 @@ def test_a_matrix_in_use_is_not_replaced_and_says_so(
 ) -> None:
     assembled(lfcal, session, "H.h5")
     with open_psf(here / "H.h5") as H:
-        monkeypatch.setattr("lfcal.system.sys", type("sys", (), {"platform": "win32"}))
-        monkeypatch.setattr("lfcal.system.is_alive", lambda process: False)
-        monkeypatch.setattr("lfcal.files.lock", lambda descriptor: None)
+        monkeypatch.setattr("lfcal.base.system.sys", type("sys", (), {"platform": "win32"}))
+        monkeypatch.setattr("lfcal.base.system.is_alive", lambda process: False)
+        monkeypatch.setattr("lfcal.base.files.lock", lambda descriptor: None)
         with pytest.raises(Exception, match=r"H\.h5: is open in another program; close it there and start again"):
-            from lfcal.files import replace_whole
+            from lfcal.base.files import replace_whole
 
             with replace_whole(here / "H.h5") as part:
                 part.write_bytes(b"other")

@@ -14,8 +14,8 @@ import pytest
 import typer.main
 from threadpoolctl import threadpool_info
 
+from lfcal.base.threads import WORKERS
 from lfcal.cli.app import build_app
-from lfcal.threads import WORKERS
 from tests.cli.conftest import Run
 from tests.cli.test_every_option import walk
 from tests.cli.writing import WRITERS, make_inputs

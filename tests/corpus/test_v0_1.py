@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gui.models.project import read_project
 from lfcal.acquire import RedoList
 from lfcal.camera import Camera, ScanPlan, preset
 from lfcal.cli.lattice_file import load_lattice
 from lfcal.fit.stored import read_fit
 from lfcal.frames import open_frames
 from lfcal.psf import PSFMatrix, open_psf, regions_of, save, verify
+from lfcal_gui.models.project import read_project
 
 FILES = Path(__file__).parent / "v0_1"
 EXPECTED = json.loads((FILES / "expected.json").read_text())

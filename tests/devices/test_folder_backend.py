@@ -16,10 +16,10 @@ import tifffile
 
 from lfcal.acquire.errors import AcquisitionStopped
 from lfcal.acquire.session import record
+from lfcal.base.errors import InputError
 from lfcal.devices.backends.folder import REQUEST
 from lfcal.devices.errors import DeviceLost, FrameTimeout, IncompleteFrame
 from lfcal.devices.registry import open_rig
-from lfcal.errors import InputError
 from tests.acquire.rigs import CAREFUL, assert_same_frames, frames_of, rig_for, small_plan
 
 PLAN = small_plan((2, 3), 1, settle_s=0.0)

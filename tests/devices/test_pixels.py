@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from lfcal.base.errors import InputError
 from lfcal.devices.backends._pixels import PixelFormat
-from lfcal.errors import InputError
 
 MOSAICS = ("Mono", "BayerGR", "BayerRG", "BayerGB", "BayerBG")
 PACKED = ("10p", "12p", "10Packed", "12Packed")

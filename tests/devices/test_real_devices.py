@@ -18,12 +18,12 @@ import pytest
 from lfcal.acquire.errors import AcquisitionStopped
 from lfcal.acquire.recording.source import RecordingSource
 from lfcal.acquire.session import record
+from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan
 from lfcal.devices.errors import CameraError, DeviceLost, DeviceMissing, StageError
 from lfcal.devices.protocols import CameraDevice, Roi, Setting, StageDevice
 from lfcal.devices.registry import find_backends, open_rig
 from lfcal.devices.rig import Rig
-from lfcal.errors import InputError
 from tests.acquire.rigs import CAREFUL, small_plan
 
 REASONS = {finding.name: finding.reason for finding in find_backends()}

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import label
 
+from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan, preset
 from lfcal.devices import registry
 from lfcal.devices.backends import _aravis_lib
@@ -21,7 +22,6 @@ from lfcal.devices.protocols import CameraDevice, Light, StageDevice
 from lfcal.devices.registry import Backend, find_backends, get_backend, open_rig
 from lfcal.devices.rig import Rig
 from lfcal.devices.simulated.camera import SimCamera
-from lfcal.errors import InputError
 from tests.acquire.rigs import rig_for, small_plan
 
 PLAN = small_plan()

@@ -76,7 +76,7 @@ SOURCE = '''
 from collections.abc import Generator
 from dataclasses import dataclass, field
 from typing import Any
-from lfcal.progress import Progress, Work, drained
+from lfcal.base.progress import Progress, Work, drained
 from lfcal.reconstruct.solvers.solver import with_settings
 
 Counting = Generator[Progress, None, list[int]]

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from benchmarks import __path__ as benches
 from docs_build.speed import PAGE, PICTURE, draw, ratios_of, short
-from lfcal.bench import __path__ as benches
 
-ROW = "| a, 2 px, 3 % error | 1 | one (scipy): 31 times slower; two: over 5,000 times slower, 9 % off | `lfcal bench` |"
+ROW = "| a, 2 px, 3 % error | 1 | one (scipy): 31 times slower; two: over 5,000 times slower, 9 % off | `python -m benchmarks` |"
 
 
 def test_ratios_are_read_from_the_table() -> None:
@@ -24,6 +24,9 @@ def test_every_row_has_a_bar_and_a_command_that_exists(tmp_path: Path) -> None:
     assert len(ratios_of(text)) == text.count("times slower") >= 7
     names = {path.stem for path in Path(next(iter(benches))).glob("*.py")}
     for row in rows:
-        assert "`lfcal bench " in row and row.rpartition("`lfcal bench ")[2].split("`")[0].split()[0] in names, row
+        assert (
+            "`python -m benchmarks " in row
+            and row.rpartition("`python -m benchmarks ")[2].split("`")[0].split()[0] in names
+        ), row
     draw(tmp_path / "speed.png")
     assert (tmp_path / "speed.png").stat().st_size > 10_000 and PICTURE.is_file()

@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 import pytest
 
+from lfcal.base.progress import Work
 from lfcal.cli import main
 from lfcal.fit import Fit, Measured
-from lfcal.progress import Work
 
 
 def undrawn(patch: pytest.MonkeyPatch) -> None:

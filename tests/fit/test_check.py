@@ -8,8 +8,8 @@ from functools import cache
 import numpy as np
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.camera import Camera, ScanPlan
-from lfcal.errors import InputError
 from lfcal.fit import NewFrame, Setup, check
 from lfcal.fit.locate import find_source
 from lfcal.fit.model import Fineness, predict

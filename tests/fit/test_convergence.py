@@ -9,9 +9,9 @@ from functools import cache
 import numpy as np
 import pytest
 
+from lfcal.base.progress import drain
+from lfcal.base.units import format_share
 from lfcal.fit import FitProgress, Measured, iter_fit_camera, measured_of
-from lfcal.progress import drain
-from lfcal.units import format_share
 from tests.fit.common import few_patterns
 
 

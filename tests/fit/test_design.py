@@ -11,10 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lfcal.bench._fit_cameras import random_truth, recorded
-from lfcal.bench.fit import measured_error
+from benchmarks._fit_cameras import random_truth, recorded
+from benchmarks.fit import measured_error
+from lfcal.base.errors import FileFormatError, InputError
+from lfcal.base.progress import drain
 from lfcal.camera import Forecast, ScanPlan
-from lfcal.errors import FileFormatError, InputError
 from lfcal.fit import Fit, fit_camera
 from lfcal.fit.chosen import Chosen, choose
 from lfcal.fit.design import PositionDesign, next_positions
@@ -25,7 +26,6 @@ from lfcal.fit.information import VAGUE, Expected, Information, iter_information
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.parameters import Unknown
 from lfcal.fit.spread import spread_out
-from lfcal.progress import drain
 from tests.fit.common import CORE, setup_of, small_plan, some_index, vector_of
 
 SMALL = small_plan(15, (2.2,))

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lfcal.base.progress import drain
 from lfcal.camera import ScanPlan, preset
 from lfcal.fit import Fit, Measured, measured_of
 from lfcal.fit.drawing import leftover_of, lens_types
 from lfcal.fit.files import effects_text, fit_dict, iter_write_model, json_text, measured_camera
 from lfcal.fit.report import iter_fit_report, report_files
-from lfcal.progress import drain
 from lfcal.psf import open_psf
 from lfcal.simulate.effects import Crosstalk, LensletSpherical
 from lfcal.simulate.effects.described import parse_entries

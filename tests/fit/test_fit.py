@@ -8,15 +8,15 @@ from functools import cache
 import numpy as np
 import pytest
 
-from lfcal.bench._fit_cameras import Truth, described_plan, random_truth, recorded
-from lfcal.bench.fit import judged, measured_error
+from benchmarks._fit_cameras import Truth, described_plan, random_truth, recorded
+from benchmarks.fit import judged, measured_error
+from lfcal.base.errors import InputError
+from lfcal.base.progress import Progress
 from lfcal.camera import Camera, ScanPlan
-from lfcal.errors import InputError
 from lfcal.fit import Fit, FitProgress, Measured, fit_camera, iter_fit_camera, measured_of
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.questions import order_of_types
 from lfcal.fit.setup import described_effects
-from lfcal.progress import Progress
 from lfcal.psf import PSFMatrix
 from lfcal.psf.facts import Facts
 from lfcal.simulate.effects import Crosstalk, LensletSpherical

@@ -19,14 +19,14 @@ import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import convolve
 
-from lfcal.bench._fit_cameras import random_truth
+from benchmarks._fit_cameras import random_truth
+from lfcal.base.threads import one_blas_thread
 from lfcal.camera import ScanPlan
 from lfcal.fit import Fit, Setup, fit_camera
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.spread import spread_out
 from lfcal.simulate.effects import Crosstalk, ExactAngles, LensletSpherical
 from lfcal.simulate.staging import scene_for
-from lfcal.threads import one_blas_thread
 from tests.fit.common import CORE, measured, small_plan, some_index
 from tests.simulate.brute_force import Fineness as Nodes
 from tests.simulate.brute_force import brute_force

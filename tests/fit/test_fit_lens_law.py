@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lfcal.bench._fit_cameras import random_truth
+from benchmarks._fit_cameras import random_truth
 from lfcal.fit import GROUPS, Setup, fit_camera
 from lfcal.simulate.effects import ExactAngles, LensLaw
 from tests.fit.common import CORE, small_plan, vector_of

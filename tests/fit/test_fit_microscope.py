@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from lfcal.base.threads import one_blas_thread
 from lfcal.camera import ScanPlan
 from lfcal.fit import Fit, Setup, fit_camera
 from lfcal.fit.model import Fineness, predict
@@ -23,7 +24,6 @@ from lfcal.fit.spread import spread_out
 from lfcal.simulate.effects import IndexMismatch, Spherical
 from lfcal.simulate.effects.base import Effect
 from lfcal.simulate.staging import scene_for
-from lfcal.threads import one_blas_thread
 from tests.fit.common import measured, small_camera
 from tests.simulate.microscope_oracle import DipoleFields
 

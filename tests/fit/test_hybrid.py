@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lfcal.bench._fit_cameras import random_truth
-from lfcal.errors import InputError
+from benchmarks._fit_cameras import random_truth
+from lfcal.base.errors import InputError
+from lfcal.base.progress import drain
 from lfcal.fit import Fit, fit_camera, measured_of
 from lfcal.fit.files import iter_write_hybrid
 from lfcal.fit.hybrid import HybridSummary
@@ -20,7 +21,6 @@ from lfcal.fit.judge import ModelError
 from lfcal.fit.leftover_size import PlaneResiduals
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.nuisance import Spread
-from lfcal.progress import drain
 from lfcal.psf import PSFMatrix, open_psf, save, verify
 from lfcal.psf.facts import Facts, Origin
 from tests.fit.common import few_fit, few_patterns, measured, setup_of, small_plan, some_index

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import affine_transform
 
-from lfcal.bench._fit_cameras import random_truth
+from benchmarks._fit_cameras import random_truth
 from lfcal.camera import ScanPlan
 from lfcal.fit import Fit, Setup, fit_camera
 from lfcal.fit.model import Fineness, predict

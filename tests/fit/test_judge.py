@@ -9,7 +9,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from lfcal.bench._fit_cameras import Truth, random_truth, recorded
+from benchmarks._fit_cameras import Truth, random_truth, recorded
+from lfcal.base.progress import drain
 from lfcal.fit.fit import problem_of
 from lfcal.fit.judge import ModelError, chi_square, covariance, left_out_error
 from lfcal.fit.model import Fineness
@@ -19,7 +20,6 @@ from lfcal.fit.outliers import outliers_of
 from lfcal.fit.problem import Point, Problem
 from lfcal.fit.select import choose
 from lfcal.fit.summary import unidentified
-from lfcal.progress import drain
 from tests.fit.common import small_plan
 
 PLAN = small_plan(21)

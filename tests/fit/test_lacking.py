@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.camera import MainLens, ScanPlan
-from lfcal.errors import InputError
 from lfcal.fit import GROUPS, fit_camera, measured_of
 from lfcal.fit.design import next_positions
 from lfcal.fit.lacking import check_groups, lacking

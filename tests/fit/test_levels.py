@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lfcal.base.progress import drain
 from lfcal.fit import Fit, fit_camera
 from lfcal.fit.files import fit_dict, iter_write_model
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.report import iter_fit_report
 from lfcal.fit.weighing import PatternLevels
-from lfcal.progress import drain
 from lfcal.psf import open_psf
 from tests.fit.common import measured, setup_of, small_plan
 

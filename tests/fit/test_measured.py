@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan
-from lfcal.errors import InputError
 from lfcal.fit.measured import measured_of
 from lfcal.fit.spread import kept_aside, spread_out
 from lfcal.psf import PSFMatrix

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.camera import preset
-from lfcal.errors import InputError
 from lfcal.fit.groups.array import about
 from lfcal.fit.parameters import GROUPS, ScanScales, Unknown, Vector, find_groups
 from lfcal.fit.setup import Setup, described_effects

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from lfcal.bench._fit_cameras import Truth, random_truth, recorded
+from benchmarks._fit_cameras import Truth, random_truth, recorded
 from lfcal.camera import ScanPlan
 from lfcal.fit import Fit, Measured, fit_camera
 from lfcal.fit.fit import problem_of

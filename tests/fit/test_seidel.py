@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lfcal.bench._fit_cameras import Truth, described_plan, random_truth
-from lfcal.bench.fit import measured_error
+from benchmarks._fit_cameras import Truth, described_plan, random_truth
+from benchmarks.fit import measured_error
+from lfcal.base.progress import drain
 from lfcal.camera import LensletLattice, LensType, ScanPlan, preset
 from lfcal.fit import Fit, Measured, Setup, fit_camera
 from lfcal.fit.fit import iter_retrieved, iter_summarised, problem_of
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.spread import spread_out
-from lfcal.progress import drain
 from lfcal.simulate.effects import ExactAngles, Zernike
 from lfcal.simulate.staging import scene_for
 from tests.fit.common import CORE, measured, small_plan, some_index

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan, preset
-from lfcal.errors import InputError
 from lfcal.fit.parameters import ScanScales, Vector
 from lfcal.fit.setup import Setup, called_for, described_effects, with_given
 from lfcal.simulate.effects import Crosstalk, IndexMismatch, Spherical, VectorialPupil

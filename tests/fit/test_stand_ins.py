@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from lfcal.base.progress import drain
 from lfcal.camera import ScanPlan
 from lfcal.fit import Fit, Measured, Setup, Unknown
 from lfcal.fit.fit import addable, groups_of, problem_of
@@ -18,7 +19,6 @@ from lfcal.fit.problem import Problem
 from lfcal.fit.setup import called_for
 from lfcal.fit.stand_ins import StandIns, iter_held_beside, stand_ins
 from lfcal.fit.summary import summarised
-from lfcal.progress import drain
 from lfcal.simulate.effects import IndexMismatch
 from tests.fit.common import measured, small_camera, small_plan, some_index, vector_of
 

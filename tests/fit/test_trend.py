@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lfcal.base.errors import FileFormatError, InputError
 from lfcal.camera import Camera
-from lfcal.errors import FileFormatError, InputError
 from lfcal.fit.dated import fits_in, read_dated
 from lfcal.fit.trend import draw_trend, trend
 from tests.fit.common import small_camera

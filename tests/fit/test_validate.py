@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.camera import Camera, ScanPlan
-from lfcal.errors import InputError
 from lfcal.fit import Fit, Measured, Setup
 from lfcal.fit.judge import ChiSquare, ModelError
 from lfcal.fit.model import Fineness, predict

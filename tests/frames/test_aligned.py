@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.frames import ArraySource
 from lfcal.frames.aligned import ShiftedSource, chosen_shift, find_shift
 from tests.frames import scenes

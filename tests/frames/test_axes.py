@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from lfcal.errors import FileFormatError, InputError
+from lfcal.base.errors import FileFormatError, InputError
 from lfcal.frames import open_frames, scan_positions
 
 STACK = np.random.default_rng(0).integers(0, 4000, (2, 3, 4, 12, 15)).astype(np.uint16)  # z, y, x, row, column

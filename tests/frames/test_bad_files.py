@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from lfcal.errors import FileFormatError, LfcalError, StorageError, UnsafeFileError
+from lfcal.base.errors import FileFormatError, LfcalError, StorageError, UnsafeFileError
 from lfcal.frames import open_image, read_image
 from tests.frames.scenes import png_bytes, png_chunk, session, write_dng
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.frames import (
     ArraySource,
     CorrectionChain,

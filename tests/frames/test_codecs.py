@@ -16,7 +16,7 @@ import pytest
 import tifffile
 from numpy.typing import NDArray
 
-from lfcal.errors import FileFormatError, UnsafeFileError
+from lfcal.base.errors import FileFormatError, UnsafeFileError
 from lfcal.frames import open_frames, open_image
 from tests.frames.scenes import session, write_dng
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 import tifffile
 
-from lfcal.errors import FileFormatError
+from lfcal.base.errors import FileFormatError
+from lfcal.base.progress import drain
 from lfcal.frames import iter_undamaged, open_frames
 from lfcal.frames.damage import named
 from lfcal.frames.source import Position
-from lfcal.progress import drain
 
 FRAMES = np.random.default_rng(1).integers(100, 900, (2, 3, 12, 14), dtype=np.uint16)
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
+from lfcal.base.progress import Progress
 from lfcal.frames import ArraySource, CorrectionChain, Defects, find_defects, iter_find_defects
 from lfcal.frames.cfa import channel_names, channel_phase, check_cfa, same_colour_offsets
-from lfcal.progress import Progress
 
 SHAPE = (90, 120)
 HOT = [(0, 0), (10, 11), (40, 40), (41, 41), (88, 118)]

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lfcal.base.registry import Registry
 from lfcal.frames.formats import opening
-from lfcal.registry import Registry
 from tests.distribution import code_of, in_a_new_process, install
 
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan
 from lfcal.camera.half_cell import half_cell
-from lfcal.errors import InputError
 from lfcal.fit import measured_of
 from lfcal.frames.half_cell import with_partners
 from lfcal.frames.regions import Region

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from lfcal.errors import FileFormatError, InputError, StorageError
+from lfcal.base.errors import FileFormatError, InputError, StorageError
 from lfcal.frames import open_image, read_image
 from lfcal.frames.formats.tiff import count_pages
 from tests.frames.scenes import session

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from lfcal.errors import FileFormatError, InputError, StorageError, UnsafeFileError
+from lfcal.base.errors import FileFormatError, InputError, StorageError, UnsafeFileError
 from lfcal.frames import FrameEntry, Manifest, Position, read_manifest, write_manifest
 from lfcal.frames.manifest import resolve_inside
 

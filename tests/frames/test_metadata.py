@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan, preset
-from lfcal.errors import InputError
 from lfcal.frames import (
     ORIENTATIONS,
     ArraySource,

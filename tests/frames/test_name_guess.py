@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.frames import NamePattern, Position, open_frames
 from lfcal.frames.name_guess import guess_pattern
 from tests.frames.scenes import session, write_pngs

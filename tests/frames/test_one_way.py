@@ -15,9 +15,9 @@ import tifffile
 
 from lfcal.acquire.options import Options
 from lfcal.acquire.session import record
+from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan, preset
 from lfcal.devices import simulated_rig
-from lfcal.errors import InputError
 from lfcal.frames import CorrectionRecipe, Frames, FrameSource, corrected_view, open_frames
 from lfcal.psf import AssemblySettings, assemble_plan
 from lfcal.simulate import SimulatedCamera

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 import tifffile
 
+from lfcal.base.errors import FileFormatError, InputError, LfcalError, StorageError, UnsafeFileError
 from lfcal.camera import ScanPlan, preset
-from lfcal.errors import FileFormatError, InputError, LfcalError, StorageError, UnsafeFileError
 from lfcal.frames import (
     FolderSource,
     FrameEntry,

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.frames import AS_IS, ORIENTATIONS, named_orientation
 
 NUMPY: dict[str, Callable[[np.ndarray], np.ndarray]] = {

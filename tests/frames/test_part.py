@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 import tifffile
 
+from lfcal.base.errors import InputError
+from lfcal.base.progress import drain
 from lfcal.camera import ScanPlan
-from lfcal.errors import InputError
 from lfcal.frames import (
     ArraySource,
     CorrectionRecipe,
@@ -26,7 +27,6 @@ from lfcal.frames import (
 )
 from lfcal.frames.described import DescribedSource
 from lfcal.frames.part import binned, parse_roi, smaller, stated_origin
-from lfcal.progress import drain
 from lfcal.psf import assemble_plan
 from lfcal.psf.orientation import FoundOrientation
 from lfcal.psf.upright import check_place, iter_upright

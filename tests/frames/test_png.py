@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lfcal.errors import FileFormatError
+from lfcal.base.errors import FileFormatError
 from lfcal.frames import read_image
 
 

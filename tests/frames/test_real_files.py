@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import rawpy
 
-from lfcal.errors import FileFormatError
+from lfcal.base.errors import FileFormatError
 from lfcal.frames import (
     CorrectionChain,
     Dark,

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import tifffile
 
+from lfcal.base.errors import InputError, StorageError
 from lfcal.camera import ScanPlan, preset
-from lfcal.errors import InputError, StorageError
 from lfcal.frames import (
     ArraySource,
     Background,

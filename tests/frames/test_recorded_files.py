@@ -15,9 +15,9 @@ import rawpy
 from numpy.typing import NDArray
 
 from lfcal.acquire.recording.source import read_checks
+from lfcal.base.errors import FileFormatError
 from lfcal.camera import Camera, ScanPlan
 from lfcal.cli.sample import sample_session
-from lfcal.errors import FileFormatError
 from lfcal.frames import (
     CorrectionChain,
     CorrectionRecipe,

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from lfcal.errors import FileFormatError
+from lfcal.base.errors import FileFormatError
 from lfcal.frames import open_frames, open_image
 from tests.frames.scenes import session, write_dng
 

@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pytest
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.frames import (
     ArraySource,
     CorrectionChain,

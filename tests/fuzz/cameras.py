@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from lfcal.base.errors import InputError, LfcalError
 from lfcal.camera import Camera, LensletLattice, LensType, MainLens, Microscope, ScanPlan, Sensor
-from lfcal.errors import InputError, LfcalError
 from lfcal.simulate import engines, simulate_psf
 from lfcal.simulate.accuracy.forecast import predict_seconds
 from lfcal.simulate.accuracy.memory import predict_bytes

@@ -49,8 +49,8 @@ def _call(arguments: list[str]) -> tuple[int | None, str]:
 
 def _read(reader: Callable[[Path], object], path: Path) -> None:
     """Read a file as the program does that says what `LfcalError` says."""
+    from lfcal.base.errors import LfcalError
     from lfcal.cli.console import report
-    from lfcal.errors import LfcalError
 
     try:
         reader(path)
@@ -60,7 +60,7 @@ def _read(reader: Callable[[Path], object], path: Path) -> None:
 
 
 def _open_project(path: Path) -> None:
-    from gui.models.project import Project
+    from lfcal_gui.models.project import Project
 
     Project().open(path)
 
@@ -79,7 +79,7 @@ def main() -> None:
     """Serve until the input ends."""
     import resource
 
-    from lfcal.h5 import probe
+    from lfcal.base.h5 import probe
 
     probe.CPU_S = 1  # the files are small
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))

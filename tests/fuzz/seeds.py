@@ -14,17 +14,17 @@ import h5py
 import numpy as np
 import tifffile
 
-from gui.models.project import ProjectState
 from lfcal.acquire import Options, RedoList, iter_finish, record
 from lfcal.acquire.control import Control
-from lfcal.axes import Position
+from lfcal.base.axes import Position
+from lfcal.base.progress import drain
 from lfcal.devices import simulated_rig
-from lfcal.progress import drain
 from lfcal.psf import PSFMatrix, export, save, save_regions
 from lfcal.psf.facts import Origin
 from lfcal.psf.quality.metric import Reading
 from lfcal.work.journal import Journal
 from lfcal.work.records import save_record
+from lfcal_gui.models.project import ProjectState
 from tests.acquire.rigs import small_plan
 from tests.camera.importers.files import CONFIGURATION, OLAF, napari
 from tests.camera.importers.test_raytrix_xml import xml

@@ -13,14 +13,14 @@ from PySide6.QtCore import QEvent
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
-from gui.app import make_window, parse
-from gui.base_page import page_class
-from gui.context import Context
-from gui.jobs import Jobs
-from gui.models.page import PAGES
-from gui.models.project import Project, ProjectState
-from gui.theme import LIGHT, apply_theme, current_theme
-from gui.window import MainWindow
+from lfcal_gui.app import make_window, parse
+from lfcal_gui.base_page import page_class
+from lfcal_gui.context import Context
+from lfcal_gui.jobs import Jobs
+from lfcal_gui.models.page import PAGES
+from lfcal_gui.models.project import Project, ProjectState
+from lfcal_gui.theme import LIGHT, apply_theme, current_theme
+from lfcal_gui.window import MainWindow
 from tests.gui.waiting import GUARD_MS
 from tests.psf.shared_apertures import shared_apertures
 

@@ -10,15 +10,15 @@ import numpy as np
 import pyqtgraph as pg
 from PySide6.QtWidgets import QCheckBox, QComboBox, QLineEdit
 
-from gui.base_page import BasePage
-from gui.jobs import JobState
-from gui.models.form import parse, text_of
-from gui.pages.camera.model import values_of as values_of_camera
-from gui.pages.plan.model import values_of as values_of_plan
-from gui.pages.psf.model import shown_unit
-from gui.pages.quality.model import listed_metrics
-from gui.widgets.form import Form
-from gui.window import MainWindow
+from lfcal_gui.base_page import BasePage
+from lfcal_gui.jobs import JobState
+from lfcal_gui.models.form import parse, text_of
+from lfcal_gui.pages.camera.model import values_of as values_of_camera
+from lfcal_gui.pages.plan.model import values_of as values_of_plan
+from lfcal_gui.pages.psf.model import shown_unit
+from lfcal_gui.pages.quality.model import listed_metrics
+from lfcal_gui.widgets.form import Form
+from lfcal_gui.window import MainWindow
 
 __all__ = ["check_window"]
 
@@ -59,7 +59,7 @@ def _jobs(window: MainWindow) -> None:
 
 def _meant(job: Any) -> bool:
     """Return whether a job failed with an error that was meant to be read."""
-    import lfcal.errors as errors
+    import lfcal.base.errors as errors
 
     last = job.details.strip().splitlines()[-1] if job.details.strip() else ""
     return last.split(":")[0].split(".")[-1] in errors.__all__ or not last

@@ -26,7 +26,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from gui.widgets.words import ElidedLabel
+from lfcal_gui.widgets.words import ElidedLabel
 from tests.gui.layout_plots import of_plots
 from tests.gui.layout_room import SLACK, less, squeezed
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from PySide6.QtWidgets import QGraphicsView, QLabel, QTableWidget, QWidget
 
-from gui.theme import THEMES, Theme, current_theme
+from lfcal_gui.theme import THEMES, Theme, current_theme
 
 __all__ = ["of_other_themes"]
 

@@ -28,7 +28,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from gui.window import MainWindow
+from lfcal_gui.window import MainWindow
 from tests.gui.invariants import check_window
 
 __all__ = ["Walk"]

@@ -13,10 +13,10 @@ import pytest
 from pytestqt.qtbot import QtBot
 
 import lfcal.psf
-from gui.models.project import ProjectState
-from gui.window import MainWindow
 from lfcal.camera import ScanPlan, preset
 from lfcal.psf import PSFMatrix, save
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.window import MainWindow
 from tests.acquire.rigs import small_plan
 from tests.gui.waiting import GUARD_MS, idle
 
@@ -79,7 +79,7 @@ def test_a_second_h_that_is_still_opening(
 def test_a_camera_that_is_still_read(
     window: MainWindow, tmp_path: Path, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import gui.pages.camera.page as module
+    import lfcal_gui.pages.camera.page as module
 
     held = Held(module.import_camera)
     monkeypatch.setattr(module, "import_camera", held)
@@ -92,7 +92,7 @@ def test_a_camera_that_is_still_read(
 def test_a_session_folder_that_is_still_looked_into(
     window: MainWindow, tmp_path: Path, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import gui.pages.acquire.folder_choice as module
+    import lfcal_gui.pages.acquire.folder_choice as module
 
     held = Held(module.folder_state)
     page: Any = window.page("acquire")
@@ -138,7 +138,7 @@ def test_a_volume_of_another_project(window: MainWindow, good: Path, tmp_path: P
 def test_a_reconstruction_under_way(
     window: MainWindow, good: Path, tmp_path: Path, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import gui.pages.reconstruct.model_solving as module
+    import lfcal_gui.pages.reconstruct.model_solving as module
 
     window.project.update("open", psf=str(good))
     window.go("reconstruct")

@@ -6,7 +6,7 @@ import math
 
 from PySide6.QtWidgets import QApplication
 
-from gui.bench import MEASURED, WORDS, live_frames, scrubbing
+from lfcal_gui.bench import MEASURED, WORDS, live_frames, scrubbing
 
 
 def test_pictures_and_frames_are_shown_and_timed(qapp: QApplication) -> None:

@@ -16,12 +16,12 @@ from PySide6.QtCore import QTimer
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
-from gui.app import safe_now
-from gui.crash import CrashGuard
-from gui.crash_dialog import CrashDialog
-from gui.log import FAULTS, NAME, Log, log_folder
-from gui.models.mishaps import Mishap
-from gui.window import MainWindow
+from lfcal_gui.app import safe_now
+from lfcal_gui.crash import CrashGuard
+from lfcal_gui.crash_dialog import CrashDialog
+from lfcal_gui.log import FAULTS, NAME, Log, log_folder
+from lfcal_gui.models.mishaps import Mishap
+from lfcal_gui.window import MainWindow
 from tests.gui.layout import flaws
 from tests.gui.waiting import GUARD_MS
 
@@ -130,9 +130,9 @@ def test_the_hooks_are_given_back(window: MainWindow) -> None:
 
 
 def test_logs_rotate_and_begin_with_version_and_system(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("gui.log.MAX_BYTES", 2000)
+    monkeypatch.setattr("lfcal_gui.log.MAX_BYTES", 2000)
     log = Log(tmp_path, faults=False)
-    from gui.workers import LOG
+    from lfcal_gui.workers import LOG
 
     for k in range(200):
         LOG.info("line %d", k)
@@ -163,7 +163,7 @@ def test_the_log_is_where_the_system_keeps_logs(monkeypatch: pytest.MonkeyPatch,
 KILLED = """
 import faulthandler, sys
 from pathlib import Path
-from gui.log import Log
+from lfcal_gui.log import Log
 log = Log(Path(sys.argv[1]))
 faulthandler._sigabrt()
 """

@@ -14,11 +14,11 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
-from gui.base_page import page_class
-from gui.help import cheat_sheet
-from gui.models.page import PageSpec, PageState, available_pages, page_registry
-from gui.models.project import Project
-from gui.window import MainWindow
+from lfcal_gui.base_page import page_class
+from lfcal_gui.help import cheat_sheet
+from lfcal_gui.models.page import PageSpec, PageState, available_pages, page_registry
+from lfcal_gui.models.project import Project
+from lfcal_gui.window import MainWindow
 from tests.gui.waiting import GUARD_MS, idle
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "adding_a_page.md"
@@ -86,14 +86,14 @@ def test_a_folder_in_the_window_s_own_package_is_found_too(
     pages: tuple[PageSpec, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One new folder is all: nothing else names the page."""
-    import gui.pages
+    import lfcal_gui.pages
 
     monkeypatch.setattr(metadata, "entry_points", lambda group: [])
-    monkeypatch.setattr(gui.pages, "__path__", [*gui.pages.__path__, str(tmp_path)])
+    monkeypatch.setattr(lfcal_gui.pages, "__path__", [*lfcal_gui.pages.__path__, str(tmp_path)])
     try:
         spec = page_registry().get("notes")
-        assert spec.package == "gui.pages.notes"
-        assert page_class(spec).__module__ == "gui.pages.notes.page"
+        assert spec.package == "lfcal_gui.pages.notes"
+        assert page_class(spec).__module__ == "lfcal_gui.pages.notes.page"
     finally:
-        for module in [m for m in sys.modules if m.startswith("gui.pages.notes")]:
+        for module in [m for m in sys.modules if m.startswith("lfcal_gui.pages.notes")]:
             del sys.modules[module]

@@ -10,13 +10,13 @@ from pathlib import Path
 import pyqtgraph as pg
 from pytestqt.qtbot import QtBot
 
-from gui.jobs import Jobs
-from gui.pages.acquire.error_view import ErrorView
-from gui.pages.acquire.panel import AcquirePanel
-from gui.pages.acquire.record_pictures import RecordPictures
-from gui.pages.fit.found_tabs import FoundTabs
-from gui.pages.fit.panel import FitPanel
-from gui.widgets.image_view import ImageView
+from lfcal_gui.jobs import Jobs
+from lfcal_gui.pages.acquire.error_view import ErrorView
+from lfcal_gui.pages.acquire.panel import AcquirePanel
+from lfcal_gui.pages.acquire.record_pictures import RecordPictures
+from lfcal_gui.pages.fit.found_tabs import FoundTabs
+from lfcal_gui.pages.fit.panel import FitPanel
+from lfcal_gui.widgets.image_view import ImageView
 
 LOADED = """
 import json, sys, threading
@@ -30,7 +30,7 @@ def hook(event, arguments):
             loaded.append(name)
 
 sys.addaudithook(hook)
-from gui.bench_holds import visit_all
+from lfcal_gui.bench_holds import visit_all
 visit_all(Path({folder!r}))
 print(json.dumps(loaded))
 """

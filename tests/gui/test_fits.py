@@ -17,12 +17,12 @@ from PySide6.QtWidgets import (
 )
 from pytestqt.qtbot import QtBot
 
-from gui.models.project import ProjectState
-from gui.pages.acquire.record_panel import RecordPanel
-from gui.theme import NIGHT
-from gui.window import MainWindow
 from lfcal.camera import ScanPlan, preset
 from lfcal.cli.sample import sample_recording
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.pages.acquire.record_panel import RecordPanel
+from lfcal_gui.theme import NIGHT
+from lfcal_gui.window import MainWindow
 from tests.cli.conftest import small_plan
 from tests.gui.waiting import GUARD_MS, idle
 

@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 from pytestqt.qtbot import QtBot
 
-from gui.context import Context
-from gui.models.project import Hold, Project, ProjectState
-from gui.pages.camera.model_marks import confirmed
-from gui.window import MainWindow
 from lfcal.camera import Marks, ScanPlan, preset
+from lfcal_gui.context import Context
+from lfcal_gui.models.project import Hold, Project, ProjectState
+from lfcal_gui.pages.camera.model_marks import confirmed
+from lfcal_gui.window import MainWindow
 from tests.gui.recorded import write_recorded
 from tests.gui.waiting import idle
 

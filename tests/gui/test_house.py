@@ -54,7 +54,9 @@ FREE = [
 def test_models_and_specs_have_no_qt() -> None:
     assert len(FREE) > 20
     for path in FREE:
-        bad = {n for n in imports(path) if n.split(".")[0] in QT or n.startswith(("gui.widgets", "gui.theme"))}
+        bad = {
+            n for n in imports(path) if n.split(".")[0] in QT or n.startswith(("lfcal_gui.widgets", "lfcal_gui.theme"))
+        }
         assert not bad, f"{path.relative_to(ROOT)} imports {bad}"
 
 
@@ -79,7 +81,7 @@ def test_scripts_are_made_of_their_parts() -> None:
 
 def others(path: Path) -> set[str]:
     """Return the pages that a file imports from outside their folders."""
-    used = {name.split(".")[2] for name in imports(path) if name.startswith("gui.pages.")}
+    used = {name.split(".")[2] for name in imports(path) if name.startswith("lfcal_gui.pages.")}
     # the demo project is a project of the sample session's frames, whose settings it sets
     return used - ({"frames"} if path.name == "demo.py" else {page_of(path)})
 

@@ -13,13 +13,13 @@ from PySide6.QtCore import QPoint, QRect
 from PySide6.QtWidgets import QApplication, QPushButton
 from pytestqt.qtbot import QtBot
 
-from gui.job_panel import JobPanel
-from gui.jobs import Jobs
-from gui.models.history import Taken
-from gui.models.step import CommandStep
-from gui.window import MainWindow
-from lfcal.errors import InputError
-from lfcal.progress import Progress
+from lfcal.base.errors import InputError
+from lfcal.base.progress import Progress
+from lfcal_gui.job_panel import JobPanel
+from lfcal_gui.jobs import Jobs
+from lfcal_gui.models.history import Taken
+from lfcal_gui.models.step import CommandStep
+from lfcal_gui.window import MainWindow
 from tests.gui.waiting import GUARD_MS
 
 

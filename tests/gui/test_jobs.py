@@ -11,11 +11,11 @@ from typing import Any
 import pytest
 from pytestqt.qtbot import QtBot
 
-from gui.jobs import JOBS_S, LOADS_S, Jobs, JobState, WindowJob
-from gui.window import MainWindow
-from gui.workers import words_of
-from lfcal.errors import InputError
-from lfcal.progress import Progress, leave_if_unwanted
+from lfcal.base.errors import InputError
+from lfcal.base.progress import Progress, leave_if_unwanted
+from lfcal_gui.jobs import JOBS_S, LOADS_S, Jobs, JobState, WindowJob
+from lfcal_gui.window import MainWindow
+from lfcal_gui.workers import words_of
 from tests.gui.waiting import GUARD_MS, idle
 
 
@@ -203,7 +203,7 @@ def test_closing_waits_no_longer_for_what_is_left_than_for_a_file(
         go_on.wait(GUARD_MS / 1e3)
         yield Progress(1, 2, "slow")
 
-    monkeypatch.setattr("gui.jobs.wait_for", lambda threads, s: waits.append(([one.name for one in threads], s)))
+    monkeypatch.setattr("lfcal_gui.jobs.wait_for", lambda threads, s: waits.append(([one.name for one in threads], s)))
     made = Jobs()
     number = made.start("Slow", "fit", slow, leave=True)
     qtbot.waitUntil(inside.is_set, timeout=GUARD_MS)
@@ -257,7 +257,7 @@ def test_nothing_of_the_window_keeps_what_a_job_made(window: MainWindow, qtbot: 
 
 
 def test_a_job_asked_to_stop_says_so_at_once(jobs: Jobs, qtbot: QtBot) -> None:
-    from gui.job_panel import JobPanel
+    from lfcal_gui.job_panel import JobPanel
 
     go_on = threading.Event()
 

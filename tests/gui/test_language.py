@@ -14,8 +14,8 @@ ELSEWHERE = {"lamp", "tile", "rest", "solver", "backend", "engine", "operator", 
 """Refused for one concept, and the right word for another: the lamp itself, a solver of volumes, a microscope."""
 
 ALLOWED = {
-    "gui/pages/frames/orientation.py": {"cropped"},  # by others, before lfcal saw the frames
-    "gui/pages/psf/export_model.py": {"Nnum"},  # as the codes call it that read the file
+    "gui/lfcal_gui/pages/frames/orientation.py": {"cropped"},  # by others, before lfcal saw the frames
+    "gui/lfcal_gui/pages/psf/export_model.py": {"Nnum"},  # as the codes call it that read the file
 }
 
 

@@ -26,13 +26,13 @@ from PySide6.QtWidgets import (
 )
 from pytestqt.qtbot import QtBot
 
-from gui.scenes.all import SCENES
-from gui.scenes.sample import camera, open_sample, psf
-from gui.scenes.stage import Scene, Shot, Stage
-from gui.theme import DARK, LIGHT, apply_theme
-from gui.widgets.plots import style_axes
-from gui.widgets.words import WrappedLabel
-from gui.window import MainWindow
+from lfcal_gui.scenes.all import SCENES
+from lfcal_gui.scenes.sample import camera, open_sample, psf
+from lfcal_gui.scenes.stage import Scene, Shot, Stage
+from lfcal_gui.theme import DARK, LIGHT, apply_theme
+from lfcal_gui.widgets.plots import style_axes
+from lfcal_gui.widgets.words import WrappedLabel
+from lfcal_gui.window import MainWindow
 from tests.gui.layout import flaws
 from tests.gui.layout_colours import of_other_themes
 

@@ -6,9 +6,9 @@ import pytest
 from PySide6.QtCore import QUrl
 from PySide6.QtGui import QTextDocument
 
-import gui.manual
-from gui.window import MainWindow
-from lfcal.errors import StorageError
+import lfcal_gui.manual
+from lfcal.base.errors import StorageError
+from lfcal_gui.window import MainWindow
 
 
 def test_a_fault_is_shown_in_the_atlas_with_its_picture(window: MainWindow) -> None:
@@ -32,6 +32,6 @@ def test_without_the_manual_the_log_says_so(window: MainWindow, monkeypatch: pyt
     def gone() -> None:
         raise StorageError("the manual: not part of this installation")
 
-    monkeypatch.setattr(gui.manual, "manual_folder", gone)
+    monkeypatch.setattr(lfcal_gui.manual, "manual_folder", gone)
     window.show_manual("faults.md")
     assert "not part of this installation" in window.log_view.toPlainText()

@@ -13,11 +13,11 @@ from PySide6.QtWidgets import QApplication, QFileDialog, QMessageBox
 from pytestqt.qtbot import QtBot
 
 import lfcal.psf
-from gui.app import begin, make_window, parse
-from gui.pages.psf.export_model import ExportIntent
-from gui.window import MainWindow
 from lfcal.camera import preset
 from lfcal.psf import PSFMatrix, save
+from lfcal_gui.app import begin, make_window, parse
+from lfcal_gui.pages.psf.export_model import ExportIntent
+from lfcal_gui.window import MainWindow
 from tests.gui.waiting import GUARD_MS, idle
 
 DAMAGE = (KeyError("H"), RuntimeError("Can't decode\nchunk"), OSError(5, "I/O error"), TypeError("no"), MemoryError())

@@ -15,12 +15,12 @@ import pytest
 from PySide6.QtWidgets import QApplication, QFileDialog, QMessageBox
 from pytestqt.qtbot import QtBot
 
-from gui.app import make_window, parse
-from gui.locks import FileLock
-from gui.models.project import Project, ProjectState, read_project
-from gui.project_files import stop_words
-from gui.saving import ask_target, may_replace, with_suffix
-from gui.window import MainWindow
+from lfcal_gui.app import make_window, parse
+from lfcal_gui.locks import FileLock
+from lfcal_gui.models.project import Project, ProjectState, read_project
+from lfcal_gui.project_files import stop_words
+from lfcal_gui.saving import ask_target, may_replace, with_suffix
+from lfcal_gui.window import MainWindow
 from tests.gui.waiting import GUARD_MS, idle
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -30,7 +30,7 @@ KILLED = """
 import os, signal, sys
 from pathlib import Path
 from PySide6.QtWidgets import QApplication
-from gui.app import make_window, parse
+from lfcal_gui.app import make_window, parse
 app = QApplication([])
 window = make_window(app, parse([]), folder=Path(sys.argv[1]))
 if len(sys.argv) > 2:
@@ -96,7 +96,7 @@ def test_after_a_kill_the_work_is_offered_and_restored(
 
 def left_behind(place: Path, name: str = "lost", path: Path | None = None) -> Path:
     """Put a copy where a window that is gone would have left it."""
-    from gui.models.autosave import keep
+    from lfcal_gui.models.autosave import keep
 
     project = Project(ProjectState(), path)
     project.update("rename", name=name)
@@ -194,7 +194,7 @@ def test_a_second_window_gets_a_copy(
 
 
 def test_locks_of_dead_processes_count_for_nothing(tmp_path: Path) -> None:
-    code = "import sys; from pathlib import Path; from gui.locks import FileLock; import os\n"
+    code = "import sys; from pathlib import Path; from lfcal_gui.locks import FileLock; import os\n"
     code += "lock = FileLock(Path(sys.argv[1])); assert lock.take(); os._exit(0)"
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     subprocess.run([sys.executable, "-c", code, str(tmp_path / "p")], env=environment, check=True)
@@ -288,7 +288,7 @@ def test_a_suffix_added_does_not_get_round_the_question(
 def test_jobs_go_on_until_everything_is_answered(
     window: MainWindow, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from lfcal.progress import Progress
+    from lfcal.base.progress import Progress
 
     going = threading.Event()
 
@@ -310,7 +310,7 @@ def test_jobs_go_on_until_everything_is_answered(
 def test_jobs_go_on_until_another_project_is_known_to_be_good(
     window: MainWindow, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, boxes: list[str]
 ) -> None:
-    from lfcal.progress import Progress
+    from lfcal.base.progress import Progress
 
     going = threading.Event()
 
@@ -349,7 +349,7 @@ def test_what_is_done_while_a_project_is_read_is_asked_about(
         go_on.wait(GUARD_MS / 1e3)
         return read_project(path)
 
-    monkeypatch.setattr("gui.project_files.read_project", slow)
+    monkeypatch.setattr("lfcal_gui.project_files.read_project", slow)
     answers = iter((BUTTONS.Cancel, BUTTONS.Save))
     monkeypatch.setattr(QMessageBox, "question", lambda *_: next(answers))
     window.files.open(other)
@@ -370,7 +370,7 @@ def test_what_is_done_while_a_project_is_read_is_asked_about(
 def test_closing_does_not_hold_the_window_while_a_job_stops(
     window: MainWindow, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from lfcal.progress import Progress
+    from lfcal.base.progress import Progress
 
     go_on = threading.Event()
 
@@ -383,7 +383,7 @@ def test_closing_does_not_hold_the_window_while_a_job_stops(
     qtbot.waitUntil(lambda: window.jobs.jobs()[0].progress is not None, timeout=GUARD_MS)
     monkeypatch.setattr(QMessageBox, "question", lambda *_: BUTTONS.Yes)
     waits: list[float] = []
-    monkeypatch.setattr("gui.jobs.wait_for", lambda threads, seconds: waits.append(seconds))
+    monkeypatch.setattr("lfcal_gui.jobs.wait_for", lambda threads, seconds: waits.append(seconds))
     assert not window.close() and window.isVisible() and not waits
     assert "closes when that is done" in window.log_view.toPlainText() and not window.centralWidget().isEnabled()
     assert not window.close(), "asked once is enough"
@@ -394,7 +394,7 @@ def test_closing_does_not_hold_the_window_while_a_job_stops(
 
 
 def test_enter_does_not_stop_what_is_at_work(window: MainWindow, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> None:
-    from lfcal.progress import Progress
+    from lfcal.base.progress import Progress
 
     going = threading.Event()
 
@@ -418,7 +418,7 @@ def test_enter_does_not_stop_what_is_at_work(window: MainWindow, qtbot: QtBot, m
 
 
 def test_of_what_stops_only_that_is_promised_which_it_keeps(window: MainWindow, qtbot: QtBot) -> None:
-    from lfcal.progress import Progress
+    from lfcal.base.progress import Progress
 
     going = threading.Event()
 
@@ -450,7 +450,7 @@ def test_closing_does_not_hold_the_window_while_something_is_computed_or_opened(
     """It stood still for up to seven seconds: while a simulator was connected, a light field made, a file opened."""
     from functools import partial
 
-    from lfcal.progress import Progress
+    from lfcal.base.progress import Progress
 
     begun, told, waits = [threading.Event() for _ in range(3)], list[str](), list[float]()
 
@@ -468,7 +468,7 @@ def test_closing_does_not_hold_the_window_while_something_is_computed_or_opened(
     window.jobs.start("Fit", "fit", fit, leave=True)
     assert all(event.wait(GUARD_MS / 1e3) for event in begun)
     monkeypatch.setattr(QMessageBox, "question", lambda *_: BUTTONS.Yes)
-    for name in ("gui.jobs.wait_for", "gui.workers.wait_for", "gui.loads.wait_for"):
+    for name in ("lfcal_gui.jobs.wait_for", "lfcal_gui.workers.wait_for", "lfcal_gui.loads.wait_for"):
         monkeypatch.setattr(name, lambda threads, seconds: waits.append(seconds))
     assert not window.close() and window.isVisible() and sum(waits) == 0
     window.jobs.compute("live view", lambda: "again", told.append)
@@ -487,8 +487,8 @@ def test_what_never_ends_does_not_keep_the_window_open(
     begun, waits = threading.Event(), list[float]()
     window.jobs.compute("stuck", lambda: begun.set() or go_on.wait(GUARD_MS / 1e3), lambda _: None)
     assert begun.wait(GUARD_MS / 1e3)
-    monkeypatch.setattr("gui.jobs.COMPUTATIONS_S", 0.05)
-    monkeypatch.setattr("gui.workers.wait_for", lambda threads, seconds: waits.append(seconds))
+    monkeypatch.setattr("lfcal_gui.jobs.COMPUTATIONS_S", 0.05)
+    monkeypatch.setattr("lfcal_gui.workers.wait_for", lambda threads, seconds: waits.append(seconds))
     assert not window.close()
     qtbot.waitUntil(lambda: not window.isVisible(), timeout=GUARD_MS)
     assert waits == [0.0]

@@ -11,11 +11,11 @@ import pytest
 from PySide6.QtWidgets import QApplication, QMessageBox, QPushButton
 from pytestqt.qtbot import QtBot
 
-from gui.job_line import Line
-from gui.job_panel import JobPanel
-from gui.jobs import Jobs, JobState, WindowJob
-from gui.window import MainWindow
-from lfcal.progress import Progress
+from lfcal.base.progress import Progress
+from lfcal_gui.job_line import Line
+from lfcal_gui.job_panel import JobPanel
+from lfcal_gui.jobs import Jobs, JobState, WindowJob
+from lfcal_gui.window import MainWindow
 from tests.gui.waiting import GUARD_MS, idle
 
 

@@ -14,11 +14,11 @@ from PySide6.QtCore import QEvent
 from PySide6.QtWidgets import QApplication, QMessageBox
 from pytestqt.qtbot import QtBot
 
-from gui.app import make_window, parse
-from gui.models.project import ProjectState
-from gui.window import MainWindow
 from lfcal.camera import preset
 from lfcal.psf import PSFMatrix, save
+from lfcal_gui.app import make_window, parse
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.window import MainWindow
 from tests.cli.conftest import small_plan
 from tests.gui.random_walk import Walk
 from tests.gui.recorded import write_recorded

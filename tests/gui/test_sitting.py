@@ -10,13 +10,13 @@ import pytest
 from PySide6.QtWidgets import QMessageBox
 from pytestqt.qtbot import QtBot
 
-from gui.jobs import JobState
-from gui.pages.acquire.model import AcquireSettings
-from gui.window import MainWindow
 from lfcal.acquire.session_file import SessionFile
 from lfcal.camera import ScanPlan
 from lfcal.cli.sample import sample_session
 from lfcal.psf import open_psf
+from lfcal_gui.jobs import JobState
+from lfcal_gui.pages.acquire.model import AcquireSettings
+from lfcal_gui.window import MainWindow
 from tests.gui.waiting import GUARD_MS, idle
 
 

@@ -17,31 +17,31 @@ from pytestqt.qtbot import QtBot
 from typer.main import get_command
 from typer.testing import CliRunner
 
-from gui.models.history import History, Taken
-from gui.models.page import PAGES
-from gui.models.project import ProjectState
-from gui.models.step import CommandStep, step_of
-from gui.pages.acquire.model import AcquireSettings
-from gui.pages.acquire.step import assembled
-from gui.pages.acquire.step import step as recording_step
-from gui.pages.fit.model import FitSettings
-from gui.pages.frames.model import FrameSettings
-from gui.pages.multiplex.model import MultiplexSettings
-from gui.pages.multiplex.model_scene import iter_reconstruct
-from gui.pages.psf.export_model import ExportIntent
-from gui.pages.quality.model import QualitySettings
-from gui.pages.quality.step import compared
-from gui.pages.reconstruct.model import ReconstructSettings
-from gui.pages.simulate.model import SimulateSettings
-from gui.palette import Palette
-from gui.window import MainWindow
+from lfcal.base.errors import InputError
+from lfcal.base.progress import drain
 from lfcal.camera import Camera, ScanPlan, preset
 from lfcal.cli.app import build_app
-from lfcal.errors import InputError
 from lfcal.frames.corrections.recipe import CorrectionRecipe
 from lfcal.lattice import lattice_of
-from lfcal.progress import drain
 from lfcal.psf import PSFMatrix, export, open_psf
+from lfcal_gui.models.history import History, Taken
+from lfcal_gui.models.page import PAGES
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models.step import CommandStep, step_of
+from lfcal_gui.pages.acquire.model import AcquireSettings
+from lfcal_gui.pages.acquire.step import assembled
+from lfcal_gui.pages.acquire.step import step as recording_step
+from lfcal_gui.pages.fit.model import FitSettings
+from lfcal_gui.pages.frames.model import FrameSettings
+from lfcal_gui.pages.multiplex.model import MultiplexSettings
+from lfcal_gui.pages.multiplex.model_scene import iter_reconstruct
+from lfcal_gui.pages.psf.export_model import ExportIntent
+from lfcal_gui.pages.quality.model import QualitySettings
+from lfcal_gui.pages.quality.step import compared
+from lfcal_gui.pages.reconstruct.model import ReconstructSettings
+from lfcal_gui.pages.simulate.model import SimulateSettings
+from lfcal_gui.palette import Palette
+from lfcal_gui.window import MainWindow
 from tests.acquire.rigs import small_plan
 from tests.gui.waiting import idle
 
@@ -127,7 +127,7 @@ def test_a_page_says_what_its_command_lacks(key: str) -> None:
 
 
 def test_a_page_without_a_command_says_so() -> None:
-    own = replace(SPECS["psf"], title="Mine", package="gui.widgets")
+    own = replace(SPECS["psf"], title="Mine", package="lfcal_gui.widgets")
     with pytest.raises(InputError, match="Mine: this page has no command"):
         step_of(own, ProjectState())
 

@@ -5,9 +5,9 @@ import pytest
 from PySide6.QtGui import QIcon
 from PySide6.QtWidgets import QApplication
 
-from gui.theme import DARK, LIGHT, apply_theme, current_theme, style_sheet
-from gui.widgets.image_view import ImageView
-from gui.window import MainWindow
+from lfcal_gui.theme import DARK, LIGHT, apply_theme, current_theme, style_sheet
+from lfcal_gui.widgets.image_view import ImageView
+from lfcal_gui.window import MainWindow
 from tests.gui.layout_colours import of_other_themes
 
 

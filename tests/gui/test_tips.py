@@ -23,24 +23,24 @@ from PySide6.QtWidgets import (
 )
 from pytestqt.qtbot import QtBot
 
-from gui.base_page import EmptyState
-from gui.crash_dialog import CrashDialog
-from gui.job_log import JobLogView
-from gui.manual import Manual
-from gui.models.autosave import UnsavedCopy
-from gui.models.job_log import JobLog
-from gui.models.page import PAGES
-from gui.models.project import ProjectState
-from gui.pages.frames.import_dialog import ImportDialog
-from gui.pages.psf.export_dialog import ExportDialog
-from gui.pages.psf.export_model import ExportIntent
-from gui.palette import Palette
-from gui.preferences import Preferences
-from gui.restore_dialog import RestoreDialog
-from gui.welcome import Welcome
-from gui.widgets.naming import controls, name_controls
-from gui.window import MainWindow
 from lfcal.psf import PSFMatrix
+from lfcal_gui.base_page import EmptyState
+from lfcal_gui.crash_dialog import CrashDialog
+from lfcal_gui.job_log import JobLogView
+from lfcal_gui.manual import Manual
+from lfcal_gui.models.autosave import UnsavedCopy
+from lfcal_gui.models.job_log import JobLog
+from lfcal_gui.models.page import PAGES
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.pages.frames.import_dialog import ImportDialog
+from lfcal_gui.pages.psf.export_dialog import ExportDialog
+from lfcal_gui.pages.psf.export_model import ExportIntent
+from lfcal_gui.palette import Palette
+from lfcal_gui.preferences import Preferences
+from lfcal_gui.restore_dialog import RestoreDialog
+from lfcal_gui.welcome import Welcome
+from lfcal_gui.widgets.naming import controls, name_controls
+from lfcal_gui.window import MainWindow
 from tests.gui.waiting import idle
 
 BESIDE = {"Close", "Cancel"}

@@ -12,15 +12,15 @@ from PySide6.QtCore import QSettings
 from PySide6.QtWidgets import QApplication, QMessageBox
 from pytestqt.qtbot import QtBot
 
-from gui.demo import iter_demo
-from gui.models.doctor import doctor_html, doctor_text
-from gui.preferences import apply_threads, welcome_wanted
-from gui.theme import DARK, LIGHT, current_theme
-from gui.window import MainWindow
 from lfcal.acquire.recording.reader import RecordingFile
 from lfcal.acquire.session import record
+from lfcal.base.threads import WORKERS
 from lfcal.psf import PSFMatrix, save
-from lfcal.threads import WORKERS
+from lfcal_gui.demo import iter_demo
+from lfcal_gui.models.doctor import doctor_html, doctor_text
+from lfcal_gui.preferences import apply_threads, welcome_wanted
+from lfcal_gui.theme import DARK, LIGHT, current_theme
+from lfcal_gui.window import MainWindow
 from tests.acquire.rigs import CAREFUL, rig_for, small_plan
 from tests.gui.waiting import GUARD_MS, idle
 

@@ -23,17 +23,17 @@ from PySide6.QtWidgets import (
 )
 from pytestqt.qtbot import QtBot
 
-from gui.app import make_window, parse
-from gui.jobs import JobState
-from gui.models.page import PAGES, PageState
-from gui.models.project import Project, ProjectState
-from gui.pages.frames.model import FrameSettings
-from gui.theme import DARK, LIGHT, current_theme
-from gui.window import MainWindow
-from gui.window_size import size_within
+from lfcal.base.errors import InputError
+from lfcal.base.progress import Progress, Work
 from lfcal.camera import preset
-from lfcal.errors import InputError
-from lfcal.progress import Progress, Work
+from lfcal_gui.app import make_window, parse
+from lfcal_gui.jobs import JobState
+from lfcal_gui.models.page import PAGES, PageState
+from lfcal_gui.models.project import Project, ProjectState
+from lfcal_gui.pages.frames.model import FrameSettings
+from lfcal_gui.theme import DARK, LIGHT, current_theme
+from lfcal_gui.window import MainWindow
+from lfcal_gui.window_size import size_within
 from tests.cli.conftest import true_frame
 from tests.gui.recorded import write_recorded
 from tests.gui.waiting import GUARD_MS, idle

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pytestqt.qtbot import QtBot
 
-from gui.jobs import Jobs
+from lfcal_gui.jobs import Jobs
 
 __all__ = ["GUARD_MS", "idle"]
 

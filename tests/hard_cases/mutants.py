@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from scipy.special import jv
 
+from lfcal.base.errors import InputError
 from lfcal.camera import LensletLattice
-from lfcal.errors import InputError
 from lfcal.simulate.engines import (
     base,
     debye,

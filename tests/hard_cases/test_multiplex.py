@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.lattice import view_grid
 from lfcal.multiplex import (
     SuperPixelLattice,

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.lattice.checkered import check_cell
 from lfcal.lattice.fit import fit_lattice
 from tests.lattice.white_frames import draw_white

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from lfcal.bench.lattice import measure
+from benchmarks.lattice import measure
 from lfcal.lattice.fit import fit_lattice
 from lfcal.lattice.lattice_fit import LatticeFit
 from tests.lattice.cameras import COUNT, DistortedCamera, distorted_camera

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.lattice.doubts import Evenness, check_white, evenness
 from lfcal.lattice.fit import fit_lattice
 from tests.lattice.white_frames import draw_white

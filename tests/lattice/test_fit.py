@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from lfcal.base.errors import InputError
 from lfcal.camera import Camera, LensletLattice, MainLens, Sensor, preset
-from lfcal.errors import InputError
 from lfcal.lattice.fit import LatticeFit, fit_lattice
 from tests.lattice.test_iris_centre import off_centre, white
 from tests.lattice.white_frames import WhiteFrame, draw_white

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.camera import Camera, LensletLattice, LensType, MainLens, Sensor, preset
-from lfcal.errors import InputError
 from lfcal.lattice.fit import LatticeFit, fit_lattice
 from lfcal.lattice.lens_types import classify_lens_types, expected_blur
 from tests.lattice.white_frames import WhiteFrame, draw_pupils, draw_white

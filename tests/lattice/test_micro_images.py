@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.camera import Camera, LensletLattice, LensType, MainLens, Sensor
-from lfcal.errors import InputError
 from lfcal.lattice import cropped, extract_views, fit_lattice, lattice_of, type_lattice
 from tests.lattice.lattices import Straight
 from tests.lattice.white_frames import draw_white

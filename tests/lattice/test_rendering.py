@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates
 
+from lfcal.base.errors import InputError
 from lfcal.camera import Camera, LensletLattice, LensType, Microscope, Sensor
-from lfcal.errors import InputError
 from lfcal.lattice import lattice_of, render, sharpness_shares, total_focus
 from lfcal.lattice.refocus import sensor_slope, virtual_depth_of_slope
 from tests.lattice.test_micro_images import camera_of

@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.lattice import extract_views, refocus, sample_views, view_grid
 from lfcal.multiplex import lattice_channels
 from tests.lattice.lattices import Bent, Straight

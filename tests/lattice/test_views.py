@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from lfcal.base.errors import InputError
 from lfcal.camera import Camera, LensletLattice, LensType, MainLens, Microscope, Sensor
-from lfcal.errors import InputError
 from lfcal.lattice.fit import LatticeFit, fit_lattice
 from lfcal.lattice.refocus import refocus, sensor_slope
 from lfcal.lattice.views import extract_views

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.frames.corrections.steps import White
 from lfcal.lattice.fit import fit_lattice
 from lfcal.lattice.vignetting import vignetting_map

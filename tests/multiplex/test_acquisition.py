@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.multiplex import MASKS, acquire_light_field, cfa, mask, snr_gain
 from lfcal.multiplex.scenes import filament_light_field
 

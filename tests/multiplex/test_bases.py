@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lfcal.errors import FileFormatError, InputError, StorageError
+from lfcal.base.errors import FileFormatError, InputError, StorageError
 from lfcal.multiplex import (
     Modulator,
     amplification,

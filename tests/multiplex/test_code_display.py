@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.camera import preset
-from lfcal.errors import InputError
 from lfcal.multiplex import display_fit, display_frames, s_matrix
 
 

@@ -1,4 +1,4 @@
-"""``lfcal multiplex`` and ``lfcal bench multiplex`` as a user runs them."""
+"""``lfcal multiplex`` and ``python -m benchmarks multiplex`` as a user runs them."""
 
 from __future__ import annotations
 
@@ -289,7 +289,7 @@ def test_figure_3_of_a_raw_frame(lfcal, tmp_path: Path, monkeypatch: pytest.Monk
 
 @pytest.mark.long
 def test_benchmark(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    from lfcal.bench import multiplex as bench
+    from benchmarks import multiplex as bench
 
     monkeypatch.setattr(bench, "FULL", (256, 384))
     bench.command(quick=False, filters="cubic", rounds=1, workers=1, json=True)
@@ -307,7 +307,7 @@ def test_a_search_that_is_stopped_shows_the_best_so_far_and_says_so(
     monkeypatch: pytest.MonkeyPatch,
     told: bool,
 ) -> None:
-    from lfcal.errors import Cancelled
+    from lfcal.base.errors import Cancelled
     from lfcal.multiplex import search
 
     real, made = search.best_mask, []

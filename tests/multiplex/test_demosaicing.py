@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.multiplex import Modulator, cfa, demultiplex, mask, modulator_from_matrix, multiplex
 from lfcal.multiplex.demosaicing import _continued
 from lfcal.multiplex.estimation import ALONG_COLUMNS, ALONG_ROWS, EVEN, Prior, estimation_weights, reach_of, thinned

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.camera import preset
-from lfcal.errors import InputError
 from lfcal.lattice import LatticeFit, extract_views, lattice_of, view_grid
 from lfcal.multiplex import SuperPixelLattice, cfa, demultiplex, demultiplex_lattice, lattice_channels, mask, multiplex
 from lfcal.multiplex.lattice import channel_grid

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.multiplex import (
     Modulator,
     SuperPixelLattice,

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.multiplex import (
     CFA_PATTERNS,
     cfa,

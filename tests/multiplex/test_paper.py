@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.multiplex import cfa, mask, snr_gain
 from lfcal.multiplex.noise import PAPER_CAMERAS
 from lfcal.multiplex.paper import LIGHT_FIELD, paper_figure

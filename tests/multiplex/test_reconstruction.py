@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.multiplex import Modulator, arrange, cfa, demultiplex, mask, multiplex
 from lfcal.multiplex.filters import LINEAR_FILTERS, kernel
 from lfcal.multiplex.quality import measure_filters, ringing

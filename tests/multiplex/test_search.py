@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import approx_fprime, minimize
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.multiplex import (
     Frontier,
     best_binary_mask,

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.camera import Sensor
-from lfcal.errors import InputError
 from lfcal.multiplex import (
     cfa,
     decorrelation_gain,

@@ -18,8 +18,8 @@ import pytest
 import yaml
 
 from lfcal.acquire.session import record
+from lfcal.base.errors import FileFormatError
 from lfcal.camera import ScanPlan
-from lfcal.errors import FileFormatError
 from lfcal.napari.lazy import Lazy
 from lfcal.napari.reader import get_reader, read_layers
 from lfcal.psf import PSFMatrix, save

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from lfcal.bench.aperture import Trial, run
-from lfcal.errors import InputError
+from benchmarks.aperture import Trial, run
+from lfcal.base.errors import InputError
 from lfcal.psf.aperture import fit_aperture
 from lfcal.psf.aperture.compare import circle
 from lfcal.psf.aperture.edge import measured_edge

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.psf.aperture import Aperture, working_f_number
 from lfcal.psf.aperture.shape import blade_radius, polygon_area
 

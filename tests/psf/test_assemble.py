@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
+from lfcal.base.progress import Progress, drain
 from lfcal.frames import ArraySource, CorrectionChain, Dark, Noise, corrected
 from lfcal.frames.source import FrameInfo, Position
-from lfcal.progress import Progress, drain
 from lfcal.psf import Cutout, assemble, iter_assemble, open_psf
 from lfcal.psf.assembly import AssemblyProgress
 from tests.psf.conftest import ListSource, coded_frames

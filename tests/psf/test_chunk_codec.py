@@ -8,9 +8,9 @@ import h5py
 import numpy as np
 import pytest
 
-from lfcal.errors import FileFormatError, InputError
-from lfcal.h5.dataset import H5Data
-from lfcal.h5.filters import PIPELINE, decode_chunk, encode_chunk
+from lfcal.base.errors import FileFormatError, InputError
+from lfcal.base.h5.dataset import H5Data
+from lfcal.base.h5.filters import PIPELINE, decode_chunk, encode_chunk
 from lfcal.psf import chunk_codec
 from lfcal.psf.chunk_codec import chunk_pipeline, parallel_read, parallel_write
 

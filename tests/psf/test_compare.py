@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lfcal.errors import InputError
-from lfcal.progress import Progress
+from lfcal.base.errors import InputError
+from lfcal.base.progress import Progress
 from lfcal.psf import PSFMatrix
 from lfcal.psf.compare import compare, iter_compare
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.frames.source import Position
 from lfcal.psf.cutout import Cutout, find_cutout
 

@@ -12,10 +12,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from lfcal.base.errors import InputError
+from lfcal.base.plain import plain
+from lfcal.base.progress import Progress
 from lfcal.camera import ScanPlan, preset
-from lfcal.errors import InputError
-from lfcal.plain import plain
-from lfcal.progress import Progress
 from lfcal.psf import PSFMatrix, open_psf, save
 from lfcal.psf.difference import difference, iter_difference
 from lfcal.psf.pairing import pair

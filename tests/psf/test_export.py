@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 import pytest
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.psf import PSFMatrix, export, iter_export, open_psf
 from lfcal.psf.export import ExportOptions, export_notes
 from lfcal.psf.matlab import MatOptions, mat_notes

@@ -9,9 +9,9 @@ import h5py
 import numpy as np
 import pytest
 
+from lfcal.base.errors import InputError, StorageError
+from lfcal.base.progress import drain
 from lfcal.camera import preset
-from lfcal.errors import InputError, StorageError
-from lfcal.progress import drain
 from lfcal.psf import PSFMatrix, export_units, make, open_psf, save
 from lfcal.psf.export import ExportOptions, iter_export
 from lfcal.psf.export_units import iter_export_units

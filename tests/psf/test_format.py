@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lfcal.errors import FileFormatError, InputError
+from lfcal.base.errors import FileFormatError, InputError
+from lfcal.base.h5.filters import encode_chunk
 from lfcal.frames import ArraySource
-from lfcal.h5.filters import encode_chunk
 from lfcal.psf import Cutout, PSFMatrix, PSFWriter, assemble, open_psf, save, save_regions
 from lfcal.psf.joining import iter_join
 from lfcal.psf.steps import step_of_range

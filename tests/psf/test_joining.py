@@ -10,8 +10,8 @@ import h5py
 import numpy as np
 import pytest
 
-from lfcal.errors import FileFormatError, InputError, StorageError
-from lfcal.progress import drain
+from lfcal.base.errors import FileFormatError, InputError, StorageError
+from lfcal.base.progress import drain
 from lfcal.psf import open_psf
 from lfcal.psf.facts import Facts
 from lfcal.psf.joining import iter_join

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lfcal.errors import FileFormatError, LfcalError, UnsafeFileError
+from lfcal.base.errors import FileFormatError, LfcalError, UnsafeFileError
 from lfcal.psf import open_psf
 from lfcal.reconstruct import Projector
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
+from lfcal.base.progress import Clock, Work, drain
 from lfcal.frames import ArraySource
-from lfcal.progress import Clock, Work, drain
 from lfcal.psf import Cutout, PSFMatrix, assemble, iter_save, iter_save_regions, open_psf, save
 from lfcal.psf.facts import Facts
 from lfcal.psf.filling import Filled

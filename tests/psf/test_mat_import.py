@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lfcal.errors import FileFormatError, InputError, UnsafeFileError
+from lfcal.base.errors import FileFormatError, InputError, UnsafeFileError
 from lfcal.psf import PSFMatrix, export, open_psf, save
 from lfcal.psf.lens_centre import lens_centre_of
 from lfcal.psf.opening import opening_notes

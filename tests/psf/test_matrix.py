@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lfcal.base.errors import FileFormatError, InputError
 from lfcal.camera import preset
-from lfcal.errors import FileFormatError, InputError
 from lfcal.psf import Facts, PSFMatrix, open_psf, save
 from lfcal.psf.store import PSFWriter
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.frames import ArraySource, CorrectionRecipe, corrected_view
 from lfcal.psf.assembly import AssemblySettings, find_plan_cutout
 from lfcal.psf.gather import Gatherer

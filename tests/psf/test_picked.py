@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
+from lfcal.base.progress import drain
 from lfcal.frames import ArraySource
-from lfcal.progress import drain
 from lfcal.psf import assemble_plan
 from lfcal.psf.picked import iter_pick
 from tests.acquire.rigs import small_plan

@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 
 import lfcal
-from lfcal import version
+from lfcal.base import version
+from lfcal.base.progress import drain
 from lfcal.camera import ScanPlan
 from lfcal.frames import ORIENTATIONS, ArraySource, CorrectionChain, Dark, LeftOut, corrected, oriented
 from lfcal.frames.source import Position
-from lfcal.progress import drain
 from lfcal.psf import Cutout, PSFMatrix, assemble, open_psf, save, save_regions
 from lfcal.psf.assembly import AssemblySettings, assemble_plan
 from lfcal.psf.provenance import Codec, FrameNoise, codec_of, light_shares, noise_of, optics_of, simulated_planes

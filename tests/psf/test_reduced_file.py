@@ -12,8 +12,8 @@ import h5py
 import numpy as np
 import pytest
 
+from lfcal.base.errors import FileFormatError, InputError
 from lfcal.camera import preset
-from lfcal.errors import FileFormatError, InputError
 from lfcal.fit import fit_camera
 from lfcal.psf import Facts, PSFMatrix, compare, export, inspect, open_psf, opening, save, save_regions, verify
 from lfcal.psf.facts import pack_valid

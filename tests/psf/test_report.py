@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from lfcal.acquire.redo import RedoList
+from lfcal.base.errors import InputError, StorageError
 from lfcal.camera import preset
-from lfcal.errors import InputError, StorageError
 from lfcal.psf import PSFMatrix
 from lfcal.psf.quality import METRICS, MetricSpec, QualityReport, inspect
 from lfcal.psf.quality.verdict import counted_words

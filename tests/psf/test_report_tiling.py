@@ -9,8 +9,8 @@ import pytest
 
 from lfcal.acquire.recording.records import Kind
 from lfcal.acquire.recording.source import CheckFrame
+from lfcal.base.errors import InputError
 from lfcal.cli.inspect_controls import control_frames
-from lfcal.errors import InputError
 from lfcal.frames.source import Position
 from lfcal.psf import PSFMatrix
 from lfcal.psf.quality import inspect

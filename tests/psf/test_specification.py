@@ -11,9 +11,9 @@ import h5py
 import numpy as np
 import pytest
 
+from lfcal.base.errors import FileFormatError
+from lfcal.base.h5.file import H5File
 from lfcal.camera import preset
-from lfcal.errors import FileFormatError
-from lfcal.h5.file import H5File
 from lfcal.psf import Facts, PSFMatrix, save, save_regions, verify
 from lfcal.psf.facts import pack_valid
 from lfcal.psf.specification import SCHEMA, deviations_of, schema

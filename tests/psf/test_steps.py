@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lfcal.errors import InputError
-from lfcal.h5.filters import encode_chunk
+from lfcal.base.errors import InputError
+from lfcal.base.h5.filters import encode_chunk
 from lfcal.psf.steps import SteppedPlane, bits_at_most, bound_after, stepped_plane
 from tests.reconstruct.oracles import dense, lenslet_psf
 

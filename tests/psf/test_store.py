@@ -8,9 +8,9 @@ import h5py
 import numpy as np
 import pytest
 
+from lfcal.base.errors import FileFormatError, InputError, LfcalError, StorageError, UnsafeFileError
+from lfcal.base.progress import drain
 from lfcal.camera import preset
-from lfcal.errors import FileFormatError, InputError, LfcalError, StorageError, UnsafeFileError
-from lfcal.progress import drain
 from lfcal.psf import Facts, PSFMatrix, PSFWriter, iter_save, open_psf, regions_of, save, save_regions
 from lfcal.psf.export import export
 from lfcal.psf.facts import Origin, pack_valid
@@ -102,7 +102,7 @@ def test_a_nan_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_full_disk_is_seen_before_anything_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from lfcal import files
+    from lfcal.base import files
 
     monkeypatch.setattr(files.shutil, "disk_usage", lambda _: os.statvfs_result and type("U", (), {"free": 1000}))
     with pytest.raises(StorageError, match="free some space"):

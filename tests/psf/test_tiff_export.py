@@ -11,8 +11,8 @@ import pytest
 import tifffile
 from numpy.typing import NDArray
 
+from lfcal.base.errors import InputError
 from lfcal.camera import preset
-from lfcal.errors import InputError
 from lfcal.psf import PSFMatrix, export, tiff_export
 from lfcal.psf.export import export_files
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.psf import PSFMatrix, transpose
 from lfcal.psf.transpose import border_energy, border_warning, depth_sum, ht_slice
 

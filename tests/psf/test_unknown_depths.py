@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 import tifffile
 
+from lfcal.base.errors import InputError
 from lfcal.camera import preset
-from lfcal.errors import InputError
 from lfcal.psf import PSFMatrix, export, inspect, open_psf, save
 from lfcal.psf.compare import compare
 from lfcal.psf.pairing import pair

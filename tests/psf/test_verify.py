@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pytest
 
-from lfcal.errors import FileFormatError, StorageError
+from lfcal.base.errors import FileFormatError, StorageError
 from lfcal.frames.source import Position
 from lfcal.psf import PSFMatrix, save, save_regions, verify
 from lfcal.psf.verify import iter_verify

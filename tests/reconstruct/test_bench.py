@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lfcal.bench import project, reconstruct
+from benchmarks import project, reconstruct
 from lfcal.psf import PSFMatrix
 from tests.reconstruct.oracles import lenslet_psf
 

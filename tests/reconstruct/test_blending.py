@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan
-from lfcal.errors import InputError
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.setup import Setup, described_effects
 from lfcal.psf import PSFMatrix

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.reconstruct import Projector, SolverChoice, reconstruct
 from lfcal.reconstruct.memory import run_memory
 from lfcal.reconstruct.projectors import device as devices

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import tifffile
 
+from lfcal.base.errors import InputError
 from lfcal.cli import main
-from lfcal.errors import InputError
 from lfcal.psf import PSFMatrix, save
 from lfcal.reconstruct import Projector, SolverChoice, reconstruct
 from lfcal.reconstruct.solvers import choice
@@ -103,7 +103,7 @@ def test_the_command_line_runs_it(foreign, run, tmp_path):
 def test_the_window_lists_it(foreign, tmp_path):
     foreign(PAGE[0])
     code = """
-from gui.pages.reconstruct.model import FIELDS, ReconstructSettings, used_by
+from lfcal_gui.pages.reconstruct.model import FIELDS, ReconstructSettings, used_by
 assert "landweber" in dict(FIELDS[0].choices) and "Landweber 1951" in FIELDS[0].tip
 assert used_by("landweber", "background") and not used_by("landweber", "read_noise")
 print(ReconstructSettings("landweber", read_noise=3.0).choice().solver.title)

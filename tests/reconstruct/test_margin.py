@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.reconstruct import Projector
 from lfcal.reconstruct.margin import cropped, usual_margin, widened, widened_start
 from lfcal.reconstruct.solvers.choice import SOLVERS, SolverChoice, reconstruct

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.camera import preset
-from lfcal.errors import InputError
 from lfcal.reconstruct import Projector
 from lfcal.reconstruct.metrics import nrmse
 from lfcal.reconstruct.phantoms import PHANTOMS, phantom, points, vesicle

@@ -5,7 +5,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.psf import Facts, PSFMatrix
 from lfcal.reconstruct import Projector
 from lfcal.reconstruct.memory import room_for_projections, run_memory

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import tifffile
 
+from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan, preset
-from lfcal.errors import InputError
 from lfcal.psf import PSFMatrix
 from lfcal.reconstruct.metric import MetricGrid
 

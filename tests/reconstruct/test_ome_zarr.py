@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lfcal.errors import FileFormatError, InputError, StorageError
-from lfcal.files import replace_store
+from lfcal.base.errors import FileFormatError, InputError, StorageError
+from lfcal.base.files import replace_store
 from lfcal.reconstruct.facts import VolumeFacts
 from lfcal.reconstruct.ome_zarr import MAX_EXPANSION, open_ome_zarr
 from lfcal.reconstruct.volumes import load_volume, save_volume, write_volumes

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.psf import PSFMatrix, open_psf, save, transpose
 from lfcal.reconstruct import Projector
 from lfcal.reconstruct.projectors import direct

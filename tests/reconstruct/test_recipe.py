@@ -5,7 +5,7 @@ import pickle
 import numpy as np
 import pytest
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.psf import PSFMatrix
 from lfcal.reconstruct import FieldProjector, Projector
 from lfcal.reconstruct.projectors.recipe import Tiles, read_recipe, recipe_of

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.camera import LatticeDistortion, ScanPlan, preset
-from lfcal.errors import InputError
 from lfcal.reconstruct.resample import Resampling, lattice_anchor_of
 from lfcal.reconstruct.volumes import load_volume, save_volume
 

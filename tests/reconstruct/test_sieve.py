@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from lfcal.bench._fault_recordings import CAMERAS
+from benchmarks._fault_recordings import CAMERAS
+from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan, preset
-from lfcal.errors import InputError
 from lfcal.psf import PSFMatrix
 from lfcal.reconstruct import Projector
 from lfcal.reconstruct.metrics import nrmse

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan
-from lfcal.errors import InputError
 from lfcal.simulate.effects import AngularResponse
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.choose import engine_for

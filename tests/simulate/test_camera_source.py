@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan, preset
-from lfcal.errors import InputError
 from lfcal.frames import FrameSource, Position
 from lfcal.psf import assemble
 from lfcal.psf.cutout import Cutout

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.camera import Camera
-from lfcal.errors import InputError
 from lfcal.simulate import plan_effects
 from lfcal.simulate.effects import Bandwidth, ChromaticFocus, Effect, LensletDispersion, LensTypeDefocus
 from lfcal.simulate.engines.base import Sampling

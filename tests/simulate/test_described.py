@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from lfcal.errors import FileFormatError, InputError
+from lfcal.base.errors import FileFormatError, InputError
 from lfcal.simulate.effects import (
     Coma,
     Drift,

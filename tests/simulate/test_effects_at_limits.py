@@ -7,8 +7,8 @@ from functools import cache
 import numpy as np
 import pytest
 
+from lfcal.base.errors import LfcalError
 from lfcal.camera import ScanPlan
-from lfcal.errors import LfcalError
 from lfcal.simulate import plan_effects
 from lfcal.simulate.effects import (
     CATALOGUE,

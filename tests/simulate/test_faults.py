@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.simulate import plan_effects
 from lfcal.simulate.effects import Ghost, Saturation, SensorNonlinearity
 from lfcal.simulate.sensor.camera_source import SimulatedCamera

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.special import j1
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.simulate.engines.field import choose_mode, field_spectrum, field_table
 from lfcal.simulate.engines.radial import focus_integral
 from lfcal.simulate.scene import PupilIris, seidel

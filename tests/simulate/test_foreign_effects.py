@@ -83,8 +83,8 @@ def test_the_command_line_lists_it(
 def test_the_window_lists_it(foreign: Install, tmp_path: Path) -> None:
     foreign(PAGE[0], "ArrayDecentre")
     code = """
-from gui.pages.simulate.model import SimulateSettings
-from gui.pages.simulate.model_effects import verdict_of
+from lfcal_gui.pages.simulate.model import SimulateSettings
+from lfcal_gui.pages.simulate.model_effects import verdict_of
 from tests.simulate.common import small_plan
 settings = SimulateSettings(overrides=(("array_decentre", "on"),))
 print(*(row.name for row in verdict_of(small_plan(), settings).rows if row.on))

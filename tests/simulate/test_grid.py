@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.simulate.engines.base import Displaceable, EnergyError, PlaneEngine, Sampling
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.engines.grid import GridPlane

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan, preset
-from lfcal.errors import InputError
 from lfcal.simulate.effects import Distortion, Effect, FieldCurvature, FiniteSource, LensletDiffraction, LensTypeDefocus
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.choose import engine_for

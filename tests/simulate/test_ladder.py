@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan, preset
-from lfcal.errors import InputError
 from lfcal.simulate.accuracy import forecast
 from lfcal.simulate.accuracy.forecast import predict_seconds
 from lfcal.simulate.accuracy.ladder import (
@@ -100,7 +100,7 @@ def test_too_coarse_a_sampling_is_refused_by_its_energy() -> None:
 @pytest.mark.parametrize("case", ["microscope", "two planes"])
 @pytest.mark.few(1)
 def test_seconds_are_foretold(case: str) -> None:
-    """Within 1.5 on a quiet machine (`lfcal bench accuracy --check`); here within 4, for processors are shared."""
+    """Within 1.5 on a quiet machine (`python -m benchmarks accuracy --check`); here within 4, for processors are shared."""
     if case == "microscope":
         camera = preset("lfm_20x05")
         plan = ScanPlan.for_camera(camera, depths_um=[15.0], cutout=91)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.simulate import plan_effects
 from lfcal.simulate.effects import Effect, LensletSpherical, MissingLenslets
 from lfcal.simulate.effects.described import parse_effects

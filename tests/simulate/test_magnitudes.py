@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lfcal.base.errors import FileFormatError, InputError
 from lfcal.camera import Camera, Marks, preset
-from lfcal.errors import FileFormatError, InputError
 from lfcal.simulate.effects import (
     CATALOGUE,
     Bandwidth,

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
 
+from lfcal.base.errors import InputError
 from lfcal.camera.cell import cell_corners
-from lfcal.errors import InputError
 from lfcal.simulate.engines import masks
 from lfcal.simulate.engines.masks import (
     FLAT,

@@ -12,8 +12,8 @@ from scipy.integrate import quad
 from scipy.interpolate import CubicSpline
 from scipy.special import j0
 
+from lfcal.base.errors import InputError
 from lfcal.camera import LensletLattice, LensType, Microscope, ScanPlan, preset
-from lfcal.errors import InputError
 from lfcal.simulate import plan_effects
 from lfcal.simulate.accuracy.sampling import step_for
 from lfcal.simulate.effects import ExactAngles, LensletDiffraction, Outlook

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.camera import Camera, LensletLattice, LensType, Microscope, ScanPlan, Sensor, preset
-from lfcal.errors import InputError
 from lfcal.simulate import plan_effects, simulate_psf
 from lfcal.simulate.effects import IndexMismatch, LensletDiffraction, LensTypeDefocus, Outlook, VectorialPupil
 from lfcal.simulate.engines.base import Sampling

@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
+from lfcal.base.errors import InputError, StorageError
+from lfcal.base.progress import drain
 from lfcal.camera import ScanPlan
-from lfcal.errors import InputError, StorageError
-from lfcal.progress import drain
 from lfcal.psf import open_psf
 from lfcal.simulate.plane_task import PlaneTask
 from lfcal.simulate.progressive import iter_refine_psf

@@ -9,8 +9,8 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan, preset
-from lfcal.errors import InputError
 from lfcal.simulate.accuracy import estimates
 from lfcal.simulate.accuracy.estimates import estimates_of
 from lfcal.simulate.accuracy.influence import Influence

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lfcal.base.errors import InputError
+from lfcal.base.progress import drain
 from lfcal.camera import ScanPlan
-from lfcal.errors import InputError
-from lfcal.progress import drain
 from lfcal.psf import PSFMatrix, open_psf
 from lfcal.simulate import progressive
 from lfcal.simulate.accuracy.planner import plan_effects

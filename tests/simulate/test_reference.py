@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.camera import LensletLattice, LensType
-from lfcal.errors import InputError
 from lfcal.simulate.engines import reference
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.propagator import sensor_propagator

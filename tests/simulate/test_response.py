@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import convolve
 from scipy.signal import convolve2d
 
+from lfcal.base.progress import Unwanted, wanted_while
 from lfcal.camera import Camera, ScanPlan, preset
-from lfcal.progress import Unwanted, wanted_while
 from lfcal.simulate.effects import Crosstalk
 from lfcal.simulate.effects.base import Estimate, PsfEffect
 from lfcal.simulate.effects.outlook import Outlook

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.camera import PRESETS, preset
-from lfcal.errors import InputError
 from lfcal.simulate.camera_scene import scene_of
 from lfcal.simulate.engines.zernike import zernike_radial
 from lfcal.simulate.scene import PupilIris, Scene, seidel

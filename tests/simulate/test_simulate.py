@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan, preset
-from lfcal.errors import InputError
 from lfcal.psf import open_psf
 from lfcal.simulate import iter_simulate_psf, plan_effects, simulate_psf
 from lfcal.simulate.accuracy.sampling import step_for, steps_for

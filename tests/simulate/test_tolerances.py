@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lfcal.bench._effect_scenes import random_plan
+from benchmarks._effect_scenes import random_plan
 from lfcal.camera import ScanPlan, preset
 from lfcal.simulate.accuracy.planner import plan_effects
 from lfcal.simulate.accuracy.sampling import steps_for

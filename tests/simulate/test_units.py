@@ -11,9 +11,9 @@ from typing import Any
 
 import pytest
 
+from lfcal.base.errors import InputError
+from lfcal.base.progress import drain
 from lfcal.camera import ScanPlan
-from lfcal.errors import InputError
-from lfcal.progress import drain
 from lfcal.psf.layout import Stored
 from lfcal.psf.make import units_of
 from lfcal.simulate import simulate_psf

@@ -9,8 +9,8 @@ import mpmath as mp
 import numpy as np
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.camera import LensletLattice, LensType, Microscope
-from lfcal.errors import InputError
 from lfcal.simulate.engines import microscope, objective
 from lfcal.simulate.engines.base import PlaneEngine, Sampling
 from lfcal.simulate.engines.choose import engine_for

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan
-from lfcal.errors import InputError
 from lfcal.psf import PSFMatrix
 from lfcal.simulate import light_field, plume, points, simulate_psf, vesicle
 from lfcal.simulate.volume import iter_light_field

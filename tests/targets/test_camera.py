@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lfcal.base.errors import InputError
+from lfcal.base.progress import drain
 from lfcal.camera import ScanPlan
-from lfcal.errors import InputError
 from lfcal.frames import FrameSource
-from lfcal.progress import drain
 from lfcal.simulate.effects import Backlash, FieldCurvature, FiniteSource, Quantisation, ReadNoise, ShotNoise
 from lfcal.simulate.sensor.camera_source import SimulatedCamera
 from lfcal.targets import Pose, Target, TargetCamera, TargetPlan, uneven

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lfcal.base.errors import InputError
+from lfcal.base.progress import drain
 from lfcal.camera import ScanPlan
-from lfcal.errors import InputError
-from lfcal.progress import drain
 from lfcal.targets import Pose, Target, covering
 from lfcal.targets.covering import Covering, iter_cover
 from lfcal.targets.images import hole_images

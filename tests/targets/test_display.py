@@ -9,12 +9,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lfcal.errors import FileFormatError, InputError
+from lfcal.base.errors import FileFormatError, InputError
+from lfcal.base.progress import drain
 from lfcal.frames import ArraySource, CorrectionRecipe, corrected_view
 from lfcal.frames.source import FrameSource, Noise, Samples
 from lfcal.frames.view import SourceView
 from lfcal.multiplex import s_matrix
-from lfcal.progress import drain
 from lfcal.targets import (
     DecodedFrames,
     Display,

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.targets import FoundPoints, Pose, Target, find_points
 from lfcal.targets.finding import _shown
 from tests.targets.common import bench, scan_of

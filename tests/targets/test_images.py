@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.camera import Camera, MainLens, preset
-from lfcal.errors import InputError
 from lfcal.targets import Pose, Target, parse_target
 from lfcal.targets.images import hole_images
 from lfcal.targets.phases import Phases

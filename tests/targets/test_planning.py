@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.camera import Camera, Forecast, ScanPlan, StageAxes, preset
-from lfcal.errors import InputError
 from lfcal.targets import Pose, Target, TargetPlan, Wishes, parse_target, plan_target, propose_target
 from lfcal.targets.images import hole_images
 from lfcal.targets.phases import Phases

@@ -10,8 +10,8 @@ import pytest
 import scipy.fft as sf
 from numpy.typing import NDArray
 
+from lfcal.base.errors import InputError
 from lfcal.camera import Camera, ScanPlan
-from lfcal.errors import InputError
 from lfcal.targets.tails import Tails, simulated_tails
 from tests.targets.common import bench
 

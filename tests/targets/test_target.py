@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.targets import Pose, Target, parse_target, target_words
 from lfcal.targets.parsing import proposed_hole
 

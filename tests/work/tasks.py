@@ -9,9 +9,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from lfcal.errors import InputError, StorageError
-from lfcal.files import replace_whole
-from lfcal.progress import Clock, Work
+from lfcal.base.errors import InputError, StorageError
+from lfcal.base.files import replace_whole
+from lfcal.base.progress import Clock, Work
 from lfcal.work import Unit
 from lfcal.work.numbers import worker_number
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from lfcal.errors import InputError
-from lfcal.files import replace_whole
-from lfcal.progress import Clock, Work, drain
+from lfcal.base.errors import InputError
+from lfcal.base.files import replace_whole
+from lfcal.base.progress import Clock, Work, drain
 from lfcal.work import RunChoice, iter_made, parts_folder
 from lfcal.work.following import Following
 from lfcal.work.runs import was_joining

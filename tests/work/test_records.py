@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lfcal.axes import Position
-from lfcal.errors import FileFormatError, StorageError, UnsafeFileError
+from lfcal.base.axes import Position
+from lfcal.base.errors import FileFormatError, StorageError, UnsafeFileError
 from lfcal.psf.facts import Origin
 from lfcal.psf.quality.metric import Reading
 from lfcal.work.records import load_record, save_record

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from lfcal.errors import InputError, LfcalError, StorageError
-from lfcal.files import only_writer
-from lfcal.progress import Progress, drain
+from lfcal.base.errors import InputError, LfcalError, StorageError
+from lfcal.base.files import only_writer
+from lfcal.base.progress import Progress, drain
 from lfcal.work import Unit, iter_run, read_run
 from lfcal.work.executors.base import Event, What
 from lfcal.work.executors.processes import Processes, TaskFailed, WorkerLost
@@ -128,7 +128,7 @@ def test_a_disk_that_is_too_small_is_told_after_the_first_unit(
 
     def full(free: int) -> None:
         usage = shutil.disk_usage(folder)
-        monkeypatch.setattr("lfcal.files.shutil.disk_usage", lambda path: usage._replace(free=free))
+        monkeypatch.setattr("lfcal.base.files.shutil.disk_usage", lambda path: usage._replace(free=free))
 
     units = [unit(f"plane {k}", text=f"{k}" * size) for k in range(5)]
     folder.mkdir()
@@ -200,7 +200,7 @@ def test_a_file_that_another_program_holds_is_tried_again(
 
 
 def test_closing_ends_the_processes(folder: Path, tmp_path: Path) -> None:
-    from lfcal.system import is_alive
+    from lfcal.base.system import is_alive
 
     begun = tmp_path / "begun"
     work = iter_run([unit("b", "endless", begun=str(begun))], folder, Processes(1))

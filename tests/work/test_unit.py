@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from lfcal.base.errors import StorageError
 from lfcal.camera import PRESETS, preset
-from lfcal.errors import StorageError
 from lfcal.work.unit import Job, Unit, file_name
 from tests.work.tasks import unit
 

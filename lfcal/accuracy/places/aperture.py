@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from lfcal.accuracy.base import Rung
 from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
 from lfcal.accuracy.subject import Subject
+from lfcal.base.errors import InputError
 from lfcal.camera import Camera, MainLens, Sensor
-from lfcal.errors import InputError
 from lfcal.psf.aperture import fit_aperture
 from lfcal.simulate import plan_effects
 from lfcal.simulate.response import PlaneResponse

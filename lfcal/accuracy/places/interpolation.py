@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from lfcal.accuracy.base import Rung
 from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
 from lfcal.accuracy.subject import Subject
-from lfcal.axes import Position
+from lfcal.base.axes import Position
 from lfcal.camera import ScanPlan
 from lfcal.psf import Cutout
 from lfcal.psf.cutout import INTERPOLATIONS

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from lfcal.accuracy.base import Rung
 from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
 from lfcal.accuracy.subject import Subject
+from lfcal.base.errors import InputError
 from lfcal.camera import Forecast, ScanPlan
-from lfcal.errors import InputError
 from lfcal.simulate import plan_effects
 from lfcal.simulate.accuracy.sampling import step_for
 from lfcal.simulate.effects import Effect

@@ -7,7 +7,7 @@ from dataclasses import replace
 from lfcal.accuracy.base import Rung
 from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
 from lfcal.accuracy.subject import Subject
-from lfcal.plain import plain
+from lfcal.base.plain import plain
 from lfcal.simulate import iter_ladder, plan_effects
 from lfcal.simulate.accuracy.ladder import LadderRung, shown_steps
 from lfcal.simulate.engines.base import Sampling

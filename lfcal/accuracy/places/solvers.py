@@ -9,8 +9,8 @@ import numpy as np
 from lfcal.accuracy.base import Rung
 from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
 from lfcal.accuracy.subject import Subject
+from lfcal.base.errors import LfcalError
 from lfcal.camera import Sensor
-from lfcal.errors import LfcalError
 from lfcal.reconstruct import SOLVERS, Projector, SolverChoice, iter_reconstruct
 from lfcal.reconstruct.metrics import nrmse
 from lfcal.reconstruct.phantoms import phantom

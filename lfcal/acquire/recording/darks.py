@@ -13,7 +13,7 @@ from lfcal.acquire.recording.recorded import RecordedFile
 from lfcal.acquire.recording.records import Kind
 from lfcal.acquire.schedule import Schedule
 from lfcal.acquire.session_file import SessionFile
-from lfcal.errors import FileFormatError, StorageError
+from lfcal.base.errors import FileFormatError, StorageError
 from lfcal.frames.corrections.steps import Dark, average_frames, difference_variance
 from lfcal.frames.source import LeftOut
 

@@ -13,10 +13,10 @@ from lfcal.acquire.recording.recovery import restore
 from lfcal.acquire.recording.slots import RecordingJournal
 from lfcal.acquire.recording.verify import SessionReport
 from lfcal.acquire.session_file import SessionFile
-from lfcal.errors import FileFormatError
-from lfcal.files import replace_whole, require_space
+from lfcal.base.errors import FileFormatError
+from lfcal.base.files import replace_whole, require_space
+from lfcal.base.progress import Clock, Work
 from lfcal.frames.source import Position
-from lfcal.progress import Clock, Work
 
 __all__ = ["iter_repair"]
 

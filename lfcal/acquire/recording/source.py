@@ -18,9 +18,9 @@ from lfcal.acquire.recording.reader import RecordingFile
 from lfcal.acquire.recording.recorded import RecordedFile
 from lfcal.acquire.recording.records import Kind, Suspicion, file_name, suspicions
 from lfcal.acquire.session_file import Devices, SessionFile, frame_dtype
-from lfcal.axes import position_at
+from lfcal.base.axes import position_at
+from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan
-from lfcal.errors import InputError
 from lfcal.frames.damage import named
 from lfcal.frames.described import stated_noise
 from lfcal.frames.formats.codecs import codec_fact

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.compiled import njit
-from lfcal.errors import InputError
+from lfcal.base.compiled import njit
+from lfcal.base.errors import InputError
 
 __all__ = ["Levels", "levels"]
 

@@ -9,9 +9,9 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from lfcal.base.errors import FileFormatError, UnsafeFileError
+from lfcal.base.files import check_regular, storage_errors
 from lfcal.camera.description import Camera
-from lfcal.errors import FileFormatError, UnsafeFileError
-from lfcal.files import check_regular, storage_errors
 
 __all__ = ["CameraFormat", "Imported", "Wanted", "file_text", "number", "required"]
 

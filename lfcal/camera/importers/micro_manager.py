@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from lfcal.base.errors import FileFormatError, InputError
+from lfcal.base.plain import parse_json
 from lfcal.camera.draft import Draft
 from lfcal.camera.importers.camera_format import CameraFormat, Imported, Wanted
-from lfcal.errors import FileFormatError, InputError
-from lfcal.plain import parse_json
 
 __all__ = ["FORMAT"]
 

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from lfcal.base.errors import FileFormatError, InputError
+from lfcal.base.plain import parse_json
 from lfcal.camera.draft import Draft
 from lfcal.camera.importers.camera_format import CameraFormat, Imported, Wanted, number, required
-from lfcal.errors import FileFormatError, InputError
-from lfcal.plain import parse_json
 
 __all__ = ["FORMAT"]
 

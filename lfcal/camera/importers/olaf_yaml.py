@@ -9,9 +9,9 @@ from typing import Any
 
 import yaml
 
+from lfcal.base.errors import FileFormatError, InputError
 from lfcal.camera.draft import Draft
 from lfcal.camera.importers.camera_format import CameraFormat, Imported, Wanted, number, required
-from lfcal.errors import FileFormatError, InputError
 
 __all__ = ["FORMAT"]
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from lfcal.base.errors import FileFormatError
+from lfcal.base.registry import Registry
 from lfcal.camera.importers.camera_format import CameraFormat, Imported, Wanted, file_text
-from lfcal.errors import FileFormatError
-from lfcal.registry import Registry
 
 __all__ = ["CAMERA_FORMATS", "import_camera"]
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+from lfcal.base.errors import FileFormatError, InputError, UnsafeFileError
 from lfcal.camera.description import Camera
 from lfcal.camera.distortion import BrownDistortion
 from lfcal.camera.draft import Draft
@@ -16,7 +17,6 @@ from lfcal.camera.importers.camera_format import CameraFormat, Imported, Wanted,
 from lfcal.camera.importers.raytrix_grid import entry_of, float_of, lens_types, number_of, pair_of, placement
 from lfcal.camera.main_lens import Optics
 from lfcal.camera.sensor import Sensor
-from lfcal.errors import FileFormatError, InputError, UnsafeFileError
 
 __all__ = ["FORMAT", "read_raytrix_xml"]
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan
 from lfcal.devices.backends._aravis_lib import STATUS, AravisError, Library, library
 from lfcal.devices.backends._camera import CameraFacts
@@ -21,7 +22,6 @@ from lfcal.devices.errors import CameraError, DeviceLost, DeviceMissing, FrameTi
 from lfcal.devices.options import number_option
 from lfcal.devices.protocols import Frame, Roi, Setting
 from lfcal.devices.rig import Rig
-from lfcal.errors import InputError
 
 __all__ = ["BACKEND", "AravisBackend"]
 

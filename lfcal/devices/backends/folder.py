@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.errors import InputError, LfcalError
+from lfcal.base.files import replace_whole
 from lfcal.camera import ScanPlan
 from lfcal.devices.backends._camera import CameraFacts
 from lfcal.devices.backends._fixed_stage import ExternalStage
@@ -23,8 +25,6 @@ from lfcal.devices.errors import DeviceLost, FrameTimeout, IncompleteFrame
 from lfcal.devices.options import number_option
 from lfcal.devices.protocols import Frame, Roi, Setting
 from lfcal.devices.rig import Rig
-from lfcal.errors import InputError, LfcalError
-from lfcal.files import replace_whole
 from lfcal.frames.formats.opening import image_suffixes, read_image
 
 __all__ = ["BACKEND", "FolderBackend"]

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan
 from lfcal.devices.backends._camera import CameraFacts
 from lfcal.devices.backends._fixed_stage import NoStage
@@ -19,7 +20,6 @@ from lfcal.devices.backends._settings import GENICAM, NOTED, UNREADABLE, read_se
 from lfcal.devices.errors import CameraError, DeviceLost, DeviceMissing, FrameTimeout
 from lfcal.devices.protocols import Frame, Roi, Setting
 from lfcal.devices.rig import Rig
-from lfcal.errors import InputError
 
 __all__ = ["BACKEND", "GenTLBackend"]
 

@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan
 from lfcal.devices.backends._camera import CameraFacts
 from lfcal.devices.backends._settings import off_value, read_settings, switch_off
@@ -22,7 +23,6 @@ from lfcal.devices.errors import CameraError, DeviceError, DeviceLost, DeviceMis
 from lfcal.devices.options import limits_option
 from lfcal.devices.protocols import Frame, Limits, Point, Roi, Setting
 from lfcal.devices.rig import Rig
-from lfcal.errors import InputError
 
 __all__ = ["BACKEND", "MicroManagerBackend"]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from lfcal.checks import check_choice, check_number
-from lfcal.errors import InputError
+from lfcal.base.checks import check_choice, check_number
+from lfcal.base.errors import InputError
 
 __all__ = [
     "CAMERA_FAULTS",

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan
 from lfcal.camera.shadow import half_extent_px
 from lfcal.devices.protocols import Point, Roi
 from lfcal.devices.simulated.camera import LightPatch
-from lfcal.errors import InputError
 from lfcal.frames.source import FrameSource
 
 if TYPE_CHECKING:

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.errors import InputError
+from lfcal.base.files import read_text
+from lfcal.base.plain import parse_json
 from lfcal.camera import ScanPlan
 from lfcal.devices.protocols import Point, Rendered, Roi
 from lfcal.devices.simulated.camera import LightPatch, Renderer
 from lfcal.devices.simulated.optics import PatternRenderer, chosen_effects
-from lfcal.errors import InputError
-from lfcal.files import read_text
-from lfcal.plain import parse_json
 from lfcal.targets import Target, TargetCamera, TargetPlan, uneven
 
 __all__ = ["SwitchedRenderer", "TargetPattern", "TargetRenderer", "simulated_target"]

@@ -10,13 +10,13 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
+from lfcal.base.threads import for_each_chunk
 from lfcal.frames.corrections import _kernels
 from lfcal.frames.corrections.background import Background, Plane
 from lfcal.frames.corrections.defects import Defects, repair_nan
 from lfcal.frames.corrections.steps import Dark, DarkSet, Exposure, White
 from lfcal.frames.regions import Region, check_region, grow_region, region_shape, whole
-from lfcal.threads import for_each_chunk
 
 __all__ = ["CorrectionChain", "Step"]
 

@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.checks import check_number
-from lfcal.errors import InputError
+from lfcal.base.checks import check_number
+from lfcal.base.errors import InputError
+from lfcal.base.progress import Clock, Work, drained
+from lfcal.base.threads import for_each_chunk
 from lfcal.frames.cfa import pattern_side, same_colour_offsets
 from lfcal.frames.corrections import _kernels
 from lfcal.frames.corrections.defects import Defects
 from lfcal.frames.source import FrameSource
-from lfcal.progress import Clock, Work, drained
-from lfcal.threads import for_each_chunk
 
 __all__ = ["find_defects", "iter_find_defects"]
 

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.checks import check_choice
+from lfcal.base.errors import InputError, StorageError
 from lfcal.camera import ScanPlan
-from lfcal.checks import check_choice
-from lfcal.errors import InputError, StorageError
 from lfcal.frames.aligned import ShiftedSource, shifted
 from lfcal.frames.channels import channel_source
 from lfcal.frames.corrections.background import Background
@@ -140,7 +140,7 @@ def check_turned_colours(frames: FrameSource, plan: ScanPlan, recipe: Correction
     >>> from dataclasses import replace
     >>> import numpy as np
     >>> from lfcal.camera import ScanPlan, preset
-    >>> from lfcal.errors import InputError
+    >>> from lfcal.base.errors import InputError
     >>> from lfcal.frames import ArraySource, CorrectionRecipe, check_turned_colours
     >>> camera = preset("bench")
     >>> colour = replace(camera, sensor=replace(camera.sensor, cfa="RGGB"))

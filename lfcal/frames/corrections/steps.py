@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.checks import as_sensor_frame, check_exposure, check_number
-from lfcal.errors import InputError
+from lfcal.base.checks import as_sensor_frame, check_exposure, check_number
+from lfcal.base.errors import InputError
 from lfcal.frames.cfa import phases
 from lfcal.frames.regions import Region, clipped, moved
 

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import FileFormatError
+from lfcal.base.errors import FileFormatError
+from lfcal.base.h5.file import H5File
 from lfcal.frames.formats.codecs import codec_fact
 from lfcal.frames.formats.image_file import Format, ImageFile, check_samples
 from lfcal.frames.regions import check_region
-from lfcal.h5.file import H5File
 
 __all__ = ["Hdf5Image"]
 
@@ -37,7 +37,7 @@ class Hdf5Image(ImageFile):
     Raises
     ------
     FileFormatError, UnsafeFileError
-        As `lfcal.h5.dataset.H5Data`, or if there is not one stack to choose.
+        As `lfcal.base.h5.dataset.H5Data`, or if there is not one stack to choose.
     """
 
     def __init__(self, path: Path, dataset: str | None = None) -> None:

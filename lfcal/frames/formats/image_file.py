@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.checks import MAX_SAMPLE
-from lfcal.errors import FileFormatError, LfcalError, UnsafeFileError
-from lfcal.files import MAX_EXPANSION, storage_errors
+from lfcal.base.checks import MAX_SAMPLE
+from lfcal.base.errors import FileFormatError, LfcalError, UnsafeFileError
+from lfcal.base.files import MAX_EXPANSION, storage_errors
+from lfcal.base.units import format_bytes
 from lfcal.frames.regions import check_region
-from lfcal.units import format_bytes
 
 __all__ = ["MAX_SIDE", "Format", "ImageFile", "check_declared", "check_grey", "check_samples", "decoding"]
 

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import FileFormatError, UnsafeFileError
+from lfcal.base.errors import FileFormatError, UnsafeFileError
+from lfcal.base.npy import map_npy
 from lfcal.frames.formats.codecs import codec_fact
 from lfcal.frames.formats.image_file import Format, ImageFile, check_samples
 from lfcal.frames.regions import check_region
-from lfcal.npy import map_npy
 
 __all__ = ["NpyImage"]
 

@@ -8,10 +8,10 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from lfcal.errors import FileFormatError, InputError
-from lfcal.files import check_regular, storage_errors
+from lfcal.base.errors import FileFormatError, InputError
+from lfcal.base.files import check_regular, storage_errors
+from lfcal.base.registry import Registry
 from lfcal.frames.formats.image_file import Format, ImageFile
-from lfcal.registry import Registry
 
 __all__ = ["FORMATS", "image_suffixes", "open_image", "read_image"]
 

@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.frames.formats.opening import image_suffixes
 from lfcal.frames.lists.table import Table
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.errors import InputError
 from lfcal.camera import Camera, StageAxes
-from lfcal.errors import InputError
 from lfcal.frames.lists.listing import Listing
 
 __all__ = ["LEAST", "MOST", "Depths", "ListedPlanes", "find_depths", "with_depths"]

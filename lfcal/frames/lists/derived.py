@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.errors import InputError
 from lfcal.camera import Camera, ScanPlan, StageAxes
-from lfcal.errors import InputError
 from lfcal.frames.lists.columns import LENGTHS
 from lfcal.frames.lists.depths import ListedPlanes, find_depths, with_depths
 from lfcal.frames.lists.grid import PlaneGrid, ScanGrid

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.errors import FileFormatError, InputError
 from lfcal.camera import ScanPlan
-from lfcal.errors import FileFormatError, InputError
 from lfcal.frames.lists.listing import Listing
 from lfcal.frames.lists.motion import Part
 from lfcal.frames.lists.names import find_files

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from lfcal.errors import FileFormatError
-from lfcal.files import read_text
+from lfcal.base.errors import FileFormatError
+from lfcal.base.files import read_text
+from lfcal.base.plain import parse_json
 from lfcal.frames.lists.listing import Listing
 from lfcal.frames.part import parse_roi
-from lfcal.plain import parse_json
 
 __all__ = ["micromanager_list", "read_micromanager"]
 

@@ -9,8 +9,8 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from lfcal.errors import FileFormatError, StorageError
-from lfcal.files import read_text
+from lfcal.base.errors import FileFormatError, StorageError
+from lfcal.base.files import read_text
 from lfcal.frames.formats.opening import image_suffixes, open_image
 from lfcal.frames.lists.entries import located, manifest_of
 from lfcal.frames.lists.lie import AUTO, CHECK

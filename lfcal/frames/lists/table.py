@@ -9,8 +9,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from lfcal.errors import FileFormatError
-from lfcal.files import read_text
+from lfcal.base.errors import FileFormatError
+from lfcal.base.files import read_text
 
 __all__ = ["TABLE_SUFFIXES", "Table", "read_table"]
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import InputError, StorageError
+from lfcal.base.errors import InputError, StorageError
 from lfcal.frames.aligned import shifted
 from lfcal.frames.formats.opening import image_suffixes, open_image
 

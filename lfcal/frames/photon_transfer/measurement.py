@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
+from lfcal.base.progress import Clock, Work, drained
 from lfcal.frames.cfa import channel_names
 from lfcal.frames.photon_transfer.checks import doubts_of, notes_of
 from lfcal.frames.photon_transfer.converter import Converter, ConverterScan
@@ -28,7 +29,6 @@ from lfcal.frames.photon_transfer.pairs import TransferPoints
 from lfcal.frames.photon_transfer.pattern import find_dead, measure_prnu
 from lfcal.frames.photon_transfer.result import SensorMeasurement
 from lfcal.frames.photon_transfer.values import MeasuredValue
-from lfcal.progress import Clock, Work, drained
 
 __all__ = ["iter_measure_sensor", "measure_sensor"]
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
+from lfcal.base.errors import InputError
 from lfcal.camera import Camera, Sensor
-from lfcal.errors import InputError
 from lfcal.frames.photon_transfer.curve import PhotonTransferCurve
 from lfcal.frames.photon_transfer.values import MeasuredValue
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from lfcal.base.errors import InputError
+from lfcal.base.units import format_number
 from lfcal.camera import Sensor
-from lfcal.errors import InputError
 from lfcal.frames.photon_transfer.result import SensorMeasurement
 from lfcal.frames.photon_transfer.values import MeasuredValue
-from lfcal.units import format_number
 
 __all__ = ["figures_of", "unlike"]
 

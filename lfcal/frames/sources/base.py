@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
 
+from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan
-from lfcal.errors import InputError
 from lfcal.frames.manifest import Manifest
 from lfcal.frames.orientation import AS_IS
 from lfcal.frames.positions import NamePattern

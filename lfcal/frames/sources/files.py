@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from lfcal.errors import FileFormatError, InputError
+from lfcal.base.errors import FileFormatError, InputError
 from lfcal.frames.formats.image_file import ImageFile
 from lfcal.frames.formats.opening import image_suffixes, open_image
 from lfcal.frames.lists.micromanager import micromanager_list

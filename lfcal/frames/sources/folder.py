@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.checks import check_choice
-from lfcal.errors import FileFormatError, InputError, StorageError
+from lfcal.base.checks import check_choice
+from lfcal.base.errors import FileFormatError, InputError, StorageError
 from lfcal.frames.cfa import check_greens
 from lfcal.frames.damage import named
 from lfcal.frames.formats.image_file import ImageFile

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
+from lfcal.base.errors import InputError
 from lfcal.camera import Camera, MainLens
-from lfcal.errors import InputError
 from lfcal.psf.aperture.shape import Aperture, polygon_area
 
 __all__ = ["expected_aperture", "footprint_px"]

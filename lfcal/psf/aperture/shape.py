@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.psf.aperture.arcs import Arcs
 
 __all__ = [

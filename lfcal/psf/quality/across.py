@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.errors import InputError
 from lfcal.camera import Camera, Microscope
-from lfcal.errors import InputError
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.quality.expected import footprint_variance
 from lfcal.psf.quality.measure import PlaneMeasures

@@ -7,8 +7,8 @@ the others are estimates that put a metric in its place among them.
 
 from __future__ import annotations
 
+from lfcal.base.registry import Registry
 from lfcal.psf.quality.metric import MetricSpec
-from lfcal.registry import Registry
 
 __all__ = ["METRICS"]
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.threads import for_each_chunk
 from lfcal.camera import Camera
 from lfcal.psf.quality.kernels import spot_pass
-from lfcal.threads import for_each_chunk
 
 __all__ = ["ORDERS", "SpotLattice", "displacements", "find_spots", "wave_vectors"]
 

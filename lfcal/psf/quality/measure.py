@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.progress import Clock, Work
+from lfcal.base.progress import Clock, Work
+from lfcal.base.threads import for_each_chunk
 from lfcal.psf.aperture import Aperture
 from lfcal.psf.half_cell import copied_positions
 from lfcal.psf.matrix import PSFMatrix
@@ -22,7 +23,6 @@ from lfcal.psf.quality.steps import odd_frames, seam_ratio, unlike_displaced
 from lfcal.psf.quality.sums import DOUBT, EdgeLight, edge_light
 from lfcal.psf.quality.sums import diameter as diameter_of
 from lfcal.psf.quality.sums import spread as spread_of
-from lfcal.threads import for_each_chunk
 
 __all__ = ["PASSES", "Continuity", "Faulty", "PlaneContext", "PlaneMeasures", "iter_measure"]
 

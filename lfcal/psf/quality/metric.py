@@ -10,9 +10,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.units import format_number
 from lfcal.psf.quality.across import MatrixMeasures
 from lfcal.psf.quality.measure import PlaneMeasures
-from lfcal.units import format_number
 
 __all__ = ["RANK", "UNKNOWN", "CostModel", "Limits", "Merit", "Metric", "MetricSpec", "Reading", "judge"]
 

@@ -9,11 +9,11 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.units import format_count, format_length, format_plane
 from lfcal.psf.aperture import Aperture, FNumber, Iris
 from lfcal.psf.quality.metric import RANK, Merit, Metric
 from lfcal.psf.quality.periodicity import Periodicity
 from lfcal.psf.quality.verdict import QualityProblem, counted, judged_sentence, merit_of, problems_of
-from lfcal.units import format_count, format_length, format_plane
 
 __all__ = ["QualityReport"]
 

@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from lfcal.base.units import format_count
 from lfcal.psf.quality.metric import RANK, Merit, Metric
-from lfcal.units import format_count
 
 __all__ = [
     "BAD",

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from lfcal.errors import one_line
+from lfcal.base.errors import one_line
+from lfcal.base.units import format_bytes, format_length, format_plane, format_seconds
 from lfcal.psf.aperture import Aperture
 from lfcal.psf.aperture.shape import KINDS, with_error
 from lfcal.psf.compare import Comparison
@@ -20,7 +21,6 @@ from lfcal.psf.quality.verdict import counted_words, merit_of, merit_word
 from lfcal.psf.report.beside import Beside
 from lfcal.psf.report.parts import document, figures, section, table, text
 from lfcal.psf.report.pictures import ReportPicture
-from lfcal.units import format_bytes, format_length, format_plane, format_seconds
 
 __all__ = ["limits", "page", "redo_of", "value_text"]
 

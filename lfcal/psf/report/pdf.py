@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lfcal import __version__
-from lfcal.errors import one_line
-from lfcal.figures import COLOURS, figure
+from lfcal.base.errors import one_line
+from lfcal.base.figures import COLOURS, figure
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.quality import QualityReport
 from lfcal.psf.quality.verdict import counted_words, merit_word

@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.figures import LINES, draw_image, figure
+from lfcal.base.figures import LINES, draw_image, figure
+from lfcal.base.units import format_plane
 from lfcal.psf.aperture import Aperture, expected_aperture
 from lfcal.psf.aperture.shape import KINDS
 from lfcal.psf.compare import Comparison
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.quality import Metric, QualityReport
 from lfcal.psf.transpose import depth_sum
-from lfcal.units import format_plane
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -10,10 +10,10 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from lfcal.errors import InputError, StorageError, one_line
-from lfcal.files import replace_whole
-from lfcal.plain import plain
-from lfcal.progress import Clock, Work, drained
+from lfcal.base.errors import InputError, StorageError, one_line
+from lfcal.base.files import replace_whole
+from lfcal.base.plain import plain
+from lfcal.base.progress import Clock, Work, drained
 from lfcal.psf.compare import Comparison, iter_compare
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.quality import QualityReport, iter_inspect

@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import InputError
-from lfcal.system import free_memory
+from lfcal.base.errors import InputError
+from lfcal.base.system import free_memory
 
 __all__ = ["DEVICES", "ArrayDevice", "check_arithmetic", "device_count", "driver_present", "find_device"]
 

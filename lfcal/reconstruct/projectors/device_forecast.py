@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
+from lfcal.base.units import format_bytes
 from lfcal.reconstruct.projectors.device import ArrayDevice
 from lfcal.reconstruct.projectors.device_direct import direct_bytes
 from lfcal.reconstruct.projectors.device_polyphase import band_bytes
@@ -21,7 +22,6 @@ from lfcal.reconstruct.projectors.forecast import PAIRS, REDUCED, ProjectionFore
 from lfcal.reconstruct.projectors.nodes import Nodes
 from lfcal.reconstruct.projectors.reduction import quickest_spacing
 from lfcal.reconstruct.projectors.tiles import TilePlan
-from lfcal.units import format_bytes
 
 __all__ = ["ON_DEVICES", "DeviceRates", "device_forecast", "device_rates"]
 

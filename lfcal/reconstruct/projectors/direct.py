@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.threads import chunks, in_order, one_blas_thread, worker_count
 from lfcal.reconstruct.projectors._kernels import Tiling, gather_windows, lay_patterns, overlap_add
 from lfcal.reconstruct.projectors.grid import Grid
 from lfcal.reconstruct.projectors.nodes import Nodes, source_places
 from lfcal.reconstruct.projectors.planes import centre_of, runs_of_rows, trim
-from lfcal.threads import chunks, in_order, one_blas_thread, worker_count
 
 __all__ = [
     "PARTS",

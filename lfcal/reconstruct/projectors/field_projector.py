@@ -11,8 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from lfcal.errors import InputError
-from lfcal.progress import Clock, Work
+from lfcal.base.errors import InputError
+from lfcal.base.progress import Clock, Work
+from lfcal.base.system import free_memory
+from lfcal.base.threads import worker_count
+from lfcal.base.units import format_bytes
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.reconstruct.projectors.blending import field_weights
 from lfcal.reconstruct.projectors.device import ArrayDevice, find_device
@@ -22,9 +25,6 @@ from lfcal.reconstruct.projectors.grid import Grid, anchor_pixel
 from lfcal.reconstruct.projectors.planes import PlaneReader
 from lfcal.reconstruct.projectors.projector import Projector, _remade
 from lfcal.reconstruct.projectors.recipe import BESIDE
-from lfcal.system import free_memory
-from lfcal.threads import worker_count
-from lfcal.units import format_bytes
 
 __all__ = ["FieldProjector"]
 

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
+from lfcal.base.units import format_bytes, format_seconds
 from lfcal.reconstruct.projectors import rates
 from lfcal.reconstruct.projectors.direct import (
     PARTS,
@@ -28,7 +29,6 @@ from lfcal.reconstruct.projectors.planes import PlaneReader
 from lfcal.reconstruct.projectors.recipe import Tiles
 from lfcal.reconstruct.projectors.reduction import quickest_spacing
 from lfcal.reconstruct.projectors.tiles import TilePlan
-from lfcal.units import format_bytes, format_seconds
 
 __all__ = [
     "METHODS",

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.axes import centre, check_cutout
-from lfcal.checks import check_number
-from lfcal.errors import InputError
+from lfcal.base.axes import centre, check_cutout
+from lfcal.base.checks import check_number
+from lfcal.base.errors import InputError
 
 __all__ = ["Grid", "anchor_pixel"]
 

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.axes import check_psf_shape
-from lfcal.checks import MAX_SAMPLE
-from lfcal.errors import InputError
+from lfcal.base.axes import check_psf_shape
+from lfcal.base.checks import MAX_SAMPLE
+from lfcal.base.errors import InputError
 from lfcal.psf.denoising import denoised
 from lfcal.reconstruct.projectors.reduction import sampled_share
 

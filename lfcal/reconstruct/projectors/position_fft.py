@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.threads import worker_count
 from lfcal.reconstruct.projectors.grid import Grid
-from lfcal.threads import worker_count
 
 __all__ = ["PositionFFT"]
 

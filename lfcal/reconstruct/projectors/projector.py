@@ -11,9 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from lfcal.checks import check_number
-from lfcal.errors import InputError
-from lfcal.progress import Clock, Work, drained
+from lfcal.base.checks import check_number
+from lfcal.base.errors import InputError
+from lfcal.base.progress import Clock, Work, drained
+from lfcal.base.system import free_memory
+from lfcal.base.threads import for_each_chunk, worker_count
 from lfcal.psf.denoising import mean_noise
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.reconstruct.projectors.device import ArrayDevice
@@ -34,8 +36,6 @@ from lfcal.reconstruct.projectors.recipe import Tiles, read_recipe, recipe_of
 from lfcal.reconstruct.projectors.reduced import Reduced
 from lfcal.reconstruct.projectors.reduction import SPACINGS
 from lfcal.reconstruct.projectors.sparse import Sparse
-from lfcal.system import free_memory
-from lfcal.threads import for_each_chunk, worker_count
 
 __all__ = ["Projector"]
 

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.threads import for_each_chunk
 from lfcal.reconstruct.projectors._reduction_kernels import Corners, left_over
 from lfcal.reconstruct.projectors.nodes import Nodes
-from lfcal.threads import for_each_chunk
 
 __all__ = ["SPACINGS", "Reduction", "quickest_spacing", "reduce_plane", "relative_work", "sampled_share"]
 

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
+from lfcal.base.threads import for_each_chunk
 from lfcal.reconstruct.solvers.planes import plane_threads
 from lfcal.reconstruct.solvers.records import SolverState
-from lfcal.threads import for_each_chunk
 
 __all__ = ["ACCELERATIONS", "extrapolate", "remember"]
 

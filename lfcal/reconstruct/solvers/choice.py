@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.checks import MAX_SAMPLE, check_choice, check_number
-from lfcal.errors import InputError
-from lfcal.progress import drained
+from lfcal.base.checks import MAX_SAMPLE, check_choice, check_number
+from lfcal.base.errors import InputError
+from lfcal.base.progress import drained
+from lfcal.base.registry import Registry
 from lfcal.reconstruct.margin import cropped, widened, widened_start
 from lfcal.reconstruct.projectors.projector import Projector
 from lfcal.reconstruct.resample import drift_note
@@ -20,7 +21,6 @@ from lfcal.reconstruct.solvers.measurement import check_counts, foretold
 from lfcal.reconstruct.solvers.records import Reconstruction, SolverProgress, SolverState, SolverWork
 from lfcal.reconstruct.solvers.solver import Solver, SolverRun
 from lfcal.reconstruct.solvers.stopping import GOALS, STOPS, iter_until_best, iter_until_noise, left_out_pixels, misfit
-from lfcal.registry import Registry
 
 __all__ = ["SOLVERS", "SolverChoice", "find_solvers", "iter_reconstruct", "iter_solve", "reconstruct"]
 

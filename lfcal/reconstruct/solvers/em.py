@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
+from lfcal.base.threads import in_order
 from lfcal.reconstruct.projectors.projector import Projector
 from lfcal.reconstruct.solvers.acceleration import check_acceleration, extrapolate, remember
 from lfcal.reconstruct.solvers.measurement import GoodnessOfFit, Measurement, no_light
@@ -32,7 +33,6 @@ from lfcal.reconstruct.solvers.smoothing import DepthSmoothing
 from lfcal.reconstruct.solvers.solver import EM, Solver, SolverRun, SolverSettings
 from lfcal.reconstruct.solvers.stretch import Stretch, best_share, weaker
 from lfcal.reconstruct.solvers.subsets import Masks, check_partition
-from lfcal.threads import in_order
 
 __all__ = ["EmOptions", "EmUpdates", "IsraSettings", "RichardsonLucySettings", "iter_em", "iter_run", "penalised"]
 

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from lfcal.checks import MAX_SAMPLE, check_number
-from lfcal.errors import InputError
-from lfcal.threads import in_order
-from lfcal.units import format_count
+from lfcal.base.checks import MAX_SAMPLE, check_number
+from lfcal.base.errors import InputError
+from lfcal.base.threads import in_order
+from lfcal.base.units import format_count
 
 __all__ = ["GoodnessOfFit", "Measurement", "NothingMeasured", "check_counts", "foretold", "no_light"]
 

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.progress import Progress
+from lfcal.base.progress import Progress
+from lfcal.base.threads import in_order
 from lfcal.reconstruct.solvers.planes import plane_threads
-from lfcal.threads import in_order
 
 __all__ = [
     "Reconstruction",

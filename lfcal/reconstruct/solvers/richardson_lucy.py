@@ -6,7 +6,7 @@ from functools import partial
 
 from numpy.typing import ArrayLike
 
-from lfcal.progress import drained
+from lfcal.base.progress import drained
 from lfcal.reconstruct.projectors.projector import Projector
 from lfcal.reconstruct.solvers.em import EmOptions, RichardsonLucySettings, iter_em, iter_run
 from lfcal.reconstruct.solvers.records import SolverWork

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
+from lfcal.base.threads import for_each_chunk
 from lfcal.reconstruct.solvers.planes import separable
-from lfcal.threads import for_each_chunk
 
 __all__ = ["SIEVE", "DepthSmoothing", "Sieve", "coarseness", "lanczos_kernel", "smoothing_widths"]
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.reconstruct.projectors.grid import Grid
 
 __all__ = ["angular_subsets", "by_energy", "interleaved_subsets"]

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lfcal.base.compiled import preparing_seconds
 from lfcal.camera import ScanPlan
-from lfcal.compiled import preparing_seconds
 from lfcal.simulate.accuracy.cost import engine_seconds
 from lfcal.simulate.effects import Effect
 from lfcal.simulate.engines.base import PlaneEngine, Sampling

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.errors import LfcalError
 from lfcal.camera import ScanPlan
-from lfcal.errors import LfcalError
 from lfcal.simulate.accuracy.cost import few_seconds
 from lfcal.simulate.accuracy.sampling import LevelSampling, finer, step_for
 from lfcal.simulate.effects.base import Effect, FrameEffect, LightEffect, MotionEffect

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.errors import InputError, LfcalError
+from lfcal.base.progress import Clock, Progress, Work, drained
 from lfcal.camera import Camera, ScanPlan
-from lfcal.errors import InputError, LfcalError
-from lfcal.progress import Clock, Progress, Work, drained
 from lfcal.simulate.accuracy.forecast import Whole, own_rows, whole_of
 from lfcal.simulate.accuracy.probe import LARGEST_GRID
 from lfcal.simulate.accuracy.sampling import LevelSampling, steps_for
@@ -338,7 +338,7 @@ def draw_ladder(found: Ladder, path: str | os.PathLike[str], title: str = "") ->
     >>> Path("ladder.png").read_bytes()[1:4]
     b'PNG'
     """
-    from lfcal.figures import COLOURS, LINES, figure, save_figure
+    from lfcal.base.figures import COLOURS, LINES, figure, save_figure
 
     if not found.rungs:
         raise LfcalError("accuracy against time: no rung was computed; try a finer sampling")

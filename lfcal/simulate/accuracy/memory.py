@@ -8,6 +8,7 @@ from itertools import product
 
 import numpy as np
 
+from lfcal.base.threads import worker_count
 from lfcal.camera import ScanPlan
 from lfcal.simulate.accuracy.probe import places
 from lfcal.simulate.accuracy.sampling import LevelSampling, grid_extent, steps_for, tilt_orders
@@ -16,7 +17,6 @@ from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.plane_task import EffectsLike, PlaneTask, budgeted
 from lfcal.simulate.scene import Scene
 from lfcal.simulate.staging import filter_kernel, resolve_level, scene_for
-from lfcal.threads import worker_count
 
 __all__ = ["engine_bytes", "predict_bytes", "task_bytes"]
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.simulate.accuracy.sampling import DEBYE_GAIN, WIDEST, LevelSampling, finer, steps_for
 from lfcal.simulate.engines.base import EnergyError, PlaneEngine, Sampling
 from lfcal.simulate.engines.choose import engine_for

@@ -27,7 +27,7 @@ entry point group ``lfcal.effects`` (``docs/adding_an_effect.md``).
 
 from typing import TYPE_CHECKING
 
-from lfcal.face import lazy_face
+from lfcal._lazy import lazy_face
 
 if TYPE_CHECKING:
     from lfcal.simulate.effects._face import *  # noqa: F403

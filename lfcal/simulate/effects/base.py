@@ -16,8 +16,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.checks import check_number
 from lfcal.camera import Camera, has_value, value_at
-from lfcal.checks import check_number
 from lfcal.simulate.effects.outlook import Outlook
 from lfcal.simulate.scene import Scene
 

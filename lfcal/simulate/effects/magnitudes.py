@@ -8,9 +8,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
+from lfcal.base.checks import check_choice, check_commas
+from lfcal.base.errors import InputError
 from lfcal.camera import QUANTITIES, Camera
-from lfcal.checks import check_choice, check_commas
-from lfcal.errors import InputError
 from lfcal.simulate.effects.base import Effect
 
 __all__ = ["GIVEN", "Magnitude", "magnitudes_of", "number_in", "units_of"]

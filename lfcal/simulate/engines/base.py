@@ -10,8 +10,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.checks import check_number
-from lfcal.errors import LfcalError
+from lfcal.base.checks import check_number
+from lfcal.base.errors import LfcalError
 from lfcal.simulate.scene import Scene
 
 __all__ = ["LEVELS", "Certificate", "Displaceable", "EnergyError", "PlaneEngine", "Sampling"]

@@ -13,13 +13,13 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lfcal.base.threads import for_each_chunk
 from lfcal.simulate.engines._spots import LitLenslets, Shapes, SpotDrawing, draw_spots
 from lfcal.simulate.engines.base import Certificate, Ledger, Pilot
 from lfcal.simulate.engines.polygon import Points, half_planes, iris_outline, regular
 from lfcal.simulate.engines.tables import aperture_outline
 from lfcal.simulate.pupil import pixel_response
 from lfcal.simulate.scene import Scene
-from lfcal.threads import for_each_chunk
 
 __all__ = ["GeometricPlane"]
 

@@ -19,8 +19,9 @@ import numpy as np
 import scipy.fft as sf
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.errors import InputError
-from lfcal.progress import leave_if_unwanted
+from lfcal.base.errors import InputError
+from lfcal.base.progress import leave_if_unwanted
+from lfcal.base.threads import for_each_chunk
 from lfcal.simulate.engines._binning import bin_light
 from lfcal.simulate.engines._kernels import LensAperture, Split, mask_from_disc, mask_from_table
 from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot, Sampling
@@ -41,7 +42,6 @@ from lfcal.simulate.engines.tilted import TiltedArray
 from lfcal.simulate.pupil import pixel_response
 from lfcal.simulate.scene import Scene
 from lfcal.simulate.symmetry import mirrored_rows
-from lfcal.threads import for_each_chunk
 
 if TYPE_CHECKING:
     from lfcal.simulate.engines.fused import FusedResponse

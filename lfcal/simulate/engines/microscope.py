@@ -25,7 +25,8 @@ import numpy as np
 import scipy.fft as sf
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
+from lfcal.base.threads import for_each_chunk
 from lfcal.simulate.engines._separable import fold_rows, in_blocks, node_light, pixel_sums, product
 from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot, PlaneEngine, Sampling
 from lfcal.simulate.engines.debye import debye_fields, radial_field
@@ -33,7 +34,6 @@ from lfcal.simulate.engines.fields_sum import wave_plane
 from lfcal.simulate.engines.masks import taper
 from lfcal.simulate.engines.nodes import fitted_rule
 from lfcal.simulate.scene import Scene
-from lfcal.threads import for_each_chunk
 
 __all__ = ["DebyePlane", "debye_plane", "highest_order", "is_separable", "reach_um"]
 

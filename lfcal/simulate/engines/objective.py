@@ -23,8 +23,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.errors import InputError
 from lfcal.camera import Microscope
-from lfcal.errors import InputError
 from lfcal.simulate.engines.quadrature import gauss_legendre
 from lfcal.simulate.engines.radial import SPARE_NODES
 from lfcal.simulate.engines.zernike import zernike_radial

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import j1
 
-from lfcal.compiled import njit
+from lfcal.base.compiled import njit
+from lfcal.base.threads import for_each_chunk
 from lfcal.simulate.scene import PupilIris
-from lfcal.threads import for_each_chunk
 
 __all__ = ["area", "clip", "disc_transform", "half_planes", "iris_outline", "regular", "spectrum", "transform"]
 

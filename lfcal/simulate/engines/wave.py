@@ -20,7 +20,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.progress import leave_if_unwanted
+from lfcal.base.progress import leave_if_unwanted
+from lfcal.base.threads import for_each_chunk
 from lfcal.simulate.engines._kernels import LightTarget, Optics, respond
 from lfcal.simulate.engines._lenslets import SPOT, LensletLight, LensletWindow, select, square_fields
 from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot, Sampling
@@ -31,7 +32,6 @@ from lfcal.simulate.engines.tails import Tail, tail_of
 from lfcal.simulate.pupil import pixel_response
 from lfcal.simulate.scene import Scene
 from lfcal.simulate.symmetry import mirrored_rows
-from lfcal.threads import for_each_chunk
 
 __all__ = ["WavePlane"]
 

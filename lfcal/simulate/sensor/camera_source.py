@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.axes import Position, centre
+from lfcal.base.axes import Position, centre
+from lfcal.base.checks import check_number
+from lfcal.base.errors import InputError
+from lfcal.base.files import read_text
 from lfcal.camera import ScanPlan
 from lfcal.camera.plan import FORMAT as PLAN_FORMAT
-from lfcal.checks import check_number
-from lfcal.errors import InputError
-from lfcal.files import read_text
 from lfcal.frames.regions import Region, check_region
 from lfcal.frames.source import FrameInfo, FrameMetadata, Frames
 from lfcal.frames.sources.base import FrameOptions, SourceKind

@@ -14,8 +14,8 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.errors import InputError
 from lfcal.camera import Camera
-from lfcal.errors import InputError
 from lfcal.frames.source import Noise
 from lfcal.simulate.effects.base import Effect, FrameEffect, SensorStrip
 from lfcal.simulate.effects.sensor import ReadNoise, ShotNoise

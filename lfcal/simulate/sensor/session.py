@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal import __version__
-from lfcal.errors import InputError
-from lfcal.files import read_text, replace_whole, require_space, storage_errors
-from lfcal.plain import plain
-from lfcal.progress import Clock, Work, drained
+from lfcal.base.errors import InputError
+from lfcal.base.files import read_text, replace_whole, require_space, storage_errors
+from lfcal.base.plain import plain
+from lfcal.base.progress import Clock, Work, drained
 from lfcal.simulate.plane_task import describe
 from lfcal.simulate.sensor.camera_source import SimulatedCamera
 

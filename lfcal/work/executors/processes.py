@@ -15,9 +15,9 @@ from multiprocessing.connection import Connection, wait
 from types import ModuleType
 from typing import Any, Self
 
-from lfcal.errors import LfcalError, StorageError
-from lfcal.progress import Progress, drain
-from lfcal.threads import bounded_threads, worker_count
+from lfcal.base.errors import LfcalError, StorageError
+from lfcal.base.progress import Progress, drain
+from lfcal.base.threads import bounded_threads, worker_count
 from lfcal.work.executors.base import Event, ExecutorKind, What
 from lfcal.work.numbers import numbered
 from lfcal.work.unit import Job

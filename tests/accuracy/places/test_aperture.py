@@ -10,8 +10,8 @@ import pytest
 
 from lfcal.accuracy import PLACES, Subject, measure_curve
 from lfcal.accuracy.places.aperture import FULL, iris_diameter_px, noisy_sum
+from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan, preset
-from lfcal.errors import InputError
 
 
 def test_the_diameter_is_that_of_a_ray_trace() -> None:

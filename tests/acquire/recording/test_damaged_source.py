@@ -15,10 +15,10 @@ from lfcal.acquire.recording.records import Kind
 from lfcal.acquire.recording.source import RecordingSource
 from lfcal.acquire.session import record
 from lfcal.acquire.session_file import SessionFile
-from lfcal.errors import FileFormatError, InputError
+from lfcal.base.errors import FileFormatError, InputError
+from lfcal.base.progress import drain
 from lfcal.frames import CorrectionRecipe
 from lfcal.frames.source import Position
-from lfcal.progress import drain
 from lfcal.psf import AssemblyReport, AssemblySettings, open_psf
 from tests.acquire.rigs import CAREFUL, rig_for, small_plan
 from tests.acquire.rotting import ROTS, cut, rot_frame, wipe, wipe_record

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from lfcal.acquire.recording.durable import FolderLock
-from lfcal.errors import StorageError
+from lfcal.base.errors import StorageError
 
 
 def test_second_program_is_kept_out_and_a_killed_one_is_not(tmp_path: Path) -> None:

@@ -20,11 +20,11 @@ from lfcal.acquire.recording.verify import verify
 from lfcal.acquire.runner import Outcome
 from lfcal.acquire.session import iter_record, record
 from lfcal.acquire.session_file import SessionFile
+from lfcal.base.errors import FileFormatError, InputError
+from lfcal.base.progress import drain
 from lfcal.camera import StageAxes
 from lfcal.devices.simulated.faults import DeviceFault
-from lfcal.errors import FileFormatError, InputError
 from lfcal.frames.source import Position
-from lfcal.progress import drain
 from lfcal.psf import AssemblySettings, PSFMatrix
 from tests.acquire.rigs import CAREFUL, rig_for, small_plan
 from tests.acquire.rotting import ROTS, cut, rot_frame, wipe

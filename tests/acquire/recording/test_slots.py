@@ -18,7 +18,7 @@ from lfcal.acquire.recording import slots as journal_module
 from lfcal.acquire.recording.reader import RecordingFile
 from lfcal.acquire.recording.records import RECORD, Kind, Note, Suspicion, frame_crc, intact, pack, suspicions
 from lfcal.acquire.recording.slots import RecordingJournal, read_layout
-from lfcal.errors import FileFormatError, StorageError
+from lfcal.base.errors import FileFormatError, StorageError
 
 SHAPE = (11, 13)
 RNG = np.random.default_rng(5)

@@ -15,9 +15,9 @@ from lfcal.acquire.recording.slots import read_layout
 from lfcal.acquire.recording.verify import iter_verify, verify
 from lfcal.acquire.session import iter_record, record
 from lfcal.acquire.session_file import SessionFile
-from lfcal.errors import FileFormatError, StorageError
+from lfcal.base.errors import FileFormatError, StorageError
+from lfcal.base.progress import drain
 from lfcal.frames.source import Position
-from lfcal.progress import drain
 from tests.acquire.rigs import CAREFUL, rig_for, small_plan
 from tests.acquire.rotting import PAGE, ROTS, cut, frames_on_page, rot_frame, rot_record, wipe, wipe_record
 

@@ -11,7 +11,7 @@ import pytest
 from lfcal.acquire.recording.records import Kind, Note
 from lfcal.acquire.recording.writer import Writer
 from lfcal.acquire.schedule import ScheduledFrame
-from lfcal.errors import StorageError
+from lfcal.base.errors import StorageError
 
 FRAME = np.zeros((2, 2), np.uint16)
 

@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
+from lfcal.base.errors import FileFormatError, InputError, StorageError, UnsafeFileError
 from lfcal.camera import Camera, Microscope, Wanted, import_camera, preset
-from lfcal.errors import FileFormatError, InputError, StorageError, UnsafeFileError
 from tests.camera.importers.files import CONFIGURATION, OLAF, napari
 from tests.camera.importers.test_raytrix_xml import xml
 

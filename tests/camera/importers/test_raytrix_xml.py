@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from lfcal.base.errors import FileFormatError, InputError, StorageError, UnsafeFileError
 from lfcal.camera import Camera, LensletLattice, MainLens, ScanPlan, Sensor, read_raytrix_xml
-from lfcal.errors import FileFormatError, InputError, StorageError, UnsafeFileError
 
 REAL = Path(__file__).parents[4] / "shared/data/raytrix_r29/r29_calibration.xml"
 needs_real = pytest.mark.skipif(not REAL.exists(), reason=f"{REAL} is not on this machine")

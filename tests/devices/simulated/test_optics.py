@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lfcal.axes import centre
+from lfcal.base.axes import centre
 from lfcal.camera import ScanPlan
 from lfcal.devices.protocols import Roi
 from lfcal.devices.simulated.optics import FramesRenderer

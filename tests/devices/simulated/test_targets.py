@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan
 from lfcal.devices.protocols import Roi
 from lfcal.devices.simulated.targets import TargetPattern, TargetRenderer, simulated_target
-from lfcal.errors import InputError
 from lfcal.targets import Pose, Target, TargetCamera, TargetPlan
 from tests.targets.common import small
 

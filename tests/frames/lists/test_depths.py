@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.camera import Camera, ScanPlan, StageAxes, preset
-from lfcal.errors import InputError
 from lfcal.frames.lists.depths import Depths, ListedPlanes, find_depths
 from lfcal.frames.lists.derived import plan_of_list
 from lfcal.frames.lists.listing import Listing

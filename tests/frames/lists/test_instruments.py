@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import tifffile
 
+from lfcal.base.errors import FileFormatError
 from lfcal.camera import ScanPlan
-from lfcal.errors import FileFormatError
 from lfcal.frames import open_frames
 from lfcal.frames.formats.ome import ome_facts
 from lfcal.frames.lists.micromanager import read_micromanager

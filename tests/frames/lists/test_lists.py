@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lfcal.errors import InputError, StorageError
+from lfcal.base.errors import InputError, StorageError
 from lfcal.frames import Position, open_frames
 from lfcal.frames.lists.columns import find_columns, parse_columns
 from lfcal.frames.lists.entries import located, manifest_of

@@ -10,8 +10,8 @@ import pytest
 import tifffile
 from numpy.typing import NDArray
 
+from lfcal.base.errors import InputError, StorageError
 from lfcal.camera import ScanPlan
-from lfcal.errors import InputError, StorageError
 from lfcal.frames import open_frames
 from lfcal.frames.formats.ome import ome_facts
 from tests.frames.lists.scans import COLUMNS, ROWS, START, Scan, frame, scan, small_camera

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lfcal.base.errors import FileFormatError, InputError
 from lfcal.camera import ScanPlan, StageAxes
-from lfcal.errors import FileFormatError, InputError
 from lfcal.frames.lists.derived import plan_of_list
 from lfcal.frames.lists.listing import Listing
 from lfcal.frames.lists.placing import place

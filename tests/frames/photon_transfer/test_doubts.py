@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+from lfcal.base.errors import InputError
 from lfcal.camera import preset
-from lfcal.errors import InputError
 
 from .sensor_model import Truth, micro_images, vignetting
 from .test_measurement import LEVELS, PLAIN, SHAPE, measured

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.frames.photon_transfer.frame_list import CalibrationFrame
 from lfcal.frames.photon_transfer.measurement import measure_sensor
 from lfcal.frames.photon_transfer.result import SensorMeasurement

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from gui.models.autosave import UnsavedCopy, find_kept, keep, read_kept
-from gui.models.project import Project, ProjectState
-from gui.pages.plan.model import default_plan
+from lfcal.base.errors import FileFormatError
 from lfcal.camera import preset
-from lfcal.errors import FileFormatError
+from lfcal_gui.models.autosave import UnsavedCopy, find_kept, keep, read_kept
+from lfcal_gui.models.project import Project, ProjectState
+from lfcal_gui.pages.plan.model import default_plan
 
 
 class Free:

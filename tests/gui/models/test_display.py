@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from matplotlib import colormaps
 
-from gui.models.display import COLOUR_MAPS, DisplaySettings, bin_max, colour_table, levels_of, to_uint8
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
+from lfcal_gui.models.display import COLOUR_MAPS, DisplaySettings, bin_max, colour_table, levels_of, to_uint8
 
 
 @pytest.mark.parametrize("scale", ["linear", "log", "gamma"])

@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from gui.models.form import Field, parse, text_of
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
+from lfcal_gui.models.form import Field, parse, text_of
 
 NUMBER = Field("a", "Exposure", "ms", scale=1e-3)
 COUNT = Field("n", "Darks", kind="int")

@@ -6,9 +6,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gui.models.display import DisplaySettings, to_uint8
-from gui.models.frame_view import MAX_PIXELS, frame_numbers, lattice_points, render_tile, visible_tile
 from lfcal.camera import preset
+from lfcal_gui.models.display import DisplaySettings, to_uint8
+from lfcal_gui.models.frame_view import MAX_PIXELS, frame_numbers, lattice_points, render_tile, visible_tile
 
 
 @given(

@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from gui.models.manual import ATLAS, manual_folder, section_of
-from lfcal.inspect.finding import FAULTS
+from lfcal.judge.finding import FAULTS
+from lfcal_gui.models.manual import ATLAS, manual_folder, section_of
 
 
 @pytest.mark.parametrize("name", FAULTS.names())

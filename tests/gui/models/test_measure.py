@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from gui.models.measure import fwhm, line_profile, region_numbers, value_histogram
+from lfcal_gui.models.measure import fwhm, line_profile, region_numbers, value_histogram
 
 
 @pytest.mark.parametrize("angle", [0.0, 30.0, 90.0, 200.0])

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from gui.models.mishaps import Mishap, Mishaps, safe_words
+from lfcal_gui.models.mishaps import Mishap, Mishaps, safe_words
 
 
 def raised(kind: type[Exception], text: str) -> Mishap:

@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 
-from gui.models.page import (
+from lfcal.camera import preset
+from lfcal_gui.models.page import (
     PAGES,
     PageSpec,
     PageState,
@@ -19,10 +20,9 @@ from gui.models.page import (
     page_states,
     with_found,
 )
-from gui.models.project import ProjectState
-from gui.models.stamp import stamp_of
-from gui.pages.plan.model import default_plan
-from lfcal.camera import preset
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models.stamp import stamp_of
+from lfcal_gui.pages.plan.model import default_plan
 
 OWN = (
     "camera",
@@ -47,14 +47,14 @@ def test_the_pages_of_the_window_in_the_order_of_the_data() -> None:
     assert PAGES.names() == OWN
     assert tuple(spec.key for spec in available_pages()) == OWN
     for spec in PAGES:
-        assert spec.package == f"gui.pages.{spec.key}" and spec.title and spec.hint
+        assert spec.package == f"lfcal_gui.pages.{spec.key}" and spec.title and spec.hint
 
 
 def test_finding_the_pages_loads_no_window() -> None:
     code = (
-        "import sys; from gui.models.page import PAGES, page_states; from gui.models.project import ProjectState\n"
+        "import sys; from lfcal_gui.models.page import PAGES, page_states; from lfcal_gui.models.project import ProjectState\n"
         "page_states(ProjectState()); "
-        "print([m for m in ('PySide6', 'pyqtgraph', 'numba', 'gui.base_page') if m in sys.modules])"
+        "print([m for m in ('PySide6', 'pyqtgraph', 'numba', 'lfcal_gui.base_page') if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

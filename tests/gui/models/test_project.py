@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from gui.models.project import Hold, Project, ProjectState, RecentProjects
-from gui.models.stamp import stamp_of
-from gui.pages.frames.model import FrameSettings
-from gui.pages.plan.model import default_plan
-from gui.pages.simulate.model import SimulateSettings
+from lfcal.base.errors import FileFormatError, LfcalError, StorageError
 from lfcal.camera import preset
-from lfcal.errors import FileFormatError, LfcalError, StorageError
+from lfcal_gui.models.project import Hold, Project, ProjectState, RecentProjects
+from lfcal_gui.models.stamp import stamp_of
+from lfcal_gui.pages.frames.model import FrameSettings
+from lfcal_gui.pages.plan.model import default_plan
+from lfcal_gui.pages.simulate.model import SimulateSettings
 
 
 def full_state() -> ProjectState:
@@ -192,7 +192,7 @@ def test_saving_on_a_full_disk_keeps_the_old_file(tmp_path: Path, monkeypatch: p
     recent.add(path)
     before, listed = path.read_bytes(), recent.paths()
     project.update("rename", name="later")
-    monkeypatch.setattr("lfcal.files.sync_file", full)
+    monkeypatch.setattr("lfcal.base.files.sync_file", full)
     with pytest.raises(StorageError, match="No space left on device; free some space or choose another disk"):
         project.save(path)
     assert path.read_bytes() == before and project.unsaved

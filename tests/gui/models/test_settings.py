@@ -7,13 +7,13 @@ from dataclasses import FrozenInstanceError, fields, replace
 
 import pytest
 
-from gui.models.project import ProjectState
-from gui.models.settings import PageSettings
-from gui.pages.acquire.model import AcquireSettings
-from gui.pages.frames.model import FrameSettings
-from gui.pages.multiplex.model import MultiplexSettings
-from gui.pages.reconstruct.model import ReconstructSettings
-from gui.pages.simulate.model import SimulateSettings
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models.settings import PageSettings
+from lfcal_gui.pages.acquire.model import AcquireSettings
+from lfcal_gui.pages.frames.model import FrameSettings
+from lfcal_gui.pages.multiplex.model import MultiplexSettings
+from lfcal_gui.pages.reconstruct.model import ReconstructSettings
+from lfcal_gui.pages.simulate.model import SimulateSettings
 
 KINDS = (AcquireSettings, FrameSettings, MultiplexSettings, ReconstructSettings, SimulateSettings)
 CHANGED: dict[type[PageSettings], PageSettings] = {

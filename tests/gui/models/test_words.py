@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from gui.models.words import plane_words, typeset, unbroken
+from lfcal_gui.models.words import plane_words, typeset, unbroken
 
 
 def test_planes_count_from_zero() -> None:

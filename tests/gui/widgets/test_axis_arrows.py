@@ -9,7 +9,7 @@ from PySide6.QtGui import QImage
 from PySide6.QtWidgets import QWidget
 from pytestqt.qtbot import QtBot
 
-from gui.widgets.axis_arrows import HEIGHT, MIDDLE, STAGE, WIDTH, AxisArrows
+from lfcal_gui.widgets.axis_arrows import HEIGHT, MIDDLE, STAGE, WIDTH, AxisArrows
 
 
 def drawn(arrows: AxisArrows) -> np.ndarray:

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from pytestqt.qtbot import QtBot
 
-from gui.jobs import Jobs
-from gui.pages.accuracy.chart import ParetoChart
-from gui.pages.acquire.error_view import ErrorView
-from gui.pages.fit.rounds_view import DecadePlot
-from gui.widgets.blank import NOTHING
-from gui.widgets.frame_view import FrameView
-from gui.widgets.image_view import ImageView
-from gui.widgets.plots import LinePlot
+from lfcal_gui.jobs import Jobs
+from lfcal_gui.pages.accuracy.chart import ParetoChart
+from lfcal_gui.pages.acquire.error_view import ErrorView
+from lfcal_gui.pages.fit.rounds_view import DecadePlot
+from lfcal_gui.widgets.blank import NOTHING
+from lfcal_gui.widgets.frame_view import FrameView
+from lfcal_gui.widgets.image_view import ImageView
+from lfcal_gui.widgets.plots import LinePlot
 
 
 def numbers(view: Any) -> list[str]:

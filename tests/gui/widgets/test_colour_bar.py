@@ -5,9 +5,9 @@ import pyqtgraph as pg
 import pytest
 from pytestqt.qtbot import QtBot
 
-from gui.models.display import colour_table
-from gui.theme import current_theme
-from gui.widgets.colour_bar import ColourBar
+from lfcal_gui.models.display import colour_table
+from lfcal_gui.theme import current_theme
+from lfcal_gui.widgets.colour_bar import ColourBar
 
 
 def shown_in(qtbot: QtBot, bar: ColourBar, *, hidden_first: bool = False) -> pg.GraphicsLayoutWidget:

@@ -11,13 +11,13 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QGridLayout, QMenu, QVBoxLayout, QWidget
 from pytestqt.qtbot import QtBot
 
-from gui.widgets.cards import card
-from gui.widgets.enlarging import Enlarged, enlarge, pictures_in, toggle_in, whole_page
-from gui.widgets.image_view import ImageView
-from gui.widgets.plots import LinePlot
-from gui.widgets.splitting import split
-from gui.window import MainWindow
 from lfcal.psf import PSFMatrix, save
+from lfcal_gui.widgets.cards import card
+from lfcal_gui.widgets.enlarging import Enlarged, enlarge, pictures_in, toggle_in, whole_page
+from lfcal_gui.widgets.image_view import ImageView
+from lfcal_gui.widgets.plots import LinePlot
+from lfcal_gui.widgets.splitting import split
+from lfcal_gui.window import MainWindow
 from tests.gui.waiting import GUARD_MS, idle
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from PySide6.QtWidgets import QApplication, QPlainTextEdit, QVBoxLayout, QWidget
 from pytestqt.qtbot import QtBot
 
-from gui.widgets.fitted_text import WIDEST, FittedBrowser, lines_px
+from lfcal_gui.widgets.fitted_text import WIDEST, FittedBrowser, lines_px
 from tests.gui.layout import flaws
 
 LINE = "words of a fault, of which there are as many as it takes. "

@@ -10,8 +10,8 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QLineEdit
 from pytestqt.qtbot import QtBot
 
-from gui.models.form import Field
-from gui.widgets.form import Form
+from lfcal_gui.models.form import Field
+from lfcal_gui.widgets.form import Form
 
 FIELDS = (Field("f", "f-number"), Field("list", "Planes at v", kind="floats"), Field("auto", "Noise", optional=True))
 BEFORE = {"f": 4.0, "list": (5.0, 4.0), "auto": None}

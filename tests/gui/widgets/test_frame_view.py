@@ -9,8 +9,8 @@ import numpy as np
 from PySide6.QtCore import QEvent, QPointF
 from pytestqt.qtbot import QtBot
 
-from gui.context import Context
-from gui.widgets.frame_view import FrameView
+from lfcal_gui.context import Context
+from lfcal_gui.widgets.frame_view import FrameView
 from tests.gui.waiting import GUARD_MS, idle
 
 

@@ -9,9 +9,9 @@ import pytest
 from PySide6.QtCore import QEvent, QPointF
 from pytestqt.qtbot import QtBot
 
-from gui.models.display import DisplaySettings, colour_table
-from gui.widgets.colour_bar import bar_table
-from gui.widgets.image_view import ImageView
+from lfcal_gui.models.display import DisplaySettings, colour_table
+from lfcal_gui.widgets.colour_bar import bar_table
+from lfcal_gui.widgets.image_view import ImageView
 from tests.gui.waiting import GUARD_MS
 
 

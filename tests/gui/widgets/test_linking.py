@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from pytestqt.qtbot import QtBot
 
-from gui.widgets.image_view import ImageView
-from gui.widgets.linking import link_views
+from lfcal_gui.widgets.image_view import ImageView
+from lfcal_gui.widgets.linking import link_views
 
 
 def test_moving_one_moves_the_other(qtbot: QtBot) -> None:

@@ -10,10 +10,10 @@ import pytest
 from PySide6.QtWidgets import QApplication, QWidget
 from pytestqt.qtbot import QtBot
 
-from gui.context import Context
-from gui.widgets.frame_view import FrameView
-from gui.widgets.image_view import ImageView
-from gui.widgets.measured_part import MeasuredPart
+from lfcal_gui.context import Context
+from lfcal_gui.widgets.frame_view import FrameView
+from lfcal_gui.widgets.image_view import ImageView
+from lfcal_gui.widgets.measured_part import MeasuredPart
 
 IMAGE = np.arange(12, dtype=np.uint16).reshape(3, 4)
 

@@ -9,10 +9,10 @@ import pytest
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
-from gui.pages.reconstruct.volume_view import VolumeView
-from gui.pages.simulate.influence_view import InfluenceView
-from gui.pages.simulate.model_influence import InfluencePictures
-from gui.widgets.measured_part import entries_at
+from lfcal_gui.pages.reconstruct.volume_view import VolumeView
+from lfcal_gui.pages.simulate.influence_view import InfluenceView
+from lfcal_gui.pages.simulate.model_influence import InfluencePictures
+from lfcal_gui.widgets.measured_part import entries_at
 
 
 def test_slices_of_a_volume_are_measured(qtbot: QtBot, tmp_path: Path) -> None:

@@ -13,10 +13,10 @@ from PySide6.QtCore import QPoint, QPointF
 from PySide6.QtWidgets import QApplication, QMenu, QWidget
 from pytestqt.qtbot import QtBot
 
-from gui.jobs import Jobs
-from gui.widgets.frame_view import FrameView
-from gui.widgets.image_view import ImageView
-from gui.widgets.plots import LinePlot
+from lfcal_gui.jobs import Jobs
+from lfcal_gui.widgets.frame_view import FrameView
+from lfcal_gui.widgets.image_view import ImageView
+from lfcal_gui.widgets.plots import LinePlot
 from tests.gui.waiting import GUARD_MS, idle
 
 R, C = np.mgrid[:40, :60]

@@ -6,9 +6,9 @@ import pyqtgraph as pg
 from PySide6.QtWidgets import QComboBox, QFormLayout, QLineEdit, QSlider, QSpinBox, QWidget
 from pytestqt.qtbot import QtBot
 
-from gui.widgets.naming import name_controls, unnamed
-from gui.widgets.plots import LinePlot
-from gui.window import MainWindow
+from lfcal_gui.widgets.naming import name_controls, unnamed
+from lfcal_gui.widgets.plots import LinePlot
+from lfcal_gui.window import MainWindow
 
 
 def test_every_control_of_every_page_has_a_name(window: MainWindow) -> None:

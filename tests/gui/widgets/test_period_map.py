@@ -7,7 +7,7 @@ import pytest
 from PySide6.QtWidgets import QApplication, QFileDialog, QMenu
 from pytestqt.qtbot import QtBot
 
-from gui.widgets.period_map import PeriodMap
+from lfcal_gui.widgets.period_map import PeriodMap
 
 
 def offered(view: PeriodMap) -> dict[str, object]:

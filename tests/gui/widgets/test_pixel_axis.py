@@ -7,9 +7,9 @@ import pytest
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
-from gui.widgets.image_view import ImageView
-from gui.widgets.period_map import PeriodMap
-from gui.widgets.pixel_axis import PixelAxis
+from lfcal_gui.widgets.image_view import ImageView
+from lfcal_gui.widgets.period_map import PeriodMap
+from lfcal_gui.widgets.pixel_axis import PixelAxis
 
 
 def ticks(axis: PixelAxis, low: float, high: float, size: float = 300.0) -> list[float]:

@@ -10,8 +10,8 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
-from gui.theme import DARK, LIGHT, NIGHT, apply_theme
-from gui.widgets.plots import LINES, DecadeAxis, LinePlot
+from lfcal_gui.theme import DARK, LIGHT, NIGHT, apply_theme
+from lfcal_gui.widgets.plots import LINES, DecadeAxis, LinePlot
 from tests.gui.layout import flaws
 from tests.gui.waiting import GUARD_MS
 

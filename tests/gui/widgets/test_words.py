@@ -6,7 +6,7 @@ import pytest
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
-from gui.widgets.words import BREAK, ElidedLabel, WrappedLabel, breakable
+from lfcal_gui.widgets.words import BREAK, ElidedLabel, WrappedLabel, breakable
 
 NAME = "/data/H_of_the_second_alignment_after_cleaning_the_main_lens_100mm_f2.8_2026-03-16.h5"
 

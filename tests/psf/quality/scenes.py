@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.compiled import njit
 from lfcal.camera import Camera, LensletLattice, LensType, MainLens, Microscope, Sensor
-from lfcal.compiled import njit
 from lfcal.psf.aperture.shape import blade_radius
 
 PEAK = 3000.0

@@ -5,8 +5,8 @@ import tracemalloc
 import numpy as np
 import pytest
 
+from lfcal.base.errors import InputError
 from lfcal.cli.console import plain
-from lfcal.errors import InputError
 from lfcal.psf import PSFMatrix
 from lfcal.psf.quality import METRICS, inspect, iter_inspect
 from lfcal.psf.quality.metric import Reading, judge

@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.psf import PSFMatrix
 from lfcal.psf.quality import inspect, periodicity
 

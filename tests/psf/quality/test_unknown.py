@@ -11,9 +11,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from lfcal.inspect import Inspection
-from lfcal.plain import plain
-from lfcal.progress import drain
+from lfcal.base.plain import plain
+from lfcal.base.progress import drain
+from lfcal.judge import Inspection
 from lfcal.psf import PSFMatrix
 from lfcal.psf.quality import METRICS, UNKNOWN, Limits, Metric, MetricSpec, QualityReport, Reading, inspect
 from lfcal.psf.quality.metric import judge
@@ -91,7 +91,7 @@ def test_unknown_is_unknown_in_json(report: QualityReport) -> None:
 def test_unknown_is_unknown_for_people(
     report: QualityReport, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from gui.pages.quality.model import metric_rows
+    from lfcal_gui.pages.quality.model import metric_rows
 
     undrawn(monkeypatch)
     found = Inspection(report, (), 0, 0.0, "no camera is known", 0.0)

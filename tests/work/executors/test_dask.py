@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
-from lfcal.errors import InputError
-from lfcal.progress import Clock, Work, drain
+from lfcal.base.errors import InputError
+from lfcal.base.progress import Clock, Work, drain
 from lfcal.work import RunChoice, iter_run, read_run
 from lfcal.work.executors.dask import Dask
 from lfcal.work.executors.threads import Threads

@@ -15,7 +15,7 @@ SCRIPT = """
 import sys
 from pathlib import Path
 
-from lfcal.progress import drain
+from lfcal.base.progress import drain
 from lfcal.work import RunChoice, iter_run
 from tests.work.tasks import unit
 

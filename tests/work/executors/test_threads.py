@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from lfcal.errors import InputError
-from lfcal.progress import drain
+from lfcal.base.errors import InputError
+from lfcal.base.progress import drain
 from lfcal.work import Unit, iter_run, read_run
 from lfcal.work.executors.threads import Threads, at_once
 from lfcal.work.journal import JOURNAL

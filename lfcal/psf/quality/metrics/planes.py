@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base.errors import InputError
 from lfcal.camera import Camera, MainLens
-from lfcal.errors import InputError
 from lfcal.psf.quality.across import MatrixMeasures
 from lfcal.psf.quality.measure import PlaneMeasures
 from lfcal.psf.quality.metric import CostModel, Limits, MetricSpec, Reading

@@ -9,8 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gui.models.project import ProjectState
-from gui.pages.accuracy.model import (
+from lfcal.accuracy import PLACES, Curve, Rung, Subject, measure_curve
+from lfcal.base.errors import InputError
+from lfcal.base.progress import drain
+from lfcal.psf import PSFMatrix, save
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.pages.accuracy.model import (
     AccuracySettings,
     MeasuredCurves,
     axis_labels,
@@ -20,16 +24,12 @@ from gui.pages.accuracy.model import (
     subjects,
     words_of,
 )
-from gui.pages.accuracy.model_use import NO_USE, use_of
-from gui.pages.frames.model import FrameSettings
-from gui.pages.multiplex.model import MultiplexSettings
-from gui.pages.psf.export_model import ExportIntent, ExportSettings
-from gui.pages.reconstruct.model import ReconstructSettings
-from gui.pages.simulate.model import SimulateSettings
-from lfcal.accuracy import PLACES, Curve, Rung, Subject, measure_curve
-from lfcal.errors import InputError
-from lfcal.progress import drain
-from lfcal.psf import PSFMatrix, save
+from lfcal_gui.pages.accuracy.model_use import NO_USE, use_of
+from lfcal_gui.pages.frames.model import FrameSettings
+from lfcal_gui.pages.multiplex.model import MultiplexSettings
+from lfcal_gui.pages.psf.export_model import ExportIntent, ExportSettings
+from lfcal_gui.pages.reconstruct.model import ReconstructSettings
+from lfcal_gui.pages.simulate.model import SimulateSettings
 from tests.acquire.rigs import small_plan
 
 PLAN = small_plan()

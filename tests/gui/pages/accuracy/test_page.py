@@ -14,14 +14,14 @@ from PySide6.QtCore import QPointF, Qt
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
-from gui.context import Context
-from gui.models.page import PageState
-from gui.models.project import ProjectState
-from gui.pages.accuracy import PAGE
-from gui.pages.accuracy.page import Page
-from gui.theme import DARK, apply_theme
 from lfcal.accuracy import PLACES, AccuracyStep, Place, Rung, Subject, Truth
 from lfcal.psf import PSFMatrix, save
+from lfcal_gui.context import Context
+from lfcal_gui.models.page import PageState
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.pages.accuracy import PAGE
+from lfcal_gui.pages.accuracy.page import Page
+from lfcal_gui.theme import DARK, apply_theme
 from tests.acquire.rigs import small_plan
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import GUARD_MS, idle
@@ -59,7 +59,7 @@ def _measured_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
     told = replace(real, measure=measure)
     places = SimpleNamespace(get=lambda name: told if name == "bases" else PLACES.get(name))
-    monkeypatch.setattr("gui.pages.accuracy.model.PLACES", places)
+    monkeypatch.setattr("lfcal_gui.pages.accuracy.model.PLACES", places)
 
 
 def look_at(page: Page, name: str) -> None:
@@ -138,7 +138,7 @@ def test_it_fills_while_it_is_measured_and_keeps_what_it_has(
     page: Page, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made = Place("bases", "Bases", "error", "cost", "seconds", lambda s, t: endless())  # type: ignore[arg-type]
-    monkeypatch.setattr("gui.pages.accuracy.model.PLACES", SimpleNamespace(get=lambda name: made))
+    monkeypatch.setattr("lfcal_gui.pages.accuracy.model.PLACES", SimpleNamespace(get=lambda name: made))
     look_at(page, "bases")
     page.activateWindow()
     qtbot.waitUntil(page.isActiveWindow, timeout=GUARD_MS)
@@ -156,7 +156,7 @@ def test_it_fills_while_it_is_measured_and_keeps_what_it_has(
 
 def test_stop_says_that_it_stops(page: Page, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> None:
     made = Place("bases", "Bases", "error", "cost", "seconds", lambda s, t: endless())  # type: ignore[arg-type]
-    monkeypatch.setattr("gui.pages.accuracy.model.PLACES", SimpleNamespace(get=lambda name: made))
+    monkeypatch.setattr("lfcal_gui.pages.accuracy.model.PLACES", SimpleNamespace(get=lambda name: made))
     look_at(page, "bases")
     page.measure()
     qtbot.waitUntil(lambda: len(points(page)) > 1, timeout=GUARD_MS)

@@ -11,18 +11,18 @@ import numpy as np
 import pytest
 from pytestqt.qtbot import QtBot
 
-from gui.context import Context
-from gui.models.project import ProjectState
-from gui.pages.acquire.model_assembly import iter_assembly
-from gui.pages.acquire.model_stills import recipe_of
-from gui.window import MainWindow
 from lfcal.acquire import SessionFile
+from lfcal.base.errors import StorageError
+from lfcal.base.progress import drain
 from lfcal.cli.sample import sample_recording
-from lfcal.errors import StorageError
-from lfcal.progress import drain
 from lfcal.psf.assembly import AssemblyProgress
 from lfcal.psf.store import PSFWriter
 from lfcal.work import parts_folder
+from lfcal_gui.context import Context
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.pages.acquire.model_assembly import iter_assembly
+from lfcal_gui.pages.acquire.model_stills import recipe_of
+from lfcal_gui.window import MainWindow
 from tests.gui.waiting import GUARD_MS, idle
 from tests.psf.test_joining import contents
 
@@ -69,7 +69,7 @@ def test_h_fills_in_the_map_while_a_session_is_assembled(
             while held_at and not go_on.wait(0.001):
                 yield record
 
-    monkeypatch.setattr("gui.pages.acquire.after.iter_assembly", held)
+    monkeypatch.setattr("lfcal_gui.pages.acquire.after.iter_assembly", held)
     page.record.after.assemble(str(session / "H.h5"))
     qtbot.waitUntil(
         lambda: bool(held_at) and f"H fills: plane 0, {held_at[0]} of " in pictures.map_title.text(), timeout=GUARD_MS

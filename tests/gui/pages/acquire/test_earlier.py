@@ -10,23 +10,23 @@ import numpy as np
 import pytest
 from pytestqt.qtbot import QtBot
 
-from gui.context import Context
-from gui.models.project import ProjectState
-from gui.pages.acquire.model import AcquireSettings
-from gui.pages.acquire.model_earlier import EarlierFrames
-from gui.pages.acquire.model_recorder import Recorder, folder_state, record_picture
-from gui.pages.acquire.model_target import coverage_picture
-from gui.pages.acquire.page import Page
 from lfcal.acquire.blocks import window_shape
 from lfcal.acquire.control import Control
 from lfcal.acquire.live_coverage import LiveCoverage
 from lfcal.acquire.live_quality import LiveQuality, QualityState
 from lfcal.acquire.session import record
+from lfcal.base.errors import LfcalError
 from lfcal.devices.simulated.backend import simulated_rig
 from lfcal.devices.simulated.faults import DeviceFault
 from lfcal.devices.simulated.targets import TargetPattern
-from lfcal.errors import LfcalError
 from lfcal.frames.source import Position
+from lfcal_gui.context import Context
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.pages.acquire.model import AcquireSettings
+from lfcal_gui.pages.acquire.model_earlier import EarlierFrames
+from lfcal_gui.pages.acquire.model_recorder import Recorder, folder_state, record_picture
+from lfcal_gui.pages.acquire.model_target import coverage_picture
+from lfcal_gui.pages.acquire.page import Page
 from tests.acquire.rigs import CAREFUL, rig_for, small_plan
 from tests.acquire.test_live_coverage import small_target
 from tests.gui.conftest import OpenPage

@@ -8,15 +8,15 @@ from pathlib import Path
 import pytest
 from pytestqt.qtbot import QtBot
 
-from gui.context import Context
-from gui.models.project import ProjectState
-from gui.pages.acquire.model import AcquireSettings
-from gui.pages.acquire.model_faults import COUNTED, KINDS, fault_words
-from gui.pages.acquire.page import Page
+from lfcal.base.errors import InputError
 from lfcal.devices.errors import StageError
 from lfcal.devices.simulated.backend import inject, simulated_rig
 from lfcal.devices.simulated.faults import FAULTS, DeviceFault
-from lfcal.errors import InputError
+from lfcal_gui.context import Context
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.pages.acquire.model import AcquireSettings
+from lfcal_gui.pages.acquire.model_faults import COUNTED, KINDS, fault_words
+from lfcal_gui.pages.acquire.page import Page
 from tests.acquire.rigs import small_plan
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import GUARD_MS, idle

@@ -13,13 +13,13 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QApplication, QPushButton
 from pytestqt.qtbot import QtBot
 
-from gui.models.display import colour_table
-from gui.models.project import ProjectState
-from gui.pages.acquire.model import AcquireSettings
-from gui.pages.acquire.model_lab import KEYS, Standing, next_step
-from gui.pages.acquire.page import Page
-from gui.theme import DARK, LIGHT, NIGHT, apply_theme, current_theme
-from gui.window import MainWindow
+from lfcal_gui.models.display import colour_table
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.pages.acquire.model import AcquireSettings
+from lfcal_gui.pages.acquire.model_lab import KEYS, Standing, next_step
+from lfcal_gui.pages.acquire.page import Page
+from lfcal_gui.theme import DARK, LIGHT, NIGHT, apply_theme, current_theme
+from lfcal_gui.window import MainWindow
 from tests.acquire.rigs import small_plan
 from tests.gui.waiting import GUARD_MS
 

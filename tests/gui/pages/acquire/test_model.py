@@ -8,20 +8,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gui.models.project import ProjectState
-from gui.pages.acquire import model_findings, model_live
-from gui.pages.acquire.model import FIELDS, UNTIL, AcquireSettings, target_of
-from gui.pages.acquire.model_recorder import Recorder, folder_state, record_picture
-from gui.pages.acquire.model_station import Station, cut, open_station, read_target
 from lfcal.acquire.control import Control
 from lfcal.acquire.options import Options
 from lfcal.acquire.setup import OpticalAxis, fit_stage
 from lfcal.acquire.setup.live import predicted_image
+from lfcal.base.errors import InputError
+from lfcal.base.progress import drain
 from lfcal.camera import StageAxes
 from lfcal.devices.simulated.backend import simulated_rig
-from lfcal.errors import InputError
-from lfcal.progress import drain
 from lfcal.psf import PSFMatrix
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.pages.acquire import model_findings, model_live
+from lfcal_gui.pages.acquire.model import FIELDS, UNTIL, AcquireSettings, target_of
+from lfcal_gui.pages.acquire.model_recorder import Recorder, folder_state, record_picture
+from lfcal_gui.pages.acquire.model_station import Station, cut, open_station, read_target
 from tests.acquire.rigs import small_plan
 
 PLAN = small_plan((3, 4), 2)

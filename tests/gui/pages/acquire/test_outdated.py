@@ -8,11 +8,11 @@ from typing import Any
 import pytest
 from pytestqt.qtbot import QtBot
 
-from gui.context import Context
-from gui.models.project import ProjectState
-from gui.pages.acquire.model import AcquireSettings
-from gui.pages.acquire.page import Page
 from lfcal.camera import MainLens
+from lfcal_gui.context import Context
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.pages.acquire.model import AcquireSettings
+from lfcal_gui.pages.acquire.page import Page
 from tests.acquire.rigs import small_plan
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import GUARD_MS

@@ -12,18 +12,18 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QApplication, QCheckBox, QFileDialog, QLineEdit, QWidget
 from pytestqt.qtbot import QtBot
 
-from gui.context import Context
-from gui.models.project import ProjectState
-from gui.pages.acquire.model import AcquireSettings
-from gui.pages.acquire.model_recorder import folder_state
-from gui.pages.acquire.page import Page
-from gui.pages.acquire.step import step
-from gui.theme import DARK, LIGHT, apply_theme
 from lfcal.acquire import Options
 from lfcal.acquire.recording.source import RecordingSource
 from lfcal.acquire.session_file import SessionFile
 from lfcal.camera import preset
 from lfcal.psf import open_psf
+from lfcal_gui.context import Context
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.pages.acquire.model import AcquireSettings
+from lfcal_gui.pages.acquire.model_recorder import folder_state
+from lfcal_gui.pages.acquire.page import Page
+from lfcal_gui.pages.acquire.step import step
+from lfcal_gui.theme import DARK, LIGHT, apply_theme
 from tests.acquire.rigs import small_plan
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import GUARD_MS, idle

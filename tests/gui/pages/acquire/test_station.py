@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gui.pages.acquire.model_station import open_station
 from lfcal.acquire.setup import iter_stage_fit
 from lfcal.acquire.spots import find_spot
+from lfcal.base.errors import InputError
+from lfcal.base.progress import drain
 from lfcal.camera import ScanPlan
 from lfcal.cli.sample import sample_session
-from lfcal.errors import InputError
-from lfcal.progress import drain
+from lfcal_gui.pages.acquire.model_station import open_station
 
 
 @pytest.fixture(scope="module")

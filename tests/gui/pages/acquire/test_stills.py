@@ -12,18 +12,18 @@ import pytest
 import tifffile
 from pytestqt.qtbot import QtBot
 
-from gui.context import Context
-from gui.models.project import ProjectState
-from gui.pages.acquire.model import AcquireSettings
-from gui.pages.acquire.model_station import Station, open_station
-from gui.pages.acquire.model_stills import iter_stills, recipe_of, still_files
 from lfcal.acquire import Options
 from lfcal.acquire.finish import iter_assemble_session
 from lfcal.acquire.session import iter_record
+from lfcal.base.errors import InputError, StorageError
+from lfcal.base.progress import drain
 from lfcal.camera import ScanPlan
 from lfcal.cli.sample import sample_session
-from lfcal.errors import InputError, StorageError
-from lfcal.progress import drain
+from lfcal_gui.context import Context
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.pages.acquire.model import AcquireSettings
+from lfcal_gui.pages.acquire.model_station import Station, open_station
+from lfcal_gui.pages.acquire.model_stills import iter_stills, recipe_of, still_files
 from tests.acquire.rigs import small_plan
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import GUARD_MS

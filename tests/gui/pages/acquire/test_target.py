@@ -10,19 +10,19 @@ import pytest
 from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 
-from gui.context import Context
-from gui.models.project import ProjectState
-from gui.pages.acquire.model import AcquireSettings
-from gui.pages.acquire.model_recorder import folder_state
-from gui.pages.acquire.model_target import points_px
-from gui.pages.acquire.page import Page
-from gui.pages.acquire.step import step
 from lfcal.acquire.options import Options
+from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan
-from lfcal.errors import InputError
 from lfcal.frames.source import Position
 from lfcal.psf import open_psf
 from lfcal.targets import Target, TargetPlan, Wishes, plan_target
+from lfcal_gui.context import Context
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.pages.acquire.model import AcquireSettings
+from lfcal_gui.pages.acquire.model_recorder import folder_state
+from lfcal_gui.pages.acquire.model_target import points_px
+from lfcal_gui.pages.acquire.page import Page
+from lfcal_gui.pages.acquire.step import step
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import GUARD_MS, idle
 from tests.targets.common import small

@@ -12,14 +12,14 @@ from pathlib import Path
 import pytest
 from pytestqt.qtbot import QtBot
 
-from gui.context import Context
-from gui.models.project import ProjectState
-from gui.pages.acquire.model import AcquireSettings
-from gui.pages.acquire.page import Page
 from lfcal.acquire import verify
 from lfcal.acquire.control import Control
 from lfcal.acquire.session import iter_record, record
-from lfcal.errors import StorageError
+from lfcal.base.errors import StorageError
+from lfcal_gui.context import Context
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.pages.acquire.model import AcquireSettings
+from lfcal_gui.pages.acquire.page import Page
 from tests.acquire.rigs import CAREFUL, assert_same_frames, frames_of, rig_for, small_plan
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import GUARD_MS, idle

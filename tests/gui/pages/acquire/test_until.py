@@ -12,23 +12,23 @@ import pytest
 from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 
-from gui.context import Context
-from gui.models.project import ProjectState
-from gui.pages.acquire.model import AcquireSettings
-from gui.pages.acquire.model_recorder import FolderState, folder_state
-from gui.pages.acquire.model_until import check_goal, error_curve, until_words
-from gui.pages.acquire.page import Page
 from lfcal.acquire import Options, verify
 from lfcal.acquire.session import record
 from lfcal.acquire.session_file import SessionFile
+from lfcal.base.errors import InputError
+from lfcal.base.progress import Progress
 from lfcal.campaign import AdaptiveStep, Goal
-from lfcal.errors import InputError
 from lfcal.fit import Fit
 from lfcal.fit.judge import ModelError
 from lfcal.fit.setup import described_effects
-from lfcal.progress import Progress
 from lfcal.psf import open_psf
 from lfcal.simulate.effects.described import Entry, entries_json
+from lfcal_gui.context import Context
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.pages.acquire.model import AcquireSettings
+from lfcal_gui.pages.acquire.model_recorder import FolderState, folder_state
+from lfcal_gui.pages.acquire.model_until import check_goal, error_curve, until_words
+from lfcal_gui.pages.acquire.page import Page
 from tests.acquire.rigs import CAREFUL, rig_for
 from tests.fit.common import small_plan
 from tests.gui.conftest import OpenPage

@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from gui.models.project import ProjectState
-from gui.pages.camera import model as camera_form
-from gui.pages.camera import model_marks
 from lfcal.camera import PRESETS, Camera, LatticeDistortion, Marks, Microscope, ScanPlan, preset
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.pages.camera import model as camera_form
+from lfcal_gui.pages.camera import model_marks
 
 
 @pytest.mark.parametrize("name", PRESETS)

@@ -9,8 +9,8 @@ from PySide6.QtCore import QRectF
 from PySide6.QtGui import QImage, QPainter
 from pytestqt.qtbot import QtBot
 
-from gui.pages.camera.optics_view import OpticsView
 from lfcal.camera import PRESETS, preset
+from lfcal_gui.pages.camera.optics_view import OpticsView
 
 
 class Listening(QPainter):

@@ -10,9 +10,6 @@ import tifffile
 from PySide6.QtTest import QTest
 from pytestqt.qtbot import QtBot
 
-from gui.context import Context
-from gui.models.project import Hold
-from gui.window import MainWindow
 from lfcal.camera import (
     PRESETS,
     Camera,
@@ -25,6 +22,9 @@ from lfcal.camera import (
     import_camera,
     preset,
 )
+from lfcal_gui.context import Context
+from lfcal_gui.models.project import Hold
+from lfcal_gui.window import MainWindow
 from tests.camera.importers.files import OLAF
 from tests.camera.importers.test_raytrix_xml import xml
 from tests.gui.conftest import OpenPage

@@ -13,9 +13,9 @@ from PySide6.QtGui import QPainter, QPicture
 from PySide6.QtWidgets import QPushButton
 from pytestqt.qtbot import QtBot
 
-from gui.pages.camera.panel_sensor import SensorDialog
-from gui.window import MainWindow
 from lfcal.camera import ScanPlan
+from lfcal_gui.pages.camera.panel_sensor import SensorDialog
+from lfcal_gui.window import MainWindow
 from tests.frames.photon_transfer.sensor_model import Truth, micro_images
 from tests.gui.waiting import idle
 

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from gui.models.project import ProjectState
-from gui.pages.fit.model import FitSettings
-from gui.pages.fit.model_run import FitRun, asked_of, iter_fit
-from lfcal.progress import drain
+from lfcal.base.progress import drain
 from lfcal.psf import PSFMatrix, save
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.pages.fit.model import FitSettings
+from lfcal_gui.pages.fit.model_run import FitRun, asked_of, iter_fit
 from tests.fit.common import few_patterns
 
 GEOMETRY = FitSettings(auto=False, groups=("geometry",))

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from pytestqt.qtbot import QtBot
 
-from gui.models.project import ProjectState
-from gui.pages.fit.model_run import FitRequest, FitRun
-from gui.pages.fit.page import Page
-from lfcal.progress import Progress, Work
+from lfcal.base.progress import Progress, Work
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.pages.fit.model_run import FitRequest, FitRun
+from lfcal_gui.pages.fit.page import Page
 from tests.fit.shared import shared_models
 from tests.gui.conftest import OpenPage
 from tests.gui.pages.fit.common import fit_of, project_of, saved, with_outlier
@@ -64,7 +64,7 @@ def told(known: FitRun) -> Callable[[FitRequest, FitRun], Work[None]]:
 @pytest.fixture
 def fitted(page: Page, known: FitRun, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> Page:
     """Return the page after a fit, whose result was computed before."""
-    monkeypatch.setattr("gui.pages.fit.page.iter_fit", told(known))
+    monkeypatch.setattr("lfcal_gui.pages.fit.page.iter_fit", told(known))
     page.fit_button.click()
     idle(page.context.jobs, qtbot)
     assert page.found is not None

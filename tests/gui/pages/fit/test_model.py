@@ -11,11 +11,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gui.models.project import ProjectState
-from gui.pages.fit.model import FitSettings, group_rows, offer_of, stamp_of
-from gui.pages.fit.model_run import FitRun, FoundFit, asked_of, iter_fit
-from gui.pages.fit.model_use import use_of
-from gui.pages.fit.model_words import (
+from lfcal.base.errors import InputError
+from lfcal.base.progress import drain
+from lfcal.camera import ScanPlan, preset
+from lfcal.fit import GROUPS
+from lfcal.fit.parameters import ScanScales
+from lfcal.psf import PSFMatrix
+from lfcal.psf.facts import Facts
+from lfcal.simulate.accuracy.planner import plan_effects
+from lfcal.simulate.effects import Crosstalk, Zernike
+from lfcal.simulate.simulate import simulate_psf
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.pages.fit.model import FitSettings, group_rows, offer_of, stamp_of
+from lfcal_gui.pages.fit.model_run import FitRun, FoundFit, asked_of, iter_fit
+from lfcal_gui.pages.fit.model_use import use_of
+from lfcal_gui.pages.fit.model_words import (
     detail_of,
     findings_of,
     merit_of,
@@ -23,17 +33,7 @@ from gui.pages.fit.model_words import (
     place_words,
     verdict_of,
 )
-from gui.pages.simulate.model import SimulateSettings
-from lfcal.camera import ScanPlan, preset
-from lfcal.errors import InputError
-from lfcal.fit import GROUPS
-from lfcal.fit.parameters import ScanScales
-from lfcal.progress import drain
-from lfcal.psf import PSFMatrix
-from lfcal.psf.facts import Facts
-from lfcal.simulate.accuracy.planner import plan_effects
-from lfcal.simulate.effects import Crosstalk, Zernike
-from lfcal.simulate.simulate import simulate_psf
+from lfcal_gui.pages.simulate.model import SimulateSettings
 from tests.fit.common import few_patterns
 from tests.gui.pages.fit.common import GEOMETRY, project_of, saved
 

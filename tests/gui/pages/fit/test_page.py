@@ -17,17 +17,17 @@ from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QApplication, QComboBox, QMenu
 from pytestqt.qtbot import QtBot
 
-from gui.context import Context
-from gui.jobs import JobState
-from gui.models.page import PageState
-from gui.models.project import ProjectState
-from gui.pages.fit import PAGE
-from gui.pages.fit.model import FitSettings, group_rows
-from gui.pages.fit.model_run import FitRun, FoundFit
-from gui.pages.fit.page import Page
-from gui.theme import DARK, LIGHT, apply_theme
-from gui.window import MainWindow
-from lfcal.progress import Progress, Work
+from lfcal.base.progress import Progress, Work
+from lfcal_gui.context import Context
+from lfcal_gui.jobs import JobState
+from lfcal_gui.models.page import PageState
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.pages.fit import PAGE
+from lfcal_gui.pages.fit.model import FitSettings, group_rows
+from lfcal_gui.pages.fit.model_run import FitRun, FoundFit
+from lfcal_gui.pages.fit.page import Page
+from lfcal_gui.theme import DARK, LIGHT, apply_theme
+from lfcal_gui.window import MainWindow
 from tests.fit.common import few_patterns
 from tests.gui.pages.fit.common import GEOMETRY, saved, with_outlier
 from tests.gui.pages.fit.conftest import told
@@ -175,7 +175,7 @@ def test_parameters_are_sorted_by_number_and_copied(fitted: Page, qtbot: QtBot) 
 def test_an_outlier_is_found_by_its_line(
     page: Page, known_outlier: FitRun, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("gui.pages.fit.page.iter_fit", told(known_outlier))
+    monkeypatch.setattr("lfcal_gui.pages.fit.page.iter_fit", told(known_outlier))
     page.context.project.update("open", psf=str(saved(tmp_path / "outlier.h5", with_outlier())))
     page.fit()
     idle(page.context.jobs, qtbot)
@@ -234,7 +234,7 @@ def let_go(monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Event]:
         go_on.wait(GUARD_MS / 1e3)
         yield Progress(1, 2, "slow")
 
-    monkeypatch.setattr("gui.pages.fit.page.iter_fit", slow)
+    monkeypatch.setattr("lfcal_gui.pages.fit.page.iter_fit", slow)
     yield go_on
     go_on.set()
 

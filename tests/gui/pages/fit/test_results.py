@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from pytestqt.qtbot import QtBot
 
-from gui.pages.fit.page import Page
+from lfcal.base.progress import Progress
 from lfcal.fit.files import measured_camera
 from lfcal.fit.writing import fit_outputs
-from lfcal.progress import Progress
 from lfcal.psf import open_psf
+from lfcal_gui.pages.fit.page import Page
 from tests.gui.pages.fit.common import saved
 from tests.gui.waiting import idle
 

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from pytestqt.qtbot import QtBot
 
-from gui.context import Context
-from gui.pages.frames.model import FrameSettings, import_folder
-from gui.pages.frames.step import step
 from lfcal.frames.source import Position
 from lfcal.psf import open_psf
+from lfcal_gui.context import Context
+from lfcal_gui.pages.frames.model import FrameSettings, import_folder
+from lfcal_gui.pages.frames.step import step
 from tests.cli.conftest import SHAPE, small_plan, true_frame
 from tests.gui.waiting import idle
 

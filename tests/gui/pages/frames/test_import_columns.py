@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from pytestqt.qtbot import QtBot
 
-from gui.context import Context
-from gui.pages.frames.import_choice import ImportChoice
-from gui.pages.frames.import_dialog import ImportDialog
-from gui.pages.frames.model_import import survey
 from lfcal.camera import ScanPlan
+from lfcal_gui.context import Context
+from lfcal_gui.pages.frames.import_choice import ImportChoice
+from lfcal_gui.pages.frames.import_dialog import ImportDialog
+from lfcal_gui.pages.frames.model_import import survey
 from tests.frames.lists.scans import COLUMNS, ROWS, START, scan, write_frames
 from tests.gui.waiting import GUARD_MS
 

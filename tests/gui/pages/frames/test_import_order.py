@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from pytestqt.qtbot import QtBot
 
-from gui.context import Context
-from gui.models.project import ProjectState
-from gui.pages.frames.import_choice import ImportChoice
-from gui.pages.frames.model import FrameSettings, import_folder, open_imported
-from gui.pages.frames.model_import import open_choice, survey
 from lfcal.frames.positions import scan_positions
+from lfcal_gui.context import Context
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.pages.frames.import_choice import ImportChoice
+from lfcal_gui.pages.frames.model import FrameSettings, import_folder, open_imported
+from lfcal_gui.pages.frames.model_import import open_choice, survey
 from tests.frames.lists.scans import START, scan, write_frames
 from tests.gui.pages.frames.test_import_columns import plan, recorded
 from tests.gui.waiting import GUARD_MS

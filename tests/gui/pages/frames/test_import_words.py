@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 import tifffile
 
-from gui.models.words import said_in_window
-from gui.pages.frames.import_choice import ImportChoice
-from gui.pages.frames.model_import import survey
 from lfcal.camera import Camera, ScanPlan, preset
+from lfcal_gui.models.words import said_in_window
+from lfcal_gui.pages.frames.import_choice import ImportChoice
+from lfcal_gui.pages.frames.model_import import survey
 from tests.frames.lists.scans import scan, write_frames
 from tests.gui.pages.frames.test_import_columns import PLACES, plan, recorded
 

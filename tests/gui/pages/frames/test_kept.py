@@ -12,17 +12,17 @@ import numpy as np
 import pytest
 from pytestqt.qtbot import QtBot
 
-from gui.context import Context
-from gui.job_panel import JobPanel
-from gui.jobs import Jobs, JobState
-from gui.models.kept_run import KeptRun
-from gui.models.project import ProjectState
-from gui.pages.frames.assembly import iter_assembly
-from lfcal.errors import StorageError
-from lfcal.progress import Progress, drain
+from lfcal.base.errors import StorageError
+from lfcal.base.progress import Progress, drain
 from lfcal.psf import open_psf
 from lfcal.psf.assembly import Assembly
 from lfcal.work import parts_folder, read_run
+from lfcal_gui.context import Context
+from lfcal_gui.job_panel import JobPanel
+from lfcal_gui.jobs import Jobs, JobState
+from lfcal_gui.models.kept_run import KeptRun
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.pages.frames.assembly import iter_assembly
 from tests.cli.conftest import SHAPE, small_plan, true_frame
 from tests.gui.waiting import GUARD_MS, idle
 from tests.psf.test_joining import contents

@@ -5,14 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from gui.pages.frames.assembly import iter_assembly
-from gui.pages.frames.model import FrameSettings, Opened, open_imported, positions_words
-from gui.pages.frames.model_frame import load_frame
-from gui.pages.plan.model import default_plan
+from lfcal.base.progress import drain
 from lfcal.camera import preset
 from lfcal.cli.sample import sample_recording
 from lfcal.frames.source import Position
-from lfcal.progress import drain
+from lfcal_gui.pages.frames.assembly import iter_assembly
+from lfcal_gui.pages.frames.model import FrameSettings, Opened, open_imported, positions_words
+from lfcal_gui.pages.frames.model_frame import load_frame
+from lfcal_gui.pages.plan.model import default_plan
 
 
 def opened(shape: tuple[int, int, int]) -> Opened:

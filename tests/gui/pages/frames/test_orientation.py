@@ -11,18 +11,18 @@ import numpy as np
 import pytest
 from pytestqt.qtbot import QtBot
 
-from gui.context import Context
-from gui.pages.frames.assembly import iter_assembly
-from gui.pages.frames.model import FrameSettings, open_imported
-from gui.pages.frames.model_frame import load_frame
-from gui.pages.frames.orientation import CHOICES, advice, refusal
+from lfcal.base.errors import InputError
+from lfcal.base.progress import drain
 from lfcal.cli.app import build_app
-from lfcal.errors import InputError
 from lfcal.frames import ORIENTATIONS, open_frames
 from lfcal.frames.source import Position
-from lfcal.progress import drain
 from lfcal.psf import open_psf
 from lfcal.psf.orientation import FoundOrientation
+from lfcal_gui.context import Context
+from lfcal_gui.pages.frames.assembly import iter_assembly
+from lfcal_gui.pages.frames.model import FrameSettings, open_imported
+from lfcal_gui.pages.frames.model_frame import load_frame
+from lfcal_gui.pages.frames.orientation import CHOICES, advice, refusal
 from tests.frames.test_orientation import NUMPY
 from tests.gui.waiting import GUARD_MS
 from tests.psf.test_orientation import a_plan, upright

@@ -8,12 +8,12 @@ from typing import Any
 import pytest
 from pytestqt.qtbot import QtBot
 
-from gui.context import Context
-from gui.pages.frames.model import FrameSettings
-from gui.pages.frames.step import step
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
 from lfcal.frames.part import parse_origin
 from lfcal.psf import open_psf
+from lfcal_gui.context import Context
+from lfcal_gui.pages.frames.model import FrameSettings
+from lfcal_gui.pages.frames.step import step
 from tests.frames.test_part import ORIGIN, PLAN, write_part
 from tests.gui.waiting import idle
 

@@ -10,14 +10,14 @@ import pytest
 from PySide6.QtWidgets import QComboBox, QLineEdit, QPushButton
 from pytestqt.qtbot import QtBot
 
-from gui.context import Context
-from gui.pages.frames import page as frames_page
-from gui.pages.frames.assembly import iter_assembly
-from gui.pages.frames.model import FrameSettings
 from lfcal.cli.sample import sample_recording
 from lfcal.frames.source import Position
 from lfcal.psf import open_psf
 from lfcal.psf.assembly import AssemblyProgress
+from lfcal_gui.context import Context
+from lfcal_gui.pages.frames import page as frames_page
+from lfcal_gui.pages.frames.assembly import iter_assembly
+from lfcal_gui.pages.frames.model import FrameSettings
 from tests.cli.conftest import SHAPE, small_plan, true_frame
 from tests.gui.waiting import GUARD_MS, idle
 
@@ -197,7 +197,7 @@ def test_h_fills_in_the_map_while_it_is_assembled(
             if isinstance(record, AssemblyProgress) and not go_on.is_set():
                 go_on.wait(GUARD_MS / 1e3)
 
-    monkeypatch.setattr("gui.pages.frames.page.iter_assembly", held)
+    monkeypatch.setattr("lfcal_gui.pages.frames.page.iter_assembly", held)
     shown: list[Any] = []
     monkeypatch.setattr(panel.map, "set_values", lambda values, recorded: shown.append((values, recorded)))
     page.go_to(Position(1, 0, 0))

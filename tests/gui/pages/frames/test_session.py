@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from gui.pages.frames.model import FrameSettings, import_folder
 from lfcal.acquire.session import record
+from lfcal_gui.pages.frames.model import FrameSettings, import_folder
 from tests.acquire.rigs import CAREFUL, rig_for, small_plan
 
 PLAN = small_plan((3, 4), 2)

@@ -9,15 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gui.models.project import ProjectState
-from gui.pages.frames.model import FrameSettings
-from gui.pages.multiplex.model import MultiplexSettings, choices_to_compare, picture, used_by, why_unused
-from gui.pages.multiplex.model_compare import compare, number
-from gui.pages.multiplex.model_frames import noisy, opened, scene_of
-from gui.pages.multiplex.model_routes import measured_in, white_of
-from gui.pages.multiplex.model_scene import Reconstructions, iter_reconstruct, rms_error, shown
+from lfcal.base.errors import FileFormatError, InputError
+from lfcal.base.progress import drain
 from lfcal.camera import LatticeDistortion, Sensor, preset
-from lfcal.errors import FileFormatError, InputError
 from lfcal.lattice import fit_lattice, lattice_of
 from lfcal.multiplex import (
     cfa,
@@ -30,7 +24,13 @@ from lfcal.multiplex import (
     pixel_weights,
     snr_gain,
 )
-from lfcal.progress import drain
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.pages.frames.model import FrameSettings
+from lfcal_gui.pages.multiplex.model import MultiplexSettings, choices_to_compare, picture, used_by, why_unused
+from lfcal_gui.pages.multiplex.model_compare import compare, number
+from lfcal_gui.pages.multiplex.model_frames import noisy, opened, scene_of
+from lfcal_gui.pages.multiplex.model_routes import measured_in, white_of
+from lfcal_gui.pages.multiplex.model_scene import Reconstructions, iter_reconstruct, rms_error, shown
 
 SENSOR = Sensor(full_well_e=10_000, read_noise_e=10)
 
@@ -390,7 +390,7 @@ def test_the_black_level_that_a_file_states_is_taken_off_place_by_place(
 
     monkeypatch.setattr(opening, "open_image", stating)
     # a larger frame is worked on in its middle
-    monkeypatch.setattr("gui.pages.multiplex.model_frames.LARGEST", 176)
+    monkeypatch.setattr("lfcal_gui.pages.multiplex.model_frames.LARGEST", 176)
     settings = MultiplexSettings(cfa="typed", pattern="GRBG", scene="image", weighted=True, **files)
     found = reconstruct(settings)
     light = frame - np.tile([[10.0, 20.0], [30.0, 40.0]], (120, 121))[:, :241]

@@ -10,15 +10,15 @@ import pytest
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
-from gui.context import Context
-from gui.pages.multiplex.model import MultiplexSettings
-from gui.pages.multiplex.page import Page
-from gui.theme import DARK, LIGHT, apply_theme
 from lfcal.lattice import lattice_of
 from lfcal.multiplex import cfa, demultiplex, demultiplex_generally, gain_map, mask, modulator_of, multiplex, paper
 from lfcal.multiplex.noise import camera_chi2
 from lfcal.multiplex.paper import paper_figure
 from lfcal.multiplex.scenes import colour_edges
+from lfcal_gui.context import Context
+from lfcal_gui.pages.multiplex.model import MultiplexSettings
+from lfcal_gui.pages.multiplex.page import Page
+from lfcal_gui.theme import DARK, LIGHT, apply_theme
 from tests.gui.conftest import OpenPage
 from tests.gui.layout_colours import of_other_themes
 from tests.gui.waiting import idle
@@ -265,7 +265,7 @@ def test_search_and_use(page: Page, qtbot: QtBot, tmp_path: Path, monkeypatch: p
     settle(page, qtbot)
     assert search.found is not None and search.found.design.modulator.views == (3, 3)
     target = str(tmp_path / "mask.json")
-    monkeypatch.setattr("gui.saving.QFileDialog.getSaveFileName", lambda *_: (target, ""))
+    monkeypatch.setattr("lfcal_gui.saving.QFileDialog.getSaveFileName", lambda *_: (target, ""))
     search.buttons["Use"].click()
     settle(page, qtbot)
     assert page.settings.written == target and cells(page)["Samples N"] == "9"
@@ -370,7 +370,9 @@ def test_the_general_route_and_dead_pixels(
     choose(page, "route", "general")
     for key, name in (("dead", "dead"), ("transmissions", "shares")):
         picked = (str(tmp_path / f"{name}.npy"), "")
-        monkeypatch.setattr("gui.pages.multiplex.page.QFileDialog.getOpenFileName", lambda *_, picked=picked: picked)
+        monkeypatch.setattr(
+            "lfcal_gui.pages.multiplex.page.QFileDialog.getOpenFileName", lambda *_, picked=picked: picked
+        )
         assert shown.buttons[key].isEnabled()
         shown.buttons[key].click()
     type_in(page, "spacing", "2")
@@ -428,7 +430,7 @@ def test_a_mask_on_the_lattice_of_a_white_image(
     assert "stated" in shown.status.text() and page.found is not None
     before = page.found.spatial.samples
     picked = (str(tmp_path / "white.npy"), "")
-    monkeypatch.setattr("gui.pages.multiplex.page.QFileDialog.getOpenFileName", lambda *_: picked)
+    monkeypatch.setattr("lfcal_gui.pages.multiplex.page.QFileDialog.getOpenFileName", lambda *_: picked)
     assert shown.buttons["white"].isEnabled()
     shown.buttons["white"].click()
     settle(page, qtbot)
@@ -477,7 +479,7 @@ def test_a_file_that_is_opened_again_is_read_again(
     settle(page, qtbot)
     assert "dead.npy" in page.panel.pictures.status.text() and page.found is None
     np.save(dead, np.zeros((40, 50), np.uint8))
-    monkeypatch.setattr("gui.pages.multiplex.page.QFileDialog.getOpenFileName", lambda *_: (str(dead), ""))
+    monkeypatch.setattr("lfcal_gui.pages.multiplex.page.QFileDialog.getOpenFileName", lambda *_: (str(dead), ""))
     page.panel.pictures.buttons["dead"].click()
     settle(page, qtbot)
     assert page.found is not None and page.panel.pictures.views[0].image is not None
@@ -553,7 +555,7 @@ def test_a_design_goes_with_the_wishes_that_it_was_found_for(page: Page, context
 def test_a_design_written_over_another_is_read_again(
     page: Page, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("gui.saving.QFileDialog.getSaveFileName", lambda *_: (str(tmp_path / "mask.json"), ""))
+    monkeypatch.setattr("lfcal_gui.saving.QFileDialog.getSaveFileName", lambda *_: (str(tmp_path / "mask.json"), ""))
     choose(page, "sought", "mask")
     type_in(page, "search_size", "3")
     shown = []
@@ -592,7 +594,7 @@ def test_a_design_takes_the_suffix_of_the_chosen_kind(
     page.panel.search.buttons["Search"].click()
     settle(page, qtbot)
     answer = (str(tmp_path / "design"), "Transmissions alone (*.npy)")
-    monkeypatch.setattr("gui.saving.QFileDialog.getSaveFileName", lambda *_: answer)
+    monkeypatch.setattr("lfcal_gui.saving.QFileDialog.getSaveFileName", lambda *_: answer)
     page.panel.search.buttons["Save …"].click()
     assert [path.name for path in tmp_path.glob("design*")] == ["design.npy"]
 

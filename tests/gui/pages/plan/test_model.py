@@ -4,9 +4,9 @@ import re
 
 import pytest
 
-from gui.models.form import text_of
-from gui.pages.plan import model as plan_form
 from lfcal.camera import PRESETS, MainLens, preset
+from lfcal_gui.models.form import text_of
+from lfcal_gui.pages.plan import model as plan_form
 
 
 @pytest.mark.parametrize("name", PRESETS)

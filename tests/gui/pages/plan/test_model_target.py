@@ -5,9 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gui.models.project import ProjectState
-from gui.pages.plan import model
-from gui.pages.plan.model_target import (
+from lfcal.base.errors import InputError
+from lfcal.base.progress import drain
+from lfcal.camera import ScanPlan
+from lfcal.targets import Pose, parse_target, plan_target
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.pages.plan import model
+from lfcal_gui.pages.plan.model_target import (
     MOST_DRAWN,
     PlaneDrawing,
     PlannedTarget,
@@ -17,10 +21,6 @@ from gui.pages.plan.model_target import (
     read_plan,
     table_rows,
 )
-from lfcal.camera import ScanPlan
-from lfcal.errors import InputError
-from lfcal.progress import drain
-from lfcal.targets import Pose, parse_target, plan_target
 from tests.targets.common import small
 
 SCAN = ScanPlan.for_camera(small(), virtual_depths=(4.0,), cutout=31)

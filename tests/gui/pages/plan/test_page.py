@@ -6,8 +6,8 @@ from typing import Any
 
 from pytestqt.qtbot import QtBot
 
-from gui.window import MainWindow
 from lfcal.camera import ScanPlan, preset
+from lfcal_gui.window import MainWindow
 from tests.gui.waiting import idle
 
 

@@ -12,16 +12,16 @@ from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 from typer.testing import CliRunner
 
-from gui.context import Context
-from gui.models.project import ProjectState
-from gui.pages.plan import page as plan_page
-from gui.pages.plan.model_target import TargetSettings
-from gui.pages.plan.step import step
-from gui.theme import current_theme
+from lfcal.base.progress import Clock, Work
 from lfcal.camera import ScanPlan
 from lfcal.cli.app import build_app
-from lfcal.progress import Clock, Work
 from lfcal.targets import TargetPlan
+from lfcal_gui.context import Context
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.pages.plan import page as plan_page
+from lfcal_gui.pages.plan.model_target import TargetSettings
+from lfcal_gui.pages.plan.step import step
+from lfcal_gui.theme import current_theme
 from tests.gui.waiting import GUARD_MS, idle
 from tests.targets.common import small
 

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from pytestqt.qtbot import QtBot
 
-from gui.jobs import JobState
-from gui.pages.psf import page as page_module
-from gui.pages.psf.export_dialog import ExportDialog
-from gui.pages.psf.export_model import ExportIntent
-from gui.window import MainWindow
 from lfcal.psf import PSFMatrix, save
+from lfcal_gui.jobs import JobState
+from lfcal_gui.pages.psf import page as page_module
+from lfcal_gui.pages.psf.export_dialog import ExportDialog
+from lfcal_gui.pages.psf.export_model import ExportIntent
+from lfcal_gui.window import MainWindow
 from tests.gui.pages.psf.test_export_model import incomplete, matrix
 from tests.gui.waiting import GUARD_MS, idle
 

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gui.models.project import ProjectState
-from gui.pages.psf.export_model import CHOICES, KINDS, ExportIntent, ExportSettings
 from lfcal.camera import preset
 from lfcal.psf import PSFMatrix
 from lfcal.psf.export import WRITERS
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.pages.psf.export_model import CHOICES, KINDS, ExportIntent, ExportSettings
 
 
 def matrix() -> PSFMatrix:

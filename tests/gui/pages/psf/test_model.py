@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gui.pages.psf.model import LoadedPlane, PSFIntent, linked_pixel, place_words, resolve, turn_pixel
-from gui.pages.psf.model_aperture import aperture_tip
+from lfcal.base.units import format_plane
 from lfcal.camera import preset
 from lfcal.psf import PSFMatrix, transpose
-from lfcal.units import format_plane
+from lfcal_gui.pages.psf.model import LoadedPlane, PSFIntent, linked_pixel, place_words, resolve, turn_pixel
+from lfcal_gui.pages.psf.model_aperture import aperture_tip
 
 SHAPE = (3, 4, 5, 7, 9)
 

@@ -13,14 +13,14 @@ from PySide6.QtGui import QColor, QIcon
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
-from gui.context import Context
-from gui.pages.psf.depth_strip import EXPECTED, FITTED, PlaneTile
-from gui.widgets.plots import LINES
-from gui.window import MainWindow
 from lfcal.camera import preset
 from lfcal.psf import PSFMatrix, save
 from lfcal.psf.aperture import fit_aperture
 from lfcal.psf.aperture.shape import Aperture, blade_radius
+from lfcal_gui.context import Context
+from lfcal_gui.pages.psf.depth_strip import EXPECTED, FITTED, PlaneTile
+from lfcal_gui.widgets.plots import LINES
+from lfcal_gui.window import MainWindow
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import GUARD_MS, idle
 
@@ -259,7 +259,7 @@ def test_the_window_s_thread_loads_no_kernel_for_the_apertures(
         asked.add(threading.current_thread().name)
 
     monkeypatch.setattr(Aperture, "outline", outline)
-    monkeypatch.setattr("gui.pages.psf.page.expected_in", expected)
+    monkeypatch.setattr("lfcal_gui.pages.psf.page.expected_in", expected)
     t, s = np.indices((31, 31)) - 15
     disc = (np.hypot(t, s) < 9).astype(np.float32)
     context.matrices.put("disc", PSFMatrix(np.broadcast_to(disc, (1, 2, 2, 31, 31)).copy()))

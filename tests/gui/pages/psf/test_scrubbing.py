@@ -11,9 +11,9 @@ import pytest
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
-from gui.pages.psf.model import LoadedPlane
-from gui.widgets import image_view
 from lfcal.psf import PSFMatrix
+from lfcal_gui.pages.psf.model import LoadedPlane
+from lfcal_gui.widgets import image_view
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import idle
 

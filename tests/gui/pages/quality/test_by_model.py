@@ -12,20 +12,20 @@ import pytest
 from PySide6.QtCore import QUrl
 from pytestqt.qtbot import QtBot
 
-from gui.models.fitted import FittedCamera
-from gui.models.project import ProjectState
-from gui.models.stamp import stamp_of
-from gui.pages.quality.model import QualitySettings, fault_words, listed_metrics, metric_rows, worst_positions
-from gui.pages.quality.model_run import InspectionRequest, InspectionRun, asked_of, iter_judge
-from gui.pages.quality.page import Page
-from lfcal.errors import InputError
+from lfcal.base.errors import InputError
+from lfcal.base.progress import Work, drain
 from lfcal.fit.setup import Setup, called_for
-from lfcal.inspect import Inspection
-from lfcal.progress import Work, drain
+from lfcal.judge import Inspection
 from lfcal.psf import save
+from lfcal_gui.models.fitted import FittedCamera
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models.stamp import stamp_of
+from lfcal_gui.pages.quality.model import QualitySettings, fault_words, listed_metrics, metric_rows, worst_positions
+from lfcal_gui.pages.quality.model_run import InspectionRequest, InspectionRun, asked_of, iter_judge
+from lfcal_gui.pages.quality.page import Page
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import GUARD_MS, idle
-from tests.inspect.common import added, clean, matrix, plan, sensor
+from tests.judge.common import added, clean, matrix, plan, sensor
 from tests.psf.plain_report import undrawn
 
 SECONDS = QualitySettings(seconds=600.0)
@@ -74,7 +74,7 @@ def known(judged_once: InspectionRun, state: ProjectState, monkeypatch: pytest.M
         else:
             yield from iter_judge(asked, kept)
 
-    monkeypatch.setattr("gui.pages.quality.page.iter_judge", at_once)
+    monkeypatch.setattr("lfcal_gui.pages.quality.page.iter_judge", at_once)
 
 
 @pytest.fixture

@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 from pytestqt.qtbot import QtBot
 
-from gui.models.project import ProjectState
-from gui.models.stamp import stamp_of
-from gui.pages.quality.model import QualitySettings
-from gui.pages.quality.model_compare import both_at, plane_of_row
-from gui.pages.quality.model_run import InspectionRequest, InspectionRun, asked_of, iter_judge
-from gui.pages.quality.page import Page
-from lfcal.errors import InputError
-from lfcal.progress import Work, drain
+from lfcal.base.errors import InputError
+from lfcal.base.progress import Work, drain
 from lfcal.psf import PSFMatrix, save
 from lfcal.psf.pairing import pair
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models.stamp import stamp_of
+from lfcal_gui.pages.quality.model import QualitySettings
+from lfcal_gui.pages.quality.model_compare import both_at, plane_of_row
+from lfcal_gui.pages.quality.model_run import InspectionRequest, InspectionRun, asked_of, iter_judge
+from lfcal_gui.pages.quality.page import Page
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import GUARD_MS, idle
 from tests.psf.test_difference import moved
@@ -71,7 +71,7 @@ def page(
         else:
             yield from iter_judge(asked, kept)
 
-    monkeypatch.setattr("gui.pages.quality.page.iter_judge", at_once)
+    monkeypatch.setattr("lfcal_gui.pages.quality.page.iter_judge", at_once)
     made: Page = open_page("quality")
     made.measure()
     idle(made.context.jobs, qtbot)
@@ -214,7 +214,7 @@ def test_reading_a_file_that_was_let_go_is_no_error(
         gone.wait(GUARD_MS / 1e3)
         raise InputError("its file is closed")
 
-    monkeypatch.setattr("gui.pages.quality.comparing.both_at", late)
+    monkeypatch.setattr("lfcal_gui.pages.quality.comparing.both_at", late)
     page.comparing.show_place((0, 0, 0))
     page.context.project.update("second H", reference="")
     gone.set()

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from pytestqt.qtbot import QtBot
 
-from gui.jobs import JobState
-from gui.pages.quality.model import listed_metrics, map_of, metric_rows, metric_words, worst_positions
-from gui.window import MainWindow
-from lfcal.errors import InputError
-from lfcal.progress import Progress, Work
+from lfcal.base.errors import InputError
+from lfcal.base.progress import Progress, Work
 from lfcal.psf import PSFMatrix, save
+from lfcal_gui.jobs import JobState
+from lfcal_gui.pages.quality.model import listed_metrics, map_of, metric_rows, metric_words, worst_positions
+from lfcal_gui.window import MainWindow
 from tests.gui.waiting import GUARD_MS, idle
 
 
@@ -97,7 +97,7 @@ def test_what_was_found_before_is_said_to_be_where_the_next_inspection_fails(
         yield Progress(0, 1, "reading")
         raise InputError("no memory; close something")
 
-    monkeypatch.setattr("gui.pages.quality.page.iter_judge", fails)
+    monkeypatch.setattr("lfcal_gui.pages.quality.page.iter_judge", fails)
     state = window.project.state
     window.project.update("seconds", settings=replace(settings, seconds=settings.seconds + 60).into(state))
     page.measure(force=True)

@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 from pytestqt.qtbot import QtBot
 
-from gui.pages.quality.inspect_panel import InspectPanel
-from gui.pages.quality.model import FaultRow, MetricRow
+from lfcal_gui.pages.quality.inspect_panel import InspectPanel
+from lfcal_gui.pages.quality.model import FaultRow, MetricRow
 
 
 def test_the_first_metric_of_a_second_report_is_explained_too(qtbot: QtBot) -> None:

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from pytestqt.qtbot import QtBot
 
-from gui.context import Context
-from gui.pages.quality.page import Page
-from lfcal.plain import plain
+from lfcal.base.plain import plain
 from lfcal.psf.quality import inspect
+from lfcal_gui.context import Context
+from lfcal_gui.pages.quality.page import Page
 from tests.cli.test_trend_quality import dated, write
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import idle

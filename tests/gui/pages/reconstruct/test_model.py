@@ -8,22 +8,11 @@ import pytest
 import tifffile
 from typer.testing import CliRunner
 
-from gui.models.project import ProjectState
-from gui.pages.reconstruct.model import (
-    FIELDS,
-    ReconstructSettings,
-    forecast_words,
-    projector_for,
-    used_by,
-)
-from gui.pages.reconstruct.model_light_field import light_field, make_light_field, synthetic_shape
-from gui.pages.reconstruct.model_solving import Solving
-from gui.pages.reconstruct.model_volume import VolumeIntent, resolve
-from gui.pages.reconstruct.step import step
+from lfcal.base.errors import InputError
+from lfcal.base.progress import drain
+from lfcal.base.units import format_bytes
 from lfcal.camera import preset
 from lfcal.cli.app import build_app
-from lfcal.errors import InputError
-from lfcal.progress import drain
 from lfcal.psf import PSFMatrix, save
 from lfcal.psf.voxels import voxel_um
 from lfcal.reconstruct import Projector
@@ -33,7 +22,18 @@ from lfcal.reconstruct.metric import MetricGrid
 from lfcal.reconstruct.resample import resampling_for
 from lfcal.reconstruct.solvers.choice import SolverChoice, reconstruct
 from lfcal.reconstruct.solvers.stopping import MOST_ITERATIONS
-from lfcal.units import format_bytes
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.pages.reconstruct.model import (
+    FIELDS,
+    ReconstructSettings,
+    forecast_words,
+    projector_for,
+    used_by,
+)
+from lfcal_gui.pages.reconstruct.model_light_field import light_field, make_light_field, synthetic_shape
+from lfcal_gui.pages.reconstruct.model_solving import Solving
+from lfcal_gui.pages.reconstruct.model_volume import VolumeIntent, resolve
+from lfcal_gui.pages.reconstruct.step import step
 
 PERIOD, CUTOUT = (3, 4), (7, 9)
 

@@ -10,18 +10,18 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QApplication, QComboBox, QLineEdit
 from pytestqt.qtbot import QtBot
 
-from gui.context import Context
-from gui.models.project import ProjectState
-from gui.pages.reconstruct import model
-from gui.pages.reconstruct.model import ReconstructSettings
-from gui.pages.reconstruct.model_device import NO_DEVICE, device_reason
-from gui.pages.reconstruct.page import Page
-from gui.pages.reconstruct.volume_view import VolumeView
-from gui.theme import DARK, LIGHT, NIGHT, apply_theme
 from lfcal.psf import PSFMatrix, save
 from lfcal.reconstruct.projectors.device import ArrayDevice
 from lfcal.reconstruct.solvers.choice import SolverChoice
 from lfcal.reconstruct.volumes import load_volume
+from lfcal_gui.context import Context
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.pages.reconstruct import model
+from lfcal_gui.pages.reconstruct.model import ReconstructSettings
+from lfcal_gui.pages.reconstruct.model_device import NO_DEVICE, device_reason
+from lfcal_gui.pages.reconstruct.page import Page
+from lfcal_gui.pages.reconstruct.volume_view import VolumeView
+from lfcal_gui.theme import DARK, LIGHT, NIGHT, apply_theme
 from tests.gui.conftest import OpenPage
 from tests.gui.pages.reconstruct.test_model import matrix_file
 from tests.gui.waiting import GUARD_MS, idle
@@ -132,7 +132,7 @@ def test_stop_answers_at_once_also_while_it_is_set_up(
     page: Page, context: Context, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It said nothing, and went through all of the preparation and an iteration first."""
-    import gui.pages.reconstruct.model_solving as module
+    import lfcal_gui.pages.reconstruct.model_solving as module
 
     make(page, qtbot, tmp_path / "v.tif")
     begun, go_on, really = threading.Event(), threading.Event(), module.projector_for

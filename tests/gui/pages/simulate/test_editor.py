@@ -18,18 +18,18 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLineEdit
 from pytestqt.qtbot import QtBot
 
-from gui.context import Context
-from gui.jobs import JobState
-from gui.models.project import ProjectState
-from gui.pages.simulate.model import SimulateSettings
-from gui.pages.simulate.model_passes import Passes
-from gui.theme import DARK, LIGHT, apply_theme
+from lfcal.base.errors import StorageError
 from lfcal.camera import Marks
-from lfcal.errors import StorageError
 from lfcal.frames import open_frames
 from lfcal.psf import open_psf
 from lfcal.simulate.effects import Coma
 from lfcal.simulate.sensor import session
+from lfcal_gui.context import Context
+from lfcal_gui.jobs import JobState
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.pages.simulate.model import SimulateSettings
+from lfcal_gui.pages.simulate.model_passes import Passes
+from lfcal_gui.theme import DARK, LIGHT, apply_theme
 from tests.gui.pages.simulate.test_model import small_plan
 from tests.gui.waiting import GUARD_MS, idle
 

@@ -8,9 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gui.models.project import ProjectState
-from gui.pages.plan.model import default_plan
-from gui.pages.simulate.model import (
+from lfcal.base.errors import FileFormatError, InputError
+from lfcal.base.progress import drain
+from lfcal.camera import ScanPlan, preset
+from lfcal.camera.planes import checked_depths
+from lfcal.simulate import simulate_psf
+from lfcal.simulate.effects import Bandwidth, Coma
+from lfcal.simulate.effects.described import parse_effects
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.pages.plan.model import default_plan
+from lfcal_gui.pages.simulate.model import (
     Z_STEPS,
     SimulateSettings,
     depth_of,
@@ -19,15 +26,8 @@ from gui.pages.simulate.model import (
     tolerance_of,
     tolerance_step,
 )
-from gui.pages.simulate.model_effects import bar_share, iter_simulation, read_terms, refused, verdict_of
-from gui.pages.simulate.model_files import read_settings, settings_text
-from lfcal.camera import ScanPlan, preset
-from lfcal.camera.planes import checked_depths
-from lfcal.errors import FileFormatError, InputError
-from lfcal.progress import drain
-from lfcal.simulate import simulate_psf
-from lfcal.simulate.effects import Bandwidth, Coma
-from lfcal.simulate.effects.described import parse_effects
+from lfcal_gui.pages.simulate.model_effects import bar_share, iter_simulation, read_terms, refused, verdict_of
+from lfcal_gui.pages.simulate.model_files import read_settings, settings_text
 
 
 def small_plan() -> ScanPlan:

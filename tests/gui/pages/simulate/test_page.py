@@ -10,17 +10,17 @@ from typing import Any
 import pytest
 from pytestqt.qtbot import QtBot
 
-import gui.pages.simulate.page as simulate_page
-from gui.context import Context
-from gui.jobs import JobState
-from gui.pages.simulate.model import SimulateSettings, preview, tolerance_of
-from gui.pages.simulate.model_effects import EffectsVerdict, verdict_of
-from gui.pages.simulate.share_bar import TEXT
-from gui.window import MainWindow
+import lfcal_gui.pages.simulate.page as simulate_page
+from lfcal.base.progress import Progress
 from lfcal.camera import ScanPlan
-from lfcal.progress import Progress
 from lfcal.psf import open_psf
 from lfcal.simulate.accuracy.ladder import Ladder, LadderProgress, LadderRung
+from lfcal_gui.context import Context
+from lfcal_gui.jobs import JobState
+from lfcal_gui.pages.simulate.model import SimulateSettings, preview, tolerance_of
+from lfcal_gui.pages.simulate.model_effects import EffectsVerdict, verdict_of
+from lfcal_gui.pages.simulate.share_bar import TEXT
+from lfcal_gui.window import MainWindow
 from tests.gui.pages.simulate.test_model import small_plan
 from tests.gui.waiting import GUARD_MS, idle
 

@@ -1,0 +1,232 @@
+"""``python -m benchmarks effects``: what is said of effects and of the error, against finer simulations at other positions."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import typer
+
+from lfcal.cli.console import print_json, print_table
+from lfcal.cli.options import JsonOption
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from lfcal.camera import ScanPlan
+    from lfcal.simulate import EffectSelection
+    from lfcal.simulate.effects import Effect
+
+__all__ = ["Judged", "judge", "register"]
+
+FINEST = 0.003
+"""Expected error of the computation that estimates are judged by."""
+
+REFERENCE = 0.002
+"""Expected error of the coherent reference that judges what is simulated."""
+
+SMALLEST = 0.002
+"""Estimates are judged where they or the truth exceed this share of the image."""
+
+MOST_RUNS = 24
+"""Samples of the light that the judge computes; larger sources are left out of a scene."""
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """One scene.
+
+    Attributes
+    ----------
+    scene
+        Number of the random scene, and what it is.
+    pairs
+        For each effect its name, the estimate, whether it was measured, and the truth.
+    tolerance, error
+        Relative L1 error that was asked for, and what came out of it.
+    stated
+        What the plane says that it reached.
+    seconds
+        CPU-seconds of the plan, the measurements of effects included.
+    """
+
+    scene: str
+    pairs: tuple[tuple[str, float, bool, float], ...]
+    tolerance: float
+    error: float
+    stated: float
+    seconds: float
+
+    @property
+    def telling(self) -> list[tuple[str, float, bool, float]]:
+        """The pairs that are large enough to matter."""
+        return [pair for pair in self.pairs if max(pair[1], pair[3]) > SMALLEST]
+
+
+def register(bench: typer.Typer) -> None:
+    """Add ``effects`` to the benchmarks."""
+    bench.command("effects")(command)
+
+
+def command(
+    scenes: int = typer.Option(60, min=1, help="Random cameras and depths."),
+    tolerance: float = typer.Option(0.03, help="Relative L1 error asked for."),
+    *,
+    first: int = typer.Option(0, min=0, help="Number of the first scene."),
+    json: JsonOption = False,
+) -> None:
+    """Judge estimates of effects and the error of what is simulated, over random cameras, near focus and far from it.
+
+    Example: `python -m benchmarks effects --scenes 20`
+    """
+    found = []
+    for number in range(first, first + scenes):
+        judged = judge(number, tolerance)
+        found.append(judged)
+        if not json:
+            off = [f"{name} {e / max(t, 1e-9):.2g}" for name, e, _, t in judged.telling if not within(e, t)]
+            typer.echo(
+                f"{judged.scene}: error {100 * judged.error:.2g} % (stated {100 * judged.stated:.2g} %), "
+                f"{len(judged.telling) - len(off)} of {len(judged.telling)} estimates within 2"
+                + (f"; {', '.join(off)}" if off else "")
+            )
+    _report(found, tolerance, json)
+
+
+def within(estimate: float, truth: float, factor: float = 2.0) -> bool:
+    """Return whether an estimate is right within a factor."""
+    return truth / factor <= estimate <= truth * factor
+
+
+def _report(found: Sequence[Judged], tolerance: float, json: bool) -> None:
+    pairs = [pair for judged in found for pair in judged.telling]
+    good = sum(within(e, t) for _, e, _, t in pairs)
+    kept = sum(judged.error <= tolerance for judged in found)
+    if json:
+        print_json({"scenes": found, "within_2": good, "estimates": len(pairs), "within_tolerance": kept})
+        return
+    rows = []
+    for name in sorted({pair[0] for pair in pairs}):
+        own = [pair for pair in pairs if pair[0] == name]
+        right = sum(within(e, t) for _, e, _, t in own)
+        rows.append([name, str(len(own)), str(sum(m for _, _, m, _ in own)), f"{100 * right / len(own):.0f} %"])
+    print_table(["effect", "scenes", "measured", "within a factor of 2"], rows)
+    typer.echo(f"estimates within a factor of 2: {good} of {len(pairs)} ({100 * good / max(1, len(pairs)):.1f} %)")
+    typer.echo(f"simulated within {100 * tolerance:g} %: {kept} of {len(found)} ({100 * kept / len(found):.1f} %)")
+
+
+def judge(number: int, tolerance: float) -> Judged:
+    """Return what is said of a random scene, and what is true of it."""
+    from benchmarks._effect_scenes import random_plan
+    from lfcal.simulate import plan_effects
+    from lfcal.simulate.plane_task import budgeted
+    from lfcal.simulate.response import PlaneResponse
+    from lfcal.simulate.staging import outlook_of
+
+    plan, known = random_plan(number)
+    outlook = outlook_of(plan, 0)
+    known = tuple(e for e in known if e.runs(outlook) <= MOST_RUNS)
+    start = time.process_time()
+    selection = plan_effects(plan.camera, plan, tolerance, effects=known)
+    seconds = time.process_time() - start
+    counting = _counting(selection, known)
+    pairs = tuple(_pairs(plan, selection, counting))
+    chosen, share = budgeted(selection, plan, tolerance).at(plan.depths_um[0])
+    ys, xs = _others(plan)
+    response = PlaneResponse(plan, 0, chosen, tolerance=share)
+    some = (ys[:2], xs[:4]) if len(xs) > 3 else (ys[:1], xs[:2])
+    error = _difference(response.rows(*some), _finest(plan, counting, *some))
+    kind = f"v {outlook.virtual_depth:.2g}" if outlook.has_lens else f"z {outlook.z_um:.2g} µm"
+    name = f"scene {number}, {plan.camera.name} f/{outlook.f_number:.3g}, {kind}"
+    return Judged(name, pairs, tolerance, error, response.reached + selection.left_out[0], seconds)
+
+
+def _counting(selection: EffectSelection, known: Sequence[Effect]) -> tuple[Effect, ...]:
+    """Return what acts on this camera's H: all that is no error of build, and the errors that are known."""
+    names = {effect.name for effect in known}
+    rows = (row.effect for row in selection.rows)
+    return tuple(e for e in rows if e.acts_on.enters_h and (not e.deviation or e.name in names))
+
+
+def _others(plan: ScanPlan) -> tuple[list[int], list[int]]:
+    """Return rows and columns of positions where nothing was measured or settled."""
+    from lfcal.simulate.engines.extent import SWITCH
+    from lfcal.simulate.staging import outlook_of
+
+    ny, nx = plan.period
+    outlook = outlook_of(plan, 0)
+    if outlook.has_lens and outlook.fresnel_main < SWITCH:  # what holds for one position says little of another
+        return sorted({(k * ny) // 4 + ny // 7 for k in range(4)}), sorted({(k * nx) // 7 + nx // 9 for k in range(7)})
+    return sorted({ny // 3, (6 * ny) // 7}), sorted({nx // 5, (4 * nx) // 7, (9 * nx) // 10})
+
+
+def _pairs(
+    plan: ScanPlan, selection: EffectSelection, counting: tuple[Effect, ...]
+) -> Iterator[tuple[str, float, bool, float]]:
+    from lfcal.simulate.effects import LensletDiffraction, LightEffect
+    from lfcal.simulate.staging import outlook_of
+
+    outlook = outlook_of(plan, 0)
+    ys, xs = _others(plan)
+    still = tuple(e for e in counting if not isinstance(e, LightEffect))
+    beside = _wave(plan, still, ys, xs)
+    for effect in counting:
+        estimate = selection.row(effect.name).estimate
+        if effect.runs(outlook) > MOST_RUNS:
+            continue
+        if isinstance(effect, LightEffect):
+            truth = _difference(beside, _wave(plan, (*still, effect), ys, xs))
+        else:
+            # without diffraction rays are followed, and nothing that calls for waves is seen
+            rays = isinstance(effect, LensletDiffraction)
+            others = tuple(e for e in still if e is not effect and not (rays and e.needs_waves))
+            truth = _difference(_wave(plan, others, ys, xs), beside)
+        yield effect.name, estimate.error, estimate.measured, truth
+
+
+def _difference(without: NDArray[np.float32], with_it: NDArray[np.float32]) -> float:
+    import numpy as np
+
+    a, b = np.asarray(without, np.float64), np.asarray(with_it, np.float64)
+    return float(np.abs(a - b).sum() / np.abs(b).sum())
+
+
+def _wave(plan: ScanPlan, effects: tuple[Effect, ...], ys: list[int], xs: list[int]) -> NDArray[np.float32]:
+    """Return responses computed more finely than anything that is judged."""
+    from lfcal.simulate.accuracy.sampling import steps_for
+    from lfcal.simulate.response import PlaneResponse
+    from lfcal.simulate.staging import resolve_level, scene_for
+
+    scene, level = resolve_level(scene_for(plan, 0, effects))
+    if level == "geometric":
+        return PlaneResponse(plan, 0, effects, level=level).rows(ys, xs)
+    steps = [step for step in steps_for(scene, level) if step.level != "wave" or step.sampling.coherent]
+    # slow cones vary little from sample to sample: the coarsest grid is within 0.2 % of a microscope's light
+    allowed = FINEST if scene.objective is None else 2 * FINEST
+    step = next((step for step in steps if step.expected <= allowed), steps[-1])
+    return PlaneResponse(plan, 0, effects, level=step.level, sampling=step.sampling).rows(ys, xs)
+
+
+def _finest(plan: ScanPlan, effects: tuple[Effect, ...], ys: list[int], xs: list[int]) -> NDArray[np.float32]:
+    """Return responses by the coherent reference; of a microscope by a fine grid, or the finest of the Debye path."""
+    from lfcal.base.errors import LfcalError
+    from lfcal.simulate.accuracy.sampling import steps_for
+    from lfcal.simulate.response import PlaneResponse
+    from lfcal.simulate.staging import resolve_level, scene_for
+
+    scene, level = resolve_level(scene_for(plan, 0, effects))
+    steps = steps_for(scene, level)
+    if level == "debye" and steps[0].level == "grid":  # one field after the other by the reference takes minutes
+        step = next((step for step in steps if step.expected <= REFERENCE), steps[-1])
+        return PlaneResponse(plan, 0, effects, level=step.level, sampling=step.sampling).rows(ys, xs)
+    if level == "wave":
+        finest = next(step.sampling for step in steps_for(scene, "reference") if step.expected <= REFERENCE)
+        try:
+            return PlaneResponse(plan, 0, effects, level="reference", sampling=finest).rows(ys, xs)
+        except LfcalError:  # a grid too large
+            return _wave(plan, effects, ys, xs)
+    finest = replace(steps[-1].sampling, nodes_per_px=8)
+    return PlaneResponse(plan, 0, effects, sampling=finest).rows(ys, xs)

@@ -1,0 +1,178 @@
+"""``python -m benchmarks work``: what units cost by each executor, how they scale, and what many workers would take."""
+
+from __future__ import annotations
+
+import math
+import os
+import statistics
+import tempfile
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from lfcal.cli.console import print_json, print_table
+from lfcal.cli.options import CameraArgument, FolderOption, JsonOption
+
+if TYPE_CHECKING:
+    from lfcal.camera import ScanPlan
+
+__all__ = ["register"]
+
+NEAR, FAR = 2.2, 6.0
+"""Virtual depths of the first and the last plane."""
+
+
+def register(bench: typer.Typer) -> None:
+    """Add ``work`` to the benchmarks."""
+    bench.command("work")(command)
+
+
+@dataclass(frozen=True, slots=True)
+class Forecast:
+    """What a number of workers, one thread each, would take: units, their bytes in memory, wall seconds of all."""
+
+    workers: int
+    units: int
+    unit_bytes: int
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class Figures:
+    """Medians over rounds in which all were run side by side.
+
+    Attributes
+    ----------
+    seconds
+        Wall time by executor and workers, ``"dask 2"``; starting them included.
+    cpu_seconds
+        Processor time of the same, of all processes that are ended by then: what else the machine does changes it
+        little.
+    overhead
+        Of dask over threads with as many workers, each round by itself, minus 1.
+    scaling
+        Of one worker over two, by executor.
+    forecast
+        Of many workers.
+    """
+
+    seconds: dict[str, float]
+    cpu_seconds: dict[str, float]
+    overhead: dict[str, float]
+    scaling: dict[str, float]
+    forecast: Forecast
+
+
+def command(
+    camera: CameraArgument = "bench",
+    *,
+    planes: int = typer.Option(101, min=2, help="Planes, a unit each."),
+    rows: int = typer.Option(0, min=0, help="Rows of positions that are simulated; 0: all."),
+    cutout: int = typer.Option(61, min=3, help="Side of the cutout (px), odd."),
+    tolerance: float = typer.Option(0.03, help="Relative L1 error asked for."),
+    executors: str = typer.Option("threads,processes,dask", "--executors", help="Which are timed."),
+    rounds: int = typer.Option(3, min=1, help="Rounds of one run of each; medians of their ratios count."),
+    many: int = typer.Option(64, "--many", min=1, help="Workers that are forecast."),
+    folder: FolderOption = None,
+    json: JsonOption = False,
+) -> None:
+    """Simulate an H in units by every executor with one worker and two, and say what it costs and how it scales.
+
+    Example: `python -m benchmarks work bench --planes 101`
+    """
+    from lfcal.camera import ScanPlan
+    from lfcal.cli.plan import load_camera
+    from lfcal.work import EXECUTORS
+
+    chosen = [EXECUTORS.get(name.strip()).name for name in executors.split(",")]
+    described = load_camera(camera)
+    depths = [NEAR + (FAR - NEAR) * k / (planes - 1) for k in range(planes)]
+    plan = ScanPlan.for_camera(described, virtual_depths=depths, cutout=cutout | 1)
+    plan = replace(plan, period=(min(rows or plan.period[0], plan.period[0]), plan.period[1]))
+    with tempfile.TemporaryDirectory(prefix="lfcal_work_", dir=folder) as place:
+        found = _measured(plan, tolerance, chosen, rounds, many, Path(place))
+    if json:
+        print_json(found)
+    else:
+        _show(found, plan)
+
+
+def _measured(plan: ScanPlan, tolerance: float, executors: list[str], rounds: int, many: int, place: Path) -> Figures:
+    from lfcal.base.progress import drain
+    from lfcal.simulate import plan_effects, predict_seconds
+    from lfcal.simulate.simulate import iter_simulate_psf
+    from lfcal.work import RunChoice
+
+    effects = plan_effects(plan.camera, plan, tolerance)
+    predicted = predict_seconds(plan, effects, tolerance=tolerance)
+
+    def once(executor: str, workers: int, scan: ScanPlan) -> tuple[float, float]:
+        """Return the seconds of a run, and those of the processor."""
+        out, start, spent = place / f"{executor}_{workers}.h5", time.perf_counter(), _cpu_seconds()
+        run = RunChoice(executor, workers)
+        drain(iter_simulate_psf(scan.camera, scan, effects, run=run, tolerance=tolerance, out=out)).close()
+        took = time.perf_counter() - start, _cpu_seconds() - spent
+        out.unlink()
+        return took
+
+    # kernels that are compiled in the first run of all, or read from the disk, are part of no time that is compared
+    exposure = plan.exposure_s[0] if isinstance(plan.exposure_s, tuple) else plan.exposure_s
+    first = replace(plan, depths_um=plan.depths_um[:1], exposure_s=exposure)
+    for name in executors:
+        once(name, 1, first)
+    cases = [(name, workers) for workers in (1, 2) for name in executors]
+    times: dict[tuple[str, int], list[float]] = {case: [] for case in cases}
+    spent: dict[tuple[str, int], list[float]] = {case: [] for case in cases}
+    for number in range(rounds):
+        # in turn, each round in another order: what else the machine does changes over minutes
+        for case in cases[number % len(cases) :] + cases[: number % len(cases)]:
+            wall, cpu = once(*case, plan)
+            times[case].append(wall)
+            spent[case].append(cpu)
+
+    def ratio(one: tuple[str, int], other: tuple[str, int]) -> float:
+        return statistics.median(a / b for a, b in zip(times[one], times[other], strict=True))
+
+    both = {"threads", "dask"} <= set(executors)
+    unit = predicted / plan.shape[0]
+    turns = math.ceil(plan.shape[0] / many)
+    return Figures(
+        {f"{name} {workers}": statistics.median(took) for (name, workers), took in times.items()},
+        {f"{name} {workers}": statistics.median(took) for (name, workers), took in spent.items()},
+        {str(n): ratio(("dask", n), ("threads", n)) - 1 for n in (1, 2)} if both else {},
+        {name: ratio((name, 1), (name, 2)) for name in executors},
+        Forecast(many, plan.shape[0], 4 * math.prod(plan.shape[1:]), turns * unit),
+    )
+
+
+def _cpu_seconds() -> float:
+    """Return what this process and its children that ended have had of the processor."""
+    found = os.times()
+    return found.user + found.system + found.children_user + found.children_system
+
+
+def _show(found: Figures, plan: ScanPlan) -> None:
+    from lfcal.base.units import format_bytes, format_seconds
+
+    rows = [
+        [
+            name,
+            *(format_seconds(found.seconds[f"{name} {n}"]) for n in (1, 2)),
+            f"{scale:.2f}",
+            *(format_seconds(found.cpu_seconds[f"{name} {n}"]) for n in (1, 2)),
+        ]
+        for name, scale in found.scaling.items()
+    ]
+    title = f"{plan.camera.name}: H {plan.shape}, {plan.shape[0]} units"
+    header = ["executor", "1 worker", "2 workers", "times quicker", "processor, 1", "processor, 2"]
+    print_table(header, rows, title=title)
+    for workers, more in found.overhead.items():
+        typer.echo(f"dask over threads, {workers} at work: {100 * more:+.1f} %")
+    one = found.forecast
+    typer.echo(
+        f"{one.workers} workers by forecast: {one.units} units of {format_bytes(one.unit_bytes)}, "
+        f"about {format_seconds(one.seconds)} and what starting and joining take"
+    )

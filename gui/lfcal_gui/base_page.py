@@ -1,0 +1,279 @@
+"""What all pages have: title, hint, body, empty state."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QKeySequence, QShortcut, QShowEvent
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QStackedWidget, QVBoxLayout, QWidget
+
+from lfcal_gui.context import Context
+from lfcal_gui.models.page import PageSpec
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.notice import Notice
+from lfcal_gui.theme import current_theme, style_sheet
+from lfcal_gui.widgets.enlarging import whole_page
+from lfcal_gui.widgets.words import ElidedLabel, WrappedLabel
+
+__all__ = ["BasePage", "Deed", "EmptyState", "page_class"]
+
+Deed = tuple[str, Callable[[], object]]
+"""What a button of an empty state does: when one would press it (its tip), and the action."""
+
+
+HEADER, DESCENT = 28, 2
+"""Height of a header, also of one without buttons, and how much lower a title's letters reach than a hint's (px)."""
+
+NO_LONGER = "Wait no longer for this file; it stays the project's, and can be opened later"
+
+
+class EmptyState(QWidget):
+    """What is shown where there is nothing yet: what to do next, and the button that does it."""
+
+    def __init__(self, text: str, buttons: dict[str, Deed] | None = None, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        layout = QVBoxLayout(self)
+        layout.addStretch()
+        self.label = WrappedLabel(text)
+        self.label.setProperty("role", "hint")
+        self.label.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        layout.addWidget(self.label)
+        row = QHBoxLayout()
+        row.addStretch()
+        for k, (title, (tip, action)) in enumerate((buttons or {}).items()):
+            button = QPushButton(title)
+            button.setToolTip(tip)
+            if k == 0:
+                button.setProperty("role", "primary")
+            button.clicked.connect(lambda _=False, action=action: action())
+            row.addWidget(button)
+        row.addStretch()
+        layout.addLayout(row)
+        layout.addStretch()
+
+
+class BasePage(QWidget):
+    """A page: a header with title, hint and tools, and a body that is replaced by an empty state if need be.
+
+    Signals
+    -------
+    theme_changed()
+        Colours changed, and the page is seen; plots redraw.
+    """
+
+    theme_changed = Signal()
+
+    def __init__(self, spec: PageSpec, context: Context) -> None:
+        super().__init__()
+        self.spec, self.context = spec, context
+        self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
+        outer = QVBoxLayout(self)
+        outer.setContentsMargins(16, 12, 16, 12)
+        outer.setSpacing(10)
+        outer.addLayout(self._header())
+        self.notice = Notice()
+        outer.addWidget(self.notice)
+        self._stack = QStackedWidget()
+        self.body = QWidget()
+        whole_page(self.body)
+        self._stack.addWidget(self.body)
+        self.empty: EmptyState | None = None
+        outer.addWidget(self._stack, 1)
+        self._begun = context.project.begun
+        context.state_changed.connect(self._follow_project)
+        context.refused.connect(self._say_refused)
+        self._theme = current_theme()
+        self.setStyleSheet(style_sheet())
+        context.theme_changed.connect(self._theme_changed)
+
+    def _header(self) -> QHBoxLayout:
+        title = QLabel(self.spec.title)
+        title.setProperty("role", "title")
+        self.hint = ElidedLabel(self.spec.hint)
+        self.hint.setProperty("role", "hint")
+        self.hint.setContentsMargins(0, 0, 0, DESCENT)
+        words = QHBoxLayout()
+        words.addWidget(title)
+        words.addSpacing(12)
+        words.addWidget(self.hint, 1, Qt.AlignmentFlag.AlignBottom)
+        middle = QVBoxLayout()
+        middle.addStretch()
+        middle.addLayout(words)
+        middle.addStretch()
+        self.tools = QHBoxLayout()
+        header = QHBoxLayout()
+        header.addStrut(HEADER)
+        header.addLayout(middle, 1)
+        header.addLayout(self.tools)
+        return header
+
+    def _theme_changed(self) -> None:
+        if self.isVisible():
+            self.take_theme()
+
+    def take_theme(self) -> None:
+        """Take the colours of the theme in use, once: a page that is not seen does so when it is."""
+        if self._theme is not current_theme():
+            self._theme = current_theme()
+            self.setStyleSheet(style_sheet())
+            self.theme_changed.emit()
+
+    def showEvent(self, event: QShowEvent) -> None:
+        """Follow a change of the theme that came while the page was not seen."""
+        self.take_theme()
+        super().showEvent(event)
+
+    def show_empty(self, text: str, buttons: dict[str, Deed] | None = None) -> None:
+        """Show what to do next in place of the body."""
+        self.show_body()
+        self.empty = EmptyState(text, buttons)
+        self._stack.addWidget(self.empty)
+        self._stack.setCurrentWidget(self.empty)
+
+    def lead(self, key: str, tip: str) -> Deed:
+        """Return what a button does that leads to the page ``key``; ``tip``: what is done there."""
+        return tip, lambda: self.context.go.emit(key, None)
+
+    def show_body(self) -> None:
+        """Show the body."""
+        self._stack.setCurrentWidget(self.body)
+        if self.empty is not None:
+            self._stack.removeWidget(self.empty)
+            self.empty.deleteLater()
+            self.empty = None
+
+    def show_no_matrix(self, path: str, text: str, buttons: dict[str, Deed]) -> None:
+        """Show that the H of ``path`` is being opened, or why it cannot be; or ``text`` where neither is so."""
+        matrices = self.context.matrices
+        if matrices.opening(path):
+            self.show_empty(f"Opening {Path(path).name} …", {"Cancel": (NO_LONGER, lambda: matrices.cancel(path))})
+        elif matrices.problem(path):
+            again = "Open the same file again, once it is whole or its disk is back", lambda: matrices.take(path)
+            self.show_empty(matrices.problem(path), {"Try again": again, **buttons})
+        elif path:
+            self.show_empty(f"{Path(path).name} is being written and is shown again afterwards.")
+        else:
+            self.show_empty(text, buttons)
+
+    def refuse(self, words: str) -> None:
+        """Say on the page and in the log why something was refused."""
+        self.notice.refuse(words)
+        self.context.message.emit(words)
+
+    def _say_refused(self, words: str) -> None:
+        """Say on the page that is looked at why the project did not change."""
+        if self.isVisible():
+            self.notice.refuse(words)
+
+    def load(
+        self,
+        what: str,
+        function: Callable[[], Any],
+        on_result: Callable[[Any], None],
+        discard: Callable[[Any], None] | None = None,
+        on_error: Callable[[str], None] | None = None,
+    ) -> None:
+        """Open ``what`` in the background; the page keeps what it shows until it is known to be good.
+
+        Errors of any kind are said on the page, or told to ``on_error``, and the user may stop waiting; what opens
+        after that is handed to ``discard``.
+        """
+        group = self._imports
+
+        def opened(found: Any) -> None:
+            self.notice.clear()
+            on_result(found)
+
+        self.notice.wait(f"Opening {what} …", lambda: self.context.jobs.drop(group))
+        self.context.jobs.drop(group)  # it may hang
+        self.context.jobs.load(group, function, opened, on_error or self.refuse, discard)
+
+    @property
+    def _imports(self) -> str:
+        """What the page opens for the project."""
+        return f"{self.spec.key} import"
+
+    def tool_button(self, text: str, tip: str, action: Any, *, primary: bool = False) -> QPushButton:
+        """Add a button to the header."""
+        button = QPushButton(text)
+        button.setToolTip(tip)
+        if primary:
+            button.setProperty("role", "primary")
+        button.clicked.connect(lambda _=False: action())
+        self.tools.addWidget(button)
+        return button
+
+    def stop_tool(self, tip: str) -> QPushButton:
+        """Add the button Stop (Esc): it stops every job of this page, and can be pressed while there is one."""
+        button, jobs = self.tool_button("Stop", f"{tip} (Esc)", self.stop), self.context.jobs
+        button.setEnabled(False)
+        jobs.changed.connect(lambda _: self._show_stop(button))
+        self.shortcut("Escape", self.stop)
+        return button
+
+    def _show_stop(self, button: QPushButton) -> None:
+        """Say on the button at once that what is at work was asked to stop."""
+        active = [job for job in self.context.jobs.jobs() if job.active and job.page == self.spec.key]
+        stopping = bool(active) and all(job.stopping for job in active)
+        button.setEnabled(bool(active))
+        button.setText("Stopping …" if stopping else "Stop")
+
+    def stop(self) -> None:
+        """Stop every job of this page; what they made so far stays."""
+        for job in self.context.jobs.jobs():
+            if job.active and job.page == self.spec.key:
+                self.context.jobs.cancel(job.number)
+
+    def set_panel(self, panel: QWidget) -> None:
+        """Make ``panel`` the body."""
+        layout = QVBoxLayout(self.body)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.addWidget(panel)
+
+    def shortcut(self, keys: str, action: Callable[[], object]) -> None:
+        """Do ``action`` when ``keys`` are pressed while the page is looked at."""
+        shortcut = QShortcut(QKeySequence(keys), self)
+        shortcut.setContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
+        shortcut.activated.connect(action)
+
+    def hold_keyboard(self) -> None:
+        """Take the keyboard before what has it goes grey: shortcuts of a page work while it is in the page."""
+        self.setFocus(Qt.FocusReason.OtherFocusReason)
+
+    def _follow_project(self, old: ProjectState, new: ProjectState) -> None:
+        if self._begun != self.context.project.begun:
+            self._begun = self.context.project.begun
+            self.context.jobs.drop(self._imports)
+            self.notice.clear()
+            self.let_go()
+        elif replace(old, settings=new.settings) != new:
+            self.notice.drop_refusal()
+        self.state_changed(old, new)
+
+    # -- what pages override -----------------------------------------------------------------------------
+    def let_go(self) -> None:
+        """Forget what belongs to the project before: another was begun, which `state_changed` is told of next."""
+
+    def state_changed(self, old: ProjectState, new: ProjectState) -> None:
+        """Follow a change of the project."""
+
+    def entered(self) -> None:
+        """Prepare what is costly when the page is first looked at."""
+
+    def receive(self, payload: Any) -> None:
+        """Show what another page sent, e.g. a position."""
+
+    def accept_drop(self, paths: list[str]) -> bool:
+        """Take dropped files; False: not for this page."""
+        return False
+
+
+def page_class(spec: PageSpec) -> type[BasePage]:
+    """Return the class of a page; imported only now, so that widgets and libraries of pages do not slow the start."""
+    found: type[BasePage] = importlib.import_module(f"{spec.package}.page").Page
+    return found

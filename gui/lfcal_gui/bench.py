@@ -1,0 +1,234 @@
+"""Speed of the window: ``python -m benchmarks window``; scrubbing HT, live frames, start-up, holds, first looks at pages.
+
+Beside the time on the clock, which other programs lengthen, stands the processor time of the window's thread, and where
+more threads are at work that of all of them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from lfcal_gui.bench_holds import first_visits, holds
+
+MEASURED = ("first_visits", "start_up", "scrubbing", "live_frames", "holds")
+R29_PLANE = (55, 95, 181, 181)
+R29_FRAME = (4384, 6576)
+
+EMPTY_WINDOW = """
+import time; t = time.perf_counter(), time.process_time()
+from PySide6.QtWidgets import QApplication, QMainWindow
+import pyqtgraph as pg
+app = QApplication([]); w = QMainWindow(); w.setCentralWidget(pg.GraphicsLayoutWidget()); w.show(); app.processEvents()
+print(time.perf_counter() - t[0], time.process_time() - t[1])
+"""
+OUR_WINDOW = """
+import time; t = time.perf_counter(), time.process_time()
+from pathlib import Path
+from PySide6.QtWidgets import QApplication
+from lfcal_gui.app import begin, make_window, parse
+o = parse({words!r}); app = QApplication([]); w = make_window(app, o, folder=Path({folder!r})); w.show(); begin(w, o)
+app.processEvents()
+print(time.perf_counter() - t[0], time.process_time() - t[1]); w.shut_down()
+"""
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Print what was measured; return the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m lfcal_gui.bench", description=__doc__)
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    parser.add_argument("--small", action="store_true", help="a plane and a frame of a tenth of the size")
+    parser.add_argument("--only", action="append", choices=MEASURED, help="only this; may be given again")
+    options = parser.parse_args(arguments)
+    os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+    scale = 0.1 if options.small else 1.0
+    side = scale**0.5
+    plane = (*R29_PLANE[:2], int(R29_PLANE[2] * side) | 1, int(R29_PLANE[3] * side) | 1)
+    frame = (int(R29_FRAME[0] * side), int(R29_FRAME[1] * side))
+    measures: dict[str, Callable[[], dict[str, Any]]] = {
+        "first_visits": first_visits,
+        "start_up": start_up,
+        "scrubbing": lambda: scrubbing(scale),
+        "live_frames": lambda: live_frames(scale),
+        "holds": lambda: holds(plane, frame),
+    }
+    found = {name: measure() for name, measure in measures.items() if not options.only or name in options.only}
+    if options.json:
+        print(json.dumps(found, indent=2))
+        return 0
+    for name, measured in found.items():
+        print(WORDS[name](measured))
+    return 0
+
+
+def _start_words(start: dict[str, Any]) -> str:
+    return (
+        f"start-up: {start['window_s']:.2f} s, with --demo {start['demo_s']:.2f} s, "
+        f"an empty PySide6 + pyqtgraph window {start['empty_s']:.2f} s (medians of {start['runs']}); processor time "
+        f"{start['window_cpu_s']:.2f}, {start['demo_cpu_s']:.2f}, {start['empty_cpu_s']:.2f} s"
+    )
+
+
+def _scrub_words(scrub: dict[str, Any]) -> str:
+    return (
+        f"scrubbing HT over a {scrub['plane']} plane: {scrub['per_second']:.0f} pictures a second, "
+        f"longest {scrub['longest_ms']:.0f} ms; window's thread busy {scrub['busy_ms']:.1f} ms a picture (median)"
+    )
+
+
+def _live_words(live: dict[str, Any]) -> str:
+    return (
+        f"live frames of {live['frame']}: {live['per_second']:.1f} a second, window's thread busy "
+        f"{live['busy_ms']:.1f} ms a frame (median), all threads {live['all_ms']:.1f} ms a frame"
+    )
+
+
+def _listed(title: str, found: dict[str, float]) -> str:
+    rows = sorted(found.items(), key=lambda pair: -pair[1])
+    return "\n".join((f"{title} (ms of the window's thread):", *(f"  {ms:6.0f}  {name}" for name, ms in rows)))
+
+
+WORDS: dict[str, Callable[[dict[str, Any]], str]] = {
+    "first_visits": lambda found: _listed("first look at each page", found),
+    "start_up": _start_words,
+    "scrubbing": _scrub_words,
+    "live_frames": _live_words,
+    "holds": lambda found: _listed("longest hold of each action", found),
+}
+
+
+def start_up(runs: int = 5) -> dict[str, Any]:
+    """Return the time from the first import to a usable window, ours and an empty one, side by side."""
+    with TemporaryDirectory() as folder:
+        codes = {
+            "empty": EMPTY_WINDOW,
+            "window": OUR_WINDOW.format(folder=folder, words=[]),
+            "demo": OUR_WINDOW.format(folder=folder, words=["--demo"]),
+        }
+        times: dict[str, list[tuple[float, float]]] = {name: [] for name in codes}
+        for _ in range(runs + 1):
+            for name, code in codes.items():
+                times[name].append(_timed(code))
+    found: dict[str, Any] = {"runs": runs}
+    for name, both in times.items():
+        found[f"{name}_s"], found[f"{name}_cpu_s"] = (statistics.median(t) for t in zip(*both[1:], strict=True))
+    return {**found, "ratio": found["window_s"] / found["empty_s"]}
+
+
+def _timed(code: str) -> tuple[float, float]:
+    """Return seconds on the clock, and of the processor."""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    clock, processor = map(float, done.stdout.split()[:2])
+    return clock, processor
+
+
+def _app() -> Any:
+    from PySide6.QtWidgets import QApplication
+
+    return QApplication.instance() or QApplication(["lfcal"])
+
+
+def scrubbing(scale: float = 1.0, pictures: int = 200) -> dict[str, Any]:
+    """Return how fast HT is shown while the user drags over the period map, on a plane in memory."""
+    from lfcal.psf import PSFMatrix
+    from lfcal_gui.base_page import page_class
+    from lfcal_gui.context import Context
+    from lfcal_gui.jobs import Jobs
+    from lfcal_gui.models.page import PAGES
+    from lfcal_gui.models.project import Project
+    from lfcal_gui.theme import LIGHT, apply_theme
+
+    app = _app()
+    apply_theme(app, LIGHT)
+    ny, nx, nt, _ = R29_PLANE
+    side = int(nt * scale**0.5) | 1
+    rng = np.random.default_rng(0)
+    row = rng.random((nx, side, side), np.float32)
+    matrix = PSFMatrix(np.broadcast_to(row, (1, ny, nx, side, side)).copy())
+    context = Context(Project(), jobs := Jobs())
+    context.matrices.put("plane", matrix)
+    spec = PAGES.get("psf")
+    page: Any = page_class(spec)(spec, context)
+    page.resize(1100, 760)
+    page.show()
+    context.project.update("open", psf="plane")
+    while page.plane is None:
+        app.processEvents()
+    page.set_intent(transposed=True)
+    for _ in range(20):
+        app.processEvents()
+    times = [_scrub(app, page, (k * 7) % ny, (k * 3) % nx) for k in range(pictures)]
+    jobs.close()
+    page.close()
+    return {
+        "plane": f"{ny} x {nx} x {side}²",
+        "per_second": 1 / statistics.mean(clock for clock, _ in times),
+        "longest_ms": 1e3 * max(clock for clock, _ in times),
+        "busy_ms": 1e3 * statistics.median(busy for _, busy in times),
+    }
+
+
+def _scrub(app: Any, page: Any, y: int, x: int) -> tuple[float, float]:
+    """Show another position; return how long it took until it was drawn (s), and of this the thread's own time."""
+    start, own = time.perf_counter(), time.thread_time()
+    page.panel.map.chosen.emit(y, x)
+    app.processEvents()
+    page.panel.main_view.graphics.viewport().repaint()
+    return time.perf_counter() - start, time.thread_time() - own
+
+
+def live_frames(scale: float = 1.0, seconds: float = 4.0) -> dict[str, Any]:
+    """Return how many new full frames a second are drawn, and how long the window's thread is busy with each."""
+    from lfcal_gui.jobs import Jobs
+    from lfcal_gui.theme import LIGHT, apply_theme
+    from lfcal_gui.widgets.frame_view import FrameView
+
+    app = _app()
+    apply_theme(app, LIGHT)
+    rows, columns = (int(n * scale**0.5) for n in R29_FRAME)
+    rng = np.random.default_rng(0)
+    frames = [rng.integers(0, 4096, (rows, columns), np.uint16) for _ in range(3)]
+    view = FrameView(jobs := Jobs(), "live")
+    view.resize(1200, 800)
+    view.show()
+    drawn = [0]
+    view.drawn.connect(lambda: drawn.__setitem__(0, drawn[0] + 1))
+    view.set_frame(frames[0], (0, 4095))
+    while not drawn[0]:
+        app.processEvents()
+    busy: list[float] = []
+    start, worked, shown, sent = time.perf_counter(), time.process_time(), drawn[0], 0
+    while time.perf_counter() - start < seconds:
+        before, at = time.thread_time(), drawn[0]
+        if drawn[0] - shown >= sent:
+            sent += 1
+            view.set_frame(frames[sent % 3], (0, 4095))
+        app.processEvents()
+        if drawn[0] != at:
+            view.graphics.viewport().repaint()
+            busy.append(time.thread_time() - before)
+        else:
+            time.sleep(0.0005)
+    total, worked, seen = time.perf_counter() - start, time.process_time() - worked, drawn[0] - shown
+    jobs.close()
+    view.close()
+    return {
+        "frame": f"{columns} x {rows} px",
+        "per_second": seen / total,
+        "busy_ms": 1e3 * statistics.median(busy) if busy else float("nan"),
+        "all_ms": 1e3 * worked / seen if seen else float("nan"),
+    }
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,134 @@
+"""How long the window's thread is held: by what a user does at R29 size, and by the first look at each page."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+__all__ = ["first_visits", "holds"]
+
+IDLE_S = 300.0
+
+
+class LongestTurn:
+    """Lets a window work, and notes the longest turn of its event loop in processor time (ms)."""
+
+    def __init__(self, app: Any, busy: Callable[[], bool]) -> None:
+        self._app, self._busy = app, busy
+        self.found: dict[str, float] = {}
+
+    def do(self, name: str, action: Callable[[], object]) -> None:
+        """Do ``action``, and what follows from it until nothing is at work."""
+        longest = self._turn(action)
+        end, calm = time.monotonic() + IDLE_S, 0
+        while calm < 5 and time.monotonic() < end:
+            longest = max(longest, self._turn(self._app.processEvents))
+            calm = 0 if self._busy() else calm + 1
+            time.sleep(0.002)
+        self.found[name] = max(longest, self.found.get(name, 0.0))
+
+    @staticmethod
+    def _turn(action: Callable[[], object]) -> float:
+        start = time.thread_time()
+        action()
+        return 1e3 * (time.thread_time() - start)
+
+
+def holds(plane: tuple[int, int, int, int], frame: tuple[int, int]) -> dict[str, float]:
+    """Return the longest hold (ms of processor time) of each action, with an H of ``plane`` and such a frame."""
+    from PySide6.QtWidgets import QApplication
+
+    from lfcal.psf import PSFMatrix
+    from lfcal_gui.app import make_window, parse
+
+    found_app = QApplication.instance()
+    app: Any = found_app or QApplication(["lfcal"])
+    ny, nx, nt, ns = plane
+    rng = np.random.default_rng(0)
+    row = rng.random((nx, nt, ns), np.float32)
+    with TemporaryDirectory() as folder:
+        window = make_window(app, parse([]), folder=Path(folder))
+        window.show()
+        held = LongestTurn(app, lambda: window.jobs.busy)
+        held.do("start", lambda: None)
+        window.context.matrices.put("plane", PSFMatrix(np.broadcast_to(row, (1, ny, nx, nt, ns)).copy()))
+        window.go("psf")
+        held.do("H is opened", lambda: window.project.update("open", psf="plane"))
+        page: Any = window.page("psf")
+        for k in range(20):
+            held.do("another position", lambda k=k: page.panel.map.chosen.emit(7 * k % ny, 3 * k % nx))
+        for _ in range(4):
+            held.do("H and HT", lambda: page.set_intent(transposed=not page.intent.transposed))
+            held.do("another scale", lambda: page.panel.toggle_scale("log"))
+        for k in range(5):
+            held.do("pointer", lambda k=k: page.panel.main_view.hovered.emit(k, k, 1.0))
+        for width in (1500, 1900, 1280):
+            held.do("another size", lambda width=width: window.resize(width, 900))
+        for _ in range(2):
+            held.do("another theme", window.toggle_theme)
+        held.do("undo", window.project.undo)
+        _frames(held, window.jobs, frame)
+        held.do("closing", window.shut_down)
+        window.close()
+    held.found.pop("start")
+    return held.found
+
+
+def _frames(held: LongestTurn, jobs: Any, shape: tuple[int, int]) -> None:
+    from lfcal_gui.widgets.frame_view import FrameView
+
+    rng = np.random.default_rng(1)
+    view = FrameView(jobs, "bench")
+    view.resize(1200, 800)
+    view.show()
+    for k in range(3):
+        pixels = rng.integers(0, 4096, shape, np.uint16)
+        held.do("another frame", lambda pixels=pixels: view.set_frame(pixels, (0, 4095)))
+        held.do("zoom into a frame", lambda k=k: view.show_region(100 * k, 100 * k, 300, 400))
+        held.do("whole frame", view.show_all)
+    view.close()
+
+
+VISITS = """
+import json, sys
+from pathlib import Path
+from lfcal_gui.bench_holds import visit_all
+print(json.dumps(visit_all(Path({folder!r}))))
+"""
+
+
+def visit_all(folder: Path) -> dict[str, float]:
+    """Return the longest hold (ms) of the first look at each page of a new window."""
+    from PySide6.QtWidgets import QApplication
+
+    from lfcal_gui.app import make_window, parse
+
+    app = QApplication(["lfcal"])
+    window = make_window(app, parse([]), folder=folder)
+    window.show()
+    held = LongestTurn(app, lambda: window.jobs.busy)
+    held.do("", lambda: None)
+    for spec in window.specs:
+        held.do(spec.title, lambda key=spec.key: window.go(key))
+    window.shut_down()
+    held.found.pop("")
+    return held.found
+
+
+def first_visits() -> dict[str, float]:
+    """Return the same, measured in a process that has imported nothing yet."""
+    with TemporaryDirectory() as folder:
+        code = VISITS.format(folder=folder)
+        environment = {**os.environ, "QT_QPA_PLATFORM": "offscreen"}
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
+    found: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
+    return found

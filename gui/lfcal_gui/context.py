@@ -1,0 +1,185 @@
+"""What a page may use of the window: the project, the jobs, messages, and going to another page."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from PySide6.QtCore import QObject, Signal
+
+from lfcal.base.errors import LfcalError
+from lfcal.base.progress import Work
+from lfcal.psf import PSFMatrix
+from lfcal_gui.jobs import Jobs, JobState, WindowJob
+from lfcal_gui.matrices import Matrices
+from lfcal_gui.models.fitted import FittedCamera
+from lfcal_gui.models.history import History, Taken
+from lfcal_gui.models.job import Keeping
+from lfcal_gui.models.kept_run import KeptRun
+from lfcal_gui.models.page import PAGES
+from lfcal_gui.models.project import Project, ProjectState
+from lfcal_gui.models.step import CommandStep, step_of
+
+__all__ = ["Context"]
+
+
+class Context(QObject):
+    """Handed to every page; the only thing pages share.
+
+    Signals
+    -------
+    state_changed(old, new)
+        The project changed (`lfcal_gui.models.project.ProjectState` before and after).
+    go(page, payload)
+        A page asks for another page by its key, with something to show there, e.g. ``("frames", (z, y, x))``.
+    help_asked(page, name)
+        A page of the manual is wanted, such as ``faults.md``, or its section about ``name``.
+    message(text)
+        A line for the log and the status bar.
+    refused(text)
+        Why a change of the project was refused; the page that is looked at says it, too.
+    attention(page, flag)
+        A page found something that needs the user.
+    theme_asked(name)
+        A page wants another theme.
+    theme_changed()
+        Colours changed; plots redraw.
+    frame_seen(frame, first)
+        A frame of the camera is shown: ``(rows, columns)``, not to be changed, and which of the sensor's pixels
+        (row, column) its first one is.
+    fitted_changed()
+        Another camera was found by a fit, or the one that was is of no use any more.
+    """
+
+    state_changed = Signal(object, object)
+    go = Signal(str, object)
+    help_asked = Signal(str, str)
+    message = Signal(str)
+    refused = Signal(str)
+    attention = Signal(str, bool)
+    theme_asked = Signal(str)
+    theme_changed = Signal()
+    frame_seen = Signal(object, object)
+    fitted_changed = Signal()
+
+    def __init__(self, project: Project, jobs: Jobs, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self.project, self.jobs = project, jobs
+        self.matrices = Matrices(jobs, self)
+        self.matrices.failed.connect(self.message.emit)
+        self._closers: list[Callable[[], None]] = []
+        self._fitted: FittedCamera | None = None
+        self.history = History()
+        jobs.finished.connect(self._remember)
+        project.listen(self.state_changed.emit)
+        self.refused.connect(self.message.emit)
+
+    @property
+    def state(self) -> ProjectState:
+        """The project's state."""
+        return self.project.state
+
+    @property
+    def fitted(self) -> FittedCamera | None:
+        """The camera that a fit of this window found last."""
+        return self._fitted
+
+    def set_fitted(self, fitted: FittedCamera | None) -> None:
+        """Tell all pages what a fit found; None: nothing is found any more."""
+        if fitted is not self._fitted:
+            self._fitted = fitted
+            self.fitted_changed.emit()
+
+    def matrix(self, path: str) -> PSFMatrix | None:
+        """Return the PSF matrix of a file if it is open; ``matrices.want`` opens it in the background."""
+        return self.matrices.get(path)
+
+    def forget(self, path: str) -> None:
+        """Close a PSF matrix, so that its file may be replaced or is read anew."""
+        self.matrices.forget(path)
+
+    def start_writing(
+        self,
+        title: str,
+        page: str,
+        path: str,
+        work: Callable[[], Work[Any]],
+        on_done: Callable[[Any], None] | None = None,
+        on_failed: Callable[[WindowJob], None] | None = None,
+        *,
+        on_end: Callable[[WindowJob], None] | None = None,
+        keeping: Keeping | None = None,
+        taken: Taken | None = None,
+    ) -> int:
+        """Run a job that writes the H file ``path``, in units that are kept where it ends early.
+
+        The file is closed when the job begins, and read anew when it has ended. A project that was begun meanwhile
+        takes nothing of it: then ``on_done`` is not called.
+        """
+        begun = self.project.begun
+
+        def done(result: Any) -> None:
+            if self.project.begun == begun and on_done is not None:
+                on_done(result)
+            elif self.project.begun != begun:
+                self.message.emit(f"{path} is whole; the project it was made for is no longer open")
+
+        def ended(job: WindowJob) -> None:
+            if on_end is not None and self.project.begun == begun:
+                on_end(job)
+            if path in (self.state.psf, self.state.reference):
+                self.matrices.want(path)
+
+        return self.jobs.start(
+            title,
+            page,
+            work,
+            done,
+            on_failed,
+            on_end=ended,
+            before=lambda: self.forget(path),
+            keeping=keeping or KeptRun(path),
+            taken=taken,
+        )
+
+    def taken(
+        self,
+        page: str,
+        title: str,
+        out: str = "",
+        step: Callable[[], CommandStep] | None = None,
+        *,
+        draft: bool = False,
+    ) -> Taken:
+        """Return what enters the history when something that begins now has ended well.
+
+        Parameters
+        ----------
+        page, title
+            Key of the page, and what it does.
+        out
+            The file or folder that it writes.
+        step
+            Makes the command; by default that of the page, for the project as it is now.
+        draft
+            Whether nothing of it is kept yet.
+        """
+        try:
+            made = step() if step is not None else step_of(PAGES.get(page), self.state, out)
+        except LfcalError as error:
+            return Taken(page, title, None, out, str(error), draft)
+        return Taken(page, title, made, out, draft=draft)
+
+    def _remember(self, job: WindowJob) -> None:
+        if job.taken is not None and job.state is JobState.DONE:
+            self.history.add(job.taken)
+
+    def on_close(self, closer: Callable[[], None]) -> None:
+        """Call ``closer`` when the window closes and no thread is at work any more: devices and files are let go."""
+        self._closers.append(closer)
+
+    def close(self) -> None:
+        """Close what pages hold, and all files."""
+        while self._closers:
+            self._closers.pop()()
+        self.matrices.close()

@@ -1,0 +1,78 @@
+"""Collect cyclic garbage in the window's thread alone, and the old of it while nothing else is to be done.
+
+Python collects in whichever thread happens to allocate. A widget that is part of a cycle would then be destroyed by a
+worker, which ends the program. While a `Collector` lives, collection happens in the event loop only. What was allocated
+just now is looked through at each tick, in a few milliseconds; all objects take a tenth of a second once libraries are
+loaded, which is felt when it falls into what a user does.
+"""
+
+from __future__ import annotations
+
+import gc
+import time
+from collections.abc import Callable
+
+from PySide6.QtCore import QObject, QTimer
+
+__all__ = ["CALM_TICKS", "LATEST_TICKS", "Collector"]
+
+INTERVAL_MS = 500
+BUSY_S = 0.02
+"""Processor time of the window's thread between two ticks: with less of it nothing goes on that anyone looks at (s)."""
+
+CALM_TICKS = 4
+"""Ticks without work before all generations are collected."""
+
+LATEST_TICKS = 240
+"""Ticks after which they are collected, whatever goes on."""
+
+
+class Collector(QObject):
+    """Switch automatic collection off until `close`; look every half second whether a generation is due.
+
+    The first one leaves aside what is there already: modules and their functions, two thirds of all objects, none of
+    which ever becomes garbage.
+
+    Parameters
+    ----------
+    parent
+        Owns it; while it says that it is ``busy``, as `lfcal_gui.jobs.Jobs` does, something goes on.
+    """
+
+    _first = True
+
+    def __init__(self, parent: QObject | None = None, busy: Callable[[], bool] = lambda: False) -> None:
+        super().__init__(parent)
+        self._busy = busy
+        self._was_on = gc.isenabled()
+        gc.disable()
+        if Collector._first:  # to ask how many are left aside would count them
+            Collector._first = False
+            gc.freeze()
+        self._calm, self._ticks, self._worked_s = 0, 0, time.thread_time()
+        self._timer = QTimer(self)
+        self._timer.setInterval(INTERVAL_MS)
+        self._timer.timeout.connect(self.collect)
+        self._timer.start()
+
+    def collect(self) -> None:
+        """Collect the youngest generation if it is due; older ones when nothing goes on, or that was long ago."""
+        worked_s, self._worked_s = self._worked_s, time.thread_time()
+        # what a job brings is about to be shown
+        waiting = self._busy()
+        self._calm = 0 if waiting or self._worked_s - worked_s >= BUSY_S else self._calm + 1
+        self._ticks += 1
+        youngest, younger, _ = gc.get_count()
+        limits = gc.get_threshold()
+        if younger > limits[1] and (self._calm >= CALM_TICKS or self._ticks >= LATEST_TICKS):
+            gc.collect()
+            self._ticks = 0
+        elif youngest > limits[0]:
+            gc.collect(0)
+        self._worked_s = time.thread_time()
+
+    def close(self) -> None:
+        """Leave collection to Python again."""
+        self._timer.stop()
+        if self._was_on:
+            gc.enable()

@@ -1,0 +1,323 @@
+"""Long work as jobs, each in a thread of its own; heavy ones run one after the other, in a queue.
+
+Threads never touch Qt: they leave their records, and a timer in the window's thread looks at these and emits signals.
+"""
+
+from __future__ import annotations
+
+import itertools
+import threading
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from typing import Any
+
+from PySide6.QtCore import QObject, Signal
+
+from lfcal.base.progress import Work
+from lfcal_gui.background import COMPUTATIONS_S, LOADS_S, BackgroundThreads
+from lfcal_gui.job_line import Line
+from lfcal_gui.job_thread import JobRequest, JobThread
+from lfcal_gui.models.history import Taken
+from lfcal_gui.models.job import JobState, Keeping, WindowJob
+from lfcal_gui.models.job_log import JobLog, notes_of
+from lfcal_gui.workers import wait_for
+
+__all__ = ["JOBS_S", "LOADS_S", "WAITS", "JobState", "Jobs", "WindowJob"]
+
+TELL_S = 0.03
+"""Between two records of a job that are told (s)."""
+
+JOBS_S = 30.0
+"""How long closing waits for jobs, which clean up behind themselves (s)."""
+
+WAITS = "waits for its turn; Jobs shows the order"
+"""What a page says of its job that waits."""
+
+
+class Jobs(BackgroundThreads):
+    """Run `lfcal.base.progress.Work` in threads; report in the window's thread."""
+
+    changed = Signal(object)
+    """A `WindowJob`, whenever one of its fields changes."""
+
+    finished = Signal(object)
+    """A `WindowJob` that is done, stopped or failed."""
+
+    queued = Signal()
+    """Other jobs wait than before, or in another order."""
+
+    def __init__(self, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._numbers = itertools.count(1)
+        self._jobs: dict[int, WindowJob] = {}
+        self._logs: dict[int, JobLog] = {}
+        self._asked: dict[int, JobRequest] = {}  # of jobs that are at work, wait, or can go on
+        self._running: dict[int, JobThread] = {}
+        self._line = Line()
+        self._abandoned: list[threading.Thread] = []
+
+    # -- long work -------------------------------------------------------------------------------------
+    def start(
+        self,
+        title: str,
+        page: str,
+        work: Callable[[], Work[Any]],
+        on_done: Callable[[Any], None] | None = None,
+        on_failed: Callable[[WindowJob], None] | None = None,
+        *,
+        on_end: Callable[[WindowJob], None] | None = None,
+        before: Callable[[], None] | None = None,
+        abandon: bool = False,
+        leave: bool = False,
+        at_once: bool = False,
+        keeping: Keeping | None = None,
+        needs: Iterable[str] = (),
+        taken: Taken | None = None,
+    ) -> int:
+        """Run ``work()`` in a thread of its own, when it is its turn; return the job's number.
+
+        Parameters
+        ----------
+        title, page
+            What it is called, and the page it belongs to.
+        work, on_done, on_failed, on_end, before
+            As in `lfcal_gui.job_thread.JobRequest`.
+        abandon
+            Until its first record it only opens files, so that stopping it then need not wait for it.
+        leave
+            It writes nothing at all and may compute for long between two records; stopping never waits for it.
+        at_once
+            It does not wait for other jobs: it is short, or uses devices that do not wait.
+        keeping
+            What it keeps where it ends early.
+        needs
+            Files that it reads; where one is another when its turn comes, it fails and says so.
+        taken
+            What enters the history if it ends well.
+        """
+        number = next(self._numbers)
+        stamps = JobRequest.stamps(needs)
+        asked = JobRequest(work, on_done, on_failed, on_end, before, abandon, leave, at_once, keeping, stamps)
+        if keeping is not None:
+            self._take_over(keeping)
+        self._jobs[number] = WindowJob(number, title, page, taken=taken)
+        step = None if taken is None else taken.step
+        self._logs[number] = JobLog(title, "" if step is None else step.shell())
+        self._asked[number] = asked
+        self._enter(number)
+        return number
+
+    def _enter(self, number: int) -> None:
+        """Let a job begin, or wait for its turn."""
+        if self._leaving:
+            self._end(number, state=JobState.CANCELLED)
+            return
+        if self._asked[number].at_once:
+            self.changed.emit(self._jobs[number])
+            self._begin(number)
+            return
+        self._line.add(number)
+        self.changed.emit(self._jobs[number])
+        self._advance()
+        self.queued.emit()
+
+    def _advance(self) -> None:
+        """Begin the next job of the queue if none is at work."""
+        number = None if self._closed or self._leaving else self._line.next()
+        if number is not None:
+            self._begin(number)
+            self.queued.emit()
+
+    def _begin(self, number: int) -> None:
+        asked = self._asked[number]
+        if asked.before is not None:
+            asked.before()
+        self._timer.start()
+        running = self._running[number] = JobThread(number, asked, self._logs[number], self._ended)
+        running.start()
+        self._change(number, state=JobState.RUNNING, started=time.monotonic())
+
+    def log(self, number: int) -> JobLog:
+        """Return what a job did and said so far."""
+        return self._logs[number]
+
+    def cancel(self, number: int) -> None:
+        """Ask a job to stop, which cleans up behind itself; one that waits does so no longer. Of none (0): nothing."""
+        if number not in self._jobs or not self._jobs[number].active:
+            return
+        running = self._running.get(number)
+        if running is None:
+            self._logs[number].say("stop", "waits no longer")
+            self._end(number, state=JobState.CANCELLED)
+            return
+        if not running.stop.is_set():
+            self._logs[number].say("stop", "asked to stop")
+        running.stop.set()
+        opening = running.asked.abandon and self._jobs[number].progress is None
+        if opening or running.asked.leave:
+            self._abandoned.append(running.thread)
+            self._tell(running)
+            self._end(number, join_s=0, state=JobState.CANCELLED)
+        elif not self._jobs[number].stopping:
+            self._change(number, stopping=True)
+
+    def cancel_all(self) -> None:
+        """Ask all jobs to stop; those that wait first, or the next would begin."""
+        for number in (*self._line.waiting, *self._running):
+            self.cancel(number)
+
+    def jobs(self) -> list[WindowJob]:
+        """Return all jobs since the start, newest first."""
+        return sorted(self._jobs.values(), key=lambda job: -job.number)
+
+    def running_pages(self) -> set[str]:
+        """Return the keys of the pages that have a job at work."""
+        return {job.page for job in self._jobs.values() if job.active}
+
+    @property
+    def busy(self) -> bool:
+        """Whether a job or a computation is at work, or its result waits to be shown."""
+        return super().busy or any(job.active for job in self._jobs.values())
+
+    # -- the queue -------------------------------------------------------------------------------------
+    def waiting(self) -> tuple[int, ...]:
+        """Return the numbers of the jobs that wait, the next one first."""
+        return self._line.waiting
+
+    def move(self, number: int, by: int) -> None:
+        """Let a job that waits be done so many places later, or earlier where negative."""
+        if self._line.move(number, by):
+            self.queued.emit()
+
+    # -- what is kept of jobs that ended early ---------------------------------------------------------
+    def keeps(self, number: int) -> bool:
+        """Return whether a job that is at work or waits keeps what it made where it ends early."""
+        asked = self._asked.get(number)
+        return asked is not None and asked.keeping is not None
+
+    def go_on(self, number: int) -> None:
+        """Go on with a job that ended early, as it was asked for, when it is its turn."""
+        if number not in self._asked or not self._jobs[number].kept:
+            return
+        self._logs[number].go_on()
+        ended = self._jobs[number]
+        self._jobs[number] = WindowJob(number, ended.title, ended.page, taken=ended.taken)
+        self._enter(number)
+
+    def discard(self, number: int) -> None:
+        """Free what is kept of a job that ended early; where that fails, the job says why."""
+        asked = self._asked.get(number)
+        if asked is None or asked.keeping is None or not self._jobs[number].kept:
+            return
+
+        def gone(_: None) -> None:
+            if self._jobs[number].kept:
+                self._forget_kept(number)
+
+        def refused(words: str) -> None:
+            self._change(number, error=words)
+
+        self.compute(f"discard {number}", asked.keeping.discard, gone, refused)
+
+    def _take_over(self, keeping: Keeping) -> None:
+        """Let earlier jobs that made the same forget what they kept: it is the new one's."""
+        for number, asked in list(self._asked.items()):
+            if asked.keeping is not None and asked.keeping.out == keeping.out and self._jobs[number].kept:
+                self._forget_kept(number)
+
+    def _forget_kept(self, number: int) -> None:
+        del self._asked[number]
+        self._change(number, kept="")
+
+    # -- the window's thread ---------------------------------------------------------------------------
+    def _look(self) -> None:
+        for running in tuple(self._running.values()):
+            if time.monotonic() - running.told > TELL_S:
+                self._tell(running)
+
+    def _tell(self, running: JobThread) -> None:
+        """Tell the newest record of a job; it is never dropped: the next may be long in coming."""
+        record = running.take()
+        if record is not None:
+            running.told = time.monotonic()
+            self._change(running.number, progress=record)
+
+    def _ended(self, number: int, changes: dict[str, Any]) -> None:
+        """Take how a job ended from its thread."""
+
+        def take() -> None:
+            running = self._running.get(number)
+            if running is not None:  # else it was abandoned before
+                self._tell(running)  # how far it came, and how long a short job took
+                self._end(number, **changes)
+
+        self.hand_over(take)
+
+    def _change(self, number: int, **changes: Any) -> WindowJob:
+        job = replace(self._jobs[number], **changes)
+        self._jobs[number] = job
+        self.changed.emit(job)
+        return job
+
+    def _end(self, number: int, join_s: float = 5, **changes: Any) -> None:
+        running = self._running.pop(number, None)
+        self._line.leave(number)
+        job = self._change(number, before_s=0.0 if running is None else running.before_s, **changes)
+        self._log_end(job)
+        if running is not None:
+            running.thread.join(join_s)
+        # what can go on is remembered as it was asked for; what jobs made is not
+        asked = self._asked[number] if job.kept else self._asked.pop(number)
+        self._jobs[number] = job.remembered()
+        if self._closed:
+            return
+        try:
+            self._report(job, asked)
+        finally:  # whoever waits for the end hears of it, whatever its result met with
+            self.finished.emit(job)
+            self._advance()
+            self.queued.emit()
+
+    def _report(self, job: WindowJob, asked: JobRequest) -> None:
+        try:
+            if job.state is JobState.DONE and asked.on_done is not None:
+                asked.on_done(job.result)
+            elif job.state is JobState.FAILED and asked.on_failed is not None:
+                asked.on_failed(job)
+        finally:
+            if asked.on_end is not None:
+                asked.on_end(job)
+
+    def _log_end(self, job: WindowJob) -> None:
+        log = self._logs[job.number]
+        for note in notes_of(job.result):
+            log.say("note", note)
+        if job.state is JobState.DONE and job.taken is not None and job.taken.out:
+            log.say("wrote", job.taken.out)
+        log.end(job.ended_words(), job.details)
+
+    def leave(self) -> None:
+        """Ask everything to stop, and begin nothing any more: `waits_for` says how long that is worth waiting for."""
+        super().leave()
+        self.cancel_all()
+
+    def waits_for(self, seconds: float) -> bool:
+        """Return whether something is at work that is waited for so many ``seconds`` after `leave`."""
+        left = self._loads.alive or any(thread.is_alive() for thread in self._abandoned)
+        return (
+            (bool(self.running_pages()) and seconds < JOBS_S)
+            or (self.computing and seconds < COMPUTATIONS_S)
+            or (left and seconds < LOADS_S)
+        )
+
+    def close(self, wait_s: float = JOBS_S) -> None:
+        """Stop everything and wait for the threads, for jobs at most ``wait_s``; nothing reports afterwards."""
+        self._closed = True
+        running = list(self._running.values())
+        for one in running:
+            one.stop.set()
+        wait_for([one.thread for one in running if not one.asked.leave], wait_s)
+        left = [*self._abandoned, *(one.thread for one in running if one.asked.leave)]
+        wait_for(left, min(wait_s, LOADS_S))
+        super().close(wait_s)

@@ -1,0 +1,46 @@
+"""Which window uses a file: a lock beside it that names the process; those of dead processes count for nothing."""
+
+from __future__ import annotations
+
+import socket
+from pathlib import Path
+
+from PySide6.QtCore import QLockFile
+
+__all__ = ["FileLock"]
+
+
+class FileLock:
+    """The lock ``.NAME.window`` beside a file; ``.NAME.lock`` is that of whoever writes it (`lfcal.base.files`).
+
+    Where the folder cannot be written to there is no lock, and the file counts as free: it cannot be overwritten there.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._name = path.with_name(f".{path.name}.window")
+        self._lock = QLockFile(str(self._name))
+        self._lock.setStaleLockTime(0)  # age says nothing: windows stay open for days
+
+    def take(self) -> bool:
+        """Return whether the file is this window's now, or cannot be locked at all."""
+        if self._lock.isLocked() or self._lock.tryLock(0):
+            return True
+        return self._lock.error() != QLockFile.LockError.LockFailedError
+
+    def take_over(self) -> bool:
+        """Take the lock from whoever has it, as the user asked for."""
+        self._name.unlink(missing_ok=True)
+        return self.take()
+
+    def holder(self) -> tuple[str, bool]:
+        """Return who has the lock in words, and whether it is a process of another machine."""
+        process, host, _ = self._lock.getLockInfo() or (0, "", "")
+        if not process:
+            return "another program", False
+        away = host != socket.gethostname()
+        return (f"process {process} on {host}" if away else f"another window (process {process})"), away
+
+    def release(self) -> None:
+        """Let others have the file."""
+        self._lock.unlock()

@@ -1,0 +1,123 @@
+"""The PSF matrices of the window: opened in the background, held by their path."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from PySide6.QtCore import QObject, Signal
+
+from lfcal.psf import PSFMatrix
+from lfcal_gui.jobs import Jobs
+
+__all__ = ["Matrices"]
+
+
+class Matrices(QObject):
+    """Nothing here waits for a file: what is not open yet is None, and `changed` says when that changes.
+
+    Signals
+    -------
+    changed(path)
+        A matrix was opened or closed, or it is known now why it cannot be opened.
+    failed(words)
+        Why a file could not be opened that the project names.
+    """
+
+    changed = Signal(str)
+    failed = Signal(str)
+
+    def __init__(self, jobs: Jobs, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._jobs = jobs
+        self._open: dict[str, PSFMatrix] = {}
+        self._problems: dict[str, str] = {}
+
+    def get(self, path: str) -> PSFMatrix | None:
+        """Return the matrix of a file if it is open."""
+        return self._open.get(path)
+
+    def problem(self, path: str) -> str:
+        """Return in one line why a file could not be opened, or an empty string."""
+        return self._problems.get(path, "")
+
+    def opening(self, path: str) -> bool:
+        """Return whether a file is being opened."""
+        return self._jobs.loading(_group(path))
+
+    def want(self, path: str) -> None:
+        """Open a file in the background unless it is open, being opened, or known not to open."""
+        if path and path not in self._open and path not in self._problems and not self.opening(path):
+            self.take(path)
+
+    def take(
+        self, path: str, then: Callable[[], None] | None = None, refused: Callable[[str], None] | None = None
+    ) -> None:
+        """Open a file anew; one that is open already stays so until the new one is known to be good.
+
+        Parameters
+        ----------
+        path
+            The file.
+        then
+            Called when it is open.
+        refused
+            Called with the reason in one line when it cannot be opened; without it `problem` keeps the reason.
+        """
+
+        def opened(matrix: PSFMatrix) -> None:
+            self.put(path, matrix)
+            if then is not None:
+                then()
+
+        def failed(words: str) -> None:
+            (refused or self.failed.emit)(words)
+            if path not in self._open:
+                self._problems[path] = words
+                self.changed.emit(path)
+
+        self._problems.pop(path, None)
+        self._jobs.drop(_group(path))
+        self._jobs.load(_group(path), lambda: _open_file(path), opened, failed, lambda matrix: matrix.close())
+        self.changed.emit(path)
+
+    def cancel(self, path: str) -> None:
+        """Wait no longer for a file."""
+        if self.opening(path):
+            self._jobs.drop(_group(path))
+            self._problems[path] = f"{Path(path).name} was not opened: stopped"
+            self.changed.emit(path)
+
+    def put(self, path: str, matrix: PSFMatrix) -> None:
+        """Hold an open matrix as that of ``path``; one held before is closed."""
+        old = self._open.pop(path, None)
+        if old is not None:
+            old.close()
+        self._problems.pop(path, None)
+        self._open[path] = matrix
+        self.changed.emit(path)
+
+    def forget(self, path: str) -> None:
+        """Close a matrix, so that its file may be replaced or is read anew."""
+        self._jobs.drop(_group(path))
+        self._problems.pop(path, None)
+        matrix = self._open.pop(path, None)
+        if matrix is not None:
+            matrix.close()
+            self.changed.emit(path)
+
+    def close(self) -> None:
+        """Close all files; nothing is told any more."""
+        self.blockSignals(True)
+        for path in list(self._open):
+            self.forget(path)
+
+
+def _group(path: str) -> str:
+    return f"open {path}"
+
+
+def _open_file(path: str) -> PSFMatrix:
+    from lfcal.psf import open_psf
+
+    return open_psf(path)

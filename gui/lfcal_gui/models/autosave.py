@@ -1,0 +1,153 @@
+"""Copies of unsaved projects that outlive their window, and what is offered of them afterwards. No Qt."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any, Protocol
+
+from lfcal.base.errors import LfcalError
+from lfcal.base.files import read_text, replace_whole
+from lfcal_gui.models.project import Project, ProjectState, read_project
+
+__all__ = ["Claim", "UnsavedCopy", "find_kept", "keep", "read_kept"]
+
+
+class Claim(Protocol):
+    """The right to a file, as `lfcal_gui.locks.FileLock` gives it."""
+
+    def take(self) -> bool:
+        """Return whether the file is free, and ours from now on."""
+        ...
+
+    def release(self) -> None:
+        """Let others have it."""
+        ...
+
+
+@dataclass(frozen=True)
+class UnsavedCopy:
+    """A copy of a project that was not saved when its window ended.
+
+    Attributes
+    ----------
+    file
+        The copy.
+    state
+        What it holds.
+    project
+        The project's own file, or empty.
+    time
+        When the copy was written (s since 1970).
+    on_disk, disk_time
+        What the project's own file holds and when it was written; None: there is none, or it cannot be read.
+    """
+
+    file: Path
+    state: ProjectState
+    project: str
+    time: float
+    on_disk: ProjectState | None = None
+    disk_time: float | None = None
+
+    @property
+    def newer(self) -> bool:
+        """Whether the copy is newer than the project's own file, or there is no such file."""
+        return self.disk_time is None or self.time > self.disk_time
+
+    @property
+    def worth_asking(self) -> bool:
+        """Whether the project's own file holds something else."""
+        return self.state != self.on_disk
+
+    @property
+    def path(self) -> Path | None:
+        """Where the restored project is saved: its own file, None where that has been written since."""
+        return Path(self.project) if self.project and self.newer else None
+
+    def name(self) -> str:
+        """Return the project's name for people."""
+        return Path(self.project).name if self.project else f"{self.state.name} (never saved)"
+
+    def words(self) -> tuple[str, ...]:
+        """Return what the copy is and what it holds, a line each."""
+        lines = [f"Copy from {_moment(self.time)}"]
+        if self.project:
+            lines.append(f"Project file: {self.project}")
+        if self.disk_time is not None:
+            order = "older than the copy" if self.newer else "newer than the copy: something was saved since"
+            lines.append(f"saved {_moment(self.disk_time)}, {order}")
+        return (*lines, *_contents(self.state))
+
+
+def _moment(time: float) -> str:
+    return f"{datetime.fromtimestamp(time):%Y-%m-%d %H:%M:%S}"
+
+
+def _contents(state: ProjectState) -> tuple[str, ...]:
+    """Return what a project holds, a line each."""
+    lines = [f"Camera: {state.camera.name}"]
+    if state.plan is not None:
+        nz, ny, nx = state.plan.shape[:3]
+        lines.append(f"Plan: {nz} planes of {nx} × {ny} positions, {math.prod((nz, ny, nx))} in all")
+    named = (
+        ("Frames", state.frames),
+        ("H", state.psf),
+        ("Recording", state.recording),
+        ("Light field", state.light_field),
+        ("Volume", state.volume),
+    )
+    return (*lines, *(f"{title}: {path}" for title, path in named if path))
+
+
+def keep(project: Project, file: Path) -> None:
+    """Write a copy of the project, with the name of its own file; it opens as a project, too."""
+    data: dict[str, Any] = json.loads(project.state.to_json())
+    data["autosave"] = {"project": "" if project.path is None else str(project.path.absolute())}
+    with replace_whole(file) as part:
+        part.write_text(json.dumps(data, indent=2), encoding="utf-8")
+
+
+def read_kept(file: Path) -> UnsavedCopy:
+    """Return the copy in ``file`` beside what the project's own file holds; raises `LfcalError` if it is none."""
+    text = read_text(file)
+    state = ProjectState.from_json(text)
+    about = json.loads(text).get("autosave")
+    project = about.get("project") if isinstance(about, dict) else ""
+    kept = UnsavedCopy(file, state, project if isinstance(project, str) else "", file.stat().st_mtime)
+    own = Path(kept.project)
+    if not kept.project or not own.is_file():
+        return kept
+    try:
+        saved: ProjectState | None = read_project(own)
+    except LfcalError:
+        saved = None  # damaged: the copy is all there is
+    return UnsavedCopy(file, state, kept.project, kept.time, saved, own.stat().st_mtime if saved is not None else None)
+
+
+def find_kept(folder: Path, claim: Callable[[Path], Claim]) -> list[tuple[UnsavedCopy, Claim]]:
+    """Return the copies that windows left which are gone, newest first, each claimed by the caller.
+
+    A copy whose project holds the same is removed; one that cannot be read is put aside under another name.
+    """
+    found: list[tuple[UnsavedCopy, Claim]] = []
+    for file in folder.glob("*.lfcal"):
+        claimed = claim(file)
+        if not claimed.take():
+            continue
+        try:
+            kept = read_kept(file)
+        except LfcalError:
+            file.replace(file.with_suffix(".damaged"))
+            claimed.release()
+            continue
+        if kept.worth_asking:
+            found.append((kept, claimed))
+        else:
+            file.unlink(missing_ok=True)
+            claimed.release()
+    return sorted(found, key=lambda entry: -entry[0].time)

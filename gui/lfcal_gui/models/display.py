@@ -1,0 +1,160 @@
+"""How an array becomes a picture: levels, log, gamma, colour map, binning. Pure functions, no Qt."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.base.compiled import njit
+from lfcal.base.errors import InputError
+
+__all__ = ["COLOUR_MAPS", "DisplaySettings", "bin_max", "colour_table", "levels_of", "shades", "to_uint8"]
+
+COLOUR_MAPS = ("viridis", "cividis", "magma", "gray")
+"""Perceptually even maps offered for intensities."""
+
+DIFFERENCE = "RdBu_r"
+"""Map for signed differences, symmetric about zero."""
+
+COLOURS = Path(__file__).with_name("colours.npy")
+"""Red, green and blue of these maps ``(5, 256, 3)``, as matplotlib has them; to load it takes a tenth of a second."""
+
+SCALES = ("linear", "log", "gamma")
+
+DECADES_BELOW = 1e-4
+"""Of the top: what a logarithmic scale shows at most."""
+
+
+@dataclass(frozen=True)
+class DisplaySettings:
+    """How values are shown.
+
+    Attributes
+    ----------
+    scale
+        ``"linear"``, ``"log"`` (of the value itself, at most four decades below the top) or ``"gamma"`` (square root).
+    colour_map
+        One of `COLOUR_MAPS`, or the map for differences.
+    levels
+        Lowest and highest value shown; None follows the data.
+    """
+
+    scale: str = "linear"
+    colour_map: str = "viridis"
+    levels: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        if self.scale not in SCALES:
+            raise InputError.expected("scaling", " or ".join(SCALES), self.scale, "choose one of these")
+        if self.colour_map not in (*COLOUR_MAPS, DIFFERENCE):
+            raise InputError.expected("colour map", " or ".join(COLOUR_MAPS), self.colour_map, "choose one")
+
+
+def levels_of(image: NDArray[np.generic], *, signed: bool = False) -> tuple[float, float]:
+    """Return the levels that show all of ``image``; symmetric about zero where ``signed``."""
+    finite = image[np.isfinite(image)] if image.dtype.kind == "f" else image
+    if finite.size == 0:
+        return (0.0, 1.0)
+    low, high = float(finite.min()), float(finite.max())
+    if signed:
+        top = max(abs(low), abs(high)) or 1.0
+        return (-top, top)
+    return (low, high if high > low else low + 1.0)
+
+
+def to_uint8(image: NDArray[np.generic], display: DisplaySettings, levels: tuple[float, float]) -> NDArray[np.uint8]:
+    """Return ``image`` scaled to 0..255 by ``display``; not-a-number becomes 0."""
+    if image.dtype in (np.uint8, np.uint16) and image.size > 1 << 18:
+        shown: NDArray[np.uint8] = _table(256**image.dtype.itemsize, display.scale, levels)[image]
+        return shown
+    return _scaled(image, display.scale, levels)
+
+
+@lru_cache(maxsize=8)
+def _table(count: int, scale: str, levels: tuple[float, float]) -> NDArray[np.uint8]:
+    """Return 0..255 for the first ``count`` whole numbers: quicker than arithmetic on a large frame."""
+    return _scaled(np.arange(count, dtype=np.float32), scale, levels)
+
+
+def _scaled(image: NDArray[np.generic], scale: str, levels: tuple[float, float]) -> NDArray[np.uint8]:
+    return (shades(image, scale, levels) * 255.0 + 0.5).astype(np.uint8)
+
+
+def shades(image: NDArray[np.generic], scale: str, levels: tuple[float, float]) -> NDArray[np.float32]:
+    """Return where values stand on the colour map, 0..1; not-a-number is 0.
+
+    Logarithm and root are of light: what noise takes below zero has none, and is dark as zero is.
+    """
+    low, high = levels
+    if scale != "linear" and high > 0:
+        low = max(low, 0.0)
+    span = high - low if high > low else 1.0
+    if scale == "log" and high > 0:
+        bottom = max(low, DECADES_BELOW * high)
+        values = np.asarray(image, np.float32) * np.float32(1.0 / bottom)
+        np.nan_to_num(values, copy=False, nan=0.0, posinf=high / bottom, neginf=0.0)
+        np.log(np.clip(values, 1.0, max(1.0, high / bottom), out=values), out=values)
+        decades = math.log(high / bottom)
+        return values / np.float32(decades) if decades > 0 else np.asarray(values >= 0, np.float32)
+    values = (np.asarray(image, np.float32) - np.float32(low)) * np.float32(1.0 / span)
+    np.nan_to_num(values, copy=False, nan=0.0, posinf=1.0, neginf=0.0)
+    np.clip(values, 0.0, 1.0, out=values)
+    if scale == "gamma":
+        np.sqrt(values, out=values)
+    return values
+
+
+@lru_cache(maxsize=16)
+def colour_table(name: str, *, red: bool = False) -> NDArray[np.uint8]:
+    """Return the ``(256, 4)`` RGBA table of a colour map: one of `COLOUR_MAPS`, or that of differences.
+
+    ``red``: from black to red, as bright as it would be.
+    """
+    colours = np.load(COLOURS)[(*COLOUR_MAPS, DIFFERENCE).index(name)]
+    if red:
+        brightness = colours @ np.array([0.2126, 0.7152, 0.0722])
+        # differences are brightest in the middle, where there is nothing
+        brightness = 255 - brightness if name == DIFFERENCE else brightness
+        colours = np.column_stack([brightness, 0 * brightness, 0 * brightness])
+    return np.column_stack([colours, np.full(256, 255)]).astype(np.uint8)
+
+
+@njit()
+def _bin_max(image: NDArray[np.uint16], step: int, out: NDArray[np.uint16]) -> None:
+    """Rows first, element by element, which the compiler turns into vector instructions; then columns."""
+    rows, columns = out.shape
+    line = np.empty(columns * step, image.dtype)
+    for r in range(rows):
+        top = image[r * step]
+        for c in range(line.size):
+            line[c] = top[c]
+        for dr in range(1, step):
+            below = image[r * step + dr]
+            for c in range(line.size):
+                line[c] = max(line[c], below[c])
+        for c in range(columns):
+            best = line[c * step]
+            for dc in range(1, step):
+                best = max(best, line[c * step + dc])
+            out[r, c] = best
+
+
+def bin_max(image: NDArray[np.generic], step: int) -> NDArray[np.generic]:
+    """Return the maximum of every ``step`` x ``step`` block: point sources stay visible when zoomed out.
+
+    Rows and columns that do not fill a block are left out.
+    """
+    if step <= 1:
+        return image
+    rows, columns = image.shape[0] // step, image.shape[1] // step
+    if rows == 0 or columns == 0:
+        return image
+    out = np.empty((rows, columns), image.dtype)
+    _bin_max(np.ascontiguousarray(image), step, out)
+    return out

@@ -1,0 +1,112 @@
+"""What the Frames page shows: the visible part of a large frame, its histogram, the cutout. No Qt."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import Camera
+from lfcal_gui.models.display import DisplaySettings, bin_max, to_uint8
+
+__all__ = ["FrameNumbers", "Tile", "frame_numbers", "lattice_points", "render_tile", "visible_tile"]
+
+MAX_PIXELS = 1600 * 1200
+"""No more than this many pixels are sent to the screen."""
+
+MAX_POINTS = 20_000
+
+
+@dataclass(frozen=True)
+class Tile:
+    """The part of a frame that is drawn: rows and columns, every ``step`` x ``step`` block as one pixel."""
+
+    rows: tuple[int, int]
+    columns: tuple[int, int]
+    step: int
+
+
+def visible_tile(
+    shape: tuple[int, int], rows: tuple[float, float], columns: tuple[float, float], screen: tuple[int, int]
+) -> Tile:
+    """Return the tile for a view of ``rows`` and ``columns`` (pixels) on ``screen`` (height, width; points).
+
+    At 100 % and closer the visible part is drawn as it is; farther out blocks are drawn by their maximum, so
+    that no point source disappears.
+    """
+    top, left = (min(max(0, math.floor(low) - 1), n - 1) for low, n in zip((rows[0], columns[0]), shape, strict=True))
+    bottom, right = (
+        min(max(first + 1, math.ceil(high) + 2), n)
+        for first, high, n in zip((top, left), (rows[1], columns[1]), shape, strict=True)
+    )
+    per_point = max((bottom - top) / max(1, screen[0]), (right - left) / max(1, screen[1]))
+    step = max(1, math.floor(per_point))
+    while ((bottom - top) // step) * ((right - left) // step) > MAX_PIXELS:
+        step += 1
+    step = min(step, bottom - top, right - left)
+    top, left = top - top % step, left - left % step
+    return Tile((top, bottom), (left, right), step)
+
+
+def render_tile(
+    frame: NDArray[np.generic], tile: Tile, display: DisplaySettings, levels: tuple[float, float]
+) -> NDArray[np.uint8]:
+    """Return the tile as 0..255."""
+    part = frame[tile.rows[0] : tile.rows[1], tile.columns[0] : tile.columns[1]]
+    return to_uint8(bin_max(part, tile.step), display, levels)
+
+
+@dataclass(frozen=True, eq=False)
+class FrameNumbers:
+    """Exact numbers of a frame.
+
+    Attributes
+    ----------
+    counts, edges
+        Histogram of all pixels and its bin edges (counts).
+    low, high, mean
+        Smallest, largest and mean value.
+    saturated
+        Saturated pixels, counted one by one; None: nobody can tell.
+    """
+
+    counts: NDArray[np.int64]
+    edges: NDArray[np.float64]
+    low: float
+    high: float
+    mean: float
+    saturated: int | None
+
+
+def frame_numbers(frame: NDArray[np.generic], saturated: int | None, bins: int = 256) -> FrameNumbers:
+    """Return histogram, true extremes and mean of ``frame``, every pixel counted, with its ``saturated`` pixels."""
+    low, high = float(frame.min()), float(frame.max())
+    if frame.dtype == np.uint16 or frame.dtype == np.uint8:
+        each = np.bincount(frame.ravel(), minlength=int(high) + 1)
+        edges = np.linspace(low, max(high, low + 1), bins + 1)
+        where = np.clip(np.searchsorted(edges, np.arange(each.size), side="right") - 1, 0, bins - 1)
+        counts = np.bincount(where, weights=each, minlength=bins).astype(np.int64)
+    else:
+        counts, edges = np.histogram(frame, bins=bins, range=(low, max(high, low + 1e-9)))
+    return FrameNumbers(counts, edges, low, high, float(frame.mean(dtype=np.float64)), saturated)
+
+
+def lattice_points(
+    camera: Camera, rows: tuple[float, float], columns: tuple[float, float]
+) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """Return micro-image centres (row, column) inside a view, and their types; none if there are too many."""
+    pixel = camera.sensor.pixel_um
+    middle_row, middle_column = ((n - 1) / 2 for n in camera.sensor.shape)
+    height, width = max(1.0, rows[1] - rows[0]), max(1.0, columns[1] - columns[0])
+    pitch = camera.pitch_px
+    if height * width / pitch**2 > MAX_POINTS:
+        return np.zeros((0, 2)), np.zeros(0, np.intp)
+    about = (
+        ((columns[0] + columns[1]) / 2 - middle_column) * pixel,
+        ((rows[0] + rows[1]) / 2 - middle_row) * pixel,
+    )
+    centres, types = camera.lattice.lenslets_within(width * pixel / 2, height * pixel / 2, about)
+    points = np.stack([centres[:, 1] / pixel + middle_row, centres[:, 0] / pixel + middle_column], axis=-1)
+    return points, types

@@ -1,0 +1,75 @@
+"""What is kept of work in units that ended early: the files of those that are done, beside what they make. No Qt."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from lfcal.base.errors import InputError, LfcalError
+from lfcal.work import RunChoice, RunState, parts_folder, read_run
+from lfcal.work.journal import PASS, read_events
+from lfcal.work.runs import discard
+from lfcal.work.unit import stamp_of
+
+__all__ = ["KeptRun", "going_on", "stamp_of_files"]
+
+
+def going_on() -> RunChoice:
+    """Return how the window does units: in its process, from where an earlier run of the same was stopped."""
+    return RunChoice("threads", begun="resume")
+
+
+def stamp_of_files(*places: str, but: str) -> str:
+    """Return what tells the files of folders and lists from what they were before; ``but`` is what is made of them.
+
+    Of a recorded session only what was recorded counts: what is made of it often lies beside that.
+    """
+    from lfcal.cli.outputs import RECORDINGS, files_of
+
+    made, found = Path(but).absolute(), set()
+    for place in places:
+        files = [path.absolute() for path in files_of(place) if path.is_file()]
+        if place and (Path(place) / "session.json").is_file():
+            files = [path for path in files if path.name.startswith((*RECORDINGS, "session"))]
+        found |= set(files)
+    return stamp_of(sorted(str(path) for path in found - {made}))
+
+
+@dataclass(frozen=True)
+class KeptRun:
+    """The units of a run; see `lfcal_gui.models.job.Keeping`.
+
+    Attributes
+    ----------
+    out
+        What they make.
+    """
+
+    out: str
+
+    def look(self) -> str:
+        """Return how many units are done; where none is, their folder goes."""
+        try:
+            state = read_run(parts_folder(self.out))
+        except InputError:  # it ended before it began
+            return ""
+        if state.running:  # another window's, or a command's
+            return ""
+        which = state.title.rpartition(", ")[2]  # "simulate H.h5, pass 2 of 4"
+        of_which = f" of {which}" if which.startswith(f"{PASS} ") else ""
+        if state.count("done") or PASS in read_events(parts_folder(self.out)):
+            return f"{state.count('done')} of {len(state.units)} {_kind(state)}{of_which}"
+        with suppress(LfcalError):
+            self.discard()
+        return ""
+
+    def discard(self) -> None:
+        """Remove the units' files."""
+        discard(parts_folder(self.out))
+
+
+def _kind(state: RunState) -> str:
+    """Return what the units are: units called ``"plane 0003"`` are planes."""
+    kinds = {unit.name.rsplit(" ", 1)[0] for unit in state.units} or {"plane"}
+    return f"{kinds.pop()}s" if len(kinds) == 1 else "units"

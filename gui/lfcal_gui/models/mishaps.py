@@ -1,0 +1,99 @@
+"""Errors that nobody foresaw: which are told, how often, and what is safe. No Qt."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from lfcal_gui.workers import words_of
+
+__all__ = ["Mishap", "Mishaps", "safe_words"]
+
+MAX_TRACE = 20_000
+
+
+@dataclass(frozen=True)
+class Mishap:
+    """An unexpected error.
+
+    Attributes
+    ----------
+    words
+        The error in one line.
+    trace
+        Where it happened, for those who mend it.
+    thread
+        Name of the thread it happened in.
+    key
+        Equal for errors of one kind at one place.
+    count
+        How often it happened so far.
+    """
+
+    words: str
+    trace: str
+    thread: str
+    key: tuple[str, ...]
+    count: int = 1
+
+    @classmethod
+    def of(cls, error: BaseException, thread: str = "MainThread") -> Mishap:
+        """Return the record of an exception."""
+        trace = "".join(traceback.format_exception(error))[-MAX_TRACE:]
+        places = traceback.extract_tb(error.__traceback__)[-3:]
+        key = (type(error).__name__, *(f"{place.filename}:{place.lineno}" for place in places))
+        return cls(words_of(error), trace, thread, key)
+
+    def title(self) -> str:
+        """Return the words, with how often it happened."""
+        return self.words if self.count == 1 else f"{self.words}  ({self.count} times)"
+
+
+class Mishaps:
+    """All unexpected errors since the start; each kind is told once."""
+
+    def __init__(self) -> None:
+        self._found: dict[tuple[str, ...], Mishap] = {}
+
+    def add(self, mishap: Mishap) -> tuple[Mishap, bool]:
+        """Take one in; return it with how often its kind happened, and whether this is the first time."""
+        known = self._found.get(mishap.key)
+        now = mishap if known is None else replace(mishap, count=known.count + 1)
+        self._found[mishap.key] = now
+        return now, known is None
+
+    def all(self) -> tuple[Mishap, ...]:
+        """Return one of each kind, in the order they first happened."""
+        return tuple(self._found.values())
+
+
+def safe_words(*, unsaved: bool, project: str, copy: str, jobs: Sequence[str], recording: bool) -> tuple[str, ...]:
+    """Return what is safe after an unexpected error, a sentence each.
+
+    Parameters
+    ----------
+    unsaved
+        Whether the project has changes that are not in its file.
+    project
+        Its file, or empty.
+    copy
+        File of the copy that was just kept, empty: none could be.
+    jobs
+        Titles of the jobs at work.
+    recording
+        Whether one of them is a recording.
+    """
+    if not unsaved:
+        words = [f"The project is saved in {project}." if project else "The project has no changes to lose."]
+    elif copy:
+        words = [f"The project has unsaved changes; a copy of them was just kept in {copy}."]
+    else:
+        words = ["The project has unsaved changes and no copy of them could be kept: save it under a new name now."]
+    if recording:
+        words.append("The recording goes on; every position counted as done is on the disk.")
+    if jobs:
+        words.append(f"At work all the same: {', '.join(jobs)}.")
+    words.append("Files are written beside the old ones and replace them only when they are whole.")
+    words.append("The window can be used on; if it behaves oddly, save the project and start again.")
+    return tuple(words)

@@ -1,0 +1,194 @@
+"""What a page of the window is, before it is opened: name, icon, state; and the registry of all pages. No Qt."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Any, Protocol
+
+from lfcal.base.registry import Registry
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models.stamp import Stamp, stamp_of
+
+__all__ = [
+    "PAGES",
+    "PageSpec",
+    "PageState",
+    "Sketch",
+    "available_pages",
+    "dot",
+    "file_state",
+    "found_state",
+    "nothing",
+    "page_registry",
+    "page_states",
+    "with_found",
+]
+
+ICON_SIDE = 22
+"""Side of the square that icons are drawn in."""
+
+
+class PageState(Enum):
+    """State of a page, with the words shown for it."""
+
+    NOTHING = "nothing yet"
+    READY = "ready"
+    RUNNING = "running"
+    DONE = "done"
+    ATTENTION = "needs attention"
+
+
+class Sketch(Protocol):
+    """What an icon is drawn with: lines of one width in a square of 22 × 22, x to the right, y down."""
+
+    def line(self, *points: tuple[float, float]) -> None:
+        """Draw straight lines from point (x, y) to point."""
+        ...
+
+    def circle(self, x: float, y: float, radius: float, *, filled: bool = False) -> None:
+        """Draw a circle about (x, y)."""
+        ...
+
+    def box(self, x: float, y: float, width: float, height: float, *, radius: float = 0, filled: bool = False) -> None:
+        """Draw a rectangle with its upper left corner at (x, y), its corners rounded by ``radius``."""
+        ...
+
+
+def dot(sketch: Sketch) -> None:
+    """Draw the icon of a page that brings none."""
+    sketch.circle(11, 11, 4)
+
+
+@dataclass(frozen=True)
+class PageSpec:
+    """One page of the window, as its folder names it in ``PAGE``.
+
+    Attributes
+    ----------
+    key, title
+        For programs (project files, jobs, ``Context.go``) and for people.
+    hint
+        One sentence: what is done here.
+    order
+        Place in the rail: ascending; lfcal's own pages have 10, 20, … 90.
+    package
+        The page's folder as a package; ``package.page`` has the class ``Page`` and is imported when the page is opened.
+    state
+        Returns the state that follows from the project; called after every change, so it must be quick.
+    needs
+        Package without which the page is left out; empty: none.
+    icon
+        Draws the icon.
+    keys
+        Pairs of key and meaning, for the sheet of keyboard shortcuts.
+    takes
+        Whether the page may take a file or folder that was dropped elsewhere; it is made to ask it only then. None: it
+        is always asked.
+    """
+
+    key: str
+    title: str
+    hint: str
+    order: float
+    package: str
+    state: Callable[[ProjectState], PageState]
+    needs: str = ""
+    icon: Callable[[Sketch], None] = dot
+    keys: tuple[tuple[str, str], ...] = ()
+    takes: Callable[[str], bool] | None = None
+
+    @property
+    def name(self) -> str:
+        """The key: registries find parts by name."""
+        return self.key
+
+
+def page_registry() -> Registry[PageSpec]:
+    """Return a registry that searches ``lfcal_gui.pages`` and the entry points ``lfcal.pages``."""
+    return Registry("page", "lfcal_gui.pages", "PAGE", "lfcal.pages", order=_order, check=_check)
+
+
+def _order(spec: PageSpec) -> tuple[float, str]:
+    return spec.order, spec.key
+
+
+def _check(spec: PageSpec) -> None:
+    if not isinstance(spec, PageSpec):
+        raise TypeError("it is no PageSpec")
+
+
+PAGES = page_registry()
+"""All pages; those whose library part does not exist are left out of the window."""
+
+
+def available_pages(pages: Iterable[PageSpec] = PAGES) -> tuple[PageSpec, ...]:
+    """Return the pages whose part of the library exists, in order."""
+    return tuple(spec for spec in pages if not spec.needs or _exists(spec.needs))
+
+
+def _exists(module: str) -> bool:
+    try:
+        return importlib.util.find_spec(module) is not None
+    except ModuleNotFoundError:
+        return False
+
+
+def nothing(path: str) -> bool:
+    """Return that a page takes no file that is dropped elsewhere."""
+    return False
+
+
+def page_states(
+    project: ProjectState,
+    pages: Iterable[PageSpec] = PAGES,
+    running: Collection[str] = (),
+    attention: Collection[str] = (),
+) -> dict[str, PageState]:
+    """Return the state of every page by key; looks whether the project's files exist, but not into them.
+
+    Parameters
+    ----------
+    project
+        What the window works on.
+    pages
+        The pages asked about.
+    running, attention
+        Keys of pages with a running job, and of pages that found something to look at.
+    """
+    found = {spec.key: spec.state(project) for spec in pages}
+    found |= dict.fromkeys(found.keys() & set(attention), PageState.ATTENTION)
+    return found | dict.fromkeys(found.keys() & set(running), PageState.RUNNING)
+
+
+FOUND = "found"
+"""Key among a project's settings under which pages keep how good they found H: of which file, and the answer."""
+
+
+def with_found(project: ProjectState, page: str, stamp: Stamp, good: bool) -> dict[str, Any]:
+    """Return the settings of a project with what ``page`` found of the H of ``stamp``."""
+    before = project.settings.get(FOUND)
+    kept = before if isinstance(before, Mapping) else {}
+    return {**project.settings, FOUND: {**kept, page: [*stamp[1:], good]}}
+
+
+def found_state(project: ProjectState, page: str) -> PageState:
+    """Return the state of a page that judges H: what it found, as long as the file is the same."""
+    stamp, kept = stamp_of(project.psf), project.settings.get(FOUND)
+    if stamp is None:
+        return PageState.NOTHING
+    entry = kept.get(page) if isinstance(kept, Mapping) else None
+    if not isinstance(entry, Sequence) or list(entry[:2]) != list(stamp[1:]):
+        return PageState.READY
+    return PageState.DONE if entry[2:] and entry[2] is True else PageState.ATTENTION
+
+
+def file_state(path: str, *, ready: bool) -> PageState:
+    """Return the state of a page that makes the file ``path``; ``ready``: it could be made now."""
+    if path:
+        # a file that the project names and that is gone is worth a look
+        return PageState.DONE if Path(path).exists() else PageState.ATTENTION
+    return PageState.READY if ready else PageState.NOTHING

@@ -1,0 +1,96 @@
+"""What a page does, as a command and as Python: the same step without a window. No Qt."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import shlex
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from lfcal.base.errors import InputError
+from lfcal.camera import ScanPlan
+from lfcal_gui.models.page import PageSpec
+from lfcal_gui.models.project import ProjectState
+
+__all__ = ["CAMERA_FILE", "PLAN_FILE", "CommandStep", "needed_file", "needed_plan", "options_of", "step_of"]
+
+CAMERA_FILE = "lfcal-camera.json"
+PLAN_FILE = "lfcal-plan.json"
+END = "LFCAL_END"
+
+
+@dataclass(frozen=True)
+class CommandStep:
+    """One step of a sitting.
+
+    Attributes
+    ----------
+    arguments
+        Of the command line, after ``lfcal``.
+    python
+        The same with the library; it may take ``Path`` as imported.
+    files
+        Pairs of name and text: small files that both read, written first.
+    """
+
+    arguments: tuple[str, ...]
+    python: str
+    files: tuple[tuple[str, str], ...] = ()
+
+    def shell(self) -> str:
+        """Return lines for a POSIX shell."""
+        texts = [f"cat > {shlex.quote(name)} <<'{END}'\n{text}\n{END}\n" for name, text in self.files]
+        return "".join(texts) + shlex.join(("lfcal", *self.arguments)) + "\n"
+
+    def script(self) -> str:
+        """Return a Python script."""
+        return "from pathlib import Path\n\n" + self.body()
+
+    def body(self) -> str:
+        """Return what follows the import of ``Path`` in a Python script."""
+        texts = [f"Path({name!r}).write_text({text!r}, encoding='utf-8')\n" for name, text in self.files]
+        return "".join(texts) + self.python.strip("\n") + "\n"
+
+
+def step_of(spec: PageSpec, project: ProjectState, out: str = "") -> CommandStep:
+    """Return what a page does with the project as it is: the function ``step`` of its module ``step``.
+
+    ``out`` is the file or folder that it writes; empty: one with a name such as ``H.h5``.
+
+    Raises
+    ------
+    InputError
+        If the page has no command, or the project lacks what it needs.
+    """
+    module = f"{spec.package}.step"
+    if importlib.util.find_spec(module) is None:
+        raise InputError(f"{spec.title}: this page has no command; its author may add one (step.py in its folder)")
+    found: CommandStep = importlib.import_module(module).step(project, out)
+    return found
+
+
+def options_of(pairs: Iterable[tuple[str, Any]]) -> tuple[str, ...]:
+    """Return options of the command line, without those whose value is None, False or empty; True stands alone."""
+    found: list[str] = []
+    for name, value in pairs:
+        if value is True:
+            found.append(name)
+        elif value is not None and value is not False and value != "":
+            found.append(f"{name}={value}")  # a value may begin with a minus
+    return tuple(found)
+
+
+def needed_plan(project: ProjectState) -> ScanPlan:
+    """Return the plan; raise `InputError` where there is none."""
+    if project.plan is None:
+        raise InputError.expected("scan plan", "one", "none", "make or open one on the page Plan")
+    return project.plan
+
+
+def needed_file(path: str, what: str, where: str) -> str:
+    """Return ``path``; raise `InputError` where the project has none."""
+    if not path:
+        raise InputError.expected(what, "one", "none", f"open one on the page {where}")
+    return path

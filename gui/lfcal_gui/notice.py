@@ -1,0 +1,117 @@
+"""A line over a page: what it is waiting for, or why something was refused, until it is dismissed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from PySide6.QtCore import Qt, QTimer
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QPushButton, QWidget
+
+from lfcal_gui.widgets.words import WrappedLabel, set_role
+
+__all__ = ["Notice"]
+
+WAIT_MS = 300
+"""Work that is done sooner is not announced."""
+
+DISMISS = "Take this line away once it is read; the log keeps it"
+
+
+class Notice(QFrame):
+    """One line with one button, or two where it offers something; hidden where there is nothing to say."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setProperty("role", "card")
+        row = QHBoxLayout(self)
+        row.setContentsMargins(12, 6, 6, 6)
+        self.label = WrappedLabel()
+        self.label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.button = QPushButton()
+        self.button.setAccessibleName("answer to the notice")
+        self.button.setToolTip(DISMISS)
+        self.button.clicked.connect(self._pressed)
+        self.leave = QPushButton("Leave as it is")
+        self.leave.setToolTip("Do nothing about it now; nothing changes")
+        self.leave.clicked.connect(self._leave)
+        row.addWidget(self.label, 1)
+        for button in (self.leave, self.button):
+            row.addWidget(button, 0, Qt.AlignmentFlag.AlignTop)
+        self._cancel: Callable[[], None] | None = None
+        self._left: Callable[[], None] | None = None
+        self._refused = False
+        self._timer = QTimer(self)
+        self._timer.setSingleShot(True)
+        self._timer.setInterval(WAIT_MS)
+        self._timer.timeout.connect(self.show)
+        self.hide()
+
+    def wait(self, text: str, cancel: Callable[[], None]) -> None:
+        """Say what is being waited for, when it takes a while, with a button to wait no longer."""
+        self._say(text, "Cancel", "hint", "Wait for it no longer; what is shown stays")
+        self._cancel = cancel
+        self.hide()
+        self._timer.start()
+
+    def refuse(self, text: str) -> None:
+        """Say why something was refused."""
+        self._say(text, "Dismiss", "error")
+        self._cancel = None
+        self._refused = True
+        self.show()
+
+    def offer(
+        self,
+        text: str,
+        button: str,
+        action: Callable[[], None],
+        leave: Callable[[], None] | None = None,
+        *,
+        stay: str = "Leave as it is",
+    ) -> None:
+        """Say what was noticed, with a button that does something about it and one (``stay``) that leaves it."""
+        self._say(text, button, "error", "Do what the line beside it says; undo (Ctrl+Z) takes it back")
+        self._cancel, self._left = action, leave
+        self.leave.setText(stay)
+        self.leave.show()
+        self.show()
+
+    def tell(self, text: str) -> None:
+        """Say what is to be known of something that was taken."""
+        self._say(text, "Dismiss", "hint")
+        self._cancel = None
+        self.show()
+
+    def clear(self) -> None:
+        """Say nothing."""
+        self._refused = False
+        self._timer.stop()
+        self._cancel = self._left = None
+        self.hide()
+
+    def drop_refusal(self) -> None:
+        """Take away why something was refused: what it was refused beside is another now."""
+        if self._refused:
+            self.clear()
+
+    def _say(self, text: str, button: str, role: str, tip: str = DISMISS) -> None:
+        self._refused = False
+        self._timer.stop()
+        self.leave.hide()
+        self.label.setText(text)
+        self.button.setText(button)
+        self.button.setAccessibleName(button)
+        self.button.setToolTip(tip)
+        set_role(self.label, role)
+
+    def _pressed(self) -> None:
+        cancel = self._cancel
+        self.clear()
+        if cancel is not None:
+            cancel()
+
+    def _leave(self) -> None:
+        left = self._left
+        self.clear()
+        if left is not None:
+            left()

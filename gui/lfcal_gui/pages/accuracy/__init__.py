@@ -1,0 +1,40 @@
+"""Accuracy: what it costs, place by place, and the rung that is put to use.
+
+- ``page``, ``panel``; ``chart``: error against cost with a point for each rung
+- ``model``: settings, measurements, words; ``model_use``: what a rung changes in the project
+"""
+
+from __future__ import annotations
+
+from lfcal_gui.models.page import PageSpec, PageState, Sketch, file_state, nothing
+from lfcal_gui.models.project import ProjectState
+
+__all__ = ["PAGE"]
+
+
+def state(project: ProjectState) -> PageState:
+    """Return whether there is a plan or H to measure; what was measured is not kept."""
+    there = project.plan is not None or file_state(project.psf, ready=False) is PageState.DONE
+    return PageState.READY if there else PageState.NOTHING
+
+
+def icon(sketch: Sketch) -> None:
+    """Draw a falling front with its points."""
+    sketch.line((3, 3), (3, 19), (19, 19))
+    sketch.line((6.5, 5), (9, 11), (13, 14.5), (18, 16))
+    for x, y in ((6.5, 5), (9, 11), (13, 14.5)):
+        sketch.circle(x, y, 1.4, filled=True)
+
+
+PAGE = PageSpec(
+    "accuracy",
+    "Accuracy",
+    "What accuracy costs, everywhere it is paid",
+    order=95,
+    package=__name__,
+    state=state,
+    needs="lfcal.accuracy",
+    icon=icon,
+    takes=nothing,
+    keys=(("F5", "measure"), ("Esc", "stop measuring")),
+)

@@ -1,0 +1,172 @@
+"""Accuracy: what it costs, everywhere it is paid; the chart fills while it is measured, and a click uses a rung."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from lfcal.accuracy import PLACES, Curve
+from lfcal.base.errors import InputError
+from lfcal_gui.base_page import BasePage
+from lfcal_gui.context import Context
+from lfcal_gui.jobs import JobState, WindowJob
+from lfcal_gui.models.page import PageSpec
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.pages.accuracy.model import AccuracySettings, MeasuredCurves, iter_measure, key_of, subjects
+from lfcal_gui.pages.accuracy.model_use import use_of
+from lfcal_gui.pages.accuracy.panel import AccuracyPanel
+
+__all__ = ["Page"]
+
+
+class Page(BasePage):
+    """Keeps every curve of the plan or H that was measured, also when it was stopped."""
+
+    def __init__(self, spec: PageSpec, context: Context) -> None:
+        super().__init__(spec, context)
+        self.kept = MeasuredCurves()
+        self._key: object = None
+        self._job = 0
+        self._used: tuple[str, str] = ("", "")
+        self._shown: Curve | None = None
+        self.measure_button = self.tool_button("Measure", "Measure the place chosen (F5)", self.measure, primary=True)
+        self.all_button = self.tool_button(
+            "Measure all", "Measure every place, one after the other", lambda: self.measure(PLACES.names())
+        )
+        self.stop_button = self.stop_tool("Stop measuring, and keep what was measured")
+        self.panel = AccuracyPanel()
+        self.panel.form.check = self._check
+        self.panel.form.edited.connect(self._edited)
+        self.panel.place_asked.connect(lambda name: self._edited("place", name))
+        self.panel.rung_chosen.connect(self.use)
+        self.set_panel(self.panel)
+        self.shortcut("F5", self.measure)
+        self.theme_changed.connect(self._apply_theme)
+        context.jobs.changed.connect(self._job_changed)
+        context.jobs.finished.connect(self._job_finished)
+        self._show(context.state)
+
+    # -- project ---------------------------------------------------------------------------------------
+    @property
+    def settings(self) -> AccuracySettings:
+        """What the user chose; what the project does not have is not measured."""
+        settings, there = AccuracySettings.of(self.context.state), subjects(self.context.state)
+        return settings if settings.subject in there or not there else replace(settings, subject=there[0])
+
+    @property
+    def curve(self) -> Curve | None:
+        """The curve of the place looked at, as far as it is measured."""
+        return self.kept.curves.get(self.settings.place)
+
+    def state_changed(self, old: ProjectState, new: ProjectState) -> None:
+        """Follow settings, plan and H."""
+        changed = (old.plan, old.psf) != (new.plan, new.psf)
+        if changed or AccuracySettings.of(old) != AccuracySettings.of(new):
+            self._show(new)
+
+    def _check(self, key: str, value: Any) -> str:
+        try:
+            replace(self.settings, **{key: value})
+        except InputError as error:
+            return str(error)
+        return ""
+
+    def _edited(self, key: str, value: Any) -> None:
+        settings = replace(self.settings, **{key: value})
+        self.context.project.merge(f"accuracy: {key}", settings=settings.into(self.context.state))
+
+    # -- showing ---------------------------------------------------------------------------------------
+    def _show(self, state: ProjectState) -> None:
+        there = subjects(state)
+        for button in (self.measure_button, self.all_button):
+            button.setEnabled(bool(there) and not self._job)
+        if not there:
+            self.show_empty(
+                "Accuracy is measured for a scan plan, or for H.\nMake a plan first, or open an H file.",
+                {
+                    "Plan": self.lead("plan", "Say which source positions and depth planes there are"),
+                    "PSF": self.lead("psf", "Open an H that was assembled, simulated or fitted before"),
+                },
+            )
+            return
+        self.show_body()
+        settings = self.settings
+        key = key_of(state, settings)
+        if key != self._key:  # curves of another plan or H say nothing of this one
+            self.stop()
+            self._key, self.kept = key, MeasuredCurves()
+        self.panel.show_settings(settings, there)
+        self._show_curve()
+
+    def _show_curve(self) -> None:
+        settings = self.settings
+        running = self._running()
+        # points are numbered in the curve that is on screen, not in the one that has grown meanwhile
+        self._shown = self.curve
+        self.panel.show_measured(dict(self.kept.curves), running)
+        self.panel.show_curve(self._shown, settings, running=running == settings.place)
+        place, words = self._used
+        self.panel.show_used(words if place == settings.place else "")
+
+    def _running(self) -> str:
+        """Return the place that is measured now; the last one begun."""
+        begun = list(self.kept.curves)
+        return (begun[-1] if begun else self.settings.place) if self._job else ""
+
+    # -- measuring -------------------------------------------------------------------------------------
+    def measure(self, places: Sequence[str] = ()) -> None:
+        """Measure places as a job; by default the one that is looked at."""
+        state, settings = self.context.state, self.settings
+        chosen = tuple(places) or (settings.place,)
+        if self._job or not subjects(state) or settings.place not in PLACES:
+            return
+        kept = self.kept
+        for name in chosen:
+            kept.curves.pop(name, None)
+        self._used = ("", "")
+        title = PLACES.get(chosen[0]).title if len(chosen) == 1 else "What accuracy costs"
+        self._job = self.context.jobs.start(
+            title,
+            "accuracy",
+            lambda: iter_measure(state, settings, chosen, kept),
+            None,
+            self._failed,
+            abandon=settings.subject == "psf",
+        )
+        self._show(state)
+
+    def _failed(self, job: WindowJob) -> None:
+        self.refuse(job.error)
+
+    def _job_changed(self, job: WindowJob) -> None:
+        if job.number == self._job and job.state is JobState.RUNNING:
+            self._show_curve()
+
+    def _job_finished(self, job: WindowJob) -> None:
+        if job.number == self._job:
+            self._job = 0
+            self._show(self.context.state)
+
+    # -- using -----------------------------------------------------------------------------------------
+    def use(self, number: int) -> None:
+        """Put a rung of the curve to use: change the settings of the page that has them, or say why not."""
+        curve = self._shown
+        if curve is None or not 0 <= number < len(curve.rungs):
+            return
+        rung = curve.rungs[number]
+        use = use_of(self.context.state, curve, rung)
+        if use.changes is not None:
+            key, kept = self._key, self.kept
+            if not self.context.project.update(use.label, **use.changes):
+                return
+            if self._key != key and curve.place in ("planes", "averaging"):
+                # the plan is the rung's now: the curve that it was chosen from stays
+                self.kept.curves[curve.place] = kept.curves[curve.place]
+        self._used = (curve.place, f"{rung.label}. {use.words}")
+        self.context.message.emit(self._used[1])
+        self._show(self.context.state)
+
+    def _apply_theme(self) -> None:
+        self.panel.apply_theme()
+        self._show_curve()

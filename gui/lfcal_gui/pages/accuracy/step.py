@@ -1,0 +1,30 @@
+"""A measurement of accuracy against cost as a command. No Qt."""
+
+from __future__ import annotations
+
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models.step import PLAN_FILE, CommandStep, needed_file, needed_plan, options_of
+from lfcal_gui.pages.accuracy.model import AccuracySettings
+
+__all__ = ["step"]
+
+
+def step(project: ProjectState, out: str = "") -> CommandStep:
+    """Return how the place that is looked at is measured."""
+    chosen = AccuracySettings.of(project)
+    by_plan = chosen.subject == "plan"
+    name = PLAN_FILE if by_plan else needed_file(project.psf, "H", "PSF")
+    pairs = (("--place", chosen.place), ("--seconds", f"{chosen.seconds:g}"), ("--error", f"{100 * chosen.error:g}%"))
+    opened = f"Subject.of_matrix(open_psf({name!r}), {name!r})"
+    if by_plan:
+        opened = "Subject(plan.camera.name, plan)"
+    python = f"""
+from lfcal.accuracy import PLACES, Subject, measure_curve
+from lfcal.camera import ScanPlan
+from lfcal.psf import open_psf
+
+{f"plan = ScanPlan.from_json(Path({name!r}).read_text(encoding='utf-8'))" if by_plan else ""}
+print(measure_curve(PLACES.get({chosen.place!r}), {opened}, {chosen.seconds!r}))
+"""
+    files = ((PLAN_FILE, needed_plan(project).to_json()),) if by_plan else ()
+    return CommandStep(("accuracy", name, *options_of(pairs)), python, files)

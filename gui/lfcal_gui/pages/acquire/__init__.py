@@ -1,0 +1,73 @@
+"""Acquire: set the devices up, record a session, see at once whether it is good.
+
+- ``page``: two tabs over one set of devices
+- ``setup_tab``, ``record_tab``: what each tab does; ``moves``: of the stage; ``measuring``: what
+  a few moves tell; ``after``: what is made of a session
+- ``folder_choice``, ``target_choice``: where it is recorded, and what is shown to the camera
+- ``panel``, ``setup_panel``, ``record_panel``, ``record_pictures``, ``error_view``, ``device_panel``,
+  ``stage_panel``: their widgets
+- ``lab``, ``lab_panel``, ``model_lab``: large buttons for a dark lab
+- ``model``: settings; ``model_live``: the live view; ``model_findings``: what a few moves tell;
+  ``model_stills``: white and dark frames;
+  ``model_station``: the devices; ``model_recorder``: a recording as it grows; ``model_earlier``: what earlier runs
+  recorded; ``model_until``: one that ends when H is known
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from lfcal_gui.models.page import PageSpec, PageState, Sketch, file_state
+from lfcal_gui.models.project import ProjectState
+
+__all__ = ["PAGE"]
+
+
+def state(project: ProjectState) -> PageState:
+    """Return whether a session is recorded, and whether positions of it are to be recorded again."""
+    if project.redo:
+        return PageState.ATTENTION
+    # a folder that is not there yet, or holds nothing, is where the next session goes
+    begun = project.recording if _holds_something(project.recording) else ""
+    return file_state(begun, ready=project.plan is not None)
+
+
+def _holds_something(folder: str) -> bool:
+    try:
+        return bool(folder) and next(Path(folder).iterdir(), None) is not None
+    except OSError:
+        return False
+
+
+def icon(sketch: Sketch) -> None:
+    """Draw a record button."""
+    sketch.circle(11, 11, 8)
+    sketch.circle(11, 11, 3, filled=True)
+
+
+def takes(path: str) -> bool:
+    """Return whether a folder is that of a session."""
+    return (Path(path) / "session.json").is_file()
+
+
+PAGE = PageSpec(
+    "acquire",
+    "Acquire",
+    "Record the point source at every position",
+    order=30,
+    package=__name__,
+    state=state,
+    needs="lfcal.acquire",
+    icon=icon,
+    takes=takes,
+    keys=(
+        ("Ctrl+G", "type a position for the stage"),
+        ("Ctrl+← → ↑ ↓", "move the stage by a step in x, y"),
+        ("Ctrl+Shift+↑ ↓", "move the stage by a step in z"),
+        ("Esc", "stop the stage"),
+        ("F5", "live view on, off"),
+        ("F11", "dark lab: large buttons, red on black; in it"),
+        ("F9 F6 F7 F8", "next step, start, pause, stop"),
+        ("Shift+F8", "abort"),
+    ),
+)

@@ -1,0 +1,93 @@
+"""What is made of a recorded session: H, one plane of it, a fit, a packed file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from lfcal_gui.context import Context
+from lfcal_gui.jobs import WindowJob
+from lfcal_gui.models.filling import Filling
+from lfcal_gui.pages.acquire.model_assembly import iter_assembly
+from lfcal_gui.pages.acquire.model_stills import recipe_of
+from lfcal_gui.pages.acquire.record_panel import RecordPanel
+from lfcal_gui.pages.acquire.step import assembled
+from lfcal_gui.saving import ask_target, may_replace
+
+__all__ = ["Afterwards"]
+
+
+class Afterwards:
+    """Jobs on the session of a project; dialogs belong to ``panel``, which shows H as it fills."""
+
+    def __init__(self, context: Context, panel: RecordPanel, recording: Callable[[], bool]) -> None:
+        self.context, self.panel = context, panel
+        self._recording, self.filling = recording, Filling()
+        context.jobs.changed.connect(self._fill)
+
+    def _fill(self, job: WindowJob) -> None:
+        """Show H as it fills, unless the map is that of a session that is being recorded."""
+        if job.page != "acquire" or not self.filling.follows(job.number, job.progress):
+            return
+        if not job.active or self._recording():
+            self.panel.show_filling(None)
+        elif self.filling.take(job.progress) and self.filling.plane is not None:
+            z = self.filling.plane
+            self.panel.show_filling(self.filling.light(z), self.filling.short_words(z))
+
+    def open_plane(self, z: int) -> None:
+        """Assemble a complete plane beside the recording and show it, while others are being recorded."""
+        folder = Path(self.context.state.recording)
+        out = folder / f"plane-{z:02d}.h5"
+        if may_replace(self.panel, [out]):
+            self._assemble(out, planes=[z])
+
+    def assemble(self, path: str = "") -> None:
+        """Assemble H as a job."""
+        folder = Path(self.context.state.recording)
+        path = path or ask_target(self.panel, "Assemble H", str(folder / "H.h5"), "H file (*.h5)")
+        if path:
+            self._assemble(Path(path))
+
+    def fit(self, found: Any) -> None:
+        """Assemble H and go on with it on the page Fit, with what was ``found`` while it was recorded, if anything."""
+        out = Path(self.context.state.recording) / "H.h5"
+        if may_replace(self.panel, [out]):
+            self._assemble(out, page="fit", found=found)
+
+    def _assemble(self, out: Path, planes: list[int] | None = None, *, page: str = "psf", found: Any = None) -> None:
+        folder = Path(self.context.state.recording)
+        recipe = recipe_of(folder)
+        self.context.start_writing(
+            f"Assemble {out.name}",
+            "acquire",
+            str(out),
+            lambda: iter_assembly(folder, out, planes, recipe),
+            lambda report: self._assembled(report, page, found),
+            taken=self.context.taken(
+                "acquire", f"Assemble {out.name}", step=lambda: assembled(str(folder), str(out), planes, recipe)
+            ),
+        )
+
+    def _assembled(self, report: Any, page: str, found: Any) -> None:
+        path = report.matrix.path
+        report.matrix.close()
+        for note in report.notes:
+            self.context.message.emit(f"{Path(path).name}: {note}")
+        self.context.project.update("assembly", psf=str(path))
+        self.context.go.emit(page, found)
+
+    def pack(self) -> None:
+        """Compress the finished recording as a job."""
+        from lfcal.acquire.finish import iter_finish
+
+        folder = Path(self.context.state.recording)
+        self.context.jobs.start(
+            f"Pack {folder.name}",
+            "acquire",
+            lambda: iter_finish(folder),
+            lambda packed: self.context.message.emit(
+                "; ".join((f"packed: {packed.bytes_gained / 1e6:.1f} MB gained", *packed.left))
+            ),
+        )

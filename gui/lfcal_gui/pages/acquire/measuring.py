@@ -1,0 +1,171 @@
+"""What a few moves tell of the setup, and white and dark frames: measured on the devices, taken into the plan."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import QObject, Signal
+from PySide6.QtWidgets import QFileDialog, QMessageBox
+
+from lfcal.camera import ScanPlan
+from lfcal_gui.context import Context
+from lfcal_gui.jobs import JobState, WindowJob
+from lfcal_gui.pages.acquire import model_findings as findings
+from lfcal_gui.pages.acquire.model import AcquireSettings
+from lfcal_gui.pages.acquire.model_station import Station
+from lfcal_gui.pages.acquire.model_stills import ASKED, KINDS, iter_stills, still_files
+from lfcal_gui.pages.acquire.setup_panel import FINDINGS, SetupPanel
+from lfcal_gui.saving import may_replace
+
+__all__ = ["SetupMeasuring"]
+
+MEASURING = "measuring …"
+
+
+class SetupMeasuring(QObject):
+    """Measures what a `SetupPanel` asks for, and keeps what was found.
+
+    Parameters
+    ----------
+    context, panel
+        Where it is measured in the background, and shown.
+    station
+        Returns the devices, None while they are not connected, or at work.
+
+    Signals
+    -------
+    changed()
+        The devices were taken or given back.
+    """
+
+    changed = Signal()
+
+    def __init__(
+        self, context: Context, panel: SetupPanel, station: Callable[[], Station | None], parent: QObject | None = None
+    ) -> None:
+        super().__init__(parent)
+        self.context, self.panel, self._station = context, panel, station
+        self.found: dict[str, Any] = {}
+        self._job = 0
+        self._scene: Any = None
+        panel.find_asked.connect(self.find)
+        panel.use_asked.connect(self.use)
+        context.jobs.finished.connect(self._job_finished)
+
+    @property
+    def busy(self) -> bool:
+        """Whether something is being measured."""
+        return bool(self._job)
+
+    def forget(self, *keys: str) -> None:
+        """Forget what was found."""
+        for key in keys:
+            self.found.pop(key, None)
+            self.panel.show_result(key, "")
+
+    def follow(self, plan: ScanPlan) -> None:
+        """Forget what was found of other optics or planes; how the stage moves is true of any."""
+        scene = _scene(plan)
+        if self._scene not in (None, scene):
+            self.forget("axis", "exposure")
+        self._scene = scene
+
+    def find(self, key: str) -> None:
+        """Measure one of `FINDINGS` as a job, or record white or dark frames."""
+        if key in ASKED:
+            self.take_stills(key)
+            return
+        from lfcal.acquire import setup as library
+
+        station, plan = self._station(), self.context.state.plan
+        if station is None or plan is None:
+            return
+        options, z = AcquireSettings.of(self.context.state).options(), max(0, self.panel.stage.plane.currentIndex())
+        works: dict[str, Callable[[], Any]] = {
+            "stage": lambda: library.iter_stage_fit(station.rig, plan, z=z, options=options),
+            "axis": lambda: library.iter_optical_axis(station.rig, plan, options=options),
+            "exposure": lambda: library.iter_exposures(station.rig, plan, options=options),
+        }
+        self._start(key, lambda: station.use(works[key]()), lambda found: self._found(key, found, plan))
+
+    def _start(self, key: str, work: Callable[[], Any], done: Callable[[Any], None]) -> None:
+        """Use the devices for a job whose result stands below its button."""
+        title = {name: text for name, text, _ in (*FINDINGS, *KINDS)}[key]
+        self.panel.show_result(key, MEASURING)
+        self._job = self.context.jobs.start(
+            title,
+            "acquire",
+            work,
+            done,
+            lambda job: self.panel.show_result(key, f"<b>{job.error}</b>", good=False),
+            at_once=True,
+        )
+        self.changed.emit()
+
+    def take_stills(self, kind: str) -> None:
+        """Record white or dark frames beside the session, once the user has done what they need."""
+        station, plan, folder = self._station(), self.context.state.plan, self.context.state.recording
+        if station is None or plan is None:
+            return
+        folder = folder or QFileDialog.getExistingDirectory(self.panel, "Folder of the session")
+        if not folder or not may_replace(self.panel, still_files(Path(folder), kind)):
+            return
+        by_hand = station.name != "sim" and (kind == "white" or station.rig.light is None)
+        buttons = QMessageBox.StandardButton
+        if by_hand and buttons.Ok != QMessageBox.information(
+            self.panel, "Before the frames", ASKED[kind], buttons.Ok | buttons.Cancel
+        ):
+            return
+        self.context.project.update("session folder", recording=folder)
+        exposure = self.panel.exposure.value() / 1e3
+        self._start(
+            kind,
+            lambda: iter_stills(station, plan, exposure, Path(folder), kind),
+            lambda found: self.panel.show_result(kind, found.words()),
+        )
+
+    def _found(self, key: str, found: Any, asked: ScanPlan) -> None:
+        plan = self.context.state.plan
+        if plan is None or _scene(plan) != _scene(asked):
+            self.panel.show_result(key, "Camera or planes changed meanwhile; measure again.")
+            return
+        self.found[key] = found
+        if key == "stage":
+            words, good = findings.fit_words(found, plan)
+            self.context.attention.emit("acquire", not good)
+            self.panel.show_result(key, words, good=good, usable=found.axes != plan.stage)
+        elif key == "axis":
+            self.panel.show_result(key, findings.axis_words(found, plan))
+        else:
+            self.panel.show_result(key, findings.exposure_words(found, plan), usable=True)
+
+    def use(self, key: str) -> None:
+        """Take what was found into the plan."""
+        plan, found = self.context.state.plan, self.found.get(key)
+        if plan is None or found is None:
+            return
+        if key == "stage":
+            if not self.context.project.update("stage axes as measured", plan=replace(plan, stage=found.axes)):
+                return
+            self.context.attention.emit("acquire", False)
+            self.panel.show_result(key, "Taken into the plan. Measure again to check.")
+        elif self.context.project.update("exposures as measured", plan=replace(plan, exposure_s=found)):
+            self.panel.show_result(key, findings.exposure_words(found, plan))
+
+    def _job_finished(self, job: WindowJob) -> None:
+        if job.number != self._job:
+            return
+        self._job = 0
+        if job.state is JobState.CANCELLED:
+            for key, label in self.panel.results.items():
+                if label.text() == MEASURING:
+                    self.panel.show_result(key, "")
+        self.changed.emit()
+
+
+def _scene(plan: ScanPlan) -> tuple[Any, ...]:
+    """Return what exposures and the optical axis are found for."""
+    return plan.camera, plan.depths_um

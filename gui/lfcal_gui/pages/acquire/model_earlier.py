@@ -1,0 +1,250 @@
+"""Frames that earlier runs of a session recorded, read from its files while the window stays in use. No Qt."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.acquire.live_coverage import SAMPLE, LiveCoverage
+from lfcal.acquire.live_quality import LiveQuality
+from lfcal.acquire.recording.reader import RecordingFile
+from lfcal.acquire.recording.records import RECORD
+from lfcal.base.errors import FileFormatError
+
+__all__ = ["EarlierFrames", "EarlierRuns", "PlaneSum"]
+
+SECONDS = 30.0
+"""How long the frames of one plane are read at most (s)."""
+MEMORY = 1 << 28
+"""Depth sums that are kept (bytes), and frames that the background is sampled from."""
+SAMPLED = 8
+"""Frames of each plane that its background is sampled from at most."""
+SHOWN_S = 0.25
+"""Between two sums that are shown (s)."""
+GOLDEN = (5**0.5 - 1) / 2
+
+
+@dataclass(frozen=True, eq=False)
+class EarlierRuns:
+    """What earlier runs of a session recorded.
+
+    Attributes
+    ----------
+    flat
+        ``(n,)`` positions, or numbers of a target's frames, as the session's records count them on ``grid``.
+    grid
+        ``(nz, ny, nx)``, or planes, 1 and most frames of a plane.
+    recordings
+        Names of the files, oldest first.
+    """
+
+    flat: NDArray[np.intp]
+    grid: tuple[int, int, int]
+    recordings: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneSum:
+    """Sum of a plane's cutouts above the background, as far as they are read.
+
+    Attributes
+    ----------
+    light
+        ``(rows, columns)`` (counts).
+    read, total, damaged
+        Frames that are read, that exist, and that cannot be read.
+    ended
+        Whether no more are read.
+    """
+
+    light: NDArray[np.float64]
+    read: int
+    total: int
+    damaged: int = 0
+    ended: bool = False
+
+    @property
+    def words(self) -> str:
+        """How far it is read; empty where it is whole."""
+        if not self.ended:
+            return f"reading frame {self.read + self.damaged} of {self.total} …"
+        return "" if self.read == self.total else f"{self.read} of {self.total} frames"
+
+
+@dataclass(frozen=True, eq=False)
+class _Frames:
+    """The newest frames of positions: their file and slot there, plane and record, each ``(n,)``."""
+
+    files: list[RecordingFile]
+    where: NDArray[np.intp]
+    slots: NDArray[np.intp]
+    planes: NDArray[np.intp]
+    records: NDArray[Any]
+
+    @classmethod
+    def of(cls, files: list[RecordingFile], known: EarlierRuns) -> _Frames:
+        grid = known.grid
+        where, slots = np.full((2, grid[0] * grid[1] * grid[2]), -1, np.intp)
+        for k, file in enumerate(files):  # oldest first: a later frame of a position counts
+            held = np.flatnonzero(file.taken & (file.records["index"] < len(where)))
+            flat = file.records["index"][held]
+            where[flat], slots[flat] = k, held
+        flat = known.flat[where[known.flat] >= 0]
+        records = np.zeros(len(flat), RECORD)
+        for k, file in enumerate(files):
+            here = where[flat] == k
+            records[here] = file.records[slots[flat[here]]]
+        return cls(files, where[flat], slots[flat], flat // (grid[1] * grid[2]), records)
+
+    def read(self, k: int) -> NDArray[Any] | None:
+        """Return frame ``k``, None where it is damaged."""
+        try:
+            frame: NDArray[Any] = self.files[self.where[k]].read(int(self.slots[k]))
+        except FileFormatError:
+            return None
+        return frame
+
+
+class EarlierFrames:
+    """Gives ``quality`` what earlier runs recorded, and adds up the frames of the plane in view.
+
+    Records are read first; frames of a plane for `SECONDS` at most, in an order that is spread over the period. Of
+    the sums `MEMORY` is kept. `want` is called in the window's thread, `read` in another.
+
+    Parameters
+    ----------
+    folder, quality
+        The session, and what its records and frames go to.
+    known
+        What earlier runs recorded; None: nothing.
+    seconds, clock
+        How long a plane is read, and by which clock (s).
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        quality: LiveQuality | LiveCoverage,
+        known: EarlierRuns | None,
+        *,
+        seconds: float = SECONDS,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._folder, self._quality, self._known = folder, quality, known
+        self._seconds, self._clock = seconds, clock
+        self._wanted = -1
+        self._told = False
+        self._sums: dict[int, PlaneSum] = {}
+
+    def want(self, z: int) -> bool:
+        """Return whether reading plane ``z`` adds anything to what was asked for; reading of another plane ends."""
+        before, self._wanted = self._wanted, z
+        if before == z or self._known is None or not self._known.flat.size:
+            return False
+        found = self._sums.get(z)
+        summed = isinstance(self._quality, LiveCoverage) or (found is not None and found.ended)
+        return not (self._told and summed)
+
+    def sum_of(self, z: int) -> PlaneSum | None:
+        """Return the sum of a plane as far as it is read."""
+        return self._sums.get(z)
+
+    def read(self, z: int, going: Callable[[], bool] = lambda: True) -> None:
+        """Read plane ``z`` until it is whole, another one is wanted, or ``going`` says no.
+
+        Raises
+        ------
+        LfcalError, OSError
+            If a file of the session cannot be read.
+        """
+
+        def wanted() -> bool:
+            return self._wanted == z and going()
+
+        if self._known is None:
+            return
+        with ExitStack() as stack:
+            files = [stack.enter_context(RecordingFile(self._folder / name)) for name in self._known.recordings]
+            frames = _Frames.of(files, self._known)
+            if not self._told:
+                self._tell(frames, self._known.grid[2], wanted)
+            if isinstance(self._quality, LiveQuality):
+                self._add_up(z, self._quality, frames, wanted)
+
+    def _tell(self, frames: _Frames, most: int, wanted: Callable[[], bool]) -> None:
+        """Pass on the records, with a background that a few frames of each plane are read for."""
+        records, levels = frames.records, np.zeros(len(frames.records))
+        level_of = _border_level if isinstance(self._quality, LiveQuality) else _frame_level
+        planes = np.unique(frames.planes)
+        size = int(frames.files[0].layout.frame_bytes)
+        count = int(np.clip(MEMORY // (size * max(1, len(planes))), 1, SAMPLED))
+        for z in planes:
+            here = np.flatnonzero(frames.planes == z)
+            here = here[np.argsort(records["sequence"][here])]
+            sampled = here[np.unique(np.linspace(0, len(here) - 1, count).round().astype(np.intp))]
+            found = {k: level_of(frame) for k in sampled.tolist() if wanted() and (frame := frames.read(k)) is not None}
+            if not wanted():
+                return
+            if found:
+                levels[here] = np.interp(records["sequence"][here], records["sequence"][list(found)], [*found.values()])
+        if isinstance(self._quality, LiveQuality):
+            self._quality.know(records, levels)
+        else:
+            pixels = frames.files[0].layout.shape[0] * frames.files[0].layout.shape[1]
+            for record, level in zip(records, levels.tolist(), strict=True):
+                light = float(record["energy"]) - level * pixels
+                self._quality.know(*divmod(int(record["index"]), most), light, int(record["saturated"]))
+        self._told = True
+
+    def _add_up(self, z: int, quality: LiveQuality, frames: _Frames, wanted: Callable[[], bool]) -> None:
+        """Add the frames of a plane, spread over it, so that a part of them shows the whole."""
+        here = np.flatnonzero(frames.planes == z)
+        if not len(here) or not wanted():
+            return
+        order = here[np.argsort((np.arange(len(here)) * GOLDEN) % 1)]
+        light, damaged = np.zeros(frames.files[0].layout.shape), 0
+        levels: dict[int, float] = {}
+        start = shown = self._clock()
+        for k in order.tolist():
+            if not wanted():
+                return
+            frame = frames.read(k)
+            if frame is None:
+                damaged += 1
+                continue
+            levels[k] = _border_level(frame)
+            light += frame
+            now = self._clock()
+            if now - shown > SHOWN_S or len(levels) == 1:
+                shown = now
+                self._keep(z, PlaneSum(light - sum(levels.values()), len(levels), len(here), damaged))
+            if now - start > self._seconds:
+                break
+        quality.know(frames.records[list(levels)], np.array([*levels.values()]))
+        self._keep(z, PlaneSum(light - sum(levels.values()), len(levels), len(here), damaged, ended=True))
+
+    def _keep(self, z: int, found: PlaneSum) -> None:
+        """Keep a sum; those of other planes go where they take too much memory."""
+        kept = {other: seen for other, seen in self._sums.items() if other != z}
+        while kept and (1 + len(kept)) * found.light.nbytes > MEMORY:
+            del kept[next(iter(kept))]
+        self._sums = {**kept, z: found}
+
+
+def _border_level(frame: NDArray[Any]) -> float:
+    """Return the background of a cutout (counts): the spot is in its middle."""
+    border = np.concatenate([frame[0], frame[-1], frame[1:-1, 0], frame[1:-1, -1]])
+    return float(np.median(border))
+
+
+def _frame_level(frame: NDArray[Any]) -> float:
+    """Return the background of a whole frame (counts), most of which is dark."""
+    stride = max(1, int(np.sqrt(frame.size / SAMPLE)))
+    return float(np.median(frame[::stride, ::stride]))

@@ -1,0 +1,351 @@
+"""A recording as the window follows it: run, watched, and turned into pictures. No Qt."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.acquire.blocks import coarse_order
+from lfcal.acquire.control import Control
+from lfcal.acquire.frame_plan import frame_grid, frame_positions
+from lfcal.acquire.live_coverage import LiveCoverage
+from lfcal.acquire.live_quality import LiveQuality, QualityState
+from lfcal.acquire.options import Options
+from lfcal.acquire.preview import Preview
+from lfcal.acquire.recording.records import Kind
+from lfcal.acquire.runner import Outcome
+from lfcal.acquire.schedule import ScheduledFrame, window_shape
+from lfcal.base.progress import Work
+from lfcal.base.units import format_seconds
+from lfcal.camera import ScanPlan
+from lfcal.frames.source import Position
+from lfcal_gui.pages.acquire.model_earlier import EarlierFrames, EarlierRuns, PlaneSum
+from lfcal_gui.pages.acquire.model_station import Station
+
+if TYPE_CHECKING:
+    from lfcal.campaign import AdaptiveStep, Goal
+    from lfcal.fit import Fit
+    from lfcal.targets import TargetPlan
+
+__all__ = ["QUANTITIES", "FolderState", "RecordPicture", "Recorder", "folder_state", "lamp_words", "record_picture"]
+
+QUANTITIES = (("energy", "energy (counts)"), ("residual", "position residual (px)"), ("saturated", "saturated (px)"))
+"""What the map and the curves show."""
+
+
+ELSEWHERE = "the folder holds a session of {}; lfcal acquire --resume goes on with it"
+
+
+class Recorder:
+    """One run of a session: its requests, its frames, its quality.
+
+    Parameters
+    ----------
+    folder, plan, options
+        The session; the plan is that of a scan or of a target, `plan` the scan in any case.
+    resume
+        Whether the folder holds it already.
+    redo
+        Positions (z, y, x) to be recorded again; empty records all.
+    goal
+        The error of H that ends it, positions being chosen on the way; None: it ends with the last of the plan.
+    known
+        What earlier runs recorded, as `FolderState.known`; ``earlier`` reads it.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        plan: ScanPlan | TargetPlan,
+        options: Options,
+        *,
+        resume: bool = False,
+        redo: Sequence[tuple[int, int, int]] = (),
+        goal: Goal | None = None,
+        known: EarlierRuns | None = None,
+    ) -> None:
+        self.folder, self.recorded, self.options, self.resume = folder, plan, options, resume
+        self.plan = plan.scan
+        self.redo = tuple(Position(*p) for p in redo)
+        self.goal, self.ended = goal, ""
+        self.steps: list[AdaptiveStep] = []
+        self.fit: Fit | None = None
+        self.control, self.preview = Control(), Preview()
+        self.quality = _watching(plan, options)
+        self.earlier = EarlierFrames(folder, self.quality, known)
+        self.taken = 0
+        """Positions, or frames of a target, of this run so far."""
+        positions = coarse_order(self.plan) if options.order == "coarse" else self.plan.order_indices()
+        self.order = np.ravel_multi_index(tuple(positions.T), self.plan.shape[:3])
+        self.started = time.monotonic()
+
+    def work(self, station: Station) -> Work[Outcome]:
+        """Return the recording, alone on the devices of ``station``."""
+        from lfcal.acquire.session import iter_record
+
+        if self.goal is not None:
+            return station.use(self._until(station, self.goal))
+        return station.use(
+            iter_record(
+                self.folder,
+                self.recorded,
+                station.rig,
+                self.options,
+                resume=self.resume,
+                redo=self.redo or None,
+                control=self.control,
+                preview=self.preview,
+                observers=(self.quality, self._count),
+            )
+        )
+
+    def _until(self, station: Station, goal: Goal) -> Work[Outcome]:
+        """Record until H is known; the last fit is kept here: jobs are remembered long after they ended."""
+        from lfcal.campaign import iter_adaptive
+
+        found = yield from iter_adaptive(
+            self.folder,
+            self.plan,
+            station.rig,
+            goal,
+            self.options,
+            resume=self.resume,
+            control=self.control,
+            preview=self.preview,
+            observers=(self.quality, self._count),
+            seen=self.steps.append,
+        )
+        self.ended, self.fit = found.words, found.fit
+        return found.outcome
+
+    @property
+    def counted(self) -> str:
+        """What is recorded, for people."""
+        return "positions" if isinstance(self.recorded, ScanPlan) else "frames"
+
+    @property
+    def rate(self) -> float:
+        """Positions per second of this run so far."""
+        seconds = time.monotonic() - self.started
+        return self.taken / seconds if seconds > 0 else 0.0
+
+    def _count(self, step: ScheduledFrame, *_: Any) -> None:
+        self.taken += step.kind is Kind.POSITION
+
+
+def _watching(plan: ScanPlan | TargetPlan, options: Options) -> LiveQuality | LiveCoverage:
+    """Return what watches a session."""
+    return LiveQuality(plan, window_shape(plan, options)) if isinstance(plan, ScanPlan) else LiveCoverage(plan)
+
+
+@dataclass(frozen=True, eq=False)
+class FolderState:
+    """What a session folder holds.
+
+    Attributes
+    ----------
+    there
+        ``(nz, ny, nx)`` which positions are acknowledged; None: the folder holds no session.
+    how
+        How the last run ended.
+    problem
+        Why the folder cannot be read, or empty.
+    plan, options
+        Of the session.
+    chosen
+        ``(nz, ny, nx)`` the positions that were chosen to be recorded; None: all of the plan.
+    target
+        The plan of a target whose frames are recorded: then ``there`` counts these, ``(frames,)``.
+    recordings
+        Names of the files with its frames, oldest first.
+    """
+
+    there: NDArray[np.bool_] | None = None
+    how: str = ""
+    problem: str = ""
+    plan: ScanPlan | None = None
+    options: Options | None = None
+    chosen: NDArray[np.bool_] | None = None
+    target: TargetPlan | None = None
+    recordings: tuple[str, ...] = ()
+
+    def known(self, but: Sequence[Position] = ()) -> EarlierRuns | None:
+        """Return what is acknowledged, without positions to record again; None: nothing is."""
+        if self.there is None or self.plan is None:
+            return None
+        if self.target is None:
+            grid = self.plan.shape[:3]
+            flat = np.flatnonzero(self.there)
+        else:
+            grid = frame_grid(self.target)
+            flat = np.ravel_multi_index(tuple(frame_positions(self.target)[self.there].T), grid)
+        again = np.ravel_multi_index(tuple(np.array(but, np.intp).reshape(-1, 3).T), grid, mode="clip")
+        return EarlierRuns(np.setdiff1d(flat, again), grid, self.recordings)
+
+    @property
+    def complete(self) -> bool:
+        """Whether every position that is to be recorded is."""
+        if self.there is None:
+            return False
+        return bool(self.there.all() if self.chosen is None else self.there[self.chosen].all())
+
+    def planes(self) -> tuple[int, ...]:
+        """Return the planes of which every position is recorded."""
+        if self.there is None or self.target is not None:
+            return ()
+        return tuple(np.flatnonzero(self.there.reshape(len(self.there), -1).all(axis=1)).tolist())
+
+    def words(self) -> str:
+        """Return the state in a line."""
+        if self.problem:
+            return self.problem
+        if self.there is None:
+            return "a new session"
+        done, total = int(self.there.sum()), self.there.size
+        if self.target is not None:
+            return f"{done} of {total} frames of a target safe on disk" + (
+                f"; the last run: {self.how}" if self.how else ""
+            )
+        if self.chosen is not None:
+            of = f"{done} of {int(self.chosen.sum())} chosen positions safe on disk, of {total} of the plan"
+            return of + (f"; the last run: {self.how}" if self.how else "")
+        return f"{done} of {total} positions safe on disk" + (f"; the last run: {self.how}" if self.how else "")
+
+
+def folder_state(folder: str) -> FolderState:
+    """Return what is recorded in ``folder``; a damaged session is a problem in words, not an error."""
+    from lfcal.acquire.recording.reader import RecordingFile
+    from lfcal.acquire.session_file import SessionFile
+    from lfcal.base.errors import LfcalError
+
+    if folder and (Path(folder) / "regions.json").exists():
+        return FolderState(problem=ELSEWHERE.format("several regions of the field"))
+    if not folder or not (Path(folder) / "session.json").exists():
+        return FolderState()
+    try:
+        session = SessionFile.read(Path(folder))
+        shape = session.grid
+        there = np.zeros(math.prod(shape), np.bool_)
+        for name in session.recordings:
+            with RecordingFile(Path(folder) / name) as file:
+                flat = file.records["index"][file.taken]
+                there[flat[flat < there.size]] = True
+    except (LfcalError, OSError) as error:
+        return FolderState(problem=str(error))
+    how = session.runs[-1].how if session.runs else ""
+    if session.target is not None:
+        target: TargetPlan = session.target  # type: ignore[assignment]  # a session's frame plan is a target's
+        frames = np.array([z * shape[2] + k for z, k in target.frames], np.intp)
+        return FolderState(
+            there[frames], how, "", session.plan, session.options, None, target, recordings=session.recordings
+        )
+    chosen = np.zeros(shape, np.bool_)
+    if session.redo[0]:
+        chosen[tuple(np.array([at for part in session.redo for at in part]).T)] = True
+    found = chosen if session.redo[0] else None
+    there = there.reshape(shape)
+    return FolderState(there, how, "", session.plan, session.options, found, recordings=session.recordings)
+
+
+@dataclass(frozen=True, eq=False)
+class RecordPicture:
+    """A recording at one moment, as it is drawn.
+
+    Attributes
+    ----------
+    values, recorded
+        ``(ny, nx)`` of the plane shown: the quantity, NaN where not known; and which positions are safe.
+    depth_sum
+        ``(rows, columns)`` growing sum of the plane's cutouts above the background (counts).
+    curves
+        For each of `QUANTITIES` number and value of the positions that are known, in the order of recording.
+    alarms
+        What is out of bounds, in words.
+    lamp
+        Words on the lamp's drift, or empty.
+    complete
+        Whether the plane is complete.
+    done, total
+        Positions that are safe, or frames of a target; and all of them.
+    covered
+        Whether the map tells how many frames of a target show each position, and not what was recorded there.
+    reading
+        How far the frames of earlier runs are read, in words; empty: nothing is left to read.
+    """
+
+    values: NDArray[np.float64]
+    recorded: NDArray[np.bool_]
+    depth_sum: NDArray[np.float64]
+    curves: dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
+    alarms: tuple[str, ...]
+    lamp: str
+    complete: bool
+    done: int
+    total: int
+    covered: bool = False
+    reading: str = ""
+
+
+def record_picture(
+    quality: QualityState,
+    order: NDArray[np.intp],
+    z: int,
+    quantity: str,
+    earlier: NDArray[np.bool_] | None,
+    read: PlaneSum | None = None,
+) -> RecordPicture:
+    """Return what to draw: pure.
+
+    Parameters
+    ----------
+    quality
+        Of this run, with the depth sum of plane ``z`` only, and of earlier ones as far as it is read.
+    order
+        Flat positions in the order of recording.
+    z, quantity
+        Plane and key of `QUANTITIES` for the map.
+    earlier
+        ``(nz, ny, nx)`` positions that earlier runs recorded.
+    read
+        Sum of the frames of earlier runs in this plane.
+    """
+    seen = np.isfinite(quality.energy)
+    arrays = {
+        "energy": quality.energy,
+        "residual": quality.residual_px.astype(float),
+        "saturated": np.where(seen, quality.saturated, np.nan),
+    }
+    curves: dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
+    for key, values in arrays.items():
+        line = values.ravel()[order]
+        at = np.flatnonzero(np.isfinite(line))
+        curves[key] = (np.asarray(at + 1.0, np.float64), line[at])
+    there = seen if earlier is None or earlier.shape != seen.shape else seen | earlier
+    alarms = tuple(f"{a.what}: {a.value:.3g} (limit {a.limit:g}): {a.advice}" for a in quality.alarms)
+    return RecordPicture(
+        arrays[quantity][z],
+        there[z],
+        quality.depth_sums[0] + (0.0 if read is None else read.light),
+        curves,
+        alarms,
+        lamp_words(quality.lamp),
+        bool(there[z].all()),
+        int(there.sum()),
+        there.size,
+        reading="" if read is None else read.words,
+    )
+
+
+def lamp_words(lamp: NDArray[np.float64]) -> str:
+    """Return in words how the lamp drifted, by its reference frames ``(n, 2)``; empty where nothing tells."""
+    if len(lamp) < 2 or lamp[0, 1] <= 0:
+        return ""
+    change = 100 * (lamp[:, 1] / lamp[0, 1] - 1)
+    return f"lamp {change[-1]:+.2f} % after {format_seconds(float(lamp[-1, 0] - lamp[0, 0]))}, {len(lamp)} references"

@@ -1,0 +1,276 @@
+"""The devices of the window: opened once, used by one task at a time, closed for sure. No Qt."""
+
+from __future__ import annotations
+
+import math
+import re
+import threading
+import time
+from collections.abc import Generator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.acquire.control import Control
+from lfcal.acquire.preview import LiveFrame, Preview
+from lfcal.acquire.session_file import Devices
+from lfcal.acquire.setup.live import LiveState, iter_live
+from lfcal.base.errors import InputError
+from lfcal.base.progress import Work
+from lfcal.camera import ScanPlan
+from lfcal.devices.errors import LimitError, StageError
+from lfcal.devices.protocols import Limits, Point
+from lfcal.devices.rig import Rig
+from lfcal.devices.simulated.faults import DeviceFault
+
+__all__ = ["Look", "Station", "in_limits", "open_station", "read_target"]
+
+R = TypeVar("R")
+Choice = tuple[Mapping[str, str], str]
+"""Options of a backend, and the backend of the stage."""
+
+DESCRIBED = ("sim",)
+"""Backends whose frames are those of a description."""
+
+SEEN = ("camera", "period", "cutout", "depths_um", "anchor", "resample")
+"""What of a plan is seen in such frames; exposure and stage are set, not described."""
+
+MOVE_TIMEOUT_S = 60.0
+SETTLE_S = 0.1
+READ_S = 0.1
+"""Between two positions that are read on the way (s)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Look:
+    """One live frame with its numbers: ``frame`` None where none came, which ``state.trouble`` explains."""
+
+    frame: LiveFrame | None
+    state: LiveState
+
+
+class Station:
+    """A rig with a lock around it: the live view, a move and a session never meet inside a device.
+
+    Parameters
+    ----------
+    rig
+        The devices; closed with the station.
+    name
+        Of the backend, for people.
+    plan, choice
+        The plan the devices were opened for; options of the backend, and the backend of the stage.
+    devices
+        What they said of themselves when they were opened; None: ask them now.
+    """
+
+    def __init__(
+        self, rig: Rig, name: str, plan: ScanPlan, choice: Choice = ({}, ""), devices: Devices | None = None
+    ) -> None:
+        self.rig, self.name = rig, name
+        self.devices = devices or Devices.of(rig)
+        self._opened_for, self._choice = plan, (dict(choice[0]), choice[1])
+        self._lock = threading.Lock()
+        self._live: Generator[LiveState, float | None, None] | None = None
+        self._preview = Preview(1)
+        self._plan: ScanPlan | None = None
+        self._exposure = math.nan
+        self._seen: Point | None = None
+        self._under_way = False
+        self.moving = Control()
+        """Asked to stop a move that is under way."""
+
+    # -- facts -----------------------------------------------------------------------------------------
+    @property
+    def limits(self) -> Limits:
+        """Travel of the stage (µm)."""
+        return self.rig.stage.limits
+
+    @property
+    def title(self) -> str:
+        """Camera and stage as they name themselves."""
+        camera = self.rig.camera
+        rows, columns = camera.sensor_shape
+        title = f"{camera.name}, {columns} × {rows} px, {camera.bit_depth} bits; {self.rig.stage.name}"
+        automatic = self.devices.automatic_words
+        return f"{title}. The camera changes frames automatically: {automatic}" if automatic else title
+
+    def outdated(self, plan: ScanPlan, name: str, options: Mapping[str, str], stage: str) -> str:
+        """Return in words why these are not the devices for ``plan`` and the choice that stands; empty: they are."""
+        if (self.name, *self._choice) != (name, dict(options), stage):
+            return "Other devices are chosen now than were connected; connect them."
+        opened = self._opened_for
+        if name in DESCRIBED and any(getattr(opened, key) != getattr(plan, key) for key in SEEN):
+            return "Camera or plan changed: connect again, to see what they are now."
+        return ""
+
+    # -- use -------------------------------------------------------------------------------------------
+    def look(self, exposure_s: float, plan: ScanPlan) -> Look:
+        """Return the next live frame, exposed for ``exposure_s``."""
+        with self._lock:
+            if self._live is None or self._plan is not plan:
+                self._stop_live()
+                self._live = iter_live(self.rig, self._preview, Control(), exposure_s, plan=plan)
+                self._plan, self._exposure = plan, exposure_s
+                state = next(self._live)
+            else:
+                changed = exposure_s if exposure_s != self._exposure else None
+                self._exposure = exposure_s
+                state = self._live.send(changed)
+            self._seen = state.stage_um
+            return Look(self._preview.latest(), state)
+
+    @property
+    def seen(self) -> Point | None:
+        """Position that was read back last (µm)."""
+        return self._seen
+
+    def where(self) -> tuple[Point | None, bool]:
+        """Return the position read back last (µm), None before the first, and whether a move of `move` is under way.
+
+        Never waits: while something else uses the devices, the position is that of the move, or the last one.
+        """
+        if self._lock.acquire(blocking=False):
+            try:
+                self._seen = self.rig.stage.position()
+            finally:
+                self._lock.release()
+        return self._seen, self._under_way
+
+    def position(self) -> Point:
+        """Return the position read back (µm)."""
+        with self._lock:
+            return self.rig.stage.position()
+
+    def move(self, target: Point) -> Point:
+        """Move to ``target`` and return the read-back (µm); checked against the limits first."""
+        in_limits(target, self.limits)
+        with self._lock:
+            self.moving = Control()
+            self._under_way = True
+            try:
+                self.rig.stage.move(target)
+                self._arrive()
+            finally:
+                self._under_way = False
+            self.rig.time.sleep(SETTLE_S)
+            self._seen = self.rig.stage.position()
+            return self._seen
+
+    def _arrive(self) -> None:
+        """Wait until the stage stands, or stop it where that was asked for; the position is read on the way."""
+        stage = self.rig.stage
+        deadline, read = time.monotonic() + MOVE_TIMEOUT_S, -math.inf
+        while stage.moving():
+            now = time.monotonic()
+            if self.moving.stopping:
+                stage.stop()
+                return
+            if now > deadline:
+                stage.stop()
+                raise StageError.expected(
+                    "stage", f"arrival within {MOVE_TIMEOUT_S:g} s", "still moving", "check for an obstacle"
+                )
+            if now - read > READ_S:
+                self._seen, read = stage.position(), now
+            self.rig.time.sleep(0.005)
+
+    def move_axes(self, target: Sequence[float | None]) -> Point:
+        """Move to ``target`` (µm), an axis of None staying where it is, and return the read-back."""
+        here = self.position()
+        x, y, z = (now if wanted is None else wanted for now, wanted in zip(here, target, strict=True))
+        return self.move((x, y, z))
+
+    def jog(self, axis: int, by_um: float) -> Point:
+        """Move one axis (0, 1, 2: x, y, z) by a step (µm) and return the read-back."""
+        with self._lock:
+            here = list(self.rig.stage.position())
+        here[axis] += by_um
+        return self.move((here[0], here[1], here[2]))
+
+    def inject(self, fault: DeviceFault) -> None:
+        """Let a fault strike the simulator so many calls from now; also while a session uses it."""
+        from lfcal.devices.simulated.backend import inject
+
+        inject(self.rig, fault)
+
+    def use(self, work: Work[R]) -> Work[R]:
+        """Run ``work`` on the rig, alone; the live view begins anew afterwards."""
+        with self._lock:
+            self._stop_live()
+            return (yield from work)
+
+    def close(self) -> None:
+        """Release the devices; waits for what is under way."""
+        self.moving.stop()
+        with self._lock:
+            self._stop_live()
+            self.rig.close()
+
+    def _stop_live(self) -> None:
+        if self._live is not None:
+            self._live.close()
+        self._live, self._plan = None, None
+
+
+def open_station(plan: ScanPlan, backend: str, options: Mapping[str, str], stage: str = "") -> Station:
+    """Open the devices of ``backend`` (and the stage of another one); raises what opening raises."""
+    from lfcal.acquire.session import check_devices
+    from lfcal.devices.registry import open_rig
+
+    rig = open_rig(plan, backend, options, stage=stage)
+    try:
+        devices = check_devices(plan, rig)
+    except BaseException:
+        rig.close()
+        raise
+    return Station(rig, backend, plan, (options, stage), devices)
+
+
+def read_target(words: str, limits: Limits) -> tuple[float | None, ...]:
+    """Return the position (µm) that ``x, y, z`` says; an axis left empty, as in ``, , 1200``, stays where it is.
+
+    Raises
+    ------
+    InputError
+        If it is no position, or lies beyond the limits.
+    """
+    parts = [part.strip() for part in re.split("[,;]", words)] if re.search("[,;]", words) else words.split()
+    try:
+        target = tuple(float(part) if part else None for part in parts)
+    except ValueError:
+        target = ()
+    if len(target) != 3 or all(value is None for value in target):
+        raise InputError.expected(
+            "position of the stage", "x, y, z in µm such as 100, -20, 1500 (empty: stays)", repr(words), "correct it"
+        )
+    middles = [(low + high) / 2 for low, high in limits]
+    x, y, z = (middle if value is None else value for value, middle in zip(target, middles, strict=True))
+    in_limits((x, y, z), limits)
+    return target
+
+
+def in_limits(target: Point, limits: Limits) -> None:
+    """Raise `LimitError` if ``target`` lies beyond ``limits`` (µm), before anything moves."""
+    for name, value, (low, high) in zip("xyz", target, limits, strict=True):
+        if not math.isfinite(value):
+            raise InputError.expected(f"stage axis {name}", "a number (µm)", value, "correct it")
+        if not low <= value <= high:
+            raise LimitError.expected(
+                f"stage axis {name}",
+                f"{low:.6g} to {high:.6g} µm",
+                f"{value:.6g} µm",
+                "stay within the travel; nothing was moved",
+            )
+
+
+def cut(frame: NDArray[np.generic], row: int, column: int, shape: tuple[int, int]) -> NDArray[np.generic]:
+    """Return the window of ``frame`` whose first pixel is (row, column); outside the frame it is zero."""
+    out = np.zeros(shape, frame.dtype)
+    top, left = max(row, 0), max(column, 0)
+    bottom, right = min(row + shape[0], frame.shape[0]), min(column + shape[1], frame.shape[1])
+    if bottom > top and right > left:
+        out[top - row : bottom - row, left - column : right - column] = frame[top:bottom, left:right]
+    return out

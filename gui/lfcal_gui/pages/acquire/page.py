@@ -1,0 +1,98 @@
+"""Acquire: set the devices up, record a session, see at once whether it is good."""
+
+from __future__ import annotations
+
+from lfcal_gui.base_page import BasePage
+from lfcal_gui.context import Context
+from lfcal_gui.models.page import PageSpec
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.pages.acquire import takes
+from lfcal_gui.pages.acquire.lab import Lab
+from lfcal_gui.pages.acquire.model import AcquireSettings
+from lfcal_gui.pages.acquire.model_lab import KEYS
+from lfcal_gui.pages.acquire.panel import AcquirePanel
+from lfcal_gui.pages.acquire.record_tab import RecordTab
+from lfcal_gui.pages.acquire.setup_tab import SetupTab
+
+__all__ = ["Page"]
+
+JOGS = (
+    ("Ctrl+Left", 0, -1),
+    ("Ctrl+Right", 0, 1),
+    ("Ctrl+Down", 1, -1),
+    ("Ctrl+Up", 1, 1),
+    ("Ctrl+Shift+Down", 2, -1),
+    ("Ctrl+Shift+Up", 2, 1),
+)
+"""Keys, the axis that they move by a step, and its sense."""
+
+FOLLOWED = ("plan", "camera", "recording", "redo")
+
+
+class Page(BasePage):
+    """Two tabs over one set of devices."""
+
+    def __init__(self, spec: PageSpec, context: Context) -> None:
+        super().__init__(spec, context)
+        self.panel = AcquirePanel(context.jobs)
+        self.setup = SetupTab(context, self.panel.setup, self)
+        self.record = RecordTab(context, self.setup, self.panel.record, self)
+        self.record.ended.connect(lambda: self._show(context.state, folder=False))
+        toggle = self.tool_button("Dark lab", "Large buttons with keys, red on black (F11)", lambda: None)
+        self.lab = Lab(context, self.panel, self.setup, self.record, toggle)
+        self.set_panel(self.lab.panel)
+        self._add_shortcuts()
+        self.theme_changed.connect(self.panel.apply_theme)
+        self._show(context.state, folder=True)
+
+    def let_go(self) -> None:
+        """Forget what was seen, found and asked for another project; a recording under way is shown until it ends."""
+        self.setup.let_go()
+        self.record.let_go()
+
+    def state_changed(self, old: ProjectState, new: ProjectState) -> None:
+        """Follow plan, settings, recording and the list of positions to redo."""
+        same = AcquireSettings.of(old) == AcquireSettings.of(new)
+        if not same or any(getattr(old, key) != getattr(new, key) for key in FOLLOWED):
+            self._show(new, folder=old.recording != new.recording)
+
+    def _show(self, state: ProjectState, *, folder: bool) -> None:
+        self.record.show_state(state, folder=folder)
+        if state.plan is None and not self.record.recording:  # whose buttons stay, whatever becomes of the project
+            self.show_empty(
+                "Recording needs a scan plan: which positions, planes and cutout.",
+                {"Plan": self.lead("plan", "Say which source positions and depth planes there are")},
+            )
+            return
+        self.show_body()
+        self.setup.show_state(state)
+        self.lab.show()
+
+    def _add_shortcuts(self) -> None:
+        stage = self.panel.setup.stage
+        for keys, axis, sign in JOGS:
+            self.shortcut(keys, lambda axis=axis, sign=sign: stage.press(axis, sign))
+        self.shortcut("Ctrl+G", self._type_target)
+        self.shortcut("Esc", stage.stop.click)
+        self.shortcut("F5", self.panel.setup.live.click)
+        self.shortcut("F11", self.lab.toggle.click)
+        for key, shortcut in KEYS:
+            self.shortcut(shortcut, lambda key=key: self.lab.panel.press(key))
+
+    def _type_target(self) -> None:
+        self.panel.setCurrentWidget(self.panel.setup)
+        self.panel.setup.stage.type_target()
+
+    def entered(self) -> None:
+        """Look for devices the first time, and whether another program has recorded into the session's folder."""
+        self.setup.entered()
+        if self.context.state.recording and not self.record.recording:
+            self.record.folder_choice.look()
+
+    def accept_drop(self, paths: list[str]) -> bool:
+        """Take a dropped session folder."""
+        if len(paths) == 1 and takes(paths[0]):
+            self.record.folder_choice.take(paths[0])
+            self.panel.setCurrentWidget(self.panel.record)
+            return True
+        return False

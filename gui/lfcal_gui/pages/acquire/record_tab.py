@@ -1,0 +1,423 @@
+"""Record: a session run, followed, and assembled."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import QObject, QTimer, Signal
+
+from lfcal.acquire.session import check_fixed
+from lfcal.base.errors import LfcalError, StorageError
+from lfcal.base.units import format_length
+from lfcal.frames.source import Position
+from lfcal_gui.context import Context
+from lfcal_gui.jobs import WindowJob
+from lfcal_gui.models.project import Hold, ProjectState
+from lfcal_gui.models.words import plane_words, said_in_window
+from lfcal_gui.pages.acquire.after import Afterwards
+from lfcal_gui.pages.acquire.folder_choice import FolderChoice
+from lfcal_gui.pages.acquire.model import AcquireSettings
+from lfcal_gui.pages.acquire.model_earlier import EarlierFrames
+from lfcal_gui.pages.acquire.model_recorder import FolderState, Recorder, RecordPicture, folder_state
+from lfcal_gui.pages.acquire.model_target import picture_of, places_px
+from lfcal_gui.pages.acquire.model_until import check_goal, error_curve
+from lfcal_gui.pages.acquire.record_panel import RecordPanel
+from lfcal_gui.pages.acquire.setup_tab import SetupTab
+from lfcal_gui.pages.acquire.status import advice_words, asked_words, automatic_words, end_words, progress_words
+from lfcal_gui.pages.acquire.step import step
+from lfcal_gui.pages.acquire.target_choice import TargetChoice
+
+__all__ = ["RecordTab"]
+
+POLL_MS, READ_MS = 120, 250
+EARLIER = "acquire earlier frames"
+HELD = "a session is being recorded: camera, plan and devices stay as they are until it ends"
+
+
+class RecordTab(QObject):
+    """Run sessions on the devices of a `SetupTab`; frames and quality are fetched by a timer, never pushed.
+
+    Signals
+    -------
+    ended()
+        A recording ended, in whatever way.
+    shown()
+        What can be pressed, or the advice, is another.
+    """
+
+    ended = Signal()
+    shown = Signal()
+
+    def __init__(self, context: Context, setup: SetupTab, panel: RecordPanel, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self.context, self.setup, self.panel = context, setup, panel
+        self.recorder: Recorder | None = None
+        self._opened: Recorder | None = None
+        """What the folder holds, while nothing is recorded."""
+        self._reading: EarlierFrames | None = None
+        self.folder = FolderState()
+        self.after = Afterwards(context, panel, lambda: self.recording)
+        self.target = TargetChoice(context, self._target_read)
+        self.folder_choice = FolderChoice(context, panel.folder, self._folder_seen, self._refuse)
+        self._job, self._lamp, self._refused = 0, "", False
+        self._under_way: WindowJob | None = None
+        """The recording as it was told last."""
+        self.poll_timer = QTimer(self)
+        self.poll_timer.setInterval(POLL_MS)
+        self.poll_timer.timeout.connect(self._poll)
+        self.read_timer = QTimer(self)
+        self.read_timer.setInterval(READ_MS)
+        self.read_timer.timeout.connect(self._refresh_picture)
+        for form in (panel.form, panel.until):
+            form.check = self._check_field
+            form.edited.connect(self._field_edited)
+        panel.extent_asked.connect(lambda key: self._field_edited("extent", key))
+        panel.folder_edited.connect(self.folder_choice.take)
+        panel.folder_asked.connect(lambda: self.folder_choice.ask())
+        panel.target_asked.connect(lambda: self.target.ask(panel))
+        panel.view_changed.connect(self._refresh_picture)
+        panel.plane_asked.connect(self.after.open_plane)
+        panel.pressed.connect(self._pressed)
+        setup.changed.connect(self.show_controls)
+        context.jobs.changed.connect(self._job_changed)
+        context.jobs.finished.connect(self._job_finished)
+
+    @property
+    def recording(self) -> bool:
+        """Whether a session is being recorded."""
+        return bool(self._job)
+
+    def show_state(self, state: ProjectState, *, folder: bool) -> None:
+        """Show plan, settings and folder; ``folder``: it changed."""
+        self.panel.folder.setText(state.recording)
+        self._refused = False  # what was refused is asked beside something else now
+        if folder:
+            if not self.recording:
+                self._forget()
+            self.folder_choice.look()
+        if state.plan is None:
+            return
+        settings = AcquireSettings.of(state)
+        self.target.follow(settings.target)
+        self.panel.show_target(Path(settings.target).name)
+        self.panel.set_values(settings.values(state.plan), settings.extent)
+        self.panel.set_planes(len(state.plan.depths_um))
+        self.show_controls()
+        if self.recorder is None:
+            self._refresh_picture()
+
+    def let_go(self) -> None:
+        """Open no folder any more for the project before."""
+        self.folder_choice.let_go()
+        for group in ("acquire start", EARLIER):
+            self.context.jobs.drop(group)
+
+    def _forget(self) -> None:
+        """Let go of what was recorded before: it is of another folder."""
+        self.context.jobs.drop(EARLIER)
+        self.recorder, self._opened, self.folder, self._lamp = None, None, FolderState(), ""
+        self.panel.show_status("Not recording.", "", 0.0)
+        self.panel.clear_frame()
+        self.context.attention.emit("acquire", False)
+
+    def _check_field(self, key: str, value: Any) -> str:
+        state = self.context.state
+        try:
+            if state.plan is not None:
+                AcquireSettings.of(state).changed(state.plan, key, value)
+        except LfcalError as error:
+            return str(error)
+        return HELD if self.recording else ""
+
+    def _field_edited(self, key: str, value: Any) -> None:
+        state = self.context.state
+        if state.plan is not None:
+            settings, plan = AcquireSettings.of(state).changed(state.plan, key, value)
+            self.context.project.merge(f"change of {key.replace('_', ' ')}", plan=plan, settings=settings.into(state))
+
+    def _target_read(self, words: str) -> None:
+        """Show what the target covers, or why its plan cannot be read."""
+        if words:
+            self._refuse(words)
+        self.show_controls()
+        if self.recorder is None:
+            self._refresh_picture()
+
+    def _refuse(self, words: str) -> None:
+        """Say why something cannot be done, until something else is asked."""
+        self._refused = True
+        self.panel.show_status("Cannot begin.", words, 0.0)
+        self.context.message.emit(words)
+
+    def _folder_seen(self, found: FolderState) -> None:
+        self.folder, self._opened = found, None
+        self.panel.say_of_folder(found.words() if self.context.state.recording else "")
+        self.show_controls()
+        if self.recorder is None:
+            self._refresh_picture()
+
+    def show_controls(self) -> None:
+        """Enable what can be pressed now, and say what comes next."""
+        buttons, state, recording = self.panel.buttons, self.context.state, self.recording
+        there, complete, many = self.folder.there is not None, self.folder.complete, self.folder.target is not None
+        # a session of chosen positions goes on to a smaller error
+        more = not complete or (self.folder.chosen is not None and AcquireSettings.of(state).extent == "error")
+        free = self.setup.free and not recording
+        held = self.recorder is not None and self.recorder.control.pausing
+        buttons["start"].setText("Resume session" if there and more else "Start")
+        buttons["start"].setEnabled(free and not self.setup.connecting and more)
+        buttons["pause"].setText("Resume" if recording and held else "Pause")
+        for key in ("pause", "stop", "abort"):
+            buttons[key].setEnabled(recording)
+        count = len(state.redo)
+        buttons["redo"].setText(f"Record again ({count})" if count else "Record again")
+        buttons["redo"].setEnabled(free and bool(count) and complete)
+        for key in ("assemble", "fit"):
+            buttons[key].setEnabled(there and not recording and not (many and key == "fit"))
+        buttons["pack"].setEnabled(complete and not recording)
+        panel = self.panel
+        for widget in (panel.choose_target, panel.form, panel.until, panel.extent, panel.folder):
+            widget.setEnabled(not recording)
+        station, settings = self.setup.station, AcquireSettings.of(state)
+        # what has no effect is not shown
+        automatic = station is not None and bool(station.devices.automatic)
+        panel.form.set_shown("allow_automatic", automatic or settings.allow_automatic)
+        panel.form.set_shown("steady_s", bool(settings.suspend))
+        self._show_error()
+        backend = settings.backend if station is None else ""
+        measured = "stage" in self.setup.measuring.found
+        words = advice_words(self.folder, recording=recording, backend=backend, measured=measured)
+        if station is not None and not (recording or there):
+            words = automatic_words(station.devices, settings.options()) or words
+        self.panel.why.setText(words)
+        self.shown.emit()
+
+    # -- recording -------------------------------------------------------------------------------------
+    def _pressed(self, key: str) -> None:
+        actions: dict[str, Callable[[], None]] = {
+            "start": self.start,
+            "pause": self.pause,
+            "stop": lambda: self._ask("stop"),
+            "abort": lambda: self._ask("abort"),
+            "redo": lambda: self.start(redo=True),
+            "assemble": self.after.assemble,
+            "fit": lambda: self.after.fit(self._fit_of_folder()),
+            "pack": self.after.pack,
+        }
+        actions[key]()
+
+    def start(self, *, redo: bool = False) -> None:
+        """Record, or go on, or record the named positions again; connects first if need be."""
+        state = self.context.state
+        if state.plan is None or self.recording or not self.setup.free:
+            return
+        self._refused = False
+        if not state.recording:
+            self.folder_choice.ask(lambda: self.start(redo=redo))
+            return
+        if self.setup.station is None:
+            self.setup.connect_devices(lambda: self.start(redo=redo))
+            return
+        path = state.recording
+        self.context.jobs.load(
+            "acquire start", lambda: folder_state(path), lambda now: self._begin(now, redo=redo), self._refuse
+        )
+
+    def _begin(self, now: FolderState, *, redo: bool) -> None:
+        """Record, knowing what the folder holds."""
+        state, folder, station = self.context.state, Path(self.context.state.recording), self.setup.station
+        if state.plan is None or station is None or self.recording or not self.setup.free:
+            return
+        self.folder = now
+        try:
+            if now.problem:  # what is damaged is not recorded over
+                raise StorageError(now.problem)
+            options = now.options or AcquireSettings.of(state).options()
+            plan = self.target.to_record(state.plan, now)
+            resume = now.there is not None and not redo
+            if not resume:
+                check_fixed(station.devices, options)
+            goal = None if redo else AcquireSettings.of(state).goal()
+            if goal is not None:
+                check_goal(state.plan, options, now)
+            again = state.redo if redo else ()
+            known = now.known([Position(*p) for p in again])
+            recorder = Recorder(folder, plan, options, resume=resume, redo=again, goal=goal, known=known)
+        except LfcalError as error:
+            self._refuse(said_in_window(str(error)))
+            return
+        self.recorder = recorder
+        recorded = partial(step, state, str(folder), resume=resume, redo=again)
+        self.context.attention.emit("acquire", False)
+        self._set_job(
+            self.context.jobs.start(
+                f"Record {folder.name}",
+                "acquire",
+                lambda: recorder.work(station),
+                self._recorded,
+                self._failed,
+                at_once=True,
+                taken=self.context.taken("acquire", f"Record {folder.name}", str(folder), recorded),
+            )
+        )
+        self._under_way = next((job for job in self.context.jobs.jobs() if job.number == self._job), None)
+        self._show_progress()
+        self.poll_timer.start()
+
+    def _set_job(self, number: int) -> None:
+        """Take the devices for a job, or give them back (0)."""
+        self._job, self.setup.reserved = number, bool(number)
+        if number:
+            held = Hold(HELD, ("camera", "plan", "recording"), ("acquire",), self.context.refused.emit)
+            self.context.project.hold(held)
+        else:
+            self.context.project.release()
+        self.setup.show_controls()
+        self.show_controls()
+
+    def pause(self) -> None:
+        """Hold, or go on."""
+        if self.recorder is not None and self._job:
+            control = self.recorder.control
+            (control.resume if control.pausing else control.pause)()
+            self._show_progress()
+            self.show_controls()
+
+    def _ask(self, what: str) -> None:
+        if self.recorder is not None and self._job:
+            getattr(self.recorder.control, what)()
+            self.panel.buttons[what].setEnabled(False)
+            self._show_progress()
+
+    def _poll(self) -> None:
+        """Show the newest frame and the quality; the recording thread never waits for this."""
+        if self.recorder is None:
+            return
+        frame = self.recorder.preview.latest()
+        if frame is not None:
+            if frame.position is not None and self.panel.follow.isChecked():
+                self.panel.set_plane(frame.position.z)
+            self.panel.show_frame(frame, *places_px(self.recorder.recorded, frame.position))
+            self.context.frame_seen.emit(frame.data, (frame.roi.row, frame.roi.column))
+        self._show_error()
+        self._refresh_picture()
+
+    def _shown(self) -> Recorder | None:
+        """Return the run, or what the folder holds where this window recorded nothing; None without a plan."""
+        plan = self.folder.plan or self.context.state.plan
+        if self.recorder is not None or plan is None:
+            return self.recorder
+        if self._opened is None or self.folder.there is None:
+            options = self.folder.options or AcquireSettings.of(self.context.state).options()
+            shown = self.target.shown(plan, self.folder)
+            self._opened = Recorder(Path(self.context.state.recording), shown, options, known=self.folder.known())
+        return self._opened
+
+    def _refresh_picture(self) -> None:
+        made, earlier = self._shown(), self.folder.there
+        if made is None:
+            return
+        depths = made.plan.depths_um
+        self.panel.set_planes(len(depths))
+        z, quantity = self.panel.plane.value(), self.panel.quantity.currentData()
+        self._read_earlier(made, z)
+        self.context.jobs.compute(
+            "acquire quality",
+            lambda: picture_of(made, z, quantity, earlier),
+            lambda picture: self._show_picture(picture, z, depths),
+        )
+
+    def _read_earlier(self, made: Recorder, z: int) -> None:
+        """Read what earlier runs recorded, while this tab is visible."""
+        jobs = self.context.jobs
+        if not jobs.loading(EARLIER):
+            self.read_timer.stop()
+        if not self.panel.isVisible() or not made.earlier.want(z):
+            return
+        if self._reading is not None and self._reading is not made.earlier:
+            self._reading.want(-1)  # of another folder
+        self._reading = made.earlier
+        jobs.drop(EARLIER)
+        jobs.load(
+            EARLIER,
+            lambda: made.earlier.read(z, lambda: jobs.loading(EARLIER)),
+            lambda _: self._refresh_picture(),
+            self.context.message.emit,
+        )
+        self.read_timer.start()
+
+    def _show_picture(self, picture: RecordPicture, z: int, depths: tuple[float, ...]) -> None:
+        if z >= len(depths):
+            return
+        words = f"{plane_words(z, len(depths))}: z = {format_length(depths[z])}" + (", complete" * picture.complete)
+        self.panel.show_picture(picture, words)
+        if self.recorder is None and not self._refused:
+            self.panel.show_status("Not recording.", "", picture.done / max(1, picture.total))
+        if picture.alarms and self.recording:
+            self.context.attention.emit("acquire", True)
+        self._lamp = picture.lamp
+
+    def _job_changed(self, job: WindowJob) -> None:
+        if job.number == self._job and job.active:
+            self._under_way = job
+            self._show_progress()
+
+    def _show_progress(self) -> None:
+        """Show how far the recording is, or at once what it was asked to do: the position under way may be long."""
+        job, recorder = self._under_way, self.recorder
+        if job is None or recorder is None or not self.recording:
+            return
+        asked = asked_words(recorder.control, stopping=job.stopping)
+        if job.progress is None:
+            self.panel.show_status(asked or "Beginning …", "", None)
+            return
+        words, detail, fraction = progress_words(recorder, job.progress, self._lamp)
+        said = (asked, words) if asked else (words, detail)
+        self.panel.show_status(*said, fraction)
+
+    def _show_error(self) -> None:
+        """Show the error of H of a recording that ends by it; of another one the depth-plane sum."""
+        recorder, settings = self.recorder, AcquireSettings.of(self.context.state)
+        goal = settings.goal() if recorder is None else recorder.goal
+        self.panel.show_error(None if goal is None else error_curve(recorder.steps if recorder else (), goal))
+
+    def _fit_of_folder(self) -> Any:
+        """Return the last fit of the session in the folder, None where this window made none."""
+        recorder = self.recorder
+        own = recorder is not None and recorder.folder == Path(self.context.state.recording)
+        return recorder.fit if own and recorder is not None else None
+
+    def _recorded(self, outcome: Any) -> None:
+        recorder = self.recorder
+        counted = "positions" if recorder is None else recorder.counted
+        said = f"{outcome.how}: {outcome.acknowledged} of {outcome.total} {counted} are safe"
+        self.context.message.emit("; ".join((said, *outcome.notes)))
+        own = recorder is not None and recorder.folder == Path(self.context.state.recording)
+        if outcome.how == "complete" and recorder is not None and recorder.redo and own:
+            self.context.project.update("positions recorded again", redo=())
+
+    def _failed(self, _: WindowJob) -> None:
+        self.context.attention.emit("acquire", True)
+
+    def _job_finished(self, job: WindowJob) -> None:
+        if job.number != self._job:
+            return
+        self._set_job(0)
+        self._under_way = None
+        self.poll_timer.stop()
+        if self.recorder is not None and self.recorder.folder != Path(self.context.state.recording):
+            self._forget()  # another project was begun meanwhile
+            self.ended.emit()
+            return
+        self._poll()
+        self.folder_choice.look()
+        ended = ("",) if self.recorder is None else (self.recorder.ended, self.recorder.counted)
+        words, fraction = end_words(job, *ended)
+        curve = self.panel.error_curve()
+        known = curve.words if self.recorder is not None and self.recorder.steps and curve is not None else ""
+        # beside the status, which stays: the advice is written again once the folder was looked into
+        self.panel.show_status(words, job.error or known, fraction)
+        self.ended.emit()

@@ -1,0 +1,111 @@
+"""Which plan is recorded: the project's scan, or a target's that stands for it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from PySide6.QtWidgets import QFileDialog, QWidget
+
+from lfcal.base.errors import InputError
+from lfcal.camera import ScanPlan
+from lfcal_gui.context import Context
+from lfcal_gui.pages.acquire.model import AcquireSettings
+from lfcal_gui.pages.acquire.model_recorder import FolderState
+from lfcal_gui.pages.acquire.model_target import read_target_plan
+
+if TYPE_CHECKING:
+    from lfcal.targets import TargetPlan
+
+__all__ = ["TargetChoice"]
+
+GROUP = "acquire target"
+
+
+class TargetChoice:
+    """The target's plan of the project's settings, read when they name another file.
+
+    Parameters
+    ----------
+    context
+        Of the page.
+    read
+        Called when the plan was read, with an empty string, or with why it cannot be.
+    """
+
+    def __init__(self, context: Context, read: Callable[[str], None]) -> None:
+        self.context, self._read = context, read
+        self.plan: TargetPlan | None = None
+        self._path = ""
+
+    def ask(self, parent: QWidget) -> None:
+        """Choose a target's plan, or go back to the single point."""
+        if AcquireSettings.of(self.context.state).target:
+            self.clear()
+        elif path := QFileDialog.getOpenFileName(parent, "Plan of a target", "", "Plans (*.json)")[0]:
+            self.take(path)
+
+    def take(self, path: str) -> None:
+        """Record the target of a plan's file; the project's scan and camera become those that it stands for."""
+
+        def seen(plan: TargetPlan) -> None:
+            self.plan, self._path = plan, path
+            settings = replace(AcquireSettings.of(self.context.state), target=path, extent="whole", coarse=False)
+            self.context.project.update(
+                f"target {Path(path).name}",
+                plan=plan.scan,
+                camera=plan.scan.camera,
+                settings=settings.into(self.context.state),
+            )
+            self._read("")
+
+        self.context.jobs.drop(GROUP)
+        self.context.jobs.load(GROUP, lambda: read_target_plan(path), seen, self._read)
+
+    def clear(self) -> None:
+        """Record the scan of a single point again."""
+        settings = replace(AcquireSettings.of(self.context.state), target="")
+        self.context.project.update("single point", settings=settings.into(self.context.state))
+
+    def follow(self, path: str) -> None:
+        """Read the plan that the settings name, unless it is read already."""
+        if path == self._path:
+            return
+        self.plan, self._path = None, path
+        self.context.jobs.drop(GROUP)
+        if path:
+            self.context.jobs.load(GROUP, lambda: read_target_plan(path), self._seen, self._read)
+
+    def _seen(self, plan: TargetPlan) -> None:
+        self.plan = plan
+        self._read("")
+
+    def shown(self, scan: ScanPlan, folder: FolderState) -> ScanPlan | TargetPlan:
+        """Return the plan whose recording is shown: that of the folder, or else of the choice."""
+        if folder.target is not None:
+            return folder.target
+        return self.plan if self.plan is not None and self.plan.scan == scan and folder.there is None else scan
+
+    def to_record(self, scan: ScanPlan, folder: FolderState) -> ScanPlan | TargetPlan:
+        """Return the plan that is recorded into a folder.
+
+        Raises
+        ------
+        InputError
+            If the target's plan is not read, is of another scan, or the folder holds another session.
+        """
+        remedy = "choose another folder, or the source that it was recorded with"
+        if not self._path:
+            if folder.target is not None:
+                raise InputError.expected("folder", "a session of a single point", "one of a target", remedy)
+            return scan
+        if self.plan is None:
+            raise InputError.expected("plan of the target", "one that can be read", self._path, "choose it again")
+        if self.plan.scan != scan:
+            remedy = "open the target's plan again, or plan it for this scan"
+            raise InputError.expected("plan of the target", "of the project's scan", "another scan", remedy)
+        if folder.there is not None and folder.target != self.plan:
+            raise InputError.expected("folder", "a session of this target", "another session", remedy)
+        return self.plan

@@ -1,0 +1,108 @@
+"""The white image with both lattices over it, or a map of how the micro-images depart from one."""
+
+from __future__ import annotations
+
+import pyqtgraph as pg
+from PySide6.QtCore import QRectF
+from PySide6.QtWidgets import QLabel, QStackedWidget, QVBoxLayout, QWidget
+
+from lfcal_gui.models.display import DisplaySettings
+from lfcal_gui.pages.camera.model_check import Checked
+from lfcal_gui.pages.camera.model_lattice_map import DISTORTION, RESIDUALS, LatticeMap
+from lfcal_gui.widgets.cards import choice_box
+from lfcal_gui.widgets.image_view import ImageView
+
+__all__ = ["LatticeView"]
+
+PICTURE = "picture"
+SHOWN = ((PICTURE, "White image"), (DISTORTION, "Distortion"), (RESIDUALS, "Residuals"))
+LEGENDS = {
+    PICTURE: "First corner of the frame: + as measured, ○ as described.",
+    DISTORTION: "From straight rows to where micro-images are seen, up to {largest:.2f} px in the frame",
+    RESIDUALS: "From the lattice to the micro-images, mean of each cell, up to {largest:.3f} px",
+}
+STRAIGHT = "The lattice is straight: there is no distortion to draw."
+LENSLETS = 12
+"""Lenslets seen along a side of the picture."""
+
+
+class LatticeView(QWidget):
+    """A picture, what to show in it, and how to read it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.choice = choice_box(SHOWN, "Picture with both lattices, or how the micro-images depart from a lattice")
+        self.choice.setAccessibleName("Picture of the lattice")
+        self.choice.currentIndexChanged.connect(lambda _: self._show())
+        self.legend = QLabel()
+        self.legend.setProperty("role", "hint")
+        self.legend.setWordWrap(True)
+        self.image = ImageView(xlabel="column", ylabel="row")
+        self.image.graphics.removeItem(self.image.bar)  # levels say nothing here
+        # white and red are seen on every brightness of the picture
+        self.fitted = pg.ScatterPlotItem(size=9, pxMode=True, symbol="+", pen=pg.mkPen("#ff3b30", width=1.5))
+        pen = pg.mkPen("#ffffff", width=1.5)
+        self.described = pg.ScatterPlotItem(size=11, pxMode=True, symbol="o", brush=None, pen=pen)
+        for marks in (self.described, self.fitted):
+            self.image.add_overlay(marks)
+        self.map = ImageView(xlabel="column", ylabel="row", value_label="displacement (px)")
+        self.map.set_display(DisplaySettings(colour_map="cividis"))
+        self.arrows = pg.PlotCurveItem(connect="pairs", pen=self.map.overlay_pen("#ffffff", 1.2))
+        self.map.add_overlay(self.arrows)
+        self.stack = QStackedWidget()
+        for view in (self.image, self.map):
+            self.stack.addWidget(view)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(3)
+        column.addWidget(self.choice)
+        column.addWidget(self.stack, 1)
+        column.addWidget(self.legend)
+        self._found: Checked | None = None
+
+    def show_check(self, found: Checked) -> None:
+        """Show what was found, as it is chosen."""
+        self._found = found
+        self.image.set_image(found.picture, name=found.name, step=found.step, keep_view=False)
+        self.fitted.setData(x=found.centres[:, 1], y=found.centres[:, 0])
+        self.described.setData(x=found.described[:, 1], y=found.described[:, 0])
+        self._look_at_corner(found)
+        self._show()
+
+    def _look_at_corner(self, found: Checked) -> None:
+        """Show a corner, where differences are largest; the menu shows all."""
+        side = LENSLETS * (found.check.fit.pitch_px if found.check.fit is not None else 30.0)
+        if found.picture is not None:
+            side = min(side, found.step * max(found.picture.shape))
+        self.image.plot.setRange(QRectF(-2, -2, side, side), padding=0)
+
+    def _show(self) -> None:
+        if self._found is None:
+            return
+        name = self.choice.currentData()
+        shown = self._found.maps.get(name)
+        self.stack.setCurrentWidget(self.image if name == PICTURE else self.map)
+        if shown is not None:
+            self._draw(name, shown)
+        elif name == PICTURE:
+            self.legend.setText(LEGENDS[PICTURE])
+        else:
+            self.map.set_image(None)
+            self.arrows.setData([], [])
+            fitted = self._found.check.fit is not None
+            self.legend.setText(STRAIGHT if fitted else "No lattice was fitted.")
+
+    def _draw(self, name: str, shown: LatticeMap) -> None:
+        first = (shown.cell - 1) / 2
+        top = max(shown.largest, 1e-3)
+        self.map.set_image(
+            shown.size, name=name, levels=(0.0, top), origin=(first, first), step=shown.cell, keep_view=False
+        )
+        self.arrows.setData(shown.arrows[:, 1], shown.arrows[:, 0])
+        drawn = f"; arrows {shown.gain:.2g} times too long." if shown.largest else "."
+        self.legend.setText(LEGENDS[name].format(largest=shown.largest) + drawn)
+
+    def apply_theme(self) -> None:
+        """Take the colours of the theme in use."""
+        self.image.apply_theme()
+        self.map.apply_theme()

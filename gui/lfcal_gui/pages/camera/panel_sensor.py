@@ -1,0 +1,225 @@
+"""The sensor measured: folders of flats and darks, the figures, the photon-transfer curve, and taking them over."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QCloseEvent
+from PySide6.QtWidgets import (
+    QDialog,
+    QFileDialog,
+    QHBoxLayout,
+    QHeaderView,
+    QLabel,
+    QProgressBar,
+    QPushButton,
+    QTableWidget,
+    QTableWidgetItem,
+    QVBoxLayout,
+    QWidget,
+)
+
+from lfcal.camera import Camera
+from lfcal.frames.photon_transfer.result import SensorMeasurement
+from lfcal_gui.context import Context
+from lfcal_gui.jobs import WindowJob
+from lfcal_gui.pages.camera.model_sensor import curves_of, iter_sensor, rows_of, taken, words_of
+from lfcal_gui.widgets.plots import LINES, LinePlot
+
+__all__ = ["SensorDialog"]
+
+HINT = (
+    "Flats: two or more frames of each level of light; white images through the lenslets do. Darks: two or more with "
+    "the cap on. Nothing may process them on the way: no gamma, no noise reduction, no JPEG."
+)
+
+AXES = ("signal above black (counts)", "noise, rms (counts)")
+
+
+class SensorDialog(QDialog):
+    """Measure the sensor of the project's camera, and take the figures over.
+
+    Parameters
+    ----------
+    parent, context
+        The page, and what it may use of the window.
+    take
+        Called with the camera as measured, and a label for undoing it; returns whether it was taken.
+    """
+
+    def __init__(self, parent: QWidget, context: Context, take: Callable[[Camera, str], bool]) -> None:
+        super().__init__(parent)
+        self.setWindowTitle("Measure the sensor")
+        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        self.resize(940, 560)
+        self.context, self._take_over = context, take
+        self.flats, self.darks = "", ""
+        self.found: SensorMeasurement | None = None
+        self._job = 0
+        self.words = QLabel(HINT)
+        self.words.setWordWrap(True)
+        self.words.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.bar = QProgressBar()
+        self.bar.setVisible(False)
+        self._make_results()
+        layout = QVBoxLayout(self)
+        layout.addLayout(self._folders())
+        layout.addWidget(self.words)
+        layout.addWidget(self.bar)
+        layout.addWidget(self.results, 1)
+        layout.addLayout(self._buttons())
+        context.theme_changed.connect(self.apply_theme)
+        context.jobs.changed.connect(self._job_changed)
+        context.state_changed.connect(self._show_figures)
+
+    def _folders(self) -> QHBoxLayout:
+        self.flats_button, self.darks_button = QPushButton("Flats …"), QPushButton("Darks …")
+        self.flats_button.setToolTip(
+            "A folder of evenly lit frames, two or more at each of several exposures: gain and linearity"
+        )
+        self.darks_button.setToolTip(
+            "A folder of frames without light, at several exposures: read noise, dark current, offsets"
+        )
+        self.flats_button.clicked.connect(lambda: self.choose("flats"))
+        self.darks_button.clicked.connect(lambda: self.choose("darks"))
+        self.chosen = QLabel("no folders chosen")
+        row = QHBoxLayout()
+        row.addWidget(self.flats_button)
+        row.addWidget(self.darks_button)
+        row.addWidget(self.chosen, 1)
+        return row
+
+    def _make_results(self) -> None:
+        self.table = QTableWidget(0, 2)
+        self.table.setHorizontalHeaderLabels(["Figure", "Value"])
+        self.table.verticalHeader().hide()
+        self.table.verticalHeader().setDefaultSectionSize(22)
+        self.table.setEditTriggers(QTableWidget.EditTrigger.NoEditTriggers)
+        self.table.setSelectionMode(QTableWidget.SelectionMode.NoSelection)
+        self.table.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
+        self.table.horizontalHeader().setStretchLastSection(True)
+        self.plot = LinePlot(*AXES, legend=True)
+        self.plot.set_decades(x=True, y=True)
+        self.plot.plot.legend.setOffset((8, 8))  # the curve rises to the right
+        self.results = QWidget()
+        row = QHBoxLayout(self.results)
+        row.setContentsMargins(0, 0, 0, 0)
+        row.addWidget(self.table, 1)
+        row.addWidget(self.plot, 1)
+
+    def _buttons(self) -> QHBoxLayout:
+        self.take_button = QPushButton("Take measured sensor")
+        self.take_button.setProperty("role", "primary")
+        self.take_button.setEnabled(False)
+        self.take_button.clicked.connect(lambda: self.take())
+        close = QPushButton("Close")
+        close.setToolTip("Leave the camera as it is; a measurement under way is stopped")
+        close.clicked.connect(lambda: self.close())
+        row = QHBoxLayout()
+        row.addStretch()
+        row.addWidget(self.take_button)
+        row.addWidget(close)
+        return row
+
+    def choose(self, which: str) -> None:
+        """Ask for the folder of ``"flats"`` or ``"darks"``."""
+        path = QFileDialog.getExistingDirectory(self, f"Folder of {which}", getattr(self, which))
+        if path:
+            self.set_folder(which, path)
+
+    def set_folder(self, which: str, path: str) -> None:
+        """Take a folder of ``"flats"`` or ``"darks"``; with both the measurement begins."""
+        setattr(self, which, path)
+        known = {"flats": self.flats, "darks": self.darks}
+        self.chosen.setText(", ".join(f"{name}: {Path(at).name}" for name, at in known.items() if at))
+        self.chosen.setToolTip("\n".join(at for at in known.values() if at))
+        if self.flats and self.darks:
+            self._start()
+
+    def _start(self) -> None:
+        self.context.jobs.cancel(self._job)
+        self._show_none()
+        camera, flats, darks = self.context.state.camera, Path(self.flats), Path(self.darks)
+        self.words.setText("Measuring …")
+        self.bar.setVisible(True)
+        self._job = self.context.jobs.start(
+            "Measure the sensor",
+            "camera",
+            lambda: iter_sensor(camera, flats, darks),
+            self.show_found,
+            self._failed,
+            abandon=True,
+            at_once=True,
+        )
+
+    def _job_changed(self, job: WindowJob) -> None:
+        if job.number == self._job and job.progress is not None:
+            self.bar.setMaximum(job.progress.total)
+            self.bar.setValue(job.progress.done)
+
+    def _failed(self, job: WindowJob) -> None:
+        self.bar.setVisible(False)
+        self.words.setText(job.error or HINT)
+
+    def _show_none(self) -> None:
+        """Show no figures, until those of the folders chosen are there."""
+        self.found = None
+        self.table.setRowCount(0)
+        self.plot.clear()
+        self.take_button.setEnabled(False)
+        self.take_button.setToolTip("")
+
+    def show_found(self, found: SensorMeasurement) -> None:
+        """Show the figures, the curve, and what is to be said of them."""
+        self.found = found
+        self.bar.setVisible(False)
+        curves = curves_of(found)
+        for name, points, tone in (("fitted", curves.fitted, LINES[0]), ("not fitted", curves.others, LINES[5])):
+            if points[0].size:
+                self.plot.set_curve(name, *points, symbol="o", colour=tone, line=False)
+        if curves.fit[0].size:
+            self.plot.set_curve("fit", *curves.fit, colour=LINES[1])
+        self.plot.plot.autoRange()
+        self._show_figures()
+
+    def _show_figures(self) -> None:
+        """Show the figures beside the camera of now, and whether it can take them."""
+        if self.found is None:
+            return
+        found, camera = self.found, self.context.state.camera
+        self.words.setText(words_of(found, camera) or "Every figure was told.")
+        rows = rows_of(found, camera)
+        self.table.setRowCount(len(rows))
+        for row, texts in enumerate(rows):
+            for column, text in enumerate(texts):
+                self.table.setItem(row, column, QTableWidgetItem(text))
+        changed, why = taken(found, camera)
+        self.take_button.setEnabled(changed is not None and changed != camera)
+        self.take_button.setToolTip(why)
+
+    def take(self) -> None:
+        """Make the measured sensor that of the project's camera as it is now."""
+        if self.found is None:
+            return
+        camera, why = taken(self.found, self.context.state.camera)
+        if camera is None:
+            self.words.setText(why)
+            return
+        if not self._take_over(camera, "measured sensor"):
+            self.words.setText("The camera stays as it is while a session is being recorded; take it over afterwards.")
+            return
+        self.words.setText("The measured sensor is the camera's now; save the camera to use it elsewhere.")
+
+    def apply_theme(self) -> None:
+        """Take the colours of the theme in use."""
+        self.plot.apply_theme()
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        """Stop what is still measured."""
+        self.context.jobs.cancel(self._job)
+        self.context.jobs.changed.disconnect(self._job_changed)
+        self.context.theme_changed.disconnect(self.apply_theme)
+        self.context.state_changed.disconnect(self._show_figures)
+        super().closeEvent(event)

@@ -1,0 +1,49 @@
+"""Fit: the optics from a few recorded positions, and what is made of them.
+
+- ``page``, ``panel``; ``results``: what is made of a fit; ``choices_panel``: what is fitted
+- ``found_tabs``: what a fit found, made when one has
+- ``patterns_view``, ``place_map``: measured, model and residual of a position, and where it is
+- ``rounds_view``: how the fit converges
+- ``model``: settings, and what an H offers; ``model_run``: the fit as work; ``model_words``: rows and lines
+- ``model_use``: what a fitted camera changes in the project
+"""
+
+from __future__ import annotations
+
+from lfcal_gui.models.page import PageSpec, PageState, Sketch, found_state, nothing
+from lfcal_gui.models.project import ProjectState
+
+__all__ = ["PAGE"]
+
+
+def state(project: ProjectState) -> PageState:
+    """Return whether there is an H to fit, or whether its fit explained it."""
+    return found_state(project, "fit")
+
+
+def icon(sketch: Sketch) -> None:
+    """Draw points and the curve that goes through them."""
+    sketch.line((3, 18), (6, 11), (10, 7), (14, 8), (19, 15))
+    for x, y in ((4, 14), (8.5, 10), (12, 5), (16.5, 12.5)):
+        sketch.circle(x, y, 1.3, filled=True)
+
+
+PAGE = PageSpec(
+    "fit",
+    "Fit",
+    "Find the camera from a few positions",
+    order=65,
+    package=__name__,
+    state=state,
+    needs="lfcal.fit",
+    icon=icon,
+    takes=nothing,
+    keys=(
+        ("F5", "fit"),
+        ("Esc", "stop the fit"),
+        ("←  →", "step through the patterns of a plane"),
+        ("Page up, Page down", "step through depth planes"),
+        ("W", "the pattern that is explained worst"),
+        ("Ctrl+C", "copy the table"),
+    ),
+)

@@ -1,0 +1,197 @@
+"""What is fitted: the positions of H, the camera that it starts from, and groups of unknowns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtGui import QResizeEvent
+from PySide6.QtWidgets import (
+    QFrame,
+    QLabel,
+    QLineEdit,
+    QListWidget,
+    QListWidgetItem,
+    QVBoxLayout,
+    QWidget,
+)
+
+from lfcal.fit import Fit
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models.words import typeset
+from lfcal_gui.pages.fit.model import FIELDS, FitSettings, Offer, group_rows
+from lfcal_gui.widgets.cards import card, choice_box, scrolling
+from lfcal_gui.widgets.form import Form
+from lfcal_gui.widgets.words import WrappedLabel, set_role
+
+__all__ = ["ChoicesPanel"]
+
+WIDTH, WIDEST, SHARE, FEW = 286, 400, 0.22, 4
+"""Least and most width of the column (px), its share of the page, and rows of the list that are seen at least."""
+
+NAME = Qt.ItemDataRole.UserRole
+WAYS = (("auto", "found: those that help"), ("chosen", "those chosen below"))
+
+
+class ChoicesPanel(QWidget):
+    """The column on the left.
+
+    Signals
+    -------
+    edited(key, value)
+        A value of `FitSettings` is to change.
+    group_toggled(name, on)
+        A group of unknowns is to be fitted, or not.
+    """
+
+    edited = Signal(str, object)
+    group_toggled = Signal(str, bool)
+
+    def __init__(self) -> None:
+        super().__init__()
+        inner = QWidget()
+        column = QVBoxLayout(inner)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(8)
+        column.addWidget(self._source_card())
+        column.addWidget(self._groups_card(), 1)
+        outer = QVBoxLayout(self)
+        outer.setContentsMargins(0, 0, 0, 0)
+        outer.addWidget(scrolling(inner))
+        self.setFixedWidth(WIDTH)
+
+    def fit_width(self, page: int) -> None:
+        """Be as wide as a page of that width (px) has room for: fewer lines are wrapped, and the list is lower."""
+        self.setFixedWidth(min(WIDEST, max(WIDTH, round(SHARE * page))))
+
+    # -- building --------------------------------------------------------------------------------------
+    def _source_card(self) -> QFrame:
+        frame, column = card("Patterns and start")
+        self.source, self.use, self.start, self.noise = (_wrapped() for _ in range(4))
+        self.form = Form(FIELDS, dense=True)
+        self.form.edited.connect(self.edited.emit)
+        for key in self.form.fields:
+            self.form.editor(key).setMinimumWidth(56)
+        column.addWidget(self.source)
+        column.addWidget(self.form)
+        for label in (self.use, self.start, self.noise):
+            column.addWidget(label)
+        return frame
+
+    def _groups_card(self) -> QFrame:
+        frame, column = card("Unknowns")
+        self.way = choice_box(WAYS, "Found: groups that lower the error of patterns that are never fitted")
+        self.way.setAccessibleName("choice of unknowns")
+        self.way.currentIndexChanged.connect(lambda _: self.edited.emit("auto", self.way.currentData() == "auto"))
+        self.groups = QListWidget()
+        self.groups.setAccessibleName("groups of unknowns")
+        self.groups.setToolTip("Tick what may differ from the description; what is left out is taken from it as it is")
+        for name, title, _ in group_rows():
+            item = QListWidgetItem(title)
+            item.setData(NAME, name)
+            self.groups.addItem(item)
+        # in a low window the list scrolls, and nothing else
+        self.groups.setMinimumHeight(FEW * self.groups.sizeHintForRow(0) + self._frame_px)
+        self.groups.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.groups.setWordWrap(True)
+        self.groups.setResizeMode(QListWidget.ResizeMode.Adjust)
+        self.groups.setTextElideMode(Qt.TextElideMode.ElideNone)
+        self.groups.itemChanged.connect(self._toggled)
+        self.legend = _wrapped()
+        column.addWidget(self.way)
+        column.addWidget(self.groups, 100)
+        column.addWidget(self.legend)
+        column.addStretch()  # without a share of the room: the list has all that it can fill
+        return frame
+
+    # -- showing ---------------------------------------------------------------------------------------
+    def show_source(self, name: str, offer: Offer | None, project: ProjectState) -> None:
+        """Show what the H called ``name`` offers to a fit in a project; None: it is being opened."""
+        settings = FitSettings.of(project)
+        if offer is None:
+            self.source.setText(f"{name} is being opened …")
+            for label in (self.use, self.start, self.noise):
+                label.setText("")
+            return
+        self.source.setText(offer.source_words(name))
+        self.use.setText(offer.use_words(settings.positions))
+        for key in ("constant", "slope"):
+            editor = self.form.editor(key)
+            if isinstance(editor, QLineEdit):
+                editor.setPlaceholderText("needed" if offer.noise is None else "as H states")
+        _say(self.start, *offer.camera_words(settings, project.camera, project.plan))
+        _say(self.noise, *offer.noise_words(settings))
+
+    def show_settings(self, settings: FitSettings, fit: Fit | None, lacking: Mapping[str, str]) -> None:
+        """Show what the user chose; of a ``fit`` that found its groups, which they are.
+
+        Groups of ``lacking`` are grey, with what the camera would need for them.
+        """
+        self.form.set_values({field.key: getattr(settings, field.key) for field in FIELDS})
+        blockers = [QSignalBlocker(self.way), QSignalBlocker(self.groups)]
+        self.way.setCurrentIndex(0 if settings.auto else 1)
+        groups = fit.groups if fit is not None and settings.auto else None
+        for k, (name, title, core) in enumerate(group_rows()):
+            item, needs = self.groups.item(k), lacking.get(name, "")
+            flags, mark = Qt.ItemFlag.ItemIsEnabled, ""
+            if needs:
+                flags, mark = Qt.ItemFlag.NoItemFlags, "–  " if settings.auto else ""
+            elif settings.auto:
+                mark = ("✓  " if core else "?  ") if groups is None else ("✓  " if name in groups else "–  ")
+            else:
+                flags |= Qt.ItemFlag.ItemIsUserCheckable
+            if settings.auto:
+                item.setData(Qt.ItemDataRole.CheckStateRole, None)
+            else:
+                on = name in settings.groups and not needs
+                item.setCheckState(Qt.CheckState.Checked if on else Qt.CheckState.Unchecked)
+            item.setFlags(flags)
+            item.setText(typeset(f"{mark}{title}" + (f"\nneeds {needs}" if needs else "")))
+            always = ", always fitted where groups are found" if core else ""
+            item.setToolTip(f"{name}: {title}" + (f"; needs {needs}" if needs else always))
+        self._fit_height()
+        self.legend.setText(_legend(settings, told=groups is not None))
+        self.legend.setVisible(bool(self.legend.text()))
+        for blocker in blockers:
+            blocker.unblock()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Wrap the list's lines anew: with a scroll bar there is less room for them."""
+        super().resizeEvent(event)
+        self._fit_height()
+
+    def _fit_height(self) -> None:
+        """Let the list be as high as its lines, however they are wrapped."""
+        self.groups.doItemsLayout()
+        last = self.groups.visualItemRect(self.groups.item(self.groups.count() - 1))
+        first = self.groups.visualItemRect(self.groups.item(0))
+        self.groups.setMaximumHeight(max(self.groups.minimumHeight(), last.bottom() - first.top() + self._frame_px))
+
+    @property
+    def _frame_px(self) -> int:
+        return 2 * self.groups.frameWidth() + 4
+
+    def set_running(self, running: bool) -> None:
+        """Keep choices as they are while a fit is at work."""
+        for widget in (self.form, self.way, self.groups):
+            widget.setEnabled(not running)
+
+    def _toggled(self, item: QListWidgetItem) -> None:
+        self.group_toggled.emit(item.data(NAME), item.checkState() == Qt.CheckState.Checked)
+
+
+def _legend(settings: FitSettings, *, told: bool) -> str:
+    if not settings.auto:
+        return ""
+    return "✓ fitted, – did not help" if told else "✓ always fitted, ? tried and kept if it helps"
+
+
+def _say(label: QLabel, words: str, role: str) -> None:
+    label.setText(words)
+    set_role(label, role)
+
+
+def _wrapped() -> QLabel:
+    label = WrappedLabel()
+    label.setProperty("role", "hint")
+    return label

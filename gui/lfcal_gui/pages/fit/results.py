@@ -1,0 +1,133 @@
+"""What is made of a fit: H of the fitted camera, a folder with everything, the report."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import QUrl
+from PySide6.QtGui import QDesktopServices
+from PySide6.QtWidgets import QFileDialog
+
+from lfcal.fit.files import iter_write_model
+from lfcal.fit.report import iter_fit_report
+from lfcal.fit.writing import MODEL, REPORT, fit_outputs, iter_write_fit
+from lfcal_gui.jobs import WindowJob
+from lfcal_gui.pages.fit.model_run import FoundFit
+from lfcal_gui.pages.fit.step import step
+from lfcal_gui.saving import ask_target, may_replace
+
+__all__ = ["Results"]
+
+
+class Results:
+    """Writes in jobs what the page has found.
+
+    Parameters
+    ----------
+    page
+        The page; what it has ``found`` is asked for anew each time.
+    """
+
+    def __init__(self, page: Any) -> None:
+        self._page, self.context = page, page.context
+        self.report: Path | None = None
+        self._scratch: tempfile.TemporaryDirectory[str] | None = None
+
+    def close(self) -> None:
+        """Forget the report; one that nobody saved is deleted."""
+        self.report = None
+        if self._scratch is not None:
+            self._scratch.cleanup()
+            self._scratch = None
+
+    def compute(self, path: str = "") -> None:
+        """Compute H of the fitted camera as a job; it is the reference to compare with."""
+        found = self._page.found
+        if found is None:
+            return
+        path = path or ask_target(self._page, "Compute H", "model_H.h5", "H file (*.h5)")
+        if not path or self._refused([Path(path)]):
+            return
+        known = {"source": found.question.name}
+        self.context.start_writing(
+            f"H of the fit: {Path(path).name}",
+            "fit",
+            path,
+            lambda: iter_write_model(found.fit, path, provenance=known),
+            lambda _: self._computed(found, path),
+            lambda job: self._page.refuse(job.error),
+        )
+
+    def _computed(self, found: FoundFit, path: str) -> None:
+        self.context.message.emit(f"H of the fitted camera written: {path}")
+        if found is self._page.found:  # of another H it is no reference
+            self.context.project.update("H of the fit", reference=path)
+
+    def save(self, folder: str = "") -> None:
+        """Write everything that the fit makes into a folder, as a job."""
+        found, asked = self._page.found, not folder
+        if found is None:
+            return
+        folder = folder or QFileDialog.getExistingDirectory(self._page, "Folder for the fit")
+        if not folder or self._refused([Path(folder) / MODEL]):
+            return
+        if asked and not may_replace(self._page, fit_outputs(Path(folder))):
+            return
+        known, now = {"source": found.question.name}, self.context.state
+        state = replace(now, settings=found.question.settings.into(now))
+        self.context.start_writing(
+            f"Save fit in {Path(folder).name}",
+            "fit",
+            str(Path(folder) / MODEL),
+            lambda: iter_write_fit(found.fit, found.measured, Path(folder), known),
+            lambda written: self._saved(found, written.files),
+            lambda job: self._page.refuse(job.error),
+            taken=self.context.taken("fit", f"Fit {found.question.name}", folder, lambda: step(state, folder)),
+        )
+
+    def _saved(self, found: FoundFit, files: list[Path]) -> None:
+        self.context.message.emit(f"fit written: {files[-1].parent}")
+        if found is self._page.found:
+            self.report = next(path for path in files if path.parent.name == REPORT)
+
+    def _refused(self, files: list[Path]) -> bool:
+        """Return whether a file would replace the H that is fitted; say so."""
+        own = Path(self.context.state.psf).resolve()
+        if own in [path.resolve() for path in files]:
+            self._page.refuse(f"{own.name} is the H that was fitted; choose another name")
+            return True
+        return False
+
+    def open_report(self) -> None:
+        """Show the report in the browser; one that was not saved is made for the time being."""
+        found = self._page.found
+        if found is None:
+            return
+        if self.report is not None and self.report.is_file():
+            self.show_page(self.report)
+            return
+        self._scratch = self._scratch or tempfile.TemporaryDirectory(prefix="lfcal-fit-")
+        folder = Path(self._scratch.name)
+        self.context.jobs.start(
+            "Report of the fit",
+            "fit",
+            lambda: iter_fit_report(found.fit, found.measured, folder, found.question.name),
+            lambda page: self._reported(found, page),
+            lambda job: self._failed(found, job),
+        )
+
+    def _failed(self, found: FoundFit, job: WindowJob) -> None:
+        if found is self._page.found:  # else its folder was taken away meanwhile
+            self._page.refuse(job.error)
+
+    def _reported(self, found: FoundFit, page: Path) -> None:
+        if found is self._page.found:
+            self.report = page
+            self.show_page(page)
+
+    def show_page(self, page: Path) -> None:
+        """Open a page in the browser."""
+        QDesktopServices.openUrl(QUrl.fromLocalFile(str(page)))

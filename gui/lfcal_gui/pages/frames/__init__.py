@@ -1,0 +1,47 @@
+"""Frames: look at them, clean them, see the cutout move with the point, assemble H."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from lfcal_gui.models.page import PageSpec, PageState, Sketch, file_state
+from lfcal_gui.models.project import ProjectState
+
+__all__ = ["PAGE"]
+
+
+def state(project: ProjectState) -> PageState:
+    """Return whether frames are imported."""
+    return file_state(project.frames, ready=True)
+
+
+def icon(sketch: Sketch) -> None:
+    """Draw two frames, one behind the other."""
+    sketch.box(3, 7, 12, 12)
+    sketch.line((6, 4), (18, 4), (18, 16))
+
+
+def takes(path: str) -> bool:
+    """Return whether it is a folder, or may be a list of frames."""
+    from lfcal.frames.lists.table import TABLE_SUFFIXES
+
+    return Path(path).is_dir() or Path(path).suffix.lower() in TABLE_SUFFIXES
+
+
+PAGE = PageSpec(
+    "frames",
+    "Frames",
+    "Import frames, correct them, take their cutouts",
+    order=40,
+    package=__name__,
+    state=state,
+    needs="lfcal.frames",
+    icon=icon,
+    takes=takes,
+    keys=(
+        ("←  →  ↑  ↓", "step through source positions"),
+        ("Page up, Page down", "step through depth planes"),
+        ("Space", "play or stop"),
+        ("L, G", "log or gamma scaling of the pictures"),
+    ),
+)

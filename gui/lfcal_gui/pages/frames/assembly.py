@@ -1,0 +1,67 @@
+"""H from the frames of a project, as ``lfcal assemble`` makes it. No Qt."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+from lfcal.base.progress import Work
+from lfcal.frames.corrections.recipe import check_turned_colours
+from lfcal.frames.oriented import oriented
+from lfcal.psf.upright import iter_upright
+from lfcal_gui.models.kept_run import going_on, stamp_of_files
+from lfcal_gui.pages.frames.model import Opened
+
+if TYPE_CHECKING:
+    from lfcal.psf import AssemblyReport
+
+__all__ = ["iter_assembly", "notes_of"]
+
+
+def iter_assembly(opened: Opened, path: str) -> Work[AssemblyReport]:
+    """Hold the frames against the plan's path, and assemble H from them, corrected and upright, plane by plane.
+
+    Planes that are done stay where it is stopped; called again it goes on from them.
+
+    Raises
+    ------
+    InputError
+        As `lfcal.psf.upright.iter_upright` and `lfcal.psf.iter_assemble_plan`.
+    """
+    from lfcal.psf import AssemblySettings, iter_assemble_plan
+    from lfcal.psf.make import Reopening
+
+    given = opened.delivered
+    notes = given.frames.metadata.notes
+    known = {"intake": list(notes)} if notes else {}
+    turn, lie = yield from iter_upright(given.corrected, opened.plan, given.orientation)
+    upright = oriented(given.corrected, turn, opened.plan.camera.sensor.shape)
+    check_turned_colours(given.frames, given.scan, given.recipe, lie["orientation"]["applied"])
+    settings = AssemblySettings(interpolation=opened.interpolation)
+    chosen = opened.chosen
+    told = {
+        "from": asdict(chosen),
+        "plan": opened.plan.to_dict(),
+        "turn": turn.name,
+        "stamp": stamp_of_files(
+            opened.folder, opened.chosen.dark, opened.chosen.white, opened.chosen.manifest, but=path
+        ),
+    }
+    return (
+        yield from iter_assemble_plan(
+            upright,
+            opened.plan,
+            path,
+            settings,
+            provenance=known | lie,
+            run=going_on(),
+            reopening=Reopening("", told),
+        )
+    )
+
+
+def notes_of(report: AssemblyReport) -> tuple[str, ...]:
+    """Return what a user should know of an H that was assembled, a line each."""
+    told = report.matrix.provenance.get("orientation", {}).get("note")
+    notes = (*([told] if told else []), *report.notes)
+    return notes or ("complete: every position once, no saturated pixel",)

@@ -1,0 +1,85 @@
+"""What the user says of frames to import, and where with this the frames and their list lie. No Qt."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from lfcal.base.errors import InputError
+from lfcal.frames.lists.table import TABLE_SUFFIXES
+
+__all__ = ["ImportChoice", "check_ways", "list_of", "root_of"]
+
+
+@dataclass(frozen=True)
+class ImportChoice:
+    """What the user says of frames; empty is found.
+
+    Attributes
+    ----------
+    frames
+        Folder, or one file of many frames.
+    listed
+        List of the frames that does not lie with them.
+    columns, header
+        What its columns hold, as ``lfcal assemble --columns`` takes it, and the names of the columns that this was said
+        of; of no names it is said of any list.
+    pattern, first
+        Positions in names, and what they count from: ``""``, ``"0"`` or ``"1"``.
+    order
+        The scan order, of numbered files: ``"serpentine"`` or ``"raster"``.
+    shift
+        ``"auto"`` or a number of bits.
+    channel
+        Colour.
+    orientation
+        What makes the frames upright, one of `lfcal.frames.ORIENTATIONS`; empty: they are checked.
+    """
+
+    frames: str
+    listed: str = ""
+    columns: str = ""
+    header: tuple[str, ...] = ()
+    pattern: str = ""
+    first: str = ""
+    order: str = ""
+    shift: str = "auto"
+    channel: str = ""
+    orientation: str = ""
+
+
+def check_ways(choice: ImportChoice) -> None:
+    """Raise where positions are to be told in several ways."""
+    ways = {"List": choice.listed, "Names": choice.pattern, "Order": choice.order}
+    if len(said := [name for name, value in ways.items() if value]) > 1:
+        words = f"{', '.join(said[:-1])} and {said[-1]}"
+        raise InputError.expected(
+            "positions of the frames", "one of List, Names and Order", words, "clear the others above"
+        )
+
+
+def list_of(choice: ImportChoice) -> Path | None:
+    """Return the list that is named, or the only one that lies with the frames."""
+    if choice.listed:
+        return Path(choice.listed)
+    place = Path(choice.frames)
+    if choice.pattern or choice.order:
+        return None
+    if place.is_file():
+        return place if place.suffix.lower() in TABLE_SUFFIXES else None
+    for folder in (root_of(choice), place):
+        if (folder / "manifest.json").is_file():
+            return None
+        lists = sorted(p for p in folder.glob("*") if p.suffix.lower() in (".csv", ".tsv") and p.is_file())
+        lists = [p for p in lists if p.name == "manifest.csv"] or lists
+        if lists:
+            return lists[0] if len(lists) == 1 else None
+    return None
+
+
+def root_of(choice: ImportChoice) -> Path:
+    """Return the folder that the frames lie in, as `import_folder` finds it."""
+    place = Path(choice.frames)
+    if place.is_dir() and (place / "frames").is_dir() and not (place / "session.json").is_file():
+        return place / "frames"
+    return place if place.is_dir() else place.parent

@@ -1,0 +1,27 @@
+"""Problems of an import in the words of its dialog, which has a box where the command line has an option. No Qt."""
+
+from __future__ import annotations
+
+from lfcal_gui.models.words import said_in_window
+
+__all__ = ["said_in_dialog"]
+
+BOXES = (
+    ("--manifest", "choose the List above"),
+    ("--columns", "choose it above its column"),
+    ("--pattern", "say above how Names tell positions"),
+    ("--order", "choose their Order above"),
+    ("--first", "choose above what Positions count from"),
+    ("--channel", "choose a colour above"),
+    ("--orientation", "choose what makes them upright above"),
+    ("--origin", "state their First pixel on the Frames page, once they are open"),
+    ("lfcal plan", "choose the camera on the Camera page, or make the plan of the scan on the Plan page"),
+)
+"""Options of the command line that messages name, and what does the same in the window."""
+
+
+def said_in_dialog(problem: str) -> str:
+    """Return ``problem`` less the clauses that name options, with what to do in the dialog instead of them."""
+    *ways, last = [words for option, words in BOXES if option in problem] or [""]
+    words = f"{', '.join(ways)}, or {last}" if ways else last
+    return "; ".join(filter(None, (said_in_window(problem), words)))

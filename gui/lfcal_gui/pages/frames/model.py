@@ -1,0 +1,358 @@
+"""The frames of a project: which are imported, and how they are corrected. No Qt."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.base.files import read_text
+from lfcal.base.progress import drain
+from lfcal.camera import ScanPlan
+from lfcal.frames.orientation import named_orientation
+from lfcal.frames.part import parse_origin
+from lfcal.frames.source import FrameSource, Position
+from lfcal.psf.cutout import INTERPOLATIONS
+from lfcal.psf.upright import CHECK
+from lfcal_gui.models.settings import PageSettings
+from lfcal_gui.pages.frames.import_choice import ImportChoice, list_of
+from lfcal_gui.pages.frames.orientation import turned
+
+if TYPE_CHECKING:
+    from lfcal.frames import CorrectionChain, CorrectionRecipe, Frames
+    from lfcal.frames.corrections.corrected import CorrectedSource
+
+__all__ = [
+    "CORRECTIONS",
+    "WAYS",
+    "Delivered",
+    "FrameSettings",
+    "ImportedFrames",
+    "Opened",
+    "import_folder",
+    "open_imported",
+    "open_source",
+    "positions_words",
+]
+
+CORRECTIONS = (
+    ("use_dark", "Dark frame", "Subtract what the sensor shows without light: the mean dark frame, else a level"),
+    ("use_white", "White frame", "Divide by the relative brightness of the white frame"),
+    ("use_defects", "Defect pixels", "Find defective pixels over all frames and interpolate them"),
+    ("use_background", "Background", "Subtract the median of each frame's border"),
+)
+"""Setting, title and meaning of each correction."""
+
+MEAN_DARK = "the mean dark frame"
+
+WAYS = (("", "as the plan needs"), *((name, name) for name in INTERPOLATIONS))
+"""How a cutout between pixels may be taken, with the words shown."""
+
+
+@dataclass(frozen=True)
+class FrameSettings(PageSettings):
+    """How frames are read, corrected and cut; the project says which.
+
+    Attributes
+    ----------
+    manifest, pattern, order, columns, first
+        How positions are found where the folder has no manifest of its own: its list, name pattern or scan order, what
+        the list's columns hold, and what numbers count from (``"0"``, ``"1"``; empty: found).
+    shift, channel
+        Bits by which left-aligned samples are moved down; one colour of a mosaic or colour picture.
+    dark, white
+        Folders of dark and white frames, or empty.
+    use_dark, use_white, use_defects, use_background
+        Which corrections are made; see `CORRECTIONS`.
+    skip_damaged
+        Whether frames that cannot be read are left out, for which every frame is read once when they are opened.
+    interpolation
+        How cutouts between pixels are taken; empty: as the plan needs.
+    orientation
+        What makes the frames upright, one of `lfcal.frames.ORIENTATIONS`, which is not questioned; ``"check"``: they
+        are as they come, if that is not certainly wrong.
+    origin
+        Row and column on the sensor of the frames' first pixel, ``"120,64"``; empty: they are whole.
+    """
+
+    page: ClassVar[str] = "frames"
+
+    manifest: str = ""
+    pattern: str = ""
+    order: str = ""
+    columns: str = ""
+    first: str = ""
+    shift: int = 0
+    channel: str = ""
+    dark: str = ""
+    white: str = ""
+    use_dark: bool = True
+    use_white: bool = True
+    use_defects: bool = False
+    use_background: bool = False
+    skip_damaged: bool = False
+    interpolation: str = ""
+    orientation: str = CHECK
+    origin: str = ""
+
+    def usable(self) -> None:
+        """Raise `InputError` where the orientation has no name, or the origin is no place."""
+        parse_origin(self.origin)
+        if self.orientation != CHECK:
+            named_orientation(self.orientation)
+
+
+def positions_words(frames: str, settings: FrameSettings) -> str:
+    """Return where the positions of a project's frames come from while no other list is named."""
+    if (Path(frames) / "session.json").is_file():
+        return "records of the session"
+    if settings.pattern:
+        return "none: positions from file names"
+    if settings.order:
+        return f"none: frames in {settings.order} order"
+    listed = list_of(ImportChoice(frames))
+    return "none: the files say where they are" if listed is None else f"{listed.name}, found"
+
+
+@dataclass(frozen=True, eq=False)
+class Delivered:
+    """What H is made from: the frames as they lie in their files, and what is to be done to them.
+
+    Attributes
+    ----------
+    frames, corrected
+        The frames, before and after the ``recipe``.
+    scan
+        The plan of the whole scan, of which a colour has only a part.
+    orientation
+        As in `FrameSettings`.
+    """
+
+    frames: FrameSource
+    corrected: CorrectedSource
+    recipe: CorrectionRecipe
+    scan: ScanPlan
+    orientation: str
+
+
+@dataclass(frozen=True, eq=False)
+class Opened:
+    """The frames of a project, as they are and as they are corrected, and which shows which position.
+
+    Attributes
+    ----------
+    source, view
+        The frames, and the corrected, upright view of them that is shown.
+    delivered
+        What H is made from.
+    frames
+        Number of the frame of each position ``(nz, ny, nx)``, -1 where there is none.
+    plan
+        The plan they were recorded by: a recorded session brings its own.
+    interpolation
+        How cutouts between pixels are taken; empty: as the plan needs.
+    folder, chosen
+        What was opened, and how.
+    dark
+        What is subtracted as no light; empty: nothing.
+    positions
+        Where positions come from while no manifest is named, in words.
+    """
+
+    source: FrameSource
+    view: FrameSource
+    delivered: Delivered
+    frames: NDArray[np.int64]
+    plan: ScanPlan
+    interpolation: str = ""
+    folder: str = ""
+    chosen: FrameSettings = FrameSettings()
+    dark: str = ""
+    positions: str = ""
+
+    def close(self) -> None:
+        """Close the frames, on which all views of them are."""
+        self.delivered.corrected.close()
+
+    def recorded(self, position: Position) -> Position:
+        """Return ``position``, or the nearest with a frame where it has none: in its plane, else in any."""
+        wanted = self.place(position)
+        places = np.argwhere(self.frames >= 0)
+        if self.frames[wanted] >= 0 or not len(places):
+            return wanted
+        away = np.abs(places - np.array(wanted))
+        z, y, x = places[np.lexsort((away[:, 1] + away[:, 2], away[:, 0]))[0]].tolist()
+        return Position(z, y, x)
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Frames that cannot be read and were left out, a line each: which, and why."""
+        return tuple(one.reason for one in self.source.metadata.left_out)
+
+    def place(self, position: Position) -> Position:
+        """Return the position nearest to ``position`` that the plan has."""
+        z, y, x = (min(max(v, 0), n - 1) for v, n in zip(position, self.frames.shape, strict=True))
+        return Position(z, y, x)
+
+    def step(self, position: Position, dy: int, dx: int) -> Position:
+        """Return the position ``(dy, dx)`` further, line after line within its plane."""
+        _, ny, nx = self.frames.shape
+        x = position.x + dx
+        y = position.y + dy + (x // nx if dx else 0)
+        return Position(position.z, y % ny, x % nx)
+
+
+def open_source(folder: str, settings: FrameSettings, plan: ScanPlan | None) -> Frames:
+    """Open frames as they lie in their files, as the settings say; raises what opening raises."""
+    from lfcal.frames import open_frames
+    from lfcal.frames.components import open_component
+
+    opening = partial(
+        open_frames,
+        folder,
+        manifest=settings.manifest or None,
+        pattern=settings.pattern or None,
+        order=settings.order or None,
+        columns=settings.columns,
+        first=int(settings.first) if settings.first else None,
+        plan=plan,
+        orientation=settings.orientation,
+        origin=parse_origin(settings.origin),
+        skip_damaged=settings.skip_damaged,
+    )
+    return open_component(opening, settings.channel)
+
+
+def open_imported(folder: str, settings: FrameSettings, plan: ScanPlan) -> Opened:
+    """Open frames and corrections as the settings say; raises what opening raises."""
+    from lfcal.frames import corrected_view, iter_undamaged
+    from lfcal.frames.colour_scan import ThinnedSource, colour_scan
+
+    source = open_source(folder, settings, plan)
+    if settings.skip_damaged:
+        source = drain(iter_undamaged(source))
+    # of a colour picture it is one colour already
+    channel = "" if source.metadata.colour else settings.channel
+    plan = source.metadata.plan or plan
+    frames, own = source, plan
+    if channel and (scan := colour_scan(source, plan, channel)) is not None:
+        frames, own = ThinnedSource(source, scan), scan.plan
+    recipe = _recipe(settings, channel)
+    corrected = corrected_view(frames, recipe, plan)
+    delivered = Delivered(frames, corrected, recipe, plan, settings.orientation)
+    # of one colour, and of samples moved down, the frames are shown as they go into the corrections
+    raw = corrected.source if channel or settings.shift else source
+    table = np.full(own.shape[:3], -1, np.int64)
+    for index in range(len(raw)):
+        table[raw.info(index).position] = index
+    view = turned(corrected, own, settings.orientation)
+    dark = _dark_words(corrected.chain)
+    return Opened(
+        raw,
+        view,
+        delivered,
+        table,
+        own,
+        settings.interpolation,
+        folder,
+        settings,
+        dark,
+        positions=positions_words(folder, settings),
+    )
+
+
+def _recipe(settings: FrameSettings, channel: str) -> CorrectionRecipe:
+    from lfcal.frames import CorrectionRecipe
+
+    return CorrectionRecipe(
+        dark=settings.dark if settings.use_dark else "none",
+        white=settings.white if settings.use_white else "",
+        defects=settings.use_defects,
+        background="border" if settings.use_background else "none",
+        shift=settings.shift,
+        channel=channel,
+    )
+
+
+def _dark_words(chain: CorrectionChain) -> str:
+    """Return what the corrections subtract as no light; empty: nothing."""
+    from lfcal.frames import Dark
+    from lfcal.frames.corrections.steps import DarkSet
+
+    for step in chain.steps:
+        if isinstance(step, DarkSet):
+            return f"the mean dark frame of each of {len(step.darks)} exposures" if len(step.darks) > 1 else MEAN_DARK
+        if isinstance(step, Dark):
+            return MEAN_DARK if step.frame is not None else f"the level {step.level:g} that file or plan state"
+    return ""
+
+
+@dataclass(frozen=True, eq=False)
+class ImportedFrames:
+    """What a folder of frames brings, before the project takes it.
+
+    Attributes
+    ----------
+    folder
+        The frames.
+    settings
+        Corrections found beside them.
+    plan
+        The plan they were recorded by, None where there is none.
+    opened
+        The frames, None where no plan says how.
+    """
+
+    folder: str
+    settings: FrameSettings
+    plan: ScanPlan | None
+    opened: Opened | None
+
+    def close(self) -> None:
+        """Close the frames: they are not wanted."""
+        if self.opened is not None:
+            self.opened.close()
+
+
+def import_folder(path: str, settings: FrameSettings, plan: ScanPlan | None, *, keep: bool = False) -> ImportedFrames:
+    """Open a folder of frames or a recorded session; dark, white and plan beside it are found.
+
+    What the settings say of positions, samples, colour and orientation belongs to other frames, unless it is to be
+    ``keep``t.
+
+    Raises what opening raises: then nothing of it is to be used.
+    """
+    from lfcal.acquire import SessionFile
+
+    folder = Path(path)
+    chosen = replace(settings, dark="", white="")
+    if not keep:
+        chosen = replace(chosen, manifest="", pattern="", order="", columns="", first="", shift=0, channel="")
+        chosen = replace(chosen, orientation=CHECK, origin="")
+    if (folder / "session.json").is_file():
+        plan, frames = SessionFile.read(folder).plan, folder
+        # a recording has darks of its own; those of the whole sensor are there for the white image
+        if (folder / "white").is_dir():
+            dark = folder / "dark"
+            chosen = replace(chosen, white=str(folder / "white"), dark=str(dark) if dark.is_dir() else "")
+    else:
+        inside = (folder / "frames").is_dir()
+        frames = folder / "frames" if inside else folder
+        around = folder if inside else folder.parent
+        plan = _plan_in(around, around.parent if folder.is_file() else frames) or plan
+        # beside the frames, or among them
+        places = [place / name for place in (frames, around) for name in ("dark", "white")]
+        found = {place.name: str(place) for place in places if place.is_dir()}
+        chosen = replace(chosen, dark=found.get("dark", ""), white=found.get("white", ""))
+    opened = None if plan is None else open_imported(str(frames), chosen, plan)
+    return ImportedFrames(str(frames), chosen, plan, opened)
+
+
+def _plan_in(*folders: Path) -> ScanPlan | None:
+    """Return the plan that lies in the first of the folders that has one."""
+    found = [folder / "plan.json" for folder in folders if (folder / "plan.json").is_file()]
+    return ScanPlan.from_json(read_text(found[0])) if found else None

@@ -1,0 +1,269 @@
+"""What the import of frames is told and what it finds: list, names, alignment, colours, three frames. No Qt."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from lfcal.base.errors import FileFormatError, InputError, LfcalError, StorageError
+from lfcal.base.files import read_text
+from lfcal.camera import Camera, ScanPlan
+from lfcal.frames.aligned import find_shift
+from lfcal.frames.colour_scan import colours_of
+from lfcal.frames.components import COMPONENTS
+from lfcal.frames.lists.columns import Column
+from lfcal.frames.lists.derived import plan_of_list
+from lfcal.frames.lists.entries import located
+from lfcal.frames.lists.open_table import any_listing, is_plain, reader
+from lfcal.frames.lists.table import TABLE_SUFFIXES, Table, read_table
+from lfcal.frames.orientation import named_orientation
+from lfcal.frames.source import Position
+from lfcal_gui.pages.frames.import_choice import ImportChoice, check_ways, list_of, root_of
+from lfcal_gui.pages.frames.import_words import said_in_dialog
+from lfcal_gui.pages.frames.list_columns import columns_used
+from lfcal_gui.pages.frames.model import (
+    FrameSettings,
+    ImportedFrames,
+    Opened,
+    import_folder,
+    open_imported,
+    open_source,
+)
+from lfcal_gui.pages.frames.model_frame import Loaded, load_frame
+from lfcal_gui.pages.frames.orientation import other_sensor
+
+__all__ = ["Survey", "open_choice", "survey"]
+
+OTHER_SCAN = "the list is of another scan"
+OTHER_LIST = "columns: chosen for another list"
+REPLACED = "plan: the project's is of another scan; one made from the list takes its place"
+
+
+@dataclass(frozen=True, eq=False)
+class Survey:
+    """What was found for a choice.
+
+    Attributes
+    ----------
+    choice
+        What was said, less what was said of another list.
+    table, used
+        The list as text, and which columns are used for what; None and empty where there is no list.
+    notes
+        What was guessed, a line each.
+    problem
+        Why the frames cannot be opened with this; empty where they can.
+    colours
+        Channels of a mosaic.
+    shift
+        Bits that samples are moved down by.
+    imported
+        The frames, open; None where there is a problem.
+    shown
+        First, middle and last frame with their cutouts.
+    """
+
+    choice: ImportChoice
+    table: Table | None = None
+    used: tuple[Column, ...] = ()
+    notes: tuple[str, ...] = ()
+    problem: str = ""
+    colours: tuple[str, ...] = ()
+    shift: int = 0
+    imported: ImportedFrames | None = None
+    shown: tuple[Loaded, ...] = field(default=())
+
+    def close(self) -> None:
+        """Close the frames: they are not wanted."""
+        if self.imported is not None:
+            self.imported.close()
+
+
+def survey(choice: ImportChoice, plan: ScanPlan | None, camera: Camera | None) -> Survey:
+    """Return what is found for ``choice``: as much as can be, and what stands in the way of the rest.
+
+    Parameters
+    ----------
+    choice
+        What the user says.
+    plan
+        The project's plan; one that lies with the frames comes first, as in `import_folder`.
+    camera
+        Makes the plan of a list of stage coordinates where there is none.
+    """
+    found = Survey(choice)
+    try:
+        check_ways(choice)
+        found = _with_table(found)
+        if found.problem:
+            return found
+        return _with_any_plan(found, plan, camera)
+    except LfcalError as error:
+        # only colour pictures have components
+        colours = COMPONENTS if isinstance(error, FileFormatError) and "--channel" in str(error) else ()
+        return replace(found, problem=said_in_dialog(str(error)), colours=colours)
+
+
+def _with_any_plan(found: Survey, plan: ScanPlan | None, camera: Camera | None) -> Survey:
+    """Return the frames opened with the project's plan, or with that of the list where it is of another scan."""
+    try:
+        return _opened(found, plan, camera)
+    except InputError as error:
+        if plan is None or OTHER_SCAN not in str(error):
+            raise
+        try:
+            other = _opened(found, None, camera)
+        except LfcalError:
+            raise error from None
+        return replace(other, notes=(REPLACED, *other.notes))
+
+
+def _with_table(found: Survey) -> Survey:
+    choice, path = found.choice, list_of(found.choice)
+    told = path is not None and path.suffix.lower() in TABLE_SUFFIXES and not path.name.endswith("metadata.txt")
+    table = read_table(path) if path is not None and told else None
+    if choice.columns and (table is None or choice.header not in ((), table.columns)):
+        note = f"{OTHER_LIST}, and none is used" if table is None else f"{OTHER_LIST}, found anew in {table.name}"
+        found = replace(found, choice=replace(choice, columns="", header=()), notes=(note,))
+    if table is None:
+        return found
+    used, problem = columns_used(table, found.choice.columns)
+    return replace(found, table=table, used=used, problem=said_in_dialog(problem))
+
+
+def settings_of(choice: ImportChoice, shift: int) -> Callable[[FrameSettings], FrameSettings]:
+    """Return a function that puts a choice into a page's settings."""
+
+    def apply(settings: FrameSettings) -> FrameSettings:
+        return replace(
+            settings,
+            manifest=choice.listed,
+            pattern=choice.pattern,
+            order=choice.order,
+            columns=choice.columns,
+            first=choice.first,
+            shift=shift,
+            channel=choice.channel,
+            orientation=choice.orientation or settings.orientation,
+        )
+
+    return apply
+
+
+def _opened(found: Survey, plan: ScanPlan | None, camera: Camera | None) -> Survey:
+    choice, notes = found.choice, list(found.notes)
+    if not Path(choice.frames).exists():
+        raise StorageError(f"{choice.frames}: no such file or folder; check the path")
+    if _own_plan(choice) is None and plan is None and camera is not None:
+        plan, said = _derived(choice, camera)
+        notes += said
+    shift = 0 if choice.shift == "auto" else int(choice.shift)
+    imported = _imported(choice, shift, plan)
+    opened, scan = imported.opened, imported.plan
+    assert opened is not None and scan is not None
+    try:
+        source = opened.source
+        if choice.shift == "auto" and (shift := find_shift(source)):
+            opened = open_imported(imported.folder, replace(imported.settings, shift=shift), scan)
+            imported.close()
+            imported = replace(imported, settings=replace(imported.settings, shift=shift), opened=opened)
+            notes.append(f"samples: left-aligned, moved down by {shift}")
+        beside = [Path(path) for path in (imported.settings.dark, imported.settings.white) if path]
+        notes += [f"{place.name} frames: those of the folder {place.name} in {place.parent.name}" for place in beside]
+        if odd := other_sensor(opened.delivered.corrected, opened.plan):
+            notes.append(odd)
+        if choice.order:
+            notes.append(f"order: {choice.order}, {opened.source.info(0).label} is first")
+        notes = [*notes, *opened.source.metadata.notes, *_range_notes(found, opened.plan)]
+        shown = tuple(load_frame(opened, position) for position in _three(opened))
+    except BaseException:
+        imported.close()
+        raise
+    colours = () if choice.channel else colours_of(source, scan)
+    return replace(found, notes=tuple(notes), colours=colours, shift=shift, imported=imported, shown=shown)
+
+
+def _imported(choice: ImportChoice, shift: int, plan: ScanPlan | None) -> ImportedFrames:
+    """Return the frames, open; raises where no plan says how, and first what else is wrong with them."""
+    listed = list_of(choice)
+    if listed is not None and not Path(choice.frames).is_file() and listed.parent != root_of(choice):
+        choice = replace(choice, listed=str(listed))
+    chosen = settings_of(choice, shift)
+    imported = import_folder(choice.frames, chosen(FrameSettings()), plan, keep=True)
+    if imported.opened is None:
+        if not choice.order:  # which needs the plan
+            open_source(imported.folder, imported.settings, None).close()
+        raise InputError.expected(
+            "scan plan", "one with the frames or in the project", "none", "make it on the Plan page, or choose a list"
+        )
+    return imported
+
+
+def _own_plan(choice: ImportChoice) -> ScanPlan | None:
+    folder = Path(choice.frames)
+    folder = folder if folder.is_dir() else folder.parent
+    for place in (folder / "plan.json", folder.parent / "plan.json"):
+        if place.is_file():
+            return ScanPlan.from_json(read_text(place))
+    return None
+
+
+def _derived(choice: ImportChoice, camera: Camera) -> tuple[ScanPlan | None, list[str]]:
+    """Return the plan of a list of stage coordinates, None where there is no such list."""
+    path = list_of(choice)
+    if path is None or is_plain(path):
+        return None, []
+    listing = any_listing(path, choice.columns)
+    if listing.unit == "index":
+        return None, []
+    root = root_of(choice)
+    listing = located(listing, root)
+    turn = named_orientation(choice.orientation) if choice.orientation else None
+    plan, notes = plan_of_list(listing, camera, read=reader(listing, root, turn=turn))
+    return plan, [f"plan: made from {path.name}", *notes]
+
+
+def _range_notes(found: Survey, plan: ScanPlan) -> list[str]:
+    """Return the range of the list's depth coordinate beside that of the plan's planes."""
+    axis, listed = plan.stage.away[1], list_of(found.choice)
+    column = next((column for column in found.used if column.role == axis), None)
+    if listed is None or column is None or is_plain(listed):
+        return []
+    listing = any_listing(listed, found.choice.columns)
+    if listing.unit == "index" or listing.counted:
+        return []
+    places = listing.places[:, "xyz".index(axis)]
+    return [
+        f"{axis}: from {places.min():.6g} to {places.max():.6g} {listing.unit or 'of no unit'} in the list "
+        f"({column.name}), planes from {min(plan.depths_um):.6g} to {max(plan.depths_um):.6g} um in the plan"
+    ]
+
+
+def _three(opened: Opened) -> list[Position]:
+    """Return the positions of the first, the middle and the last frame in scan order."""
+    there = [p for p in opened.plan.positions() if opened.frames[p] >= 0]
+    return [there[0], there[len(there) // 2], there[-1]] if there else []
+
+
+def open_choice(survey_: Survey, project: FrameSettings) -> ImportedFrames:
+    """Return the frames of a survey with the project's other settings kept."""
+    imported = survey_.imported
+    assert imported is not None
+    own: dict[str, Any] = {
+        name: getattr(imported.settings, name)
+        for name in (
+            "manifest",
+            "pattern",
+            "order",
+            "columns",
+            "first",
+            "shift",
+            "channel",
+            "dark",
+            "white",
+            "orientation",
+        )
+    }
+    return replace(imported, settings=replace(project, **own))

@@ -1,0 +1,75 @@
+"""What is noticed of frames, said above them with what helps: how they lie, and which cannot be read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from lfcal.frames.orientation import ORIENTATIONS
+from lfcal.psf.orientation import FoundOrientation
+from lfcal_gui.context import Context
+from lfcal_gui.notice import Notice
+from lfcal_gui.pages.frames.model import Opened
+from lfcal_gui.pages.frames.orientation import advice, other_sensor
+
+__all__ = ["Noticed"]
+
+
+class Noticed:
+    """Says it on the page and in the log.
+
+    Parameters
+    ----------
+    context, notice
+        Of the page.
+    set_orientation
+        Takes another orientation of the frames.
+    """
+
+    def __init__(self, context: Context, notice: Notice, set_orientation: Callable[[str], None]) -> None:
+        self.context, self.notice, self._set = context, notice, set_orientation
+        self._damage = ""
+        """What the notice says of a frame that cannot be read."""
+
+    def offer_turn(self, opened: Opened | None, found: FoundOrientation | None, chosen: str, before: str = "") -> None:
+        """Say which way the frames lie, where that is not as was chosen, and offer what helps."""
+        advised = None if found is None else advice(found, chosen)
+        if advised is None and opened is not None:
+            if words := other_sensor(opened.delivered.corrected, opened.plan):
+                self._tell(words)
+        if advised is None:
+            return
+        said = advised.words
+        words = f"{before}{said[0].lower()}{said[1:]}." if before else f"{said}."
+        if advised.chosen:
+            self._tell(words)
+            return
+        self.context.message.emit(words)
+        leave = (lambda: self._set(advised.leave)) if advised.leave else None
+        if advised.apply:
+            button = f"Turn upright ({advised.apply})" if advised.apply in ORIENTATIONS else "Do not turn them"
+            self.notice.offer(words, button, lambda: self._set(advised.apply), leave)
+        else:
+            self.notice.offer(words, "Plan", lambda: self.context.go.emit("plan", None), leave)
+
+    def _tell(self, words: str) -> None:
+        self.context.message.emit(words)
+        self.notice.tell(words)
+
+    def tell_left_out(self, lines: tuple[str, ...]) -> None:
+        """Say which frames cannot be read and were left out, a line each."""
+        for line in lines:
+            self.context.message.emit(f"left out: {line}")
+        if lines:
+            count = "1 damaged frame is" if len(lines) == 1 else f"{len(lines)} damaged frames are"
+            self.notice.tell(f"{count} left out; the log says which, and why")
+
+    def offer_without(self, words: str, leave_out: Callable[[], None]) -> None:
+        """Offer to go on without frames that cannot be read; ``words`` are of the one that is looked at."""
+        self.notice.offer(words, "Leave out damaged frames", leave_out)
+        self._damage = words
+
+    def forget_damage(self) -> None:
+        """Take that away: another frame is looked at, which can be read."""
+        if self._damage and self.notice.label.text() == self._damage:
+            self.notice.clear()
+        self._damage = ""

@@ -1,0 +1,88 @@
+"""Which way the imported frames lie: what the pattern's path says, and what to offer. No Qt."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from lfcal.base.errors import InputError
+from lfcal.camera import ScanPlan
+from lfcal.frames.orientation import AS_IS, ORIENTATIONS, named_orientation
+from lfcal.frames.oriented import oriented
+from lfcal.frames.source import FrameSource
+from lfcal.psf.orientation import FoundOrientation
+from lfcal.psf.upright import CHECK, check_found
+from lfcal_gui.models.words import said_in_window
+
+__all__ = ["CHOICES", "Advice", "advice", "other_sensor", "refusal", "turned"]
+
+TURNS = [one for one in ORIENTATIONS.values() if one.name != AS_IS]
+CHOICES = (
+    (CHECK, "upright, checked"),
+    (AS_IS, "as is, unchecked"),
+    *((one.name, one.words) for one in TURNS),
+)
+"""What may be said of the frames, with the words shown."""
+
+
+@dataclass(frozen=True)
+class Advice:
+    """What to say of the frames, and what to offer.
+
+    Attributes
+    ----------
+    words
+        How they lie.
+    apply
+        The orientation that makes them upright; empty where turning them is no help.
+    leave
+        What is chosen by leaving them; empty: what was chosen before.
+    chosen
+        Whether they lie so because the user said so: nothing is to be asked.
+    """
+
+    words: str
+    apply: str = ""
+    leave: str = ""
+    chosen: bool = False
+
+
+def turned(source: FrameSource, plan: ScanPlan, name: str) -> FrameSource:
+    """Return the frames as orientation ``name`` turns them; those that are to be checked as they are."""
+    return source if name == CHECK else oriented(source, named_orientation(name), plan.camera.sensor.shape)
+
+
+def advice(found: FoundOrientation, chosen: str) -> Advice | None:
+    """Return what to say where frames turned by ``chosen`` certainly do not lie as was ``found``, else None."""
+    if found.name in ("", AS_IS if chosen == CHECK else chosen):
+        return None
+    if found.name == AS_IS:
+        return Advice("The frames lie upright as they are delivered, but are turned", CHECK)
+    words = found.words[0].upper() + found.words[1:]
+    if chosen == AS_IS:
+        return Advice(f"{words}; they are taken as they are, as was chosen", chosen=True)
+    leave = AS_IS if chosen == CHECK else ""
+    if found.cause == "scan":
+        return Advice(f"{words}: correct the positions, or the plan's stage axes", leave=leave)
+    return Advice(words, found.name, leave)
+
+
+def other_sensor(source: FrameSource, plan: ScanPlan) -> str:
+    """Return a line where whole frames, however turned, are not of the sensor that the plan is for, else nothing."""
+    whole = all(source.info(k).origin == (0, 0) for k in range(len(source)))
+    sensor = plan.camera.sensor.shape
+    if not whole or sensor in (source.shape, source.shape[::-1]):
+        return ""
+    (rows, columns), (known_rows, known_columns) = source.shape, sensor
+    return (
+        f"frames: {columns} × {rows} px, but the plan's sensor has {known_columns} × {known_rows} px: "
+        "they are cropped, binned or of another camera"
+    )
+
+
+def refusal(found: FoundOrientation, chosen: str) -> str:
+    """Return why no H is made of frames that lie as was ``found``, in a line; empty where one is made."""
+    try:
+        check_found(found, chosen)
+    except InputError as error:
+        return said_in_window(str(error))
+    return ""

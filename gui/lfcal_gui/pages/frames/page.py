@@ -1,0 +1,370 @@
+"""Frames: look at them, clean them, see the cutout move with the point, assemble H."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import QTimer
+from PySide6.QtWidgets import QFileDialog
+
+from lfcal.frames.lists.table import TABLE_SUFFIXES
+from lfcal.frames.source import Position
+from lfcal.psf.orientation import FoundOrientation, find_orientation
+from lfcal_gui.base_page import BasePage
+from lfcal_gui.context import Context
+from lfcal_gui.jobs import WindowJob
+from lfcal_gui.models.filling import Filling
+from lfcal_gui.models.page import PageSpec
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.pages.frames.assembly import iter_assembly, notes_of
+from lfcal_gui.pages.frames.import_dialog import ImportDialog
+from lfcal_gui.pages.frames.model import FrameSettings, ImportedFrames, Opened, import_folder, open_imported
+from lfcal_gui.pages.frames.model_frame import Loaded, load_frame
+from lfcal_gui.pages.frames.model_import import open_choice
+from lfcal_gui.pages.frames.noticed import Noticed
+from lfcal_gui.pages.frames.orientation import refusal
+from lfcal_gui.pages.frames.panel import FramesPanel
+from lfcal_gui.saving import ask_target
+
+__all__ = ["Page"]
+
+PLAY_MS = 60
+
+
+OPEN = "A folder of frames with a manifest, or the folder of a recorded session"
+IMPORT = "Frames that others recorded: a folder with a list of stage positions, names with positions, stacks"
+AGAIN = "Open the same folder again, once its files are whole or its disk is back"
+
+
+class Page(BasePage):
+    """Frames on the left, the frame in the middle, what was found on the right."""
+
+    def __init__(self, spec: PageSpec, context: Context) -> None:
+        super().__init__(spec, context)
+        self.opened: Opened | None = None
+        self.found: FoundOrientation | None = None
+        """Which way the frames lie, as soon as that is known."""
+        self._ready: ImportedFrames | None = None
+        """Frames that are open already when the project takes them."""
+        self.loaded: Loaded | None = None
+        self.dialog: ImportDialog | None = None
+        self.position = Position(0, 0, 0)
+        self.noticed = Noticed(context, self.notice, partial(self._set, "orientation"))
+        self.filling = Filling()
+        """H as it fills while it is assembled."""
+        self._assembling = self._opening = False
+        self.tool_button(
+            "Open frames …",
+            OPEN,
+            self.choose_folder,
+        )
+        self.tool_button(
+            "Import …",
+            IMPORT,
+            self.start_import,
+        )
+        self.assemble_button = self.tool_button(
+            "Assemble H", "Correct all frames, and make H of their cutouts", self.assemble, primary=True
+        )
+        self.play_timer = QTimer(self)
+        self.play_timer.setInterval(PLAY_MS)
+        self.play_timer.timeout.connect(lambda: self._step(0, 1))
+        self.panel = FramesPanel(context.jobs)
+        self.set_panel(self.panel)
+        self._connect_panel()
+        self._add_shortcuts()
+        self.theme_changed.connect(self.panel.apply_theme)
+        context.jobs.changed.connect(self._fill)
+        self._open()
+
+    def _connect_panel(self) -> None:
+        panel = self.panel
+        panel.plane_asked.connect(lambda z: self.go_to(self.position._replace(z=z)))
+        panel.position_asked.connect(lambda y, x: self.go_to(Position(self.position.z, y, x)))
+        panel.play_toggled.connect(lambda on: self.play_timer.start() if on else self.play_timer.stop())
+        panel.choices.correction_toggled.connect(self._correct)
+        panel.choices.setting_chosen.connect(self._set)
+        panel.before_toggled.connect(lambda _: self._show_pixels())
+        panel.lattice_toggled.connect(lambda _: self._show_overlays())
+
+    def _add_shortcuts(self) -> None:
+        panel, slider = self.panel, self.panel.plane_slider
+        self.shortcut("Left", lambda: self._step(0, -1))
+        self.shortcut("Right", lambda: self._step(0, 1))
+        self.shortcut("Up", lambda: self._step(-1, 0))
+        self.shortcut("Down", lambda: self._step(1, 0))
+        self.shortcut("PgUp", lambda: slider.setValue(self.position.z - 1))
+        self.shortcut("PgDown", lambda: slider.setValue(self.position.z + 1))
+        self.shortcut("Space", panel.play_button.toggle)
+        self.shortcut("L", lambda: panel.toggle_scale("log"))
+        self.shortcut("G", lambda: panel.toggle_scale("gamma"))
+
+    # -- project ---------------------------------------------------------------------------------------
+    @property
+    def settings(self) -> FrameSettings:
+        """What the user chose."""
+        return FrameSettings.of(self.context.state)
+
+    def state_changed(self, old: ProjectState, new: ProjectState) -> None:
+        """Open what the project names now."""
+        changed = old.frames != new.frames or old.plan != new.plan
+        if old.frames != new.frames:
+            self.context.attention.emit("frames", False)
+        if changed or FrameSettings.of(old) != FrameSettings.of(new):
+            self._open()
+
+    def _correct(self, key: str, on: bool) -> None:
+        changes: dict[str, Any] = {key: on}
+        settings = replace(self.settings, **changes).into(self.context.state)
+        named = "damaged frames" if key == "skip_damaged" else f"{key.removeprefix('use_')} correction"
+        self.context.project.update(named, settings=settings)
+
+    def _set(self, key: str, value: str) -> None:
+        changes: dict[str, Any] = {key: value}
+        self.context.project.update(key, settings=replace(self.settings, **changes).into(self.context.state))
+
+    def choose_folder(self) -> None:
+        """Ask for a folder of frames."""
+        path = QFileDialog.getExistingDirectory(self, "Folder of frames")
+        if path:
+            self.open_folder(path)
+
+    def open_folder(self, path: str) -> None:
+        """Take the frames of a folder, once they are known to be good; dark, white and plan beside it are found."""
+        settings, plan = self.settings, self.context.state.plan
+
+        def failed(words: str) -> None:
+            # the dialog has the choices that frames of others may need
+            self.context.message.emit(words)
+            self.notice.offer(words, "Import …", lambda: self.start_import(path), stay="Dismiss")
+
+        name = Path(path).name
+        self.load(name, lambda: import_folder(path, settings, plan), self._imported, ImportedFrames.close, failed)
+
+    def start_import(self, frames: str = "", listed: str = "") -> None:
+        """Ask what frames that others recorded are, with what was found of them."""
+        if self.dialog is None:  # kept: pictures that are being drawn for it may come after it was closed
+            self.dialog = ImportDialog(self.context.jobs, self)
+            self.theme_changed.connect(self.dialog.apply_theme)
+            self.dialog.accepted_frames.connect(lambda found: self._imported(open_choice(found, self.settings)))
+        self.dialog.start(self.context.state.plan, self.context.state.camera)
+        if frames:
+            self.dialog.look_at(frames, listed)
+
+    def _imported(self, found: ImportedFrames) -> None:
+        changes: dict[str, Any] = {"frames": found.folder, "settings": found.settings.into(self.context.state)}
+        if found.plan is not None:
+            changes |= {"plan": found.plan, "camera": found.plan.camera}
+        self._ready = found
+        if not self.context.project.update("open frames", **changes):
+            self._ready = None
+            found.close()
+        elif self._ready is not None:  # the project had them before
+            self._open()
+
+    def accept_drop(self, paths: list[str]) -> bool:
+        """Take a dropped folder of frames, or the list of some."""
+        if len(paths) == 1 and Path(paths[0]).is_dir():
+            self.open_folder(paths[0])
+            return True
+        if len(paths) == 1 and Path(paths[0]).suffix.lower() in TABLE_SUFFIXES:
+            self.start_import(paths[0])
+            return True
+        return False
+
+    def receive(self, payload: Any) -> None:
+        """Show a position (z, y, x) another page sent."""
+        if isinstance(payload, tuple) and len(payload) == 3:
+            self.go_to(Position(*payload))
+
+    def _open(self) -> None:
+        state, settings = self.context.state, self.settings
+        if self._opening:  # other frames, or as they were to be opened before
+            self._opening = False
+            self.context.jobs.drop("frames open")
+            self.notice.clear()
+        self.panel.choices.show_settings(settings)
+        self.opened = self.found = self.loaded = None
+        self.hint.setText(self.spec.hint)
+        self.assemble_button.setEnabled(False)
+        if not state.frames:
+            self.show_empty(
+                "No frames yet.\nOpen a folder with a manifest (file, z, y, x), or record a session.\n"
+                "Folders named dark and white beside it, and plan.json, are found.",
+                {"Open frames …": (OPEN, self.choose_folder), "Import …": (IMPORT, self.start_import)},
+            )
+            return
+        if state.plan is None:
+            self.show_empty(
+                "The frames need a scan plan: which positions, which cutout.",
+                {"Plan": self.lead("plan", "Say which source positions and depth planes there are")},
+            )
+            return
+        self.show_body()
+        folder, plan = state.frames, state.plan
+        ready, self._ready = self._ready, None
+        if ready is not None and (ready.folder, ready.settings, ready.plan) == (folder, settings, plan):
+            self._opened(ready.opened)
+            return
+        self.panel.position_label.setText("opening frames …")
+        self.panel.show_reading("Opening frames …")
+        self._opening = True
+        self.notice.wait(f"Opening {Path(folder).name} …", self._stop_opening)
+        self.context.jobs.load(
+            "frames open",
+            lambda: open_imported(folder, settings, plan),
+            self._opened,
+            self._failed,
+            lambda opened: opened.close(),
+        )
+
+    def _stop_opening(self) -> None:
+        self.context.jobs.drop("frames open")
+        self._failed("The frames were not opened: stopped")
+
+    def _failed(self, words: str) -> None:
+        self._opening = False
+        self.notice.clear()
+        self.show_empty(words, {"Open frames …": (OPEN, self.choose_folder), "Try again": (AGAIN, self._open)})
+        self.context.message.emit(words)
+
+    def _opened(self, opened: Opened) -> None:
+        self._opening = False
+        self.notice.clear()
+        self.opened = opened
+        self.filling = Filling()
+        self.assemble_button.setEnabled(True)
+        rows, columns = opened.view.shape
+        self.hint.setText(f"{len(opened.source)} frames of {columns} × {rows} px")
+        # these frames may have fewer planes than those before, and not all positions
+        self.position = opened.recorded(self.position)
+        self.panel.choices.show_positions(opened.positions)
+        self.panel.choices.show_dark(opened.dark, wanted=opened.chosen.use_dark)
+        self.noticed.tell_left_out(opened.left_out)
+        self.panel.set_planes(opened.frames.shape[0])
+        self._show_map()
+        self.go_to(self.position)
+        self.context.jobs.compute(
+            "frames orientation",
+            lambda: find_orientation(opened.delivered.corrected, opened.plan),
+            lambda found: self._take_orientation(opened, found),
+            self.context.message.emit,
+        )
+
+    def _take_orientation(self, opened: Opened, found: FoundOrientation) -> None:
+        if opened is self.opened:
+            self.found = found
+            self._offer_turn()
+
+    def _offer_turn(self, before: str = "") -> None:
+        self.noticed.offer_turn(self.opened, self.found, self.settings.orientation, before)
+
+    # -- stepping --------------------------------------------------------------------------------------
+    def go_to(self, position: Position) -> None:
+        """Show the frame of a position."""
+        if self.opened is None:
+            self.position = position
+            return
+        changed_plane = self.opened.place(position).z != self.position.z
+        self.position = where = self.opened.place(position)
+        self.panel.show_position(*where)
+        if changed_plane:
+            self._show_map()
+        opened = self.opened
+        if opened.frames[where] < 0:
+            self.loaded = None
+            self.panel.show_missing(f"z {where.z}, y {where.y}, x {where.x}: no frame")
+            return
+
+        def loaded(found: Loaded) -> None:
+            if opened is self.opened and where == self.position:  # else another is looked at, which may have none
+                self._loaded(found)
+
+        def failed(words: str) -> None:
+            self.context.message.emit(words)
+            if opened is self.opened and where == self.position:  # the picture of another must not stand for it
+                self.loaded = None
+                self.panel.show_missing(words, "This frame cannot be read.")
+                if not opened.chosen.skip_damaged:
+                    self.noticed.offer_without(words, lambda: self._correct("skip_damaged", True))
+
+        self.panel.show_reading("Reading the frame …")
+        self.context.jobs.compute("frames load", lambda: load_frame(opened, where), loaded, failed)
+
+    def _step(self, dy: int, dx: int) -> None:
+        if self.opened is not None:
+            self.go_to(self.opened.step(self.position, dy, dx))
+
+    def _show_map(self) -> None:
+        """Show the plane that is being assembled, and else the one that is looked at."""
+        if self.opened is not None:
+            z = self.filling.plane if self._assembling and self.filling.plane is not None else self.position.z
+            frames = self.opened.frames[z]
+            words = self.filling.words(z, len(self.opened.frames), under_way=self._assembling)
+            self.panel.show_map(frames >= 0, self.filling.light(z), words)
+
+    def _fill(self, job: WindowJob) -> None:
+        """Show H as it fills: each position as soon as its pattern is there."""
+        if job.page != self.spec.key or not self.filling.follows(job.number, job.progress):
+            return
+        self._assembling = job.active
+        if self.filling.take(job.progress) or not job.active:
+            self._show_map()
+
+    def _loaded(self, loaded: Loaded) -> None:
+        self.loaded = loaded
+        self.noticed.forget_damage()
+        self.panel.show_frame(loaded)
+        self._show_overlays()
+
+    def _show_pixels(self) -> None:
+        if self.loaded is not None:
+            self.panel.show_pixels(self.loaded)
+
+    def _show_overlays(self) -> None:
+        self.panel.show_overlays(self.context.state.camera, None if self.opened is None else self.loaded)
+
+    # -- assembly --------------------------------------------------------------------------------------
+    def assemble(self, path: str = "") -> None:
+        """Assemble H as a job, unless the frames are known not to lie as the plan says."""
+        if self.opened is None:
+            self.refuse("there are no frames to assemble; open some first")
+            return
+        if self._refused():
+            return
+        path = path or ask_target(self, "Assemble H", "H.h5", "H file (*.h5)")
+        if not path:
+            return
+        opened, title = self.opened, f"Assemble {Path(path).name}"
+        self.context.start_writing(
+            title,
+            "frames",
+            path,
+            lambda: iter_assembly(opened, path),
+            self._assembled,
+            self._not_assembled,
+            taken=self.context.taken("frames", title, path),
+        )
+
+    def _refused(self) -> bool:
+        """Return whether the frames lie as no H is made of; say so, and offer what helps."""
+        refused = self.found is not None and bool(refusal(self.found, self.settings.orientation))
+        if refused:
+            self._offer_turn("No H: ")
+        return refused
+
+    def _not_assembled(self, _: WindowJob) -> None:
+        self._refused()
+
+    def _assembled(self, report: Any) -> None:
+        path = report.matrix.path
+        notes = notes_of(report)
+        report.matrix.close()
+        for note in notes:
+            self.context.message.emit(f"{Path(path).name}: {note}")
+        self.context.attention.emit("frames", bool(report.missing or report.saturated))
+        self.context.project.update("assembly", psf=path)
+        self.context.go.emit("psf", None)

@@ -1,0 +1,138 @@
+"""What the Multiplexing page says of a modulator in numbers and curves. No Qt."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from lfcal.base.errors import InputError
+from lfcal.camera import Sensor
+from lfcal.multiplex.colour_error import colour_error
+from lfcal.multiplex.colour_filters import parse_pattern
+from lfcal.multiplex.gains import sensor_gain
+from lfcal.multiplex.modulator import Modulator
+from lfcal.multiplex.noise import GainCurves, camera_chi2, gain_curves
+from lfcal.multiplex.resolution import modulation_transfer
+from lfcal.multiplex.sensor_noise import sensor_noise
+from lfcal.multiplex.spectra import shipped_spectra
+from lfcal.multiplex.summary import ModulatorNumbers, describe
+from lfcal_gui.pages.multiplex.model import MultiplexSettings
+from lfcal_gui.pages.multiplex.model_fields import TYPED
+
+__all__ = ["ModulatorComparison", "compare", "number"]
+
+MAX_SEEN = 1000
+"""Pixels times samples of a modulator whose MTF is shown: larger ones take seconds."""
+
+
+@dataclass(frozen=True, eq=False)
+class ModulatorComparison:
+    """Numbers of the modulator and gains of all.
+
+    Attributes
+    ----------
+    rows
+        Name, value with unit, and meaning of each number.
+    curves
+        Gains over chi^2; the first is the chosen modulator's.
+    left_out
+        Names of modulators that do not recover every sample.
+    chi2
+        Of the user's camera.
+    reason
+        Why there are no curves, or empty.
+    """
+
+    rows: tuple[tuple[str, str, str], ...]
+    curves: GainCurves | None
+    left_out: tuple[str, ...]
+    chi2: float
+    reason: str = ""
+
+
+def compare(settings: MultiplexSettings, sensor: Sensor, camera: str = "camera") -> ModulatorComparison:
+    """Return numbers and gain curves of the chosen modulators for a camera."""
+    modulator, reference = settings.modulator(), settings.reference()
+    chi2 = camera_chi2(sensor, gain=settings.gain)
+    try:
+        numbers, reason = describe(modulator, reference, chi2), ""
+    except InputError as error:
+        numbers, reason = describe(modulator), str(error)
+    curves, left_out = None, []
+    if not reason:
+        drawn = {m.name: m for m in (modulator, *settings.others())}
+        high = 4.0 if math.isinf(chi2) or chi2 <= 0 else max(4.0, math.ceil(math.log10(chi2) + 0.5))
+        curves = gain_curves(list(drawn.values()), reference, np.logspace(-4, high, 161), cameras={camera: chi2})
+        left_out = [n for n, gains in zip(curves.names, curves.gains, strict=True) if not np.isfinite(gains).all()]
+    rows = (*_rows(numbers, reference.name, chi2), *_merits(settings, modulator, reference, sensor))
+    return ModulatorComparison(rows, curves, tuple(left_out), chi2, reason)
+
+
+def _merits(
+    settings: MultiplexSettings, modulator: Modulator, reference: Modulator, sensor: Sensor
+) -> tuple[tuple[str, str, str], ...]:
+    """Return what the camera's own noise, the finest detail and the eye say of the modulator."""
+    noise = sensor_noise(sensor, gain=settings.gain)
+    rows = []
+    try:
+        for name, key in (("Gain, own noise", "plain"), ("Gain, least noise", "optimal")):
+            gain = sensor_gain(modulator, reference, noise, decorrelation=key)
+            tip = f"Over {reference.name}, read, dark, quantisation and shot noise of each pixel; {key} decorrelation"
+            rows.append((name, number(gain, "+.2f", "dB"), tip))
+    except InputError:  # unlike samples have no gain
+        pass
+    if modulator.count * modulator.pixels <= MAX_SEEN:
+        seen = modulation_transfer(modulator, [0.1, 0.25])
+        tip = "Mean over samples: what waves of 0.1 and 0.25 cycles per pixel keep, and false detail beside the finer"
+        low, high = seen.transfer.mean(0)
+        rows.append(("MTF", f"{low:.2f}, {high:.2f}; false {seen.aliased[:, 1].mean():.2f}", tip))
+    if settings.family == "cfa":
+        try:
+            pattern = "/".join(parse_pattern(settings.pattern if settings.cfa == TYPED else settings.cfa))
+            found = colour_error(pattern, efficiency=shipped_spectra("silicon"), noise=noise)
+            tip = (
+                "CIEDE2000 of 100 smooth reflectances through the model filters that ship, in D65; and what noise adds"
+            )
+            rows.append(("Colour error", f"{found.mean:.1f} ΔE, noise {number(found.noise, '.1f')}", tip))
+        except InputError:  # filters without curves, such as emerald
+            pass
+    return tuple(rows)
+
+
+def number(value: float | None, form: str = ".4g", unit: str = "") -> str:
+    """Return a number for people; infinite and missing ones in words."""
+    if value is None:
+        return "–"
+    if math.isinf(value):
+        return "∞" if value > 0 else "−∞"
+    value = 0.0 if abs(value) < 1e-9 else value  # rounding, which a sign would make much of
+    return f"{value:{form}} {unit}".strip().replace("-", "−")
+
+
+def _rows(n: ModulatorNumbers, reference: str, chi2: float) -> tuple[tuple[str, str, str], ...]:
+    return (
+        ("Super-pixel", f"{n.side[1]} × {n.side[0]} px", "K pixels that measure the same samples"),
+        ("Samples N", str(n.samples), "Colours, views, or both, that are to be separated"),
+        ("Rank", f"{n.rank} of {n.samples}", "Independent combinations of the samples that are measured"),
+        ("Condition number", number(n.condition), "Largest over smallest singular value of A = Σ Πᵀ"),
+        ("Transmission τ", number(n.transmission), "Mean fraction of the light that reaches the sensor (equation 12)"),
+        ("Amplification α", number(n.amplification), "Rms noise of a sample per noise of a pixel (equation 13)"),
+        (
+            f"Gain at χ² = {number(chi2, '.3g')}",
+            number(n.gain_db, "+.2f", "dB"),
+            f"Signal to noise over {reference} at the project's camera (equation 14), 10 log₁₀",
+        ),
+        ("Gain, additive noise", number(n.gain_additive_db, "+.2f", "dB"), f"Over {reference} at χ² = 0"),
+        ("Gain, photon noise", number(n.gain_photon_db, "+.2f", "dB"), f"Over {reference} at χ² = ∞"),
+        ("Not recoverable", _lost(n.lost), "Samples of which a part is not measured; it is reconstructed as zero"),
+    )
+
+
+def _lost(lost: Mapping[str, float]) -> str:
+    if not lost:
+        return "nothing"
+    named = [f"{name} {100 * share:.3g} %" for name, share in list(lost.items())[:4]]
+    return ", ".join(named) + (f" and {len(lost) - 4} more" if len(lost) > 4 else "")

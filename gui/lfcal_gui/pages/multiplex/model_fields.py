@@ -1,0 +1,163 @@
+"""The fields of the Multiplexing page: what is asked for, and what each value means. No Qt."""
+
+from __future__ import annotations
+
+from lfcal.multiplex.colour_filters import CFA_PATTERNS, FILTERS
+from lfcal.multiplex.filters import SPATIAL_FILTERS
+from lfcal.multiplex.masks import MASKS
+from lfcal.multiplex.naming import GRAMMAR
+from lfcal_gui.models.form import Field
+
+__all__ = ["FIELDS", "MAX_SIZE", "ROUTE_FIELDS", "SEARCH_FIELDS", "TYPED"]
+
+TYPED = "typed"
+"""In place of the name of a pattern: the user's own letters."""
+
+MAX_SIZE = 31
+
+
+def _named(names: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
+    return tuple((name, name.replace("_", " ")) for name in names)
+
+
+FAMILIES = (
+    ("cfa", "colour filters"),
+    ("mask", "mask or lenslets"),
+    ("both", "mask over filters"),
+    ("written", "as written"),
+)
+FIELDS = (
+    Field("family", "Family", kind="choice", choices=FAMILIES, tip="What lies in front of the sensor"),
+    Field(
+        "cfa",
+        "Filters",
+        kind="choice",
+        choices=(*_named(tuple(CFA_PATTERNS)), (TYPED, "own pattern")),
+        tip="Colour filter array; own pattern: the letters below",
+    ),
+    Field(
+        "pattern",
+        "Own pattern",
+        kind="text",
+        tip=f"Letters of {''.join(FILTERS)} by rows, such as GRBG or "
+        "RGB/GBR: R G B, C = G + B, M = R + B, Y = R + G, W = all, E = emerald (as C)",
+    ),
+    Field("mask", "Mask", kind="choice", choices=_named(MASKS), tip="Light-field modulator"),
+    Field(
+        "size",
+        "Size",
+        "px",
+        f"Pixels and views along a side, up to {MAX_SIZE}; MURA: odd primes, sum of sinusoids: odd",
+        kind="int",
+    ),
+    Field("written", "Written", kind="text", tip=f"Any modulator: {GRAMMAR}"),
+    Field("reference_written", "Over", kind="text", tip="The reference, written likewise; gains are over it"),
+    Field(
+        "reference_cfa",
+        "Over filters",
+        kind="choice",
+        choices=_named(tuple(CFA_PATTERNS)),
+        tip="Filters of the reference: gains are over it",
+    ),
+    Field(
+        "reference_mask",
+        "Over mask",
+        kind="choice",
+        choices=_named(MASKS),
+        tip="Mask of the reference, of the same size: gains are over it",
+    ),
+    Field("gain", "Amplifier", "×", "Amplifier gain: full scale is reached at full well over gain"),
+    Field(
+        "scene",
+        "Scene",
+        kind="choice",
+        choices=(("edges", "sharp edges"), ("smooth", "smooth"), ("image", "opened image"), ("live", "live frames")),
+        tip="What is recorded; an opened grey image is taken as the recorded frame, a colour image as the scene; "
+        "live frames are those that the Acquire page shows",
+    ),
+    Field(
+        "filter",
+        "Filter",
+        kind="choice",
+        choices=_named(SPATIAL_FILTERS),
+        tip="Interpolation of the spatial route (theorem 1); the Fourier route is a sinc (theorem 2)",
+    ),
+    Field(
+        "weighted",
+        "Leave out clipped",
+        kind="bool",
+        tip="Spatial route of opened and live frames: saturated pixels have no say, the others by the camera's noise",
+    ),
+    Field(
+        "route",
+        "Route",
+        kind="choice",
+        choices=(("cells", "super-pixels"), ("general", "general"), ("lattice", "real lattice")),
+        tip="Super-pixels of whole pixels; general: any transmissions, by iterations of regularised least squares, "
+        "slower; or a mask on a lattice of any pitch and angle: that of the white image below, else the project's "
+        "camera's",
+    ),
+    Field(
+        "dead",
+        "Dead pixels",
+        kind="text",
+        empty="none",
+        tip="Image of the size of the frame, not zero where a pixel is dead: it has no say in the spatial and general "
+        "route of opened and live frames",
+    ),
+    Field(
+        "white",
+        "White image",
+        kind="text",
+        empty="auto",
+        tip="Image, or folder of images, of even light through the same lattice, which is measured in it; empty: that "
+        "of the page Frames where it is of this frame's size, else the lattice of the project's camera",
+    ),
+    Field(
+        "transmissions",
+        "Transmissions",
+        kind="text",
+        empty="auto",
+        tip=".npy (N, rows, columns): what each pixel of the frame takes of each sample, for masks that do not repeat; "
+        "empty: those of the modulator",
+    ),
+    Field(
+        "spacing",
+        "Node spacing",
+        "px",
+        "Pixels from node to node of the general route, 0.5 or more; empty: as many nodes as pixels measure",
+        optional=True,
+        empty="auto",
+    ),
+    Field(
+        "smoothness",
+        "Smoothness",
+        "",
+        "Weight of differences between nodes: decides what pixels leave open; small beside the signal to noise",
+    ),
+    Field(
+        "noise",
+        "Camera noise",
+        kind="bool",
+        tip="Add shot and read noise of the project's camera to a built-in "
+        "scene; its brightest pixel fills the full well",
+    ),
+)
+
+ROUTE_FIELDS = (("route", "dead"), ("white", "transmissions"), ("spacing", "smoothness"))
+"""Keys of `FIELDS` that say how samples are found, as they lie beside each other."""
+
+SEARCH_FIELDS = (
+    Field(
+        "sought",
+        "Search for",
+        kind="choice",
+        choices=(("filters", "filters, 2 × 2"), ("filters 2x3", "filters, 2 × 3"), ("mask", "printed mask")),
+        tip="All layouts of filters are tried; of masks all where there are few, otherwise the best found and a bound",
+    ),
+    Field("search_size", "Mask side", "px", "Pixels along a side of the mask, 2 to 13", kind="int"),
+    Field("levels", "Levels", "", "Transmissions that can be printed: 2 for open and closed", kind="int"),
+    Field("kinds", "Kinds", "", "Kinds of filters at most", kind="int"),
+    Field("crosstalk", "Crosstalk", "", "Share of the light that pixels lose to their four neighbours, 0 to 0.4"),
+    Field("least_light", "Least light", "", "Share of the light that must pass, 0 to below 1"),
+)

@@ -1,0 +1,341 @@
+"""Multiplexing: settings on the left; modulator, numbers and gains, or reconstructions, on the right."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from html import escape
+from typing import Any
+
+import numpy as np
+import pyqtgraph as pg
+from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtWidgets import (
+    QAbstractItemView,
+    QCheckBox,
+    QGridLayout,
+    QHBoxLayout,
+    QHeaderView,
+    QLabel,
+    QPushButton,
+    QSizePolicy,
+    QTableWidget,
+    QTableWidgetItem,
+    QTabWidget,
+    QVBoxLayout,
+    QWidget,
+)
+
+from lfcal_gui.pages.multiplex.figures_view import FiguresView
+from lfcal_gui.pages.multiplex.matrix_view import MatrixView
+from lfcal_gui.pages.multiplex.model import ModulatorPicture, MultiplexSettings, used_by, why_unused
+from lfcal_gui.pages.multiplex.model_compare import ModulatorComparison, number
+from lfcal_gui.pages.multiplex.model_fields import FIELDS, ROUTE_FIELDS
+from lfcal_gui.pages.multiplex.pictures import MultiplexPictures
+from lfcal_gui.pages.multiplex.search_view import SearchView
+from lfcal_gui.theme import current_theme
+from lfcal_gui.widgets.cards import card, column_area
+from lfcal_gui.widgets.form import Form
+from lfcal_gui.widgets.plots import LINES, LinePlot, shown_tone
+from lfcal_gui.widgets.words import set_role
+
+__all__ = ["MultiplexPanel"]
+
+NUMBER_HEIGHT = 22
+SIGMA, PI = "Spatial basis Σ", "Plenoptic basis Π"
+TITLES = ("Pattern", "Spectrum", SIGMA, PI)
+CURVES = "Gain of signal to noise"
+TIPS = (
+    "Transmission of each pixel of a super-pixel for the middle view; colours as seen",
+    "Magnitude of the pattern's Fourier weights, zero frequency in the middle, mean over colours",
+    "Where: the weight of each basis function σ (columns j) at each pixel of the super-pixel (rows k, counted "
+    "by rows). A pixel records the sum over j of Σ times what Π makes of the light",
+    "What: the weight of each colour, view or other sample (rows n) in each basis function π (columns j). "
+    "Σ Πᵀ says what every pixel takes of every sample, and is inverted to get the samples back",
+)
+"""Of pattern, spectrum and both bases."""
+SCENE_FIELDS = ("scene", "filter", "weighted", "noise")
+
+
+GAIN = "Is the modulator worth its light? Pattern, spectrum, and gain in SNR over the reference"
+PICTURES = "What it makes of a picture: the frame behind it, what is got back, and the error"
+FIGURES = "Figures 3, 5, 6 and 7 of Ihrke et al. 2010, of scenes made here, with shared scales"
+SEARCH = "Filters and masks of most gain that can be made, and how sure that is"
+
+
+class MultiplexPanel(QWidget):
+    """The page's widgets.
+
+    Signals
+    -------
+    compared(names)
+        Modulators ticked for the gain curves.
+    open_asked()
+        Choose an image.
+    """
+
+    compared = Signal(tuple)
+    open_asked = Signal()
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        specs = {spec.key: spec for spec in FIELDS}
+        elsewhere = (*SCENE_FIELDS, *(key for keys in ROUTE_FIELDS for key in keys))
+        self.form = Form(tuple(f for key, f in specs.items() if key not in elsewhere))
+        self.scene_form = Form(tuple(specs[key] for key in SCENE_FIELDS))
+        for form in (self.form, self.scene_form):
+            for key in form.fields:
+                form.editor(key).setMinimumWidth(56)
+        self.pictures = MultiplexPictures()
+        self.figures, self.search = FiguresView(), SearchView()
+        self.forms = (self.form, self.scene_form, self.search.form, *self.pictures.forms)
+        self.tabs = QTabWidget()
+        tabs = (self._modulator_tab(), "Modulator and gain", GAIN), (self.pictures, "Reconstruction", PICTURES)
+        tabs = (*tabs, (self.figures, "Figures of the paper", FIGURES), (self.search, "Search", SEARCH))
+        for tab, title, tip in tabs:
+            self.tabs.setTabToolTip(self.tabs.addTab(tab, title), tip)
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 0, 0, 0)
+        row.setSpacing(8)
+        row.addWidget(column_area(286, self._settings_card(), self._compare_card(), self._scene_card()))
+        row.addWidget(self.tabs, 1)
+
+    # -- building --------------------------------------------------------------------------------------
+    def _settings_card(self) -> QWidget:
+        frame, column = card("Modulator")
+        column.addWidget(self.form)
+        return frame
+
+    def _compare_card(self) -> QWidget:
+        frame, column = card("Compared with")
+        self.compare_card = frame
+        self.boxes: dict[str, QCheckBox] = {}
+        self.box_grid = QGridLayout()
+        self.box_grid.setSpacing(4)
+        column.addLayout(self.box_grid)
+        return frame
+
+    def _scene_card(self) -> QWidget:
+        frame, column = card("Reconstruction")
+        column.addWidget(self.scene_form)
+        self.open = QPushButton("Open image …")
+        self.open.setToolTip(
+            "RAW, TIFF, PNG, …: a grey image is a frame recorded behind this modulator, a colour "
+            "image a scene; files can be dropped here as well"
+        )
+        self.open.clicked.connect(lambda: self.open_asked.emit())
+        self.file = QLabel("")
+        self.file.setProperty("role", "hint")
+        self.file.setWordWrap(True)
+        column.addWidget(self.open)
+        column.addWidget(self.file)
+        return frame
+
+    def _make_views(self) -> tuple[MatrixView, ...]:
+        self.pattern = MatrixView(xlabel="column", ylabel="row", value_label="transmission (1)", bar_below=True)
+        self.spectrum = MatrixView(xlabel="u", ylabel="v", value_label="magnitude (1)", unit="1/period", bar_below=True)
+        basis: dict[str, Any] = {
+            "value_label": "weight (1)",
+            "unit": "index",
+            "bar_below": True,
+            "signed": True,
+            "square": False,
+        }
+        self.sigma = MatrixView(xlabel="j", ylabel="pixel k", **basis)
+        self.pi = MatrixView(xlabel="j", ylabel="sample n", **basis)
+        return self.pattern, self.spectrum, self.sigma, self.pi
+
+    def _modulator_tab(self) -> QWidget:
+        views = self._make_views()
+        widget = QWidget()
+        row = QHBoxLayout(widget)
+        row.setContentsMargins(0, 8, 0, 0)
+        row.setSpacing(8)
+        grid = QGridLayout()
+        grid.setSpacing(8)
+        self.titles = []
+        for k, (view, tip, title) in enumerate(zip(views, TIPS, TITLES, strict=True)):
+            label = QLabel(title)
+            label.setWordWrap(True)
+            label.setMinimumWidth(60)  # names of modulators may be long: they do not widen the window
+            frame, column = card(label)
+            for part in (view, label):
+                part.setToolTip(tip)
+            column.addWidget(view, 1)
+            self.titles.append(label)
+            grid.addWidget(frame, k // 2, k % 2)
+        for k in range(2):
+            grid.setColumnStretch(k, 1)
+            grid.setRowStretch(k, 1)
+        side = QVBoxLayout()
+        side.setSpacing(8)
+        side.addWidget(self._numbers_card())
+        side.addWidget(self._curve_card(), 1)
+        row.addLayout(grid, 7)
+        row.addLayout(side, 5)
+        return widget
+
+    def _numbers_card(self) -> QWidget:
+        frame, column = card("Numbers")
+        self.table = QTableWidget(0, 2)
+        self.table.setAccessibleName("numbers of the modulator")
+        self.table.setToolTip("Light that passes, gain, and how well samples tell apart what is multiplexed")
+        self.table.horizontalHeader().hide()
+        self.table.verticalHeader().hide()
+        self.table.verticalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Fixed)
+        self.table.verticalHeader().setMinimumSectionSize(16)
+        self.table.verticalHeader().setDefaultSectionSize(NUMBER_HEIGHT)
+        # all rows where the window is high enough, ten at least
+        self.table.setMinimumHeight(10 * NUMBER_HEIGHT + 4)
+        self.table.setSizeAdjustPolicy(QTableWidget.SizeAdjustPolicy.AdjustToContents)
+        self.table.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        self.table.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.table.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
+        self.table.setSelectionMode(QAbstractItemView.SelectionMode.NoSelection)
+        self.table.horizontalHeader().setSectionResizeMode(0, QHeaderView.ResizeMode.ResizeToContents)
+        self.table.horizontalHeader().setSectionResizeMode(1, QHeaderView.ResizeMode.Stretch)
+        column.addWidget(self.table, 1)
+        return frame
+
+    def _curve_card(self) -> QWidget:
+        self.curve_title = QLabel(CURVES)
+        self.curve_title.setWordWrap(True)
+        self.curve_title.setMinimumWidth(60)
+        frame, column = card(self.curve_title)
+        self.curve = LinePlot("χ² = photon / additive noise variance (1)", "gain (dB)")
+        self.curve.set_decades(x=True)
+        self.curve.setToolTip("Left: read noise dominates, right: photon noise; dashed: the project's camera")
+        self.marker = pg.InfiniteLine(angle=90)
+        self.marker.hide()
+        self.curve.plot.addItem(self.marker, ignoreBounds=True)
+        self.curve_hint = QLabel("")
+        self._drawn: list[tuple[str, str, bool]] = []
+        self._below = ""
+        self.curve_hint.setProperty("role", "hint")
+        self.curve_hint.setWordWrap(True)
+        column.addWidget(self.curve, 1)
+        column.addWidget(self.curve_hint)
+        return frame
+
+    def show_used(self, settings: MultiplexSettings, *, colour: bool) -> None:
+        """Offer what matters with these settings; ``colour``: the opened image is in colour."""
+        for form in self.forms:
+            for key in form.fields:
+                why = why_unused(settings, key, colour=colour)
+                form.set_enabled(key, used_by(settings, key, colour=colour), why)
+        for key, button in self.pictures.buttons.items():
+            button.setEnabled(used_by(settings, key))
+
+    # -- compared --------------------------------------------------------------------------------------
+    def ticked(self) -> tuple[str, ...]:
+        """Return the names ticked in the list."""
+        return tuple(name for name, box in self.boxes.items() if box.isChecked())
+
+    def show_choices(self, names: Sequence[str], ticked: Sequence[str]) -> None:
+        """Offer the modulators to compare with."""
+        self.compare_card.setVisible(bool(names))
+        if tuple(self.boxes) != tuple(names):
+            for box in self.boxes.values():
+                box.hide()
+                self.box_grid.removeWidget(box)
+                box.deleteLater()
+            self.boxes = {name: self._box(name) for name in names}
+            for k, box in enumerate(self.boxes.values()):
+                self.box_grid.addWidget(box, k // 2, k % 2)
+        for name, box in self.boxes.items():
+            blocker = QSignalBlocker(box)
+            box.setChecked(name in ticked)
+            blocker.unblock()
+
+    def _box(self, name: str) -> QCheckBox:
+        box = QCheckBox(name.replace("_", " "))
+        tip = "gain beside that of the modulator; left out where there is none of this size"
+        box.setToolTip(f"Draw the {box.text()} {tip}")
+        box.toggled.connect(lambda _: self.compared.emit(self.ticked()))
+        return box
+
+    # -- modulator -------------------------------------------------------------------------------------
+    def show_computing(self) -> None:
+        """Say that what is shown is of the settings before, until the new is there."""
+        self.titles[0].setText("Computing …")
+        self.table.setEnabled(False)
+
+    def show_picture(self, picture: ModulatorPicture) -> None:
+        """Draw the modulator."""
+        self.pattern.show_array(picture.pattern if picture.colours is None else picture.colours, name="pattern")
+        self.spectrum.show_array(picture.spectrum, name="spectrum")
+        rows, columns = picture.spectrum.shape
+        self.spectrum.set_image(picture.spectrum, origin=(-(rows // 2), -(columns // 2)), keep_view=False)
+        self.sigma.show_array(picture.sigma, name="sigma")
+        self.pi.show_array(picture.pi, name="pi")
+        kind = "" if picture.real else ", real part"
+        shapes = ((SIGMA, picture.sigma), (PI, picture.pi))
+        for label, (name, array) in zip(self.titles[2:], shapes, strict=True):
+            label.setText(f"{name}, {array.shape[0]} × {array.shape[1]}{kind}")
+        self.titles[0].setText(f"Pattern of {picture.name.replace('_', ' ')}")
+
+    def show_refusal(self, words: str) -> None:
+        """Show no modulator, and why there is none."""
+        for label, title in zip(self.titles, TITLES, strict=True):
+            label.setText(title)
+        self.curve_title.setText(CURVES)
+        for view in (self.pattern, self.spectrum, self.sigma, self.pi):
+            view.set_image(None)
+        self.table.setRowCount(0)
+        self.curve.clear()
+        self._drawn = []
+        self.marker.hide()
+        set_role(self.curve_hint, "error")
+        self.curve_hint.setText(escape(words))
+
+    def show_comparison(self, found: ModulatorComparison, camera: str) -> None:
+        """Show numbers and curves."""
+        self.table.setEnabled(True)
+        self.table.setRowCount(len(found.rows))
+        for k, (name, value, tip) in enumerate(found.rows):
+            for column, text in enumerate((name, value)):
+                item = QTableWidgetItem(text)
+                item.setToolTip(f"{value}\n{tip}")
+                self.table.setItem(k, column, item)
+        self.table.setMaximumHeight(max(10, len(found.rows)) * NUMBER_HEIGHT + 4)
+        self.table.updateGeometry()
+        self.curve.clear()
+        self._drawn = []
+        self.marker.hide()
+        set_role(self.curve_hint, "hint")
+        if found.curves is None:
+            self.curve_title.setText(CURVES)
+            self.curve_hint.setText(f"No gains: {escape(found.reason)}")
+            return
+        curves = found.curves
+        self.curve_title.setText(f"{CURVES} over {curves.reference.replace('_', ' ')}")
+        for k, (name, gains) in enumerate(zip(curves.names, curves.gains, strict=True)):
+            if name not in found.left_out:
+                tone, dashed, text = LINES[k % len(LINES)], k >= len(LINES), name.replace("_", " ")
+                self.curve.set_curve(text, curves.chi2, np.round(gains, 9), colour=tone, dashed=dashed)
+                self._drawn.append((text, tone, dashed))
+        low, high = float(curves.chi2[0]), float(curves.chi2[-1])
+        self.marker.setPos(math.log10(min(max(found.chi2, low), high)))
+        self.marker.setPen(pg.mkPen(current_theme().text, width=1.2, style=Qt.PenStyle.DashLine))
+        self.marker.show()
+        self._below = f"<br>┆ {escape(camera)}, χ² = {number(found.chi2, '.3g')} at full scale"
+        if found.left_out:
+            self._below += f"<br>Not drawn, as samples are lost: {', '.join(found.left_out)}"
+        self._show_legend()
+
+    def _show_legend(self) -> None:
+        """Name the curves in their colours, which the theme may change."""
+        named = (
+            f"<span style='color:{shown_tone(tone)}'>{'╍' if dashed else '━'}</span>&nbsp;{text}"
+            for text, tone, dashed in self._drawn
+        )
+        self.curve_hint.setText(f"{' &nbsp; '.join(named)}{self._below}")
+
+    def apply_theme(self) -> None:
+        """Take the colours of the theme in use."""
+        plots = (self.pattern, self.spectrum, self.sigma, self.pi, self.curve)
+        for view in (*plots, self.pictures, self.figures, self.search):
+            view.apply_theme()
+        if self._drawn:
+            self._show_legend()
+        self.marker.setPen(pg.mkPen(current_theme().text, width=1.2, style=Qt.PenStyle.DashLine))

@@ -1,0 +1,231 @@
+"""Reconstructions by both routes, their difference or the truth, and the recorded frame, zoomed together."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtWidgets import QComboBox, QGridLayout, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
+
+from lfcal_gui.models.form import Field
+from lfcal_gui.pages.multiplex.matrix_view import MatrixView
+from lfcal_gui.pages.multiplex.model_fields import FIELDS, ROUTE_FIELDS
+from lfcal_gui.pages.multiplex.model_scene import Reconstructions, shown
+from lfcal_gui.widgets.cards import card, line
+from lfcal_gui.widgets.form import Form
+from lfcal_gui.widgets.words import set_role
+
+__all__ = ["MultiplexPictures"]
+
+RIGHT = (("difference", "spatial − Fourier"), ("truth", "truth"))
+HEADS = ("Spatial", "Fourier", "Difference", "Recorded frame")
+
+
+class MultiplexPictures(QWidget):
+    """Four pictures with one zoom; all axes are in pixels of the frame.
+
+    Signals
+    -------
+    right_chosen(name)
+        What the third picture shows: ``"difference"`` or ``"truth"``.
+    sample_chosen(index)
+        Which sample is shown; -1 all colours.
+    file_asked(key)
+        A file is to be chosen: ``"dead"``, ``"white"`` or ``"transmissions"``.
+    """
+
+    right_chosen = Signal(str)
+    sample_chosen = Signal(int)
+    file_asked = Signal(str)
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.names: tuple[str, ...] = ()
+        outer = QVBoxLayout(self)
+        outer.setContentsMargins(0, 8, 0, 0)
+        outer.setSpacing(6)
+        self.sample = QComboBox()
+        self.sample.setMinimumWidth(120)
+        self.sample.setAccessibleName("colour or view")
+        self.sample.setToolTip("Which of the colours or views that were multiplexed is shown in all pictures")
+        self.sample.currentIndexChanged.connect(lambda _: self.sample_chosen.emit(self.sample_index))
+        self.right = QComboBox()
+        for key, text in RIGHT:
+            self.right.addItem(text, key)
+        self.right.setAccessibleName("third picture")
+        self.right.setToolTip(
+            "What the third picture, below on the left, shows: the spatial less the Fourier route, or the scene itself "
+            "(truth), which is known of scenes, not of opened frames"
+        )
+        self.right.currentIndexChanged.connect(lambda _: self.right_chosen.emit(self.right.currentData()))
+        self.readout = QLabel("")
+        self.readout.setProperty("role", "hint")
+        outer.addLayout(line("Shown", self.sample, "Third picture", self.right, self.readout, stretch=4))
+        outer.addLayout(self._route())
+        outer.addLayout(self._pictures(), 1)
+        self.status = QLabel("")
+        self.status.setTextFormat(Qt.TextFormat.PlainText)
+        self.status.setWordWrap(True)
+        outer.addWidget(self.status)
+
+    def _route(self) -> QHBoxLayout:
+        """Return how samples are found: two fields below each other, three side by side, and where files are chosen."""
+        specs = {spec.key: spec for spec in FIELDS}
+        row = QHBoxLayout()
+        row.setSpacing(12)
+        self.forms = tuple(Form(tuple(specs[key] for key in keys), dense=True) for keys in ROUTE_FIELDS)
+        for form in self.forms:
+            for key in form.fields:
+                form.editor(key).setMinimumWidth(56)
+        for form in self.forms:
+            row.addWidget(form, 1, Qt.AlignmentFlag.AlignTop)
+        row.addLayout(self._file_buttons(specs))
+        return row
+
+    def _file_buttons(self, specs: dict[str, Field]) -> QGridLayout:
+        grid = QGridLayout()
+        grid.setSpacing(4)
+        self.buttons: dict[str, QPushButton] = {}
+        for k, (key, title) in enumerate((("dead", "Dead …"), ("white", "White …"), ("transmissions", "Mask …"))):
+            button = QPushButton(title)
+            button.setToolTip(f"Choose the file. {specs[key].tip}")
+            button.setAccessibleName(f"choose file of {specs[key].label.lower()}")
+            button.clicked.connect(lambda _=False, key=key: self.file_asked.emit(key))
+            grid.addWidget(button, k // 2, k % 2)
+            self.buttons[key] = button
+        return grid
+
+    def _pictures(self) -> QGridLayout:
+        grid = QGridLayout()
+        grid.setSpacing(8)
+        self.heads = []
+        self.views = []
+        for k, title in enumerate(HEADS):
+            head = QLabel(title)
+            head.setMinimumWidth(60)
+            frame, column = card(head)
+            view = MatrixView(xlabel="column", ylabel="row", value_label="intensity (1)", signed=title == HEADS[2])
+            view.hovered.connect(self._hovered)
+            column.addWidget(view, 1)
+            view.plot.vb.sigRangeChangedManually.connect(lambda _, view=view: self._zoomed(view))
+            grid.addWidget(frame, k // 2, k % 2)
+            self.heads.append(head)
+            self.views.append(view)
+        for k in range(2):
+            grid.setColumnStretch(k, 1)
+            grid.setRowStretch(k, 1)
+        return grid
+
+    @property
+    def sample_index(self) -> int:
+        """The chosen sample, -1 for all colours."""
+        index = self.sample.currentData()
+        return 0 if index is None else int(index)
+
+    def show_right(self, name: str) -> None:
+        """Choose what the third picture shows, without reporting it."""
+        blocker = QSignalBlocker(self.right)
+        self.right.setCurrentIndex(max(0, self.right.findData(name)))
+        blocker.unblock()
+
+    def show_samples(self, names: tuple[str, ...], coloured: bool) -> None:
+        """Offer the samples; a new set begins with all colours or with the middle view."""
+        if names == self.names:
+            return
+        self.names = names
+        blocker = QSignalBlocker(self.sample)
+        self.sample.clear()
+        if coloured:
+            self.sample.addItem("all colours", -1)
+        for k, name in enumerate(names):
+            self.sample.addItem(name, k)
+        self.sample.setCurrentIndex(0 if coloured else len(names) // 2)
+        blocker.unblock()
+
+    def show_reconstructions(self, found: Reconstructions, right: str) -> None:
+        """Draw both routes and the third picture with the same zoom."""
+        self.show_samples(found.names, found.names == ("R", "G", "B"))
+        if right == "truth" and found.truth is None:
+            right = "difference"
+        if found.fourier is None:
+            right = "truth"
+        pictures = (*shown(found, self.sample_index, right), found.frame)
+        signed = right == "difference"
+        low = min(float(np.min(p)) for p in pictures[:2] if p is not None)
+        high = max(float(np.max(p)) for p in pictures[:2] if p is not None)
+        levels = (low, high if high > low else low + 1.0)
+        third = self.views[2]
+        if third.signed != signed:
+            third.set_signed(signed, self.views[0].display)
+            if not signed:
+                third.set_display(self.views[0].display)
+        for k, (view, image) in enumerate(zip(self.views, pictures, strict=True)):
+            if image is None:
+                view.set_image(None)
+                continue
+            step = found.step if k < 3 else 1.0  # all in pixels of the frame
+            middle = ((step - 1) / 2, (step - 1) / 2)
+            plain = k == 3 or (k == 2 and signed)
+            view.show_array(
+                image,
+                name=HEADS[k].lower(),
+                levels=None if plain else levels,
+                step=step,
+                origin=middle if found.origin is None or k == 3 else found.origin,
+            )
+        titles = (found.spatial.words, *_titles(found, signed), HEADS[3])
+        for head, text in zip(self.heads, titles, strict=True):
+            head.setText(text)
+        self.show_status(found.words)
+
+    def _zoomed(self, source: MatrixView) -> None:
+        """Give all pictures the range the user gave one of them; each keeps its pixels square."""
+        across, down = source.plot.vb.viewRange()
+        for view in self.views:
+            if view is not source:
+                view.plot.vb.setRange(xRange=across, yRange=down, padding=0)
+
+    def clear_pictures(self) -> None:
+        """Show no reconstruction."""
+        for view, head, title in zip(self.views, self.heads, HEADS, strict=True):
+            view.set_image(None)
+            head.setText(title)
+
+    def show_reconstructing(self) -> None:
+        """Say that other pictures are made; those of the settings before stay meanwhile, without their numbers."""
+        for head, title in zip(self.heads, HEADS, strict=True):
+            head.setText(title)
+        before = any(view.image is not None for view in self.views)
+        self.show_status("reconstructing …" + "; the pictures are of the settings before" * before)
+
+    def show_status(self, text: str, *, bad: bool = False) -> None:
+        """Say what is shown, or why nothing is."""
+        set_role(self.status, "error" if bad else "hint")
+        self.status.setText(text)
+
+    def _hovered(self, row: int, column: int, _: float) -> None:
+        if row < 0:
+            self.readout.setText("")
+            return
+        images: list[NDArray[np.float64] | None] = [view.image for view in self.views]
+        parts = [
+            f"{name} {image[row, column]:.4g}"
+            for name, image in zip(("spatial", "Fourier", "third"), images[:3], strict=True)
+            if image is not None and row < image.shape[0] and column < image.shape[1]
+        ]
+        self.readout.setText(f"row {row}, column {column}: {', '.join(parts)}")
+
+    def apply_theme(self) -> None:
+        """Take the colours of the theme in use."""
+        for view in self.views:
+            view.apply_theme()
+
+
+def _titles(found: Reconstructions, signed: bool) -> tuple[str, str]:
+    """Return what the second and the third picture are."""
+    if found.fourier is None:
+        return "No second route", "Truth" if found.truth is not None else "Truth: not known of frames"
+    if not signed:
+        return found.fourier.words, "Truth"
+    rms = float(np.sqrt(np.mean((found.spatial.samples - found.fourier.samples) ** 2)))
+    return found.fourier.words, f"Spatial − Fourier: {rms:.2e} rms, all samples"

@@ -1,0 +1,36 @@
+"""Plan: where the point source goes, what is kept around its image, and what the scan costs."""
+
+from __future__ import annotations
+
+from lfcal_gui.models.page import PageSpec, PageState, Sketch
+from lfcal_gui.models.project import ProjectState
+
+__all__ = ["PAGE"]
+
+
+def state(project: ProjectState) -> PageState:
+    """Return whether there is a plan."""
+    return PageState.READY if project.plan is None else PageState.DONE
+
+
+def icon(sketch: Sketch) -> None:
+    """Draw a serpentine."""
+    sketch.line((3, 4), (19, 4), (19, 9), (3, 9), (3, 14), (19, 14), (19, 19), (3, 19))
+
+
+def takes(path: str) -> bool:
+    """Return whether a file may be a plan."""
+    return path.endswith(".json")
+
+
+PAGE = PageSpec(
+    "plan",
+    "Plan",
+    "Choose planes and cutout; see what the scan costs",
+    order=20,
+    package=__name__,
+    state=state,
+    needs="lfcal.camera",
+    icon=icon,
+    takes=takes,
+)

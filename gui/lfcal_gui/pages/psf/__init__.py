@@ -1,0 +1,46 @@
+"""PSF: H and its transpose, at once, for any plane and position."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from lfcal_gui.models.page import PageSpec, PageState, Sketch, file_state
+from lfcal_gui.models.project import ProjectState
+
+__all__ = ["PAGE"]
+
+
+def state(project: ProjectState) -> PageState:
+    """Return whether there is an H."""
+    return file_state(project.psf, ready=False)
+
+
+def icon(sketch: Sketch) -> None:
+    """Draw a pattern of micro-images."""
+    for x in (5.5, 11, 16.5):
+        for y in (5.5, 11, 16.5):
+            sketch.circle(x, y, 1.9)
+
+
+def takes(path: str) -> bool:
+    """Return whether a file may be an H."""
+    return Path(path).suffix.lower() in (".h5", ".mat", ".npy", ".lfc")
+
+
+PAGE = PageSpec(
+    "psf",
+    "PSF",
+    "Look at H and its transpose",
+    order=50,
+    package=__name__,
+    state=state,
+    needs="lfcal.psf",
+    icon=icon,
+    takes=takes,
+    keys=(
+        ("←  →  ↑  ↓", "step through source positions"),
+        ("Page up, Page down", "step through depth planes"),
+        ("T", "H or its transpose"),
+        ("L, G", "log or gamma scaling of the pictures"),
+    ),
+)

@@ -1,0 +1,195 @@
+"""Apertures side by side: the depth-plane sum of each plane with the fitted and the expected outline."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PySide6.QtCore import QPointF, QSize, Qt, Signal
+from PySide6.QtGui import QColor, QIcon, QImage, QPainter, QPen, QPixmap, QPolygonF
+from PySide6.QtWidgets import QDialog, QLabel, QListWidget, QListWidgetItem, QVBoxLayout, QWidget
+
+from lfcal.base.units import format_plane
+from lfcal_gui.models.display import DisplaySettings, levels_of, to_uint8
+from lfcal_gui.pages.psf.model_aperture import aperture_tip
+from lfcal_gui.theme import current_theme, style_sheet
+from lfcal_gui.widgets.colour_bar import theme_table
+
+if TYPE_CHECKING:
+    from lfcal.psf.aperture import Aperture
+
+__all__ = ["EXPECTED", "FITTED", "Apertures", "DepthStrip", "PlaneTile", "legend_words", "outline_tones", "to_pixmap"]
+
+FITTED, EXPECTED = "#ff5a5f", "#56b4e9"
+"""Colours of the outlines."""
+
+RED_FITTED, RED_EXPECTED = "#ff8a5c", "#7d2a20"
+"""The same where all is red."""
+
+LARGE = 200
+SIZE = (930, 640)
+
+
+def outline_tones() -> tuple[str, str]:
+    """Return the colours of what is fitted and what is expected, in the theme in use."""
+    return (RED_FITTED, RED_EXPECTED) if current_theme().red else (FITTED, EXPECTED)
+
+
+def legend_words(between: str = "<br>") -> str:
+    """Return what the outlines mean, as rich text."""
+    fitted, expected = outline_tones()
+    return f"<span style='color:{fitted}'>━</span> fitted{between}<span style='color:{expected}'>┅</span> expected"
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneTile:
+    """What is known of a plane: its depth (µm), its sum ``(nt, ns)``, and its apertures."""
+
+    depth_um: float
+    image: NDArray[Any] | None = None
+    fitted: Aperture | None = None
+    expected: Aperture | None = None
+
+    def outlines(self) -> tuple[tuple[str, Qt.PenStyle, NDArray[np.float64]], ...]:
+        """Return colour, pen and points (row, column) of what is drawn over the sum."""
+        fitted, expected = outline_tones()
+        pens = ((fitted, Qt.PenStyle.SolidLine, self.fitted), (expected, Qt.PenStyle.DashLine, self.expected))
+        # of a sum that is too dim or too small nothing is known
+        return tuple((colour, pen, one.outline()) for colour, pen, one in pens if one is not None and one.seen)
+
+    def picture(self, side: int, ratio: float = 1.0) -> QPixmap:
+        """Return a square picture of ``side`` points, each of ``ratio`` pixels of the screen."""
+        pixels = round(side * ratio)
+        if self.image is None:
+            found = QPixmap(pixels, pixels)
+            found.fill(Qt.GlobalColor.transparent)
+        else:
+            found = to_pixmap(self.image, pixels)
+            self._draw(found, found.width() / self.image.shape[1], found.height() / self.image.shape[0], ratio)
+        found.setDevicePixelRatio(ratio)
+        return found
+
+    def _draw(self, on: QPixmap, across: float, down: float, ratio: float) -> None:
+        painter = QPainter(on)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        for colour, style, points in self.outlines():
+            painter.setPen(QPen(QColor(colour), 1.3 * ratio, style))
+            # centres of pixels have whole numbers
+            painter.drawPolygon(QPolygonF([QPointF((s + 0.5) * across, (t + 0.5) * down) for t, s in points.tolist()]))
+        painter.end()
+
+
+def to_pixmap(image: NDArray[Any], side: int, colour_map: str = "viridis") -> QPixmap:
+    """Return ``image`` as a square picture of ``side`` points."""
+    data = to_uint8(image, DisplaySettings(), levels_of(image))
+    rgba = np.ascontiguousarray(theme_table(colour_map)[data])
+    picture = QImage(rgba.data, rgba.shape[1], rgba.shape[0], 4 * rgba.shape[1], QImage.Format.Format_RGBA8888)
+    return QPixmap.fromImage(picture.copy()).scaled(
+        side, side, Qt.AspectRatioMode.KeepAspectRatio, Qt.TransformationMode.SmoothTransformation
+    )
+
+
+class DepthStrip(QListWidget):
+    """A row of small pictures with the depth under each; ``wrapping``: rows of them.
+
+    Signals
+    -------
+    chosen(z)
+        Another plane was clicked.
+    """
+
+    chosen = Signal(int)
+
+    def __init__(self, side: int = 76, parent: QWidget | None = None, *, wrapping: bool = False) -> None:
+        super().__init__(parent)
+        self._side = side
+        self.tiles: list[PlaneTile] = []
+        self.setViewMode(QListWidget.ViewMode.IconMode)
+        self.setFlow(QListWidget.Flow.LeftToRight)
+        self.setWrapping(wrapping)
+        self.setResizeMode(QListWidget.ResizeMode.Adjust)
+        self.setMovement(QListWidget.Movement.Static)
+        self.setIconSize(QSize(side, side))
+        self.setGridSize(QSize(side + 18, side + 26))
+        self.setAccessibleName("apertures of all planes")
+        if not wrapping:
+            self.setFixedHeight(side + 38)
+            self.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.setToolTip("Depth-plane sums: the aperture as seen from each depth. Click to choose a plane.")
+        self.currentRowChanged.connect(self._changed)
+
+    def set_planes(self, depths: NDArray[np.float64]) -> None:
+        """Make one empty place per plane."""
+        self.show_tiles([PlaneTile(float(depth)) for depth in depths])
+
+    def show_tiles(self, tiles: list[PlaneTile]) -> None:
+        """Show what is known of every plane."""
+        self.blockSignals(True)
+        self.clear()
+        self.tiles = []
+        for z, tile in enumerate(tiles):
+            self.addItem(QListWidgetItem(format_plane(tile.depth_um, z)))
+            self.tiles.append(tile)
+            self._show(z, count=len(tiles))
+        self.blockSignals(False)
+
+    def set_tile(self, z: int, **known: Any) -> None:
+        """Show more of plane ``z``: fields of `PlaneTile`."""
+        if z < len(self.tiles):
+            self.tiles[z] = replace(self.tiles[z], **known)
+            self._show(z, count=len(self.tiles))
+
+    def _show(self, z: int, count: int) -> None:
+        tile, item = self.tiles[z], self.item(z)
+        picture = tile.picture(self._side, self.devicePixelRatioF())
+        icon = QIcon(picture)
+        icon.addPixmap(picture, QIcon.Mode.Selected)  # else the one that is chosen is tinted
+        item.setIcon(icon)
+        item.setToolTip(aperture_tip(z, tile.depth_um, count, tile.fitted, tile.expected))
+
+    def apply_theme(self) -> None:
+        """Draw all pictures anew, in the colours of the theme in use."""
+        for z in range(len(self.tiles)):
+            self._show(z, count=len(self.tiles))
+
+    def set_current(self, z: int) -> None:
+        """Mark a plane without reporting it."""
+        self.blockSignals(True)
+        self.setCurrentRow(z)
+        self.blockSignals(False)
+
+    def _changed(self, row: int) -> None:
+        if row >= 0:
+            self.chosen.emit(row)
+
+
+class Apertures(QDialog):
+    """The apertures of all planes in a window of their own, large; it follows the strip while it is open.
+
+    Signals
+    -------
+    chosen(z)
+        A plane was clicked.
+    """
+
+    chosen = Signal(int)
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setWindowTitle("Apertures of all planes")
+        self.resize(*SIZE)
+        self.grid = DepthStrip(LARGE, wrapping=True)
+        self.grid.chosen.connect(self.chosen.emit)
+        column = QVBoxLayout(self)
+        self.legend = QLabel()
+        column.addWidget(self.legend)
+        column.addWidget(self.grid, 1)
+        self.apply_theme()
+
+    def apply_theme(self) -> None:
+        """Take the colours of the theme in use."""
+        self.setStyleSheet(style_sheet())
+        self.legend.setText(legend_words(" &nbsp; "))
+        self.grid.apply_theme()

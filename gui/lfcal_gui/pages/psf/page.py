@@ -1,0 +1,366 @@
+"""PSF: H and its transpose, at once, for any plane and position."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import QTimer
+from PySide6.QtWidgets import QFileDialog
+
+from lfcal.base.units import format_bytes
+from lfcal.psf import PSFMatrix
+from lfcal.psf.opening import opening_notes
+from lfcal_gui.base_page import BasePage
+from lfcal_gui.context import Context
+from lfcal_gui.models.kept_run import KeptRun
+from lfcal_gui.models.page import PageSpec
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.pages.psf import takes
+from lfcal_gui.pages.psf.export_dialog import ExportDialog
+from lfcal_gui.pages.psf.export_model import ExportIntent, ExportSettings, iter_exported
+from lfcal_gui.pages.psf.model import (
+    LoadedPlane,
+    PlaneData,
+    PSFIntent,
+    place_words,
+    read_plane,
+    resolve,
+    shown_unit,
+    unit_of,
+)
+from lfcal_gui.pages.psf.model_aperture import expected_in
+from lfcal_gui.pages.psf.panel import PSFPanel
+from lfcal_gui.pages.psf.step import step
+from lfcal_gui.saving import ask_target
+
+__all__ = ["Page"]
+
+FILES = "PSF matrices (*.h5 *.mat *.npy *.lfc)"
+
+
+OPEN = "An H file, another code's (.mat, .lfc), or an .npy array"
+
+
+class Page(BasePage):
+    """The heart of the window: intent in, picture out."""
+
+    def __init__(self, spec: PageSpec, context: Context) -> None:
+        super().__init__(spec, context)
+        self.intent = PSFIntent()
+        self.matrix: PSFMatrix | None = None
+        self.reference: PSFMatrix | None = None
+        self.plane: LoadedPlane | None = None
+        self.reference_plane: LoadedPlane | None = None
+        self._asked = ""  # a file that is opened for the project
+        self._export_intent = ExportSettings.of(context.state).on(ExportIntent())
+        self._held = False
+        self._levels: Mapping[str, tuple[float, float]] = {}
+        self._summed: PSFMatrix | None = None
+        self.tool_button("Open H …", OPEN, self.choose_file)
+        self.tool_button(
+            "Reference …", "An H to hold this one against: simulated, or measured earlier", self.choose_reference
+        )
+        self.tool_button("Export …", "Write H and HT as a deconvolution code reads them", self.export)
+        self.panel = PSFPanel()
+        self.panel.asked.connect(lambda changes: self.set_intent(**changes))
+        self.panel.display_asked.connect(self._set_display)
+        self.panel.own_scale_toggled.connect(self._show_picture)
+        self.panel.hovered.connect(self._hovered)
+        self.panel.clicked.connect(self._hold)
+        self.set_panel(self.panel)
+        self._add_shortcuts()
+        self.theme_changed.connect(self.panel.apply_theme)
+        context.matrices.changed.connect(self._matrix_changed)
+        self._open()
+
+    def _add_shortcuts(self) -> None:
+        self.shortcut("Left", lambda: self._step(0, -1))
+        self.shortcut("Right", lambda: self._step(0, 1))
+        self.shortcut("Up", lambda: self._step(-1, 0))
+        self.shortcut("Down", lambda: self._step(1, 0))
+        self.shortcut("PgUp", lambda: self.set_intent(z=self.intent.z - 1))
+        self.shortcut("PgDown", lambda: self.set_intent(z=self.intent.z + 1))
+        self.shortcut("T", lambda: self.set_intent(transposed=not self.intent.transposed))
+        self.shortcut("L", lambda: self.panel.toggle_scale("log"))
+        self.shortcut("G", lambda: self.panel.toggle_scale("gamma"))
+
+    # -- files -----------------------------------------------------------------------------------------
+    def let_go(self) -> None:
+        """Open no file any more that the project before was to take."""
+        asked, self._asked = self._asked, ""
+        if asked and self.context.matrices.opening(asked):
+            self.context.forget(asked)
+
+    def state_changed(self, old: ProjectState, new: ProjectState) -> None:
+        """Open what the project names now."""
+        if (old.psf, old.reference) != (new.psf, new.reference):
+            self._open()
+        elif old.camera != new.camera and self.matrix is not None:
+            self._show_hint(self.matrix)
+        asked = ExportSettings.of(new)
+        if asked != ExportSettings.of(old):
+            self._export_intent = asked.on(self._export_intent)
+
+    def _open(self) -> None:
+        """Open what the project names, in the background."""
+        state = self.context.state
+        for path in (state.psf, state.reference):
+            self.context.matrices.want(path)
+        self._show_matrices()
+
+    def _matrix_changed(self, path: str) -> None:
+        if path in (self.context.state.psf, self.context.state.reference):
+            self._show_matrices()
+
+    def _show_matrices(self) -> None:
+        """Show H and the reference as far as they are open."""
+        state, before = self.context.state, self.matrix
+        self.plane = self.reference_plane = None
+        self.matrix = matrix = self.context.matrix(state.psf)
+        if matrix is None:
+            self.reference = None
+            self.context.attention.emit("simulate", False)
+            self._show_none(state.psf)
+            return
+        self.reference = self._comparable(matrix, state.reference)
+        self.show_body()
+        self._show_hint(matrix)
+        self.panel.show_matrix(matrix.known_depths, unit_of(matrix), reference=self.reference is not None)
+        self._summed = None
+        if matrix is before:
+            self.set_intent()
+        else:
+            self.set_intent(z=len(matrix) // 2, y=matrix.period[0] // 2, x=matrix.period[1] // 2, pixel=None)
+
+    def _show_hint(self, matrix: PSFMatrix) -> None:
+        """Say what H is, how it was read, and where its reference is of another camera than the described one."""
+        state = self.context.state
+        notes = [f"{Path(state.psf).name}: (z, y, x, t, s) = {matrix.shape}, {format_bytes(matrix.nbytes)}"]
+        notes += opening_notes(matrix)
+        stale = self.reference is not None and self.reference.camera not in (None, state.camera)
+        self.context.attention.emit("simulate", stale)
+        if stale:
+            notes.append("the reference is of another camera than the one described now: simulate it again")
+        self.hint.setText("; ".join(notes))
+
+    def _comparable(self, matrix: PSFMatrix, path: str) -> PSFMatrix | None:
+        """Return the reference if it can be compared with H."""
+        reference, problem = self.context.matrix(path), self.context.matrices.problem(path)
+        if problem:
+            self.refuse(f"reference: {problem}")
+        if reference is not None and reference.shape != matrix.shape:
+            self.refuse(f"the reference has shape {reference.shape}, H {matrix.shape}: not compared")
+            return None
+        return reference
+
+    def _show_none(self, path: str) -> None:
+        self.hint.setText(self.spec.hint)
+        self.show_no_matrix(
+            path,
+            "No PSF yet.\nAssemble frames, simulate one, or open an H file, a MATLAB v7.3 file or an .npy array.",
+            {
+                "Open H …": (OPEN, self.choose_file),
+                "Frames": self.lead("frames", "Make H of recorded frames"),
+                "Simulate": self.lead("simulate", "Compute an H of the camera and plan; no recording is needed"),
+            },
+        )
+
+    @property
+    def shown(self) -> bool:
+        """Whether the plane is drawn, and what is known of all planes is asked for."""
+        return self._summed is self.matrix
+
+    def _load_sums(self, matrix: PSFMatrix) -> None:
+        """Find what is known of each plane in the background: all sums, one after the other, then all apertures.
+
+        Once the plane that is looked at is drawn: reading all of H beside it makes drawing half as fast.
+        """
+        if matrix is self._summed:
+            return
+        self._summed, count = matrix, len(matrix)
+
+        def load(k: int) -> None:
+            if k < 2 * count and matrix is self.matrix:
+                known = partial(_sum_of if k < count else _apertures_of, matrix, k % count)
+                self.context.jobs.compute("psf planes", known, lambda found: done(k, found), lambda _: done(k, {}))
+
+        def done(k: int, found: dict[str, Any]) -> None:
+            if matrix is self.matrix:
+                self.panel.show_tile(k % count, **found)
+                load(k + 1)
+
+        load(0)
+
+    def choose_file(self) -> None:
+        """Ask for an H file."""
+        path = QFileDialog.getOpenFileName(self, "Open H", "", FILES)[0]
+        if path:
+            self.open_file(path)
+
+    def choose_reference(self) -> None:
+        """Ask for a reference."""
+        path = QFileDialog.getOpenFileName(self, "Open reference", "", FILES)[0]
+        if path:
+            self.open_file(path, "reference")
+
+    def open_file(self, path: str, role: str = "psf") -> None:
+        """Take a file as the project's H or ``"reference"``, once it is known to be good."""
+        label = "open H" if role == "psf" else "open reference"
+        changes: dict[str, Any] = {role: path}
+
+        def opened() -> None:
+            self.notice.clear()
+            self.context.project.update(label, **changes)
+
+        self._asked = path
+        self.notice.wait(f"Opening {Path(path).name} …", lambda: self.context.matrices.cancel(path))
+        self.context.matrices.take(path, opened, self.refuse)
+
+    def export(self, path: str = "") -> None:
+        """Export H as a job; without a path the way is asked for, and then the file."""
+        if self.matrix is None:
+            self.refuse("there is no H to export; open or assemble one first")
+        elif path:
+            self._start_export(path, ExportIntent.of_path(path))
+        else:
+            intent = replace(self._export_intent, position=(self.intent.y, self.intent.x))
+            self._export_dialog = ExportDialog(self.matrix, intent, self)
+            self._export_dialog.asked.connect(self.ask_export_file)
+            self._export_dialog.finished.connect(self._export_dialog.deleteLater)
+            self._export_dialog.open()
+
+    def ask_export_file(self, intent: ExportIntent) -> None:
+        """Ask for the file of an export, and begin."""
+        matrix = self.matrix
+        if matrix is None:
+            return
+        self._export_intent = intent
+        name, kind = f"H{intent.suffix}", f"{intent.suffix[1:]} files (*{intent.suffix})"
+        path = ask_target(self, "Export H", name, kind, lambda chosen: intent.files(matrix, chosen))
+        if path:
+            self._start_export(path, intent)
+
+    def _start_export(self, path: str, intent: ExportIntent) -> None:
+        state = self.context.state
+        psf = state.psf
+        self.context.jobs.start(
+            f"Export {Path(path).name}",
+            "psf",
+            lambda: iter_exported(psf, intent, path),
+            lambda out: self.context.message.emit(f"exported {out}"),
+            keeping=KeptRun(path),
+            needs=(psf,),
+            taken=self.context.taken("psf", f"Export {Path(path).name}", path, partial(step, state, path, intent)),
+        )
+
+    def accept_drop(self, paths: list[str]) -> bool:
+        """Take a dropped H file."""
+        if len(paths) == 1 and takes(paths[0]):
+            self.open_file(paths[0])
+            return True
+        return False
+
+    def receive(self, payload: Any) -> None:
+        """Show a position (z, y, x) another page sent."""
+        if isinstance(payload, tuple) and len(payload) == 3:
+            self.set_intent(z=payload[0], y=payload[1], x=payload[2])
+
+    # -- intent ----------------------------------------------------------------------------------------
+    def set_intent(self, **changes: Any) -> None:
+        """Change what is asked for, and show it."""
+        if self.matrix is None:
+            return
+        there = self.reference is not None
+        self.intent = replace(self.intent, **changes).clamped(self.matrix.shape, reference=there)
+        self.panel.show_intent(self.intent, *place_words(self.matrix, self.intent))
+        if self.plane is None or self.plane.z != self.intent.z:
+            self._load_plane()
+        else:
+            self._show_picture()
+
+    def _set_display(self, changes: dict[str, Any]) -> None:
+        self.intent = replace(self.intent, display=replace(self.intent.display, **changes))
+        self.panel.set_display(self.intent.display, sum_only=self.intent.show == "difference")
+
+    def _step(self, dy: int, dx: int) -> None:
+        if self.matrix is not None:
+            moved = self.intent.moved(dy, dx, self.matrix.period)
+            self.set_intent(y=moved.y, x=moved.x)
+
+    def _hovered(self, row: int, column: int, value: float) -> None:
+        if self._held or self.plane is None:
+            return
+        pixel = None if row < 0 else (row, column)
+        if pixel != self.intent.pixel:
+            self.set_intent(pixel=pixel)
+
+    def _hold(self, row: int, column: int) -> None:
+        self._held = not self._held
+        self.set_intent(pixel=(row, column))
+
+    # -- data --------------------------------------------------------------------------------------------
+    def _load_plane(self) -> None:
+        """Read the plane in the background; the newest wish wins."""
+        matrix, reference, z = self.matrix, self.reference, self.intent.z
+        assert matrix is not None
+        self.plane = None
+        self.panel.show_reading(f"Reading plane {z} …")
+
+        def failed(words: str) -> None:
+            self.context.message.emit(words)
+            if matrix is self.matrix:
+                self.panel.show_no_plane(words)
+            self._load_sums(matrix)
+
+        self.context.jobs.compute("psf plane", lambda: read_plane(matrix, reference, z), self._plane_read, failed)
+
+    def _plane_read(self, loaded: PlaneData) -> None:
+        self.plane, self.reference_plane, self._levels = loaded.plane, loaded.reference, loaded.levels
+        matrix = self.matrix
+        if matrix is None or self.plane.z != self.intent.z:
+            return
+        self._show_picture()
+        # not in the turn that draws the picture, whose timers come last: to draw all of it at once holds the window
+        QTimer.singleShot(0, self, lambda: QTimer.singleShot(0, self, partial(self._show_plane, matrix, loaded)))
+
+    def _show_plane(self, matrix: PSFMatrix, loaded: PlaneData) -> None:
+        """Show what holds for the whole plane, and fit its aperture in the background."""
+        if loaded.plane is not self.plane:
+            return
+        self.panel.show_plane(loaded, matrix.recorded[loaded.plane.z])
+        self.context.jobs.compute(
+            "psf aperture",
+            lambda: _apertures_of(matrix, loaded.plane.z),
+            lambda found: self._show_aperture(loaded, found),
+            self.panel.aperture_text.setText,
+        )
+        self._load_sums(matrix)
+
+    def _show_picture(self) -> None:
+        if self.plane is None:
+            return
+        assert self.matrix is not None
+        own = self.panel.own_scale.isChecked()
+        picture = resolve(self.intent, self.plane, self.reference_plane)
+        unit = shown_unit(self.intent, self.matrix, self.reference)
+        self.panel.show_picture(picture, self.intent, None if own else self._levels.get(self.intent.show), unit)
+
+    def _show_aperture(self, loaded: PlaneData, found: dict[str, Any]) -> None:
+        if self.matrix is not None and loaded.plane is self.plane:  # else it is of a plane that was looked at before
+            self.panel.show_aperture(found["fitted"], found["expected"], self.matrix.cutout)
+
+
+def _sum_of(matrix: PSFMatrix, z: int) -> dict[str, Any]:
+    return {"image": matrix.depth_sum(z)}
+
+
+def _apertures_of(matrix: PSFMatrix, z: int) -> dict[str, Any]:
+    found = {"fitted": matrix.aperture(z), "expected": expected_in(matrix, z)}
+    for one in found.values():
+        if one is not None:
+            one.outline()  # loads what draws it: that held the window's thread for 25 ms
+    return found

@@ -1,0 +1,39 @@
+"""Quality: is the PSF good, what is wrong if not, and what to record again.
+
+- ``page``, ``panel``; ``inspect_panel``: verdict, faults, metrics; ``evidence_view``: positions and pictures
+- ``showing``: which fault or metric is looked at
+- ``compare_panel``, ``comparing``: a second H beside the first; ``trend_panel``, ``trending``: reports over time
+- ``model``: settings, rows and words; ``model_run``, ``model_compare``, ``model_trend``: the work of each
+"""
+
+from __future__ import annotations
+
+from lfcal_gui.models.page import PageSpec, PageState, Sketch, found_state, nothing
+from lfcal_gui.models.project import ProjectState
+
+__all__ = ["PAGE"]
+
+
+def state(project: ProjectState) -> PageState:
+    """Return whether there is an H to judge, or what was found of it."""
+    return found_state(project, "quality")
+
+
+def icon(sketch: Sketch) -> None:
+    """Draw a tick in a circle."""
+    sketch.circle(11, 11, 8.5)
+    sketch.line((6.5, 11.5), (10, 15), (16, 7.5))
+
+
+PAGE = PageSpec(
+    "quality",
+    "Quality",
+    "Judge the PSF and find what to record again",
+    order=60,
+    package=__name__,
+    state=state,
+    needs="lfcal.judge",
+    icon=icon,
+    takes=nothing,
+    keys=(("F5", "inspect H, or compare two"), ("Esc", "stop")),
+)

@@ -1,0 +1,319 @@
+"""Quality: two H beside each other: patterns linked, their numbers, and where they differ."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pyqtgraph as pg
+from numpy.typing import NDArray
+from PySide6.QtCore import QSignalBlocker, QTimer, Signal
+from PySide6.QtGui import QHideEvent
+from PySide6.QtWidgets import (
+    QFrame,
+    QGridLayout,
+    QHBoxLayout,
+    QLabel,
+    QPushButton,
+    QVBoxLayout,
+    QWidget,
+)
+
+from lfcal_gui.models.display import SCALES, DisplaySettings
+from lfcal_gui.pages.quality.model_compare import COLUMNS, MODES, TIPS, Both, Place
+from lfcal_gui.widgets.blank import NOTHING
+from lfcal_gui.widgets.cards import card, choice_box, line, told_or_shown
+from lfcal_gui.widgets.image_view import ImageView
+from lfcal_gui.widgets.linking import link_views
+from lfcal_gui.widgets.rows_table import RowsTable
+from lfcal_gui.widgets.words import ElidedLabel, WrappedLabel
+
+__all__ = ["ComparePanel"]
+
+BLINK_MS = 600
+NONE = "Choose a second H to hold beside this one: of another day, a simulation, or the H of a fit."
+NOT_COMPARED = "Not compared: no position of this plane has light in both."
+PAIRING = (("depth", "by depth"), ("number", "by number"))
+NUMBERS = (1, 2, 3, 4, 5)
+
+
+_SEEN = {"side": (True, True, True), "blink": (True, False, False), "difference": (False, False, True)}
+"""Which of the three pictures each mode shows."""
+
+
+class ComparePanel(QWidget):
+    """Numbers and pictures of two H.
+
+    Signals
+    -------
+    choose_asked(), compare_asked(), report_asked()
+        A second H is wanted; compare them; write what was found.
+    pairing_chosen(by_number)
+        How planes belong together.
+    row_chosen(row)
+        A row of the table of numbers is looked at.
+    place_chosen(place)
+        A position is looked at.
+    """
+
+    choose_asked = Signal()
+    compare_asked = Signal()
+    report_asked = Signal()
+    pairing_chosen = Signal(bool)
+    row_chosen = Signal(int)
+    place_chosen = Signal(tuple)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._both: Both | None = None
+        self._plane = 0
+        self._names = ("first", "second")
+        self._second = False
+        self._where = ""
+        self._timer = QTimer(self)
+        self._timer.setInterval(BLINK_MS)
+        self._timer.timeout.connect(self._blink)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(0, 8, 0, 0)
+        column.setSpacing(8)
+        column.addLayout(self._head())
+        self.message, self.stack = told_or_shown(NONE, self._content())
+        column.addWidget(self.stack, 1)
+
+    # -- building --------------------------------------------------------------------------------------
+    def _head(self) -> QHBoxLayout:
+        self.second = ElidedLabel("Second H: none")
+        self.second.setProperty("role", "value")
+        self.choose_button = QPushButton("Choose …")
+        self.choose_button.setToolTip("The H that is held beside this one")
+        self.choose_button.clicked.connect(lambda: self.choose_asked.emit())
+        self.pairing = choice_box(PAIRING, "Planes belong together that show the same depth, or have the same number")
+        self.pairing.setAccessibleName("planes belong together")
+        self.pairing.currentIndexChanged.connect(
+            lambda: self.pairing_chosen.emit(self.pairing.currentData() == "number")
+        )
+        self.report_button = QPushButton("Write report …")
+        self.report_button.setToolTip("A page with the pictures side by side, and all numbers for programs")
+        self.report_button.clicked.connect(lambda: self.report_asked.emit())
+        self.compare_button = QPushButton("Compare")
+        self.compare_button.setToolTip("Compare all positions of both (F5)")
+        self.compare_button.clicked.connect(lambda: self.compare_asked.emit())
+        return line(
+            self.second,
+            self.choose_button,
+            "Planes",
+            self.pairing,
+            QWidget(),
+            self.report_button,
+            self.compare_button,
+            stretch=4,
+        )
+
+    def _content(self) -> QWidget:
+        content = QWidget()
+        grid = QGridLayout(content)
+        grid.setContentsMargins(0, 0, 0, 0)
+        grid.setSpacing(8)
+        self.verdict, self.notes = WrappedLabel(), WrappedLabel()
+        self.verdict.setProperty("role", "value")
+        self.notes.setProperty("role", "hint")
+        words = QVBoxLayout()
+        words.setSpacing(2)
+        words.addWidget(self.verdict)
+        words.addWidget(self.notes)
+        grid.addLayout(words, 0, 0, 1, 2)
+        grid.addWidget(self._pictures(), 1, 0, 1, 2)
+        grid.addWidget(self._table(), 2, 0)
+        grid.addWidget(self._map(), 2, 1)
+        grid.setColumnStretch(0, 2)
+        grid.setColumnStretch(1, 1)
+        grid.setRowStretch(1, 6)
+        grid.setRowStretch(2, 5)
+        return content
+
+    def _pictures(self) -> QFrame:
+        frame, column = card()
+        self.mode = choice_box(
+            MODES, "Blinking shows shifts, the difference shows what is missing, side by side the rest"
+        )
+        self.mode.setAccessibleName("how both are shown")
+        self.mode.currentIndexChanged.connect(lambda: self._show_mode())
+        self.scaling = choice_box(
+            [(scale, scale) for scale in SCALES], "Gamma and log bring out faint light; both patterns keep one scale"
+        )
+        self.scaling.setAccessibleName("scaling")
+        self.scaling.currentIndexChanged.connect(lambda: self._show_scaling())
+        self.worst = choice_box([], "Look first at the positions (z, y, x) that differ most")
+        self.worst.setAccessibleName("positions that differ most")
+        self.worst.setMinimumWidth(190)
+        self.worst.activated.connect(lambda k: self.place_chosen.emit(self.worst.itemData(k)))
+        self.readout = QLabel(" ")
+        self.readout.setProperty("role", "hint")
+        column.addLayout(line("Show", self.mode, self.scaling, "Differs most at", self.worst, self.readout, stretch=5))
+        self.titles = tuple(ElidedLabel() for _ in range(3))
+        self.views = (
+            ImageView(value_label="value"),
+            ImageView(value_label="value at that light"),
+            ImageView(value_label="difference", signed=True),
+        )
+        row = QHBoxLayout()
+        self._cells = []
+        for k, (title, view) in enumerate(zip(self.titles, self.views, strict=True)):
+            title.setProperty("role", "heading")
+            cell = QWidget()
+            inside = QVBoxLayout(cell)
+            inside.setContentsMargins(0, 0, 0, 0)
+            inside.addWidget(title)
+            inside.addWidget(view, 1)
+            row.addWidget(cell, 1)
+            self._cells.append(cell)
+            view.hovered.connect(lambda t, s, value, k=k: self._hovered(t, s))
+        link_views(self.views)
+        column.addLayout(row, 1)
+        return frame
+
+    def _table(self) -> QFrame:
+        frame, column = card("Numbers by plane and lens type")
+        self.table = RowsTable(COLUMNS, 0, NUMBERS)
+        self.table.setAccessibleName("numbers of the comparison")
+        for k, tip in enumerate(TIPS):
+            title = self.table.horizontalHeaderItem(k)
+            if title is not None:
+                title.setToolTip(tip)
+        self.table.verticalHeader().setDefaultSectionSize(24)
+        self.table.setSelectionMode(RowsTable.SelectionMode.SingleSelection)
+        self.table.itemSelectionChanged.connect(self._row_chosen)
+        column.addWidget(self.table)
+        return frame
+
+    def _map(self) -> QFrame:
+        self.map_title = QLabel("Difference over the positions")
+        frame, column = card(self.map_title)
+        self.map = ImageView(xlabel="position x", ylabel="position y", value_label="difference (%)")
+        self.map.setToolTip("Click a position to see both patterns; those crossed out were not compared")
+        self._missing = pg.ScatterPlotItem(size=7, pen=None, brush=pg.mkBrush("#dc3c3c"), symbol="x")
+        self.map.add_overlay(self._missing)
+        self.map.clicked.connect(lambda y, x: self.place_chosen.emit((self._plane, y, x)))
+        column.addWidget(self.map)
+        return frame
+
+    # -- showing ---------------------------------------------------------------------------------------
+    def show_second(self, name: str, *, by_number: bool) -> None:
+        """Show which H is the second; empty: none."""
+        self.second.setText(f"Second H: {name or 'none'}")
+        blocker = QSignalBlocker(self.pairing)
+        self.pairing.setCurrentIndex(int(by_number))
+        blocker.unblock()
+
+    def show_message(self, words: str) -> None:
+        """Show words in place of a comparison: what to do, how far it is, or why there is none."""
+        self._timer.stop()
+        self._both = None
+        self.message.setText(words)
+        self.stack.setCurrentIndex(0)
+
+    def show_numbers(
+        self,
+        names: tuple[str, str],
+        words: tuple[str, str],
+        rows: Sequence[tuple[str, ...]],
+        numbers: Sequence[tuple[float, ...]],
+        worst: Sequence[tuple[str, Place]],
+    ) -> None:
+        """Show a comparison's numbers; ``words`` are its verdict and what was left out."""
+        self._names, self._both = names, None
+        self._timer.stop()
+        for view in (*self.views, self.map):  # until the new ones are read
+            view.set_image(None)
+        self.map.blank.words = NOTHING
+        self._missing.setData([], [])
+        self.map.set_cursor(None)
+        for title in (*self.titles, self.map_title):
+            title.setText(" ")
+        self.verdict.setText(words[0])
+        self.notes.setText(words[1])
+        blocker = QSignalBlocker(self.table)
+        self.table.show_rows(rows, numbers)
+        blocker.unblock()
+        self.worst.clear()
+        for text, place in worst:
+            self.worst.addItem(text, place)
+        self.worst.setEnabled(bool(worst))
+        self.stack.setCurrentIndex(1)
+
+    def show_map(self, plane: int, title: str, error: NDArray[np.floating], levels: tuple[float, float]) -> None:
+        """Show the differences (%) over the positions ``(ny, nx)`` of a pair of planes; NaN: not compared."""
+        self._plane = plane
+        self.map_title.setText(title)
+        known = np.isfinite(error)
+        y, x = np.nonzero(~known if known.any() else known)
+        self._missing.setData(x, y)
+        self.map.blank.words = "" if known.any() else NOT_COMPARED
+        self.map.set_image(error if known.any() else None, name="difference", levels=levels)
+
+    def show_both(self, both: Both, where: str) -> None:
+        """Show a position of both."""
+        self._both = both
+        self.map.set_cursor(*(both.place[1:] if self.map.image is not None else (None, None)))
+        first, second = self._names
+        self._where = f"{first} {where}"
+        self.titles[1].setText(second)
+        self.titles[2].setText("Difference")
+        at = self.worst.findData(both.place)
+        if at >= 0:
+            self.worst.setCurrentIndex(at)
+        self._show_mode()
+
+    def _show_mode(self) -> None:
+        mode = self.mode.currentData()
+        for cell, seen in zip(self._cells, _SEEN[mode], strict=True):
+            cell.setVisible(seen)
+        self._second = False
+        if self._both is None:
+            return
+        both = self._both
+        self.titles[0].setText(self._where)
+        self.views[0].set_image(both.first, name="first", levels=both.levels)
+        self.views[1].set_image(both.second, name="second", levels=both.levels)
+        self.views[2].set_image(both.difference, name="difference", levels=both.signed_levels)
+        if mode == "blink":
+            self._timer.start()
+        else:
+            self._timer.stop()
+
+    def _show_scaling(self) -> None:
+        for view in self.views[:2]:
+            view.set_display(DisplaySettings(scale=self.scaling.currentData()))
+        self._show_mode()
+
+    def _blink(self) -> None:
+        """Show the other of the two in the same place."""
+        if self._both is None:
+            return
+        self._second = not self._second
+        shown = self._both.second if self._second else self._both.first
+        self.titles[0].setText(self._names[1] if self._second else self._where)
+        self.views[0].set_image(shown, name="second" if self._second else "first", levels=self._both.levels)
+
+    def hideEvent(self, event: QHideEvent) -> None:
+        """Blink only where it is seen."""
+        self._timer.stop()
+        super().hideEvent(event)
+
+    def _hovered(self, t: int, s: int) -> None:
+        both = self._both
+        if both is None or t < 0:
+            self.readout.setText(" ")
+            return
+        a, b = float(both.first[t, s]), float(both.second[t, s])
+        self.readout.setText(f"t {t}, s {s}: {a:.5g}, {b:.5g}, difference {a - b:+.4g}")
+
+    def _row_chosen(self) -> None:
+        rows = {index.row() for index in self.table.selectedIndexes()}
+        if rows:
+            self.row_chosen.emit(self.table.number_of(rows.pop()))
+
+    def apply_theme(self) -> None:
+        """Take the colours of the theme in use."""
+        for view in (*self.views, self.map):
+            view.apply_theme()

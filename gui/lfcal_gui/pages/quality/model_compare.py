@@ -1,0 +1,186 @@
+"""Two H beside each other: what is asked, the comparison as work, and what is shown of a position. No Qt."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.base.progress import Work
+from lfcal_gui.models.display import levels_of
+from lfcal_gui.models.stamp import Stamp
+from lfcal_gui.pages.quality.model import capital
+
+if TYPE_CHECKING:
+    from lfcal.psf.difference import Difference
+    from lfcal.psf.pairing import Pair
+
+__all__ = [
+    "COLUMNS",
+    "MODES",
+    "TIPS",
+    "Both",
+    "CompareRequest",
+    "KeptDifference",
+    "Place",
+    "both_at",
+    "compared_files",
+    "iter_compare",
+    "iter_compared",
+    "numbers_of",
+    "plane_of_row",
+    "table_of",
+    "told_of",
+    "worst_of",
+]
+
+F8 = NDArray[np.float64]
+Place = tuple[int, int, int]
+"""Number of the pair of planes, and position (y, x) of the first H."""
+
+MODES = (("side", "side by side"), ("blink", "blink"), ("difference", "difference"))
+"""How two H are shown."""
+
+COLUMNS = ("Plane, lenslets", "NRMSE (%)", "Scale", "Scaled (%)", "Shift (px)", "Left (%)")
+TIPS = (
+    "Number and depth of the plane, both numbers where they differ; pixels behind the lenslets of one type",
+    "|A − B| / |B|, as they are",
+    "The number g for which |A − g B| is least",
+    "|A − g B| / |A|: 0 where they are alike, 1 where they have nothing in common",
+    "Shift of A against B: rows, columns",
+    "What is left of A with the scale and the shift that fit best",
+)
+"""Of the table of numbers: titles, and what they mean."""
+
+WORST = 12
+"""Positions that are offered to be looked at."""
+
+
+@dataclass(frozen=True)
+class CompareRequest:
+    """Two files as they were when they were compared, and whether planes belong together by their numbers."""
+
+    first: Stamp
+    second: Stamp
+    by_number: bool
+
+    @property
+    def names(self) -> tuple[str, str]:
+        """What the files are called: with their folders where the names are the same."""
+        paths = [Path(stamp[0]) for stamp in (self.first, self.second)]
+        if paths[0].name == paths[1].name:
+            return f"{paths[0].parent.name}/{paths[0].name}", f"{paths[1].parent.name}/{paths[1].name}"
+        return paths[0].name, paths[1].name
+
+
+@dataclass(eq=False)
+class KeptDifference:
+    """What a comparison at work in a thread finds."""
+
+    found: Difference | None = None
+
+
+def iter_compare(asked: CompareRequest, kept: KeptDifference) -> Work[None]:
+    """Compare two files; what is found is in ``kept``, as jobs are remembered long after they ended."""
+    from lfcal.psf import open_psf
+    from lfcal.psf.difference import iter_difference
+
+    with open_psf(asked.first[0]) as a, open_psf(asked.second[0]) as b:
+        kept.found = yield from iter_difference(a, b, by_number=asked.by_number)
+
+
+def iter_compared(asked: CompareRequest, found: Difference, folder: str) -> Work[Path]:
+    """Write what a comparison found, with pictures of both files, which are opened anew; return the page."""
+    from lfcal.psf import open_psf
+    from lfcal.psf.pairing import pair
+    from lfcal.psf.report.two import iter_compared_report
+
+    with open_psf(asked.first[0]) as a, open_psf(asked.second[0]) as b:
+        both = replace(found, pair=pair(a, b, by_number=asked.by_number))
+        page = yield from iter_compared_report(both, folder)
+        return page
+
+
+def compared_files(folder: str) -> list[Path]:
+    """Return the files of a comparison's report that somebody may have put into ``folder`` before."""
+    from lfcal.psf.report.two import compared_report_files
+
+    return [Path(one) for one in compared_report_files(Path(folder))]
+
+
+# -- numbers -----------------------------------------------------------------------------------------------
+def told_of(found: Difference) -> tuple[str, str]:
+    """Return the verdict, and what was compared and left out."""
+    from lfcal.psf.report.two import compared_words, verdict
+
+    told = (compared_words(found), *found.notes)
+    return verdict(found), " ".join(capital(words if words[-1] == "?" else f"{words}.") for words in told)
+
+
+def table_of(found: Difference) -> list[tuple[str, ...]]:
+    """Return the rows of the table of numbers; what the correlation says stands in ``scaled``."""
+    from lfcal.psf.report.two import figure_rows
+
+    return [(plane if kind == "all" else f"{plane}, {kind}", *rest[:-1]) for plane, kind, *rest in figure_rows(found)]
+
+
+def numbers_of(found: Difference) -> list[tuple[float, ...]]:
+    """Return what the rows of the table are sorted by."""
+    rows: list[tuple[float, ...]] = []
+    for k, (whole, types) in enumerate([(found.all, found.types), *((p.all, p.types) for p in found.planes)]):
+        for t, one in enumerate((whole, *types)):
+            far = float(np.hypot(*one.shift_px))
+            rows.append((float(100 * k + t), one.nrmse, one.scale, one.scaled, far, one.left))
+    return rows
+
+
+def plane_of_row(found: Difference, row: int) -> int | None:
+    """Return which pair of planes a row of the table is about, None: all."""
+    kinds = 1 + len(found.types)
+    return row // kinds - 1 if row >= kinds else None
+
+
+def worst_of(found: Difference) -> list[tuple[str, Place]]:
+    """Return the positions that differ most, in words and by their numbers, the worst first."""
+    return [
+        (f"({found.pair.planes[k][0]}, {y}, {x}): {100 * found.error[k, y, x]:.3g} %", (k, y, x))
+        for k, y, x in found.worst(WORST)
+    ]
+
+
+# -- pictures ----------------------------------------------------------------------------------------------
+@dataclass(frozen=True, eq=False)
+class Both:
+    """One position of both, at the light of the first.
+
+    Attributes
+    ----------
+    place
+        Which one.
+    first, second, difference
+        Patterns ``(nt, ns)``.
+    levels, signed_levels
+        Ends of the scale that the first two share, and of the difference.
+    """
+
+    place: Place
+    first: F8
+    second: F8
+    difference: F8
+    levels: tuple[float, float]
+    signed_levels: tuple[float, float]
+
+
+def both_at(pair: Pair, place: Place) -> Both:
+    """Return a position of both H."""
+    first, second = pair.patterns(*place)
+    light, other = float(np.nansum(first)), float(np.nansum(second))
+    if light > 0 and other > 0:
+        second = second * (light / other)
+    apart = first - second
+    # noise below zero would take the dark end of a logarithmic scale
+    high = max(levels_of(first)[1], levels_of(second)[1])
+    return Both(place, first, second, apart, (0.0, high), levels_of(apart, signed=True))

@@ -1,0 +1,155 @@
+"""An inspection as work for the window: what is asked, and what is kept of it. No Qt."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.base.errors import InputError
+from lfcal.base.progress import Work
+from lfcal_gui.models.fitted import FittedCamera
+from lfcal_gui.models.stamp import Stamp
+from lfcal_gui.pages.quality.model import QualitySettings
+
+if TYPE_CHECKING:
+    from lfcal.fit import Setup
+    from lfcal.judge import Inspection
+    from lfcal.psf import PSFMatrix
+    from lfcal.psf.quality import QualityReport
+
+__all__ = [
+    "InspectionRequest",
+    "InspectionRun",
+    "asked_of",
+    "iter_judge",
+    "iter_write_report",
+    "judged",
+    "report_files",
+]
+
+
+@dataclass(frozen=True, eq=False)
+class InspectionRequest:
+    """What is judged.
+
+    Attributes
+    ----------
+    stamp
+        File of H as it was when it was asked for.
+    seconds
+        Time for the comparison with the camera; 0: none.
+    setup
+        The camera as page Fit found it, None: another.
+    folder
+        Folder of the fit whose camera is taken; empty: none.
+    """
+
+    stamp: Stamp
+    seconds: float
+    setup: Setup | None
+    folder: str
+
+    @property
+    def name(self) -> str:
+        """Name of the file."""
+        return Path(self.stamp[0]).name
+
+    @property
+    def source(self) -> str:
+        """Which camera H is compared with, in words."""
+        if self.setup is not None:
+            return "The camera is as page Fit found it"
+        if self.folder:
+            return f"The camera is as in the fit {Path(self.folder).name}"
+        return "The camera is as H describes it"
+
+
+@dataclass(eq=False)
+class InspectionRun:
+    """What an inspection at work in a thread has found so far.
+
+    Attributes
+    ----------
+    report, depths
+        The metrics that need no camera, and the depths of the planes (µm).
+    camera
+        Whether H states a camera.
+    inspection
+        The same beside the camera.
+    """
+
+    report: QualityReport | None = None
+    depths: NDArray[np.float64] | None = None
+    camera: bool = False
+    inspection: Inspection | None = None
+
+
+def asked_of(stamp: Stamp, settings: QualitySettings, fitted: FittedCamera | None) -> InspectionRequest:
+    """Return what is to be judged of a file; a fit of another file is not taken for its camera."""
+    setup = None
+    if settings.camera == "fitted" and fitted is not None and fitted.stamp == stamp:
+        setup = fitted.setup
+    return InspectionRequest(stamp, settings.seconds, setup, settings.fit if settings.camera == "saved" else "")
+
+
+def iter_judge(asked: InspectionRequest, kept: InspectionRun) -> Work[None]:
+    """Measure H and compare it with its camera; what is found is in ``kept``, as jobs are remembered long."""
+    from lfcal.judge import iter_inspection
+    from lfcal.psf import open_psf
+    from lfcal.psf.quality import iter_inspect
+
+    with open_psf(asked.stamp[0]) as opened:
+        matrix = opened.T if opened.is_transposed else opened
+        setup = _setup_of(asked, matrix)
+        report = yield from iter_inspect(matrix)
+        kept.depths, kept.report, kept.camera = np.array(matrix.known_depths), report, matrix.camera is not None
+        found = yield from iter_inspection(matrix, report, setup=setup, seconds=asked.seconds)
+        # what takes a fault out of patterns holds on to them
+        kept.inspection = replace(found, findings=tuple(replace(one, repair=None) for one in found.findings))
+
+
+def _setup_of(asked: InspectionRequest, matrix: PSFMatrix) -> Setup | None:
+    """Return the camera as a fit found it, None: as described; raises where a fit is of another scan."""
+    from lfcal.fit.expected import plan_of
+    from lfcal.fit.stored import read_fit
+
+    if not asked.folder or not asked.seconds:
+        return asked.setup
+    plan = plan_of(matrix)
+    if plan is None:
+        raise InputError.expected("H", "a camera's matrix", "one without a camera", "assemble H with its camera")
+    stored = read_fit(Path(asked.folder))
+    stored.check(plan)
+    return stored.setup
+
+
+def judged(kept: InspectionRun, why_not: str) -> Inspection | None:
+    """Return what is known: the comparison, or the metrics alone with the reason; None before these are."""
+    from lfcal.judge import Inspection
+
+    if kept.inspection is not None or kept.report is None:
+        return kept.inspection
+    unfinished = f"the comparison with the camera is missing ({why_not})" if kept.camera else ""
+    return Inspection(kept.report, (), 0, 0.0, why_not, 0.0, unfinished=unfinished)
+
+
+def iter_write_report(psf: str, folder: str, inspection: Inspection | None) -> Work[Path]:
+    """Write the report of the H in a file; what was found is not measured again."""
+    from lfcal.judge.telling import told
+    from lfcal.psf import open_psf
+    from lfcal.psf.report import iter_report
+
+    with open_psf(psf) as matrix:
+        quality = None if inspection is None else inspection.quality
+        beside = None if inspection is None else told(inspection)
+        page = yield from iter_report(matrix, Path(folder), quality=quality, beside=beside)
+        return page
+
+
+def report_files(folder: str) -> list[Path]:
+    """Return the files of a report that somebody may have put into ``folder`` before."""
+    return [Path(folder) / name for name in ("index.html", "report.pdf", "quality.json", "redo.json")]

@@ -1,0 +1,315 @@
+"""Quality: is the PSF good, what is wrong if not, and what to record again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from PySide6.QtWidgets import QFileDialog
+
+from lfcal.base.errors import InputError
+from lfcal_gui.base_page import BasePage
+from lfcal_gui.context import Context
+from lfcal_gui.jobs import WAITS, JobState, WindowJob
+from lfcal_gui.models.page import PageSpec, with_found
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models.stamp import Stamp, stamp_of
+from lfcal_gui.pages.quality.comparing import Comparing
+from lfcal_gui.pages.quality.model import (
+    QualitySettings,
+    capital,
+    count_words,
+    fault_rows,
+    metric_rows,
+    summary_of,
+    worst_positions,
+)
+from lfcal_gui.pages.quality.model_run import (
+    InspectionRequest,
+    InspectionRun,
+    asked_of,
+    iter_judge,
+    iter_write_report,
+    judged,
+    report_files,
+)
+from lfcal_gui.pages.quality.panel import QualityPanel
+from lfcal_gui.pages.quality.showing import Showing
+from lfcal_gui.pages.quality.trending import Trending
+from lfcal_gui.saving import may_replace
+
+if TYPE_CHECKING:
+    from lfcal.judge import Inspection
+
+__all__ = ["Page"]
+
+
+INSPECT = "Measure H again, and compare it with its camera (F5)"
+
+
+class Page(BasePage):
+    """Judges H once when the page is looked at, and whenever it is asked to; keeps what it found until H changes."""
+
+    def __init__(self, spec: PageSpec, context: Context) -> None:
+        super().__init__(spec, context)
+        self.inspection: Inspection | None = None
+        self._stamp: Stamp | None = None
+        self._asked: InspectionRequest | None = None
+        self._question: InspectionRequest | None = None
+        self._kept = InspectionRun()
+        self._job = self._report = 0
+        self._make_buttons()
+        self.panel = QualityPanel()
+        inspect = self.panel.inspect
+        self.showing = Showing(inspect, context)
+        self.comparing = Comparing(self.panel.compare, context)
+        self.trending = Trending(self.panel.trend, context)
+        inspect.form.check = self._check
+        inspect.edited.connect(self._edited)
+        inspect.folder_asked.connect(self.choose_fit)
+        inspect.every_toggled.connect(lambda on: self._show())
+        self.set_panel(self.panel)
+        self.shortcut("F5", self.begin)
+        self.theme_changed.connect(self._apply_theme)
+        context.fitted_changed.connect(self._show_state)
+        context.jobs.changed.connect(self._job_changed)
+        context.jobs.finished.connect(self._job_finished)
+        self._follow()
+
+    def _make_buttons(self) -> None:
+        self.redo_button = self.tool_button(
+            "Send to Acquire", "The worst positions become the list that page Acquire records again", self.send
+        )
+        self.report_button = self.tool_button(
+            "Write report …",
+            "Keep what was found: an HTML page with all figures, and JSON for programs",
+            self.write_report,
+        )
+        self.stop_button = self.stop_tool("Stop; what was found so far stays")
+        self.measure_button = self.tool_button("Inspect", INSPECT, lambda: self.measure(force=True))
+        self.measure_button.setProperty("role", "primary")
+
+    # -- project ---------------------------------------------------------------------------------------
+    @property
+    def settings(self) -> QualitySettings:
+        """What the user chose."""
+        return QualitySettings.of(self.context.state)
+
+    def let_go(self) -> None:
+        """Forget what was compared in another project."""
+        self.comparing.let_go()
+
+    def state_changed(self, old: ProjectState, new: ProjectState) -> None:
+        """Let go of what belongs to another H."""
+        if (old.psf, old.reference) != (new.psf, new.reference):
+            self.comparing.follow()
+        if old.psf != new.psf:
+            self._follow()
+        elif QualitySettings.of(old) != QualitySettings.of(new):
+            self._show_state()
+
+    def entered(self) -> None:
+        """Look whether the file of H is still the one that was judged, and judge it when it never was."""
+        self._follow()
+        self.comparing.follow()
+        self.measure()
+
+    def _check(self, key: str, value: Any) -> str:
+        try:
+            replace(self.settings, **{key: value})
+        except InputError as error:
+            return str(error)
+        return ""
+
+    def _edited(self, key: str, value: Any) -> None:
+        settings = replace(self.settings, **{key: value})
+        self.context.project.merge(f"quality: {key}", settings=settings.into(self.context.state))
+
+    def choose_fit(self, folder: str = "") -> None:
+        """Take the camera of a saved fit."""
+        folder = folder or QFileDialog.getExistingDirectory(self, "Folder of a fit")
+        if folder:
+            settings = replace(self.settings, camera="saved", fit=folder)
+            self.context.project.update("camera of a fit", settings=settings.into(self.context.state))
+
+    def _follow(self) -> None:
+        """Show what belongs to the H of now; what belongs to another, or to another file of its name, is let go."""
+        stamp = stamp_of(self.context.state.psf)
+        if stamp != self._stamp:
+            self._stamp = stamp
+            self._release()
+        self.panel.inspect.show_settings(self.settings)
+        self._show_buttons()
+        if stamp is None and not self._over_time:
+            self.show_empty(
+                "No PSF to judge yet.\nAssemble frames, or open an H file on the PSF page.",
+                {
+                    "Frames": self.lead("frames", "Make H of recorded frames"),
+                    "PSF": self.lead("psf", "Open an H that was assembled, simulated or fitted before"),
+                    "Over time": ("Look at the reports of earlier sessions, which need no H", self.show_trend),
+                },
+            )
+        elif stamp is not None and self.inspection is None and not self._job:
+            self.show_empty("H has not been inspected yet.", {"Inspect": (INSPECT, self.measure)})
+            if self.isVisible():
+                self.measure()
+
+    @property
+    def _over_time(self) -> bool:
+        """Whether reports of several sessions are looked at, which need no H."""
+        return self.panel.currentWidget() is self.panel.trend and self.empty is None
+
+    def show_trend(self) -> None:
+        """Look at reports of several sessions."""
+        self.panel.setCurrentWidget(self.panel.trend)
+        self.show_body()
+
+    def _release(self) -> None:
+        """Forget what was found of another H, and stop what is at work on it."""
+        number, self._job = self._job, 0  # whose end is of no interest any more
+        if number:
+            self.context.jobs.cancel(number)
+        self.inspection, self._question, self._kept = None, None, InspectionRun()
+        self.showing.release()
+        self.notice.clear()
+        self.context.attention.emit("quality", False)
+
+    # -- inspecting ------------------------------------------------------------------------------------
+    def measure(self, *, force: bool = False) -> None:
+        """Inspect H as a job, once per file; the job opens it for itself, as other pages read other planes."""
+        if self._stamp is None or self._job or (self.inspection is not None and not force):
+            return
+        if stamp_of(self.context.state.psf) != self._stamp:  # written anew meanwhile
+            self._follow()
+            return
+        asked = asked_of(self._stamp, self.settings, self.context.fitted)
+        self._kept, self._asked = InspectionRun(), asked
+        kept = self._kept
+        self.hold_keyboard()
+        self.notice.clear()
+        self.show_empty(
+            f"Inspecting {asked.name} …", {"Stop (Esc)": ("Inspect no further; what was known before stays", self.stop)}
+        )
+        self._job = self.context.jobs.start(
+            f"Inspect {asked.name}",
+            "quality",
+            lambda: iter_judge(asked, kept),
+            abandon=True,
+            leave=True,
+            needs=(asked.stamp[0],),
+        )
+        if self._job in self.context.jobs.waiting() and self.empty is not None:
+            self.empty.label.setText(f"Inspect {asked.name}: {WAITS}")
+        self._show_buttons()
+
+    def begin(self) -> None:
+        """Inspect H again, or compare it with another, whichever is looked at."""
+        if self.panel.currentWidget() is self.panel.compare:
+            self.comparing.compare()
+        elif self.panel.currentWidget() is self.panel.trend:
+            self.trending.choose()
+        else:
+            self.measure(force=True)
+
+    def _job_changed(self, job: WindowJob) -> None:
+        if job.number == self._job and job.progress is not None and self.empty is not None:
+            record = job.progress
+            self.empty.label.setText(f"{job.title}\n{capital(record.stage)}: {100 * record.fraction:.0f} %")
+
+    def _job_finished(self, job: WindowJob) -> None:
+        if job.number == self._report:
+            self._report = 0
+            self._show_buttons()
+        if job.number != self._job:
+            return
+        self._job = 0
+        why = "it was left out" if job.state is JobState.DONE else job.error or "it was stopped"
+        found = judged(self._kept, why)
+        self._kept = InspectionRun()
+        if found is not None:
+            self.inspection, self._question = found, self._asked
+        if self.inspection is None:
+            self.show_empty(job.error or "Stopped.", {"Try again": (INSPECT, lambda: self.measure(force=True))})
+        else:
+            if job.error:
+                self.refuse(job.error if found is not None else f"{job.error}. Shown is what was found before")
+            self._show()
+        self._show_buttons()
+
+    # -- showing ---------------------------------------------------------------------------------------
+    def _show_buttons(self) -> None:
+        redo = () if self.inspection is None else worst_positions(self.inspection)
+        self.redo_button.setEnabled(bool(redo))
+        self.redo_button.setText(f"Send {len(redo)} to Acquire" if redo else "Send to Acquire")
+        self.report_button.setEnabled(self._stamp is not None and not self._job and not self._report)
+        self.measure_button.setEnabled(self._stamp is not None and not self._job)
+
+    def _show(self) -> None:
+        found, asked = self.inspection, self._question
+        if found is None or asked is None:
+            return
+        self.show_body()
+        usable = found.merit in ("good", "fair")
+        self.context.attention.emit("quality", not usable)
+        settings = with_found(self.context.state, "quality", asked.stamp, usable)
+        self.context.project.note(settings=settings)
+        inspect = self.panel.inspect
+        every = inspect.every.isChecked()
+        self.showing.start(found, every=every)
+        inspect.counts.setText(count_words(found))
+        words = self._summary(found, asked)
+        inspect.show_all(found.verdict, found.merit, words, fault_rows(found), metric_rows(found, every=every))
+
+    def _summary(self, found: Inspection, asked: InspectionRequest) -> str:
+        words = summary_of(found, asked.source)
+        if self._stamp is not None:
+            now = asked_of(self._stamp, self.settings, self.context.fitted)
+            if (now.seconds, now.setup, now.folder) != (asked.seconds, asked.setup, asked.folder):
+                words += " Choices changed since: press Inspect to use them."
+        return words
+
+    def _show_state(self) -> None:
+        """Show the choices, and whether what is shown was found with them."""
+        inspect = self.panel.inspect
+        inspect.show_settings(self.settings)
+        if self.inspection is not None and self._question is not None:
+            inspect.summary.setText(self._summary(self.inspection, self._question))
+
+    # -- doing -----------------------------------------------------------------------------------------
+    def send(self) -> None:
+        """Hand the positions to be recorded again to Acquire."""
+        if self.inspection is not None:
+            redo = worst_positions(self.inspection)
+            self.context.project.update("positions to record again", redo=redo)
+            self.context.message.emit(f"{len(redo)} positions to be recorded again")
+            self.context.go.emit("acquire", None)
+
+    def write_report(self, folder: str = "") -> None:
+        """Write the report as a job."""
+        psf, asked = self.context.state.psf, not folder
+        folder = folder or QFileDialog.getExistingDirectory(self, "Folder for the report")
+        if not folder or not psf or (asked and not may_replace(self, report_files(folder))):
+            return
+        found = self.inspection if stamp_of(psf) == self._stamp else None
+        self._report = self.context.jobs.start(
+            "Report",
+            "quality",
+            lambda: iter_write_report(psf, folder, found),
+            lambda page: self.context.message.emit(f"report written: {page}"),
+            lambda job: self.notice.refuse(job.error),
+            abandon=True,
+            needs=(psf,),
+            taken=self.context.taken("quality", "Report", folder),
+        )
+        self._show_buttons()
+
+    def _apply_theme(self) -> None:
+        inspect, trend = self.panel.inspect, self.panel.trend.table
+        tables = (inspect.faults, inspect.table, trend)
+        chosen = [table.chosen() for table in tables]
+        self.panel.apply_theme()
+        self.trending.show()
+        if not self._job:
+            self._show()
+        for table, number in zip(tables, chosen, strict=True):
+            table.choose(number)  # drawn anew they begin with the first row

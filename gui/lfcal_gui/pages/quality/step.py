@@ -1,0 +1,49 @@
+"""Inspection as a command. No Qt."""
+
+from __future__ import annotations
+
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models.step import CommandStep, needed_file, options_of
+from lfcal_gui.pages.quality.model import QualitySettings
+
+__all__ = ["compared", "step"]
+
+
+def step(project: ProjectState, out: str = "") -> CommandStep:
+    """Return how H is inspected; a fit that is in no folder is not known to a command."""
+    psf, chosen = needed_file(project.psf, "H", "PSF"), QualitySettings.of(project)
+    folder = out or "report"
+    saved = chosen.fit if chosen.camera == "saved" else ""
+    pairs = (("--seconds", f"{chosen.seconds:g}"), ("--fit", saved), ("--report", folder))
+    python = f"""
+from lfcal.judge import iter_inspection
+from lfcal.judge.telling import told
+from lfcal.base.progress import drain
+from lfcal.psf import open_psf
+from lfcal.psf.quality import inspect
+from lfcal.psf.report import iter_report
+
+with open_psf({psf!r}) as H:
+    quality = inspect(H)
+    found = drain(iter_inspection(H, quality, seconds={chosen.seconds!r}))
+    print(quality.merit, found.bad)
+    drain(iter_report(H, Path({folder!r}), quality=quality, beside=told(found)))
+"""
+    return CommandStep(("inspect", psf, *options_of(pairs)), python)
+
+
+def compared(first: str, second: str, out: str = "", *, by_number: bool = False) -> CommandStep:
+    """Return how two H are held beside each other; ``out`` is the folder of a report, if one is written."""
+    pairs = (("--report", out), ("--by-number", by_number))
+    report = f"    drain(iter_compared_report(found, {out!r}))\n" if out else ""
+    python = f"""
+from lfcal.base.progress import drain
+from lfcal.psf import open_psf
+from lfcal.psf.difference import difference
+from lfcal.psf.report.two import iter_compared_report, verdict
+
+with open_psf({first!r}) as a, open_psf({second!r}) as b:
+    found = difference(a, b, by_number={by_number!r})
+    print(verdict(found))
+{report}"""
+    return CommandStep(("compare", first, second, *options_of(pairs)), python)

@@ -1,0 +1,129 @@
+"""Quality: inspections of several sessions side by side: a table, and the course of what is chosen in it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QSplitter, QVBoxLayout, QWidget
+
+from lfcal_gui.pages.quality.model_trend import TREND_COLUMNS, TrendCurve
+from lfcal_gui.theme import current_theme
+from lfcal_gui.widgets.cards import card, told_or_shown
+from lfcal_gui.widgets.plots import LINES, LinePlot
+from lfcal_gui.widgets.rows_table import RowsTable
+from lfcal_gui.widgets.splitting import split
+from lfcal_gui.widgets.words import WrappedLabel
+
+__all__ = ["TrendPanel"]
+
+NONE = (
+    "Choose a folder that holds the reports of several sessions, each in a folder of its own:\n"
+    "what got worse since when, and which faults are new."
+)
+
+
+class TrendPanel(QWidget):
+    """The tab over time.
+
+    Signals
+    -------
+    choose_asked(), picture_asked()
+        A folder of reports is wanted; a picture of all courses.
+    row_chosen(row)
+        A row of the table is looked at.
+    """
+
+    choose_asked = Signal()
+    picture_asked = Signal()
+    row_chosen = Signal(int)
+
+    def __init__(self) -> None:
+        super().__init__()
+        column = QVBoxLayout(self)
+        column.setContentsMargins(0, 8, 0, 0)
+        column.setSpacing(8)
+        column.addLayout(self._head())
+        self.message, self.stack = told_or_shown(NONE, self._content())
+        column.addWidget(self.stack, 1)
+
+    def _head(self) -> QHBoxLayout:
+        self.verdict, self.notes = QLabel(), QLabel()
+        for label, role in ((self.verdict, "value"), (self.notes, "hint")):
+            label.setWordWrap(True)
+            label.setProperty("role", role)
+        words = QVBoxLayout()
+        words.setSpacing(2)
+        words.addWidget(self.verdict)
+        words.addWidget(self.notes)
+        self.choose_button, self.picture_button = QPushButton("Reports …"), QPushButton("Save picture …")
+        self.choose_button.setToolTip("The folder that holds the folders of the reports")
+        self.picture_button.setToolTip("All that was not good in every session, over time (.png, .svg)")
+        self.choose_button.clicked.connect(lambda: self.choose_asked.emit())
+        self.picture_button.clicked.connect(lambda: self.picture_asked.emit())
+        self.picture_button.setEnabled(False)
+        row = QHBoxLayout()
+        row.addLayout(words, 1)
+        row.addWidget(self.choose_button, 0, Qt.AlignmentFlag.AlignTop)
+        row.addWidget(self.picture_button, 0, Qt.AlignmentFlag.AlignTop)
+        return row
+
+    def _content(self) -> QSplitter:
+        left, column = card("Faults and metrics")
+        self.table = RowsTable(TREND_COLUMNS, 0)
+        self.table.setAccessibleName("courses of faults and metrics")
+        self.table.setSelectionMode(RowsTable.SelectionMode.SingleSelection)
+        self.table.verticalHeader().setDefaultSectionSize(24)
+        self.table.itemSelectionChanged.connect(self._chosen)
+        column.addWidget(self.table)
+        self.title = WrappedLabel("Over time")
+        right, column = card(self.title)
+        self.curve = LinePlot("days since the first session", "value")
+        column.addWidget(self.curve)
+        return split(left, right, sizes=(690, 370))
+
+    # -- showing ---------------------------------------------------------------------------------------
+    def show_message(self, words: str) -> None:
+        """Show words in place of a table."""
+        self.message.setText(words)
+        for label in (self.verdict, self.notes):
+            label.setText("")
+        self.picture_button.setEnabled(False)
+        self.stack.setCurrentIndex(0)
+
+    def show_rows(self, words: tuple[str, str], rows: Sequence[tuple[str, ...]], merits: Sequence[str]) -> None:
+        """Show what got worse, what was compared, and all rows; the first is chosen."""
+        theme = current_theme()
+        colours = {"good": theme.good, "fair": theme.fair, "bad": theme.bad, "unknown": theme.muted}
+        self.verdict.setText(words[0])
+        self.notes.setText(words[1])
+        blocker = QSignalBlocker(self.table)
+        self.table.show_rows(rows, colour=lambda row, column: colours[merits[row]] if column == 2 else "")
+        self.table.clearSelection()
+        blocker.unblock()
+        self.picture_button.setEnabled(True)
+        self.stack.setCurrentIndex(1)
+        self.table.selectRow(0)
+
+    def show_curve(self, curve: TrendCurve) -> None:
+        """Show a course with the limits of good and bad."""
+        self.title.setText(f"{curve.label}\nDashed: the limits of good and of bad")
+        self.curve.clear()
+        self.curve.set_labels("days since the first session", curve.label)
+        ends = np.array([curve.days.min(), max(curve.days.max(), curve.days.min() + 1)])
+        theme = current_theme()
+        for name, limit, colour in (("good", curve.good, theme.good), ("bad", curve.bad, theme.bad)):
+            if np.isfinite(limit):
+                self.curve.set_curve(name, ends, np.full(2, limit), colour=colour, dashed=True)
+        self.curve.set_curve("value", curve.days, curve.values, symbol="o", colour=LINES[0])
+        self.curve.plot.autoRange()
+
+    def apply_theme(self) -> None:
+        """Take the colours of the theme in use."""
+        self.curve.apply_theme()
+
+    def _chosen(self) -> None:
+        rows = {index.row() for index in self.table.selectedIndexes()}
+        if rows:
+            self.row_chosen.emit(self.table.number_of(rows.pop()))

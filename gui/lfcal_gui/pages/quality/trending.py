@@ -1,0 +1,75 @@
+"""Quality: a folder of reports read in the background, and what is chosen of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from PySide6.QtWidgets import QFileDialog
+
+from lfcal_gui.context import Context
+from lfcal_gui.pages.quality.model_trend import curve_of, merits_of, rows_of, trend_in, trend_words
+from lfcal_gui.pages.quality.trend_panel import TrendPanel
+from lfcal_gui.saving import ask_target
+
+if TYPE_CHECKING:
+    from lfcal.psf.quality.trend import QualityTrend
+
+__all__ = ["Trending"]
+
+PICTURES = "Pictures (*.png *.svg)"
+
+
+class Trending:
+    """What got worse over the sessions whose reports lie in a folder.
+
+    Parameters
+    ----------
+    panel, context
+        What shows it, and the window.
+    """
+
+    def __init__(self, panel: TrendPanel, context: Context) -> None:
+        self._panel, self._context = panel, context
+        self.found: QualityTrend | None = None
+        panel.choose_asked.connect(self.choose)
+        panel.picture_asked.connect(self.save_picture)
+        panel.row_chosen.connect(self._row_chosen)
+
+    def choose(self, folder: str = "") -> None:
+        """Read a folder of reports; without one it is asked for."""
+        folder = folder or QFileDialog.getExistingDirectory(self._panel, "Folder of reports")
+        if not folder:
+            return
+        self.found = None
+        self._panel.show_message(f"Reading {folder} …")
+        self._context.jobs.drop("quality trend")
+        self._context.jobs.load("quality trend", lambda: trend_in(Path(folder)), self._read, self._panel.show_message)
+
+    def _read(self, found: QualityTrend) -> None:
+        self.found = found
+        self.show()
+
+    def show(self) -> None:
+        """Show what was read."""
+        if self.found is not None:
+            self._panel.show_rows(trend_words(self.found), rows_of(self.found), merits_of(self.found))
+
+    def _row_chosen(self, row: int) -> None:
+        if self.found is not None and row >= 0:
+            self._panel.show_curve(curve_of(self.found, row))
+
+    def save_picture(self, path: str = "") -> None:
+        """Draw all courses into a file; without one it is asked for."""
+        from lfcal.psf.quality.trend import draw_quality_trend
+
+        found = self.found
+        if found is None:
+            return
+        path = path or ask_target(self._panel, "Save picture", "trend.png", PICTURES)
+        if path:  # it appears whole or not at all
+            self._context.jobs.compute(
+                "quality trend picture",
+                lambda: draw_quality_trend(found, path),
+                lambda _: self._context.message.emit(f"picture written: {path}"),
+            )

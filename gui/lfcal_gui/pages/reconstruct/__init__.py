@@ -1,0 +1,47 @@
+"""Reconstruct: what the PSF is worth: a light field becomes a volume.
+
+- ``page``, ``panel``; ``volume_view``: the volume from three sides, planned by ``model_volume``
+- ``model``: settings, light fields; ``model_solving``: a reconstruction that can be stopped and gone on with
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from lfcal_gui.models.page import PageSpec, PageState, Sketch, file_state
+from lfcal_gui.models.project import ProjectState
+
+__all__ = ["PAGE"]
+
+
+def state(project: ProjectState) -> PageState:
+    """Return whether a volume is saved."""
+    there = file_state(project.psf, ready=False) is PageState.DONE
+    return file_state(project.volume, ready=there)
+
+
+def icon(sketch: Sketch) -> None:
+    """Draw a cube."""
+    sketch.line((11, 2), (19, 6.5), (19, 15.5), (11, 20), (3, 15.5), (3, 6.5), (11, 2))
+    sketch.line((11, 20), (11, 11), (19, 6.5))
+    sketch.line((11, 11), (3, 6.5))
+
+
+def takes(path: str) -> bool:
+    """Return whether a file may be a picture."""
+    from lfcal.frames.formats.opening import image_suffixes
+
+    return Path(path).is_file() and Path(path).suffix.lower() in image_suffixes()
+
+
+PAGE = PageSpec(
+    "reconstruct",
+    "Reconstruct",
+    "Turn a light field into a volume",
+    order=80,
+    package=__name__,
+    state=state,
+    needs="lfcal.reconstruct",
+    icon=icon,
+    takes=takes,
+)

@@ -1,0 +1,386 @@
+"""What the Reconstruct page asks for and shows: settings, projector and forecast. No Qt."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+from lfcal.base.errors import InputError
+from lfcal.base.units import format_bytes, format_seconds
+from lfcal.psf import PSFMatrix
+from lfcal.reconstruct.margin import usual_margin
+from lfcal.reconstruct.projectors.forecast import METHODS
+from lfcal.reconstruct.resample import Resampling, lattice_anchor_of, resampling_for
+from lfcal.reconstruct.solvers.choice import SOLVERS, SolverChoice
+from lfcal.reconstruct.solvers.solver import OPTIONS
+from lfcal.reconstruct.solvers.stopping import GOALS, MOST_ITERATIONS, STOPS
+from lfcal_gui.models.form import Field
+from lfcal_gui.models.settings import PageSettings
+from lfcal_gui.pages.reconstruct.model_device import DEVICE
+
+if TYPE_CHECKING:
+    from lfcal.reconstruct.metric import MetricGrid
+
+__all__ = [
+    "FIELDS",
+    "ReconstructSettings",
+    "forecast_words",
+    "projector_for",
+    "used_by",
+]
+
+FIELDS = (
+    Field(
+        "solver",
+        "Solver",
+        kind="choice",
+        choices=tuple((name, name) for name in SOLVERS.names()),
+        tip="; ".join(f"{solver.name}: {solver.title}" for solver in SOLVERS),
+    ),
+    Field("iterations", "Iterations", "", "Number of iterations; Continue adds as many", kind="int"),
+    Field(
+        "stop",
+        "End at",
+        kind="choice",
+        choices=(("", "count"), ("left-out", "left-out"), ("discrepancy", "noise")),
+        tip="Count: after so many iterations. Left-out: when one pixel of 25, which the fit does not see, is foretold "
+        "no better; the volume is the best. Noise: when the image is met as well as gain and read noise allow",
+    ),
+    Field(
+        "goal",
+        "Goal",
+        kind="choice",
+        choices=tuple((goal, goal) for goal in GOALS),
+        tip="View: a volume to look at. Measure: sums and means over regions, with more iterations and noisier voxels",
+    ),
+    Field("gain", "Gain", "counts/e⁻", "Counts per photo-electron: what tells the photons' noise that ends a run"),
+    Field("background", "Background", "counts", "Expected value of a pixel without any source"),
+    Field("read_noise", "Read noise", "counts", "Rms noise of the sensor; Richardson-Lucy variants use it"),
+    Field(
+        "saturation",
+        "Saturation",
+        "counts",
+        "Pixels at or above are left out; empty: none",
+        optional=True,
+        empty="none",
+    ),
+    Field(
+        "strength",
+        "Strength",
+        "",
+        "Weight of the penalty (rl-tv: 0.002 is mild; rl-tikhonov: 0.01); empty: the default",
+        optional=True,
+        empty="default",
+    ),
+    Field(
+        "subsets",
+        "Subsets",
+        "",
+        "osem: number of subsets; phase-space: blocks of views per axis; empty: the default",
+        kind="int",
+        optional=True,
+        empty="default",
+    ),
+    Field(
+        "method",
+        "Projector",
+        kind="choice",
+        choices=tuple((m, m) for m in ("auto", *METHODS)),
+        tip="How H is applied; auto takes the cheapest by the forecast",
+    ),
+    DEVICE,
+    Field(
+        "threshold",
+        "Ignore H below",
+        "% of peak",
+        "Entries of H below this share of their plane's peak count as zero: faster, less exact",
+        scale=0.01,
+    ),
+    Field(
+        "within",
+        "Within",
+        "% of light",
+        "Share of the light that projections may miss: 0.5 % of a simulated or fitted H is several times quicker",
+        scale=0.01,
+    ),
+    Field(
+        "margin",
+        "Margin",
+        "px",
+        "Pixels that the volume goes on beyond the light field, for light from beside it; empty: as many as help",
+        kind="int",
+        optional=True,
+        empty="auto",
+    ),
+    Field(
+        "voxel",
+        "Voxel size",
+        "µm",
+        "Save … writes all planes with voxels of one size: a number, or auto, the smallest; light is shared out "
+        "by area. Empty: pixel by pixel, behind a main lens each plane with a size of its own",
+        kind="text",
+        empty="by pixel",
+    ),
+    Field("double", "Double precision", kind="bool", tip="float64 instead of float32: twice the memory"),
+    Field(
+        "as_is",
+        "As is",
+        kind="bool",
+        tip="Use the light field as it is. By default it is resampled to H's period where the camera's lattice drifts "
+        "by more than 0.5 px over the frame",
+    ),
+    Field(
+        "region",
+        "Region",
+        "px",
+        "row, column, rows, columns of the light field; empty: all of it",
+        kind="floats",
+        empty="all",
+    ),
+    Field(
+        "anchor",
+        "Anchor",
+        "px",
+        "row, column at which H's position (0, 0) is imaged; empty: that of H",
+        kind="floats",
+        empty="of H",
+    ),
+)
+
+
+def used_by(solver: str, key: str) -> bool:
+    """Return whether the field ``key`` matters to ``solver``; one that takes no weights knows no margin."""
+    key = "weights" if key == "margin" else key
+    return key not in OPTIONS or key in SOLVERS.get(solver).honours
+
+
+@dataclass(frozen=True)
+class ReconstructSettings(PageSettings):
+    """What the user chose.
+
+    Attributes
+    ----------
+    solver, iterations, background, read_noise, saturation, strength, subsets, gain
+        As in `lfcal.reconstruct.solvers.choice.SolverChoice`.
+    stop
+        The same, and as many iterations as it takes; empty: ``iterations``.
+    method, device, threshold, within, double
+        As in `lfcal.reconstruct.Projector`, ``within`` its ``tolerance``.
+    margin
+        Pixels of the volume beyond each edge of the region; None: `lfcal.reconstruct.margin.usual_margin`.
+    voxel
+        Side of the voxels of a saved volume (µm), ``"auto"`` the smallest of all planes; empty: pixel by pixel.
+    region
+        First row and column, rows and columns of the light field; empty: all.
+    anchor
+        Pixel (row, column) of the whole light field at which H's position (0, 0) is imaged; empty: that of H.
+    goal
+        As in `SolverChoice`; for the end by left-out pixels alone.
+    as_is
+        Whether the light field is not resampled, however far the lattice drifts against H's period.
+    """
+
+    page: ClassVar[str] = "reconstruct"
+
+    solver: str = SolverChoice().name
+    iterations: int = SolverChoice().iterations
+    stop: str = ""
+    gain: float = 1.0
+    background: float = 0.0
+    read_noise: float = 0.0
+    saturation: float | None = None
+    strength: float | None = None
+    subsets: int | None = None
+    method: str = "auto"
+    device: str = DEVICE.choices[0][0]
+    threshold: float = 0.0
+    within: float = 0.0
+    margin: int | None = None
+    voxel: str = ""
+    double: bool = False
+    region: tuple[float, ...] = ()
+    anchor: tuple[float, ...] = ()
+    as_is: bool = False
+    goal: str = GOALS[0]
+
+    def __post_init__(self) -> None:
+        """Check what no library call would find before the work begins."""
+        if self.stop not in ("", *STOPS):
+            raise InputError.expected("end", f"nothing, {' or '.join(STOPS)}", repr(self.stop), "choose one")
+        if self.goal not in GOALS:
+            raise InputError.expected("goal", " or ".join(GOALS), repr(self.goal), "choose one")
+        if not 0 < self.gain < 1e12:
+            raise InputError.expected("gain", "above 0 (counts per photo-electron)", self.gain, "correct it")
+        if not 1 <= self.iterations <= 100_000:
+            raise InputError.expected("iterations", "1 to 100000", self.iterations, "correct it")
+        if not 0 <= self.threshold < 1:
+            raise InputError.expected("ignore H below", "0 to 100 % of the peak", self.threshold, "correct it")
+        if not 0 <= self.within < 1:
+            raise InputError.expected("within", "0 to 100 % of the light", self.within, "correct it")
+        if self.margin is not None and self.margin < 0:
+            raise InputError.expected("margin", "not negative (px)", self.margin, "correct it")
+        if self.voxel not in ("", "auto"):
+            _side(self.voxel)
+        if self.subsets is not None and self.subsets < 1:
+            raise InputError.expected("subsets", "at least 1", self.subsets, "correct it")
+        for name in ("background", "read_noise"):
+            if not 0 <= getattr(self, name) < 1e12:
+                raise InputError.expected(
+                    name.replace("_", " "), "not negative (counts)", getattr(self, name), "correct it"
+                )
+        if len(self.region) not in (0, 4) or any(v < 0 or v != int(v) for v in self.region) or 0 in self.region[2:]:
+            raise InputError.expected(
+                "region", "row, column, rows, columns in whole pixels", self.region, "for example 0, 0, 400, 400"
+            )
+        if self.device not in dict(DEVICE.choices):
+            raise InputError.expected("device", "auto, cpu or cuda", repr(self.device), "choose one")
+        if len(self.anchor) not in (0, 2):
+            raise InputError.expected("anchor", "row, column in pixels", self.anchor, "for example 12, 7")
+
+    @classmethod
+    def from_dict(cls, data: object) -> Self:
+        """Return the settings in ``data``; those of earlier projects knew one way to end by itself, ``auto``."""
+        if isinstance(data, Mapping) and data.get("auto") is True:
+            data = {"stop": STOPS[0], **data}
+        return super().from_dict(data)
+
+    @property
+    def ends_by_itself(self) -> bool:
+        """Whether the solver takes as many iterations as it needs: one without weights cannot leave out pixels."""
+        return bool(self.stop) and (self.stop != STOPS[0] or used_by(self.solver, "weights"))
+
+    def usable(self) -> None:
+        """Raise `InputError` where solver and settings do not go together."""
+        self.choice()
+
+    def choice(self) -> SolverChoice:
+        """Return the solver with the settings it uses; those the page greys out stay as they are, for another one."""
+        options = ("background", "read_noise", "saturation", "strength", "subsets")
+        used = {key: getattr(self, key) for key in options if used_by(self.solver, key)}
+        if self.ends_by_itself:
+            used["stop"] = self.stop
+            used["goal"] = self.goal if self.stop == STOPS[0] else GOALS[0]
+        if self.ends_by_itself and self.stop == "discrepancy":
+            used["gain"] = self.gain
+        margin = self.margin or 0 if used_by(self.solver, "margin") else 0
+        count = MOST_ITERATIONS if self.ends_by_itself else self.iterations
+        return SolverChoice(self.solver, count, auto=self.ends_by_itself, margin=margin, **used)
+
+    def choice_for(self, H: PSFMatrix, shape: tuple[int, int]) -> SolverChoice:
+        """Return the solver for the used region of a light field of ``shape``, its margin found where none is said."""
+        choice = self.choice()
+        if self.margin is not None or not used_by(self.solver, "margin"):
+            return choice
+        view = self.view(H, shape)
+        rows, columns = self.window(shape if view is None else view.shape)
+        used = rows.stop - rows.start, columns.stop - columns.start
+        return replace(choice, margin=usual_margin(H.period, (H.shape[3], H.shape[4]), used))
+
+    def grid(self, H: PSFMatrix, shape: tuple[int, int]) -> MetricGrid | None:
+        """Return the voxels of one size for the used region of a light field of ``shape``; None: as the pixels are.
+
+        Raises
+        ------
+        InputError
+            If H has no camera, or the size makes too many voxels.
+        """
+        from lfcal.reconstruct.metric import MetricGrid
+
+        if not self.voxel:
+            return None
+        side = None if self.voxel == "auto" else _side(self.voxel)
+        if (view := self.view(H, shape)) is not None:
+            return MetricGrid.for_matrix(H, view.shape, view.anchor(lattice_anchor_of(H)), side)
+        rows, columns = self.window(shape)
+        anchor = None
+        if self.anchor or self.region:
+            row, column = self.anchor or H.anchor
+            anchor = row - rows.start, column - columns.start
+        used = rows.stop - rows.start, columns.stop - columns.start
+        return MetricGrid.for_matrix(H, used, anchor, side)
+
+    def view(self, H: PSFMatrix, shape: tuple[int, int]) -> Resampling | None:
+        """Return how a light field of ``shape`` is resampled to H's period; None: it is used as it is."""
+        return None if self.as_is or self.anchor or self.region else resampling_for(H, shape)
+
+    def window(self, shape: tuple[int, int]) -> tuple[slice, slice]:
+        """Return rows and columns of a light field of ``shape`` to be used; raises `InputError` if outside."""
+        if not self.region:
+            return slice(0, shape[0]), slice(0, shape[1])
+        row, column, rows, columns = (int(v) for v in self.region)
+        if row + rows > shape[0] or column + columns > shape[1]:
+            raise InputError.expected(
+                "region",
+                f"inside the light field of {shape[0]} × {shape[1]} px",
+                (row, column, rows, columns),
+                "correct it",
+            )
+        return slice(row, row + rows), slice(column, column + columns)
+
+    def changed(self, key: str, value: Any) -> ReconstructSettings:
+        """Return the settings with one field changed; raises `InputError` if it cannot be."""
+        return replace(self, **{key: value})
+
+
+def _side(text: str) -> float:
+    """Return the side of a voxel that a text means (µm)."""
+    try:
+        side = float(text)
+    except ValueError:
+        side = math.nan
+    if not 0 < side < math.inf:
+        raise InputError.expected("voxel size", "a positive number of µm, auto, or nothing", repr(text), "correct it")
+    return side
+
+
+# -- projector ---------------------------------------------------------------------------------------------
+def projector_for(H: PSFMatrix, shape: tuple[int, int], settings: ReconstructSettings) -> Any:
+    """Return the projector of a light field's used region and its margin, with the memory that solvers leave."""
+    from lfcal.reconstruct.memory import room_for_projections
+    from lfcal.reconstruct.projectors.projector import Projector
+
+    choice, view = settings.choice_for(H, shape), settings.view(H, shape)
+    rows, columns = settings.window(shape if view is None else view.shape)
+    row, column = settings.anchor or (H.anchor if view is None else view.anchor(lattice_anchor_of(H)))
+    wide = tuple(one.stop - one.start + 2 * choice.margin for one in (rows, columns))
+    size = 8 if settings.double else 4
+    return Projector(
+        H,
+        (wide[0], wide[1]),
+        (row - rows.start + choice.margin, column - columns.start + choice.margin),
+        settings.method,
+        dtype=f"float{8 * size}",
+        threshold=settings.threshold,
+        tolerance=settings.within,
+        device=settings.device,
+        memory_limit=room_for_projections((len(H), wide[0], wide[1]), choice, size),
+    ).denoised()
+
+
+def forecast_words(P: Any, choice: SolverChoice) -> str:
+    """Return what the reconstruction will cost, as rich text."""
+    from lfcal.reconstruct.memory import run_memory
+
+    found, iterations, memory = P.forecast(), choice.iterations, run_memory(P, choice)
+    cost = found.chosen
+    nz, ny, nx = P.volume_shape
+    total = cost.prepare_s + iterations * cost.pair_s
+    margin = choice.margin
+    rows = [
+        ("Volume", f"{nx - 2 * margin} × {ny - 2 * margin} × {nz} voxels"),
+        ("Margin", f"{margin} px around" if margin else "none"),
+        ("Projector", cost.method + ("" if cost.resident else ", prepared each time")),
+        ("Device", "processor" if P.device is None else P.device.name),
+        ("Set-up", format_seconds(cost.prepare_s)),
+        ("Forward, adjoint", f"{format_seconds(cost.forward_s)}, {format_seconds(cost.adjoint_s)}"),
+        (f"{iterations} iterations{' at most' if choice.auto else ''}", f"about {format_seconds(total)}"),
+        ("Memory", format_bytes(memory.total)),
+        ("for H, the solver", f"{format_bytes(memory.matrix)}, {format_bytes(memory.solver)}"),
+    ]
+    others = [f"{o.method} {format_seconds(o.pair_s)}" for o in found.options if o.method != cost.method]
+    if others:
+        rows.append(("Other projectors", ", ".join(others) + " a pair"))
+    cells = "".join(f"<tr><td style='padding-right:8px'>{a}</td><td><b>{b}</b></td></tr>" for a, b in rows)
+    return f"<table cellspacing='1'>{cells}</table>"

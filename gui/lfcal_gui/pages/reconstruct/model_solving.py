@@ -1,0 +1,226 @@
+"""A reconstruction as the window runs it: begun, watched, stopped, gone on with. No Qt."""
+
+from __future__ import annotations
+
+import math
+import threading
+from dataclasses import asdict, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.base.progress import Work
+from lfcal.base.units import format_seconds
+from lfcal.psf import PSFMatrix
+from lfcal.reconstruct.margin import cropped
+from lfcal.reconstruct.metrics import nrmse
+from lfcal.reconstruct.resample import Resampling, drift_note, drift_words
+from lfcal.reconstruct.solvers.choice import iter_solve
+from lfcal.reconstruct.solvers.records import SolverProgress, SolverState
+from lfcal_gui.pages.reconstruct.model import ReconstructSettings, projector_for
+
+__all__ = ["Placed", "Solving"]
+
+
+class Placed(NamedTuple):
+    """A volume ``(nz, Y, X)`` as it is saved, the sides of its voxels (rows, columns; µm), and how it came to be."""
+
+    volume: NDArray[Any]
+    voxel_um: tuple[float, float] | None
+    details: dict[str, Any]
+
+
+class Solving:
+    """One light field, one projector, and how far the solver is.
+
+    `history` and `state` are replaced as a whole by the thread that solves, so that any thread may read them.
+
+    Parameters
+    ----------
+    psf
+        H file; opened by the work itself, which reads it while others do.
+    image
+        The whole light field ``(rows, columns)``.
+    settings
+        What to do.
+    truth
+        The volume ``(nz, rows, columns)`` behind the whole light field, where it was made from one.
+    """
+
+    def __init__(
+        self, psf: str, image: NDArray[Any], settings: ReconstructSettings, truth: NDArray[np.float32] | None = None
+    ) -> None:
+        self.psf, self.image, self.settings, self._truth = psf, image, settings, truth
+        self.history: tuple[SolverProgress, ...] = ()
+        self.state: SolverState | None = None
+        self.notes: tuple[str, ...] = ()
+        self.stopped, self.chi2 = "", float("nan")
+        self.depths: NDArray[np.float64] | None = None
+        self.voxel_um: tuple[float, float] | None = None
+        self._projector: Any = None
+        self._margin = 0
+        self._view: Resampling | None = None
+        self._said: tuple[str, ...] = ()
+        self._matrix: PSFMatrix | None = None
+        self._stop = threading.Event()
+
+    @property
+    def window(self) -> tuple[slice, slice]:
+        """Rows and columns of the light field, resampled where that is needed, that are used."""
+        seen = self.image if self._view is None else self._view
+        return self.settings.window((seen.shape[0], seen.shape[1]))
+
+    @property
+    def _shape(self) -> tuple[int, int]:
+        """Rows and columns of the light field as it is."""
+        return self.image.shape[0], self.image.shape[1]
+
+    @property
+    def pixels(self) -> int:
+        """Number of pixels used."""
+        rows, columns = self.window
+        used: int = (rows.stop - rows.start) * (columns.stop - columns.start)
+        return used
+
+    @property
+    def truth(self) -> NDArray[np.float32] | None:
+        """What the volume should be, or None where nobody knows."""
+        if self._truth is None or self.state is None:
+            return None
+        truth: NDArray[np.float32] = self._truth[(slice(None), *self.window)]
+        return truth if truth.shape == self.volume.shape else None
+
+    @property
+    def volume(self) -> NDArray[Any]:
+        """The volume ``(nz, rows, columns)`` under the region, without margin; of a run that has begun."""
+        assert self.state is not None
+        return cropped(self.state.volume, self._margin)
+
+    def words(self) -> str:
+        """Return how it went, in lines of rich text; empty before the first iteration."""
+        if not self.history or self.state is None:
+            return ""
+        last, truth = self.history[-1], self.truth
+        lines = [
+            f"{self.state.iteration} iterations in {format_seconds(last.seconds)}",
+            f"residual {100 * last.residual:.3g} % of the image",
+        ]
+        if math.isfinite(self.chi2):
+            lines.append(f"chi2 per pixel {self.chi2:.3g}")
+        if truth is not None and truth.any():
+            lines.append(f"error against the truth: NRMSE {nrmse(self.volume, truth):.3f}")
+        return "<br>".join((*lines, *((self.stopped,) if self.stopped else ()), *self.notes))
+
+    def stop(self) -> None:
+        """End after the iteration under way; what there is stays, and `work` goes on from it."""
+        self._stop.set()
+
+    @property
+    def stopping(self) -> bool:
+        """Whether it was asked to end."""
+        return self._stop.is_set()
+
+    def fits(self, psf: str, settings: ReconstructSettings) -> bool:
+        """Return whether one can go on with ``settings``: all but iterations and the saved voxels is the same."""
+        same = replace(settings, iterations=self.settings.iterations, voxel=self.settings.voxel)
+        return psf == self.psf and same == self.settings
+
+    def work(self, iterations: int | None = None) -> Work[SolverState | None]:
+        """Iterate, as many times as the settings say or so many; goes on where an earlier call stopped."""
+        self._stop.clear()  # by whoever asks for it: what is to stop before it has begun does
+        return self._work(iterations)
+
+    def _work(self, iterations: int | None) -> Work[SolverState | None]:
+        yield from self._prepare()
+        if self._stop.is_set():
+            return self.state
+        settings = self.settings if iterations is None else self.settings.changed("iterations", iterations)
+        choice = replace(settings.choice(), margin=self._margin)
+        self.stopped, self.chi2 = "", float("nan")
+        image, weights = self.image, None
+        if self._view is not None:
+            image, weights = self._view.apply(self.image), self._view.inside(self._shape)
+        running = iter_solve(self._projector, image[self.window], choice, weights=weights, resume=self.state)
+        try:
+            while True:
+                record = next(running)
+                if isinstance(record, SolverProgress):
+                    self.history = (*self.history, record)
+                    self.state = record.state
+                yield record
+                if self._stop.is_set():
+                    break
+        except StopIteration as end:
+            # of a run that stops by itself the best estimate is an earlier one
+            self.notes, self.stopped, self.state = (
+                (*self._said, *end.value.notes),
+                end.value.stopped,
+                end.value.state,
+            )
+            self.chi2 = end.value.chi2
+        finally:
+            running.close()
+        return self.state
+
+    def _prepare(self) -> Work[None]:
+        if self._projector is not None:
+            return
+        from lfcal.psf import open_psf
+        from lfcal.psf.voxels import voxel_um
+
+        if self._matrix is None:
+            self._matrix = open_psf(self.psf)
+        shape = self._shape
+        self._view, self._said = self.settings.view(self._matrix, shape), ()
+        if self._view is not None:
+            self._said = (f"{drift_words(self._view, shape)}: the light field is resampled to it",)
+        elif note := drift_note(self._matrix.camera, self._matrix.period, shape):
+            self._said = (f"warning: {note.partition(':')[0]}, and the volume shows ghosts",)
+        self._margin = self.settings.choice_for(self._matrix, shape).margin
+        projector = projector_for(self._matrix, shape, self.settings)
+        if not self.settings.choice().solver.in_parts:
+            for record in projector.iter_prepare():
+                yield record
+                if self._stop.is_set():
+                    return
+        if projector.camera is not None:
+            self.depths = projector.depths
+            self.voxel_um = voxel_um(self._matrix)
+        self._projector = projector
+
+    def placed(self, settings: ReconstructSettings) -> Placed:
+        """Return the volume as it is saved, with voxels of the size that ``settings`` ask for.
+
+        Raises
+        ------
+        InputError
+            As `ReconstructSettings.grid`.
+        """
+        assert self._matrix is not None
+        asked = replace(self.settings, voxel=settings.voxel)
+        grid = asked.grid(self._matrix, self._shape)
+        if grid is None:
+            return Placed(self.volume, self.voxel_um, self.details())
+        details = {**self.details(), "voxel_um": grid.voxel_um, "origin_um": grid.origin_um}
+        return Placed(grid.apply(self.volume), (grid.voxel_um, grid.voxel_um), details)
+
+    def details(self) -> dict[str, Any]:
+        """Return what a saved volume keeps of how it came to be."""
+        last = self.history[-1] if self.history else None
+        count = 0 if self.state is None else self.state.iteration
+        return {
+            "psf": self.psf,
+            "settings": {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self.settings).items()},
+            "iterations": count,
+            "margin": self._margin,
+            "stopped": self.stopped,
+            "residual": None if last is None else last.residual,
+            "notes": list(self.notes),
+        }
+
+    def close(self) -> None:
+        """Close H; the volume stays."""
+        if self._matrix is not None:
+            self._matrix.close()
+            self._matrix, self._projector = None, None

@@ -1,0 +1,404 @@
+"""Reconstruct: what the PSF is worth: a light field becomes a volume."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+from PySide6.QtWidgets import QFileDialog
+
+from lfcal.base.errors import LfcalError
+from lfcal.base.units import format_seconds
+from lfcal.psf.light import empty_words
+from lfcal_gui.base_page import BasePage
+from lfcal_gui.context import Context
+from lfcal_gui.jobs import WAITS, JobState, WindowJob
+from lfcal_gui.models.page import PageSpec
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.pages.reconstruct import takes
+from lfcal_gui.pages.reconstruct.model import ReconstructSettings, forecast_words, projector_for
+from lfcal_gui.pages.reconstruct.model_device import device_reason
+from lfcal_gui.pages.reconstruct.model_light_field import Synthetic, light_field, make_light_field
+from lfcal_gui.pages.reconstruct.model_solving import Solving
+from lfcal_gui.pages.reconstruct.panel import ReconstructPanel
+from lfcal_gui.pages.reconstruct.volume_file import VolumeFile
+from lfcal_gui.saving import ask_target
+
+__all__ = ["Page"]
+
+IMAGES = "Light fields (*.tif *.tiff *.png *.pgm *.npy *.raw *.nef *.cr2 *.dng);;All files (*)"
+STOPPING = "stopping after the iteration under way …"
+FOLLOWED = ("psf", "light_field", "volume")
+
+
+class Page(BasePage):
+    """Light field and H in, volume out; stopped and gone on with as one likes."""
+
+    def __init__(self, spec: PageSpec, context: Context) -> None:
+        super().__init__(spec, context)
+        self.panel = ReconstructPanel()
+        self.image: NDArray[Any] | None = None
+        self.solving: Solving | None = None
+        self.synthetic: Synthetic | None = None
+        self.saved: NDArray[Any] | None = None
+        self._opened = ""
+        self._ready: tuple[str, NDArray[Any]] | None = None  # read already when the project takes it
+        self._job = 0
+        self._shown_iteration = -1
+        self.volume_file = VolumeFile(self)
+        self.volume_file.loaded.connect(self._volume_loaded)
+        self.set_panel(self.panel)
+        self.panel.form.check = self._check
+        self.panel.form.edited.connect(self._edited)
+        self.panel.pressed.connect(self._pressed)
+        self.panel.open_asked.connect(self.choose_light_field)
+        self.panel.make_asked.connect(self.make_light_field)
+        self.panel.shown_changed.connect(lambda _: self._show_volume())
+        context.jobs.changed.connect(self._job_changed)
+        context.jobs.finished.connect(self._job_finished)
+        self.theme_changed.connect(self.panel.apply_theme)
+        context.matrices.changed.connect(self._matrix_changed)
+        context.on_close(self._close)
+        context.jobs.compute("reconstruct device", device_reason, self._device_looked_for, lambda _: None)
+        self._show(context.state)
+        self._load()
+        self._load_volume()
+
+    # -- project ---------------------------------------------------------------------------------------
+    @property
+    def settings(self) -> ReconstructSettings:
+        """What the user chose."""
+        return ReconstructSettings.of(self.context.state)
+
+    def let_go(self) -> None:
+        """Forget the volume of the project before, and stop what is at work on it."""
+        number, self._job = self._job, 0  # whose end closes H
+        if number:
+            self.context.jobs.cancel(number)
+        else:
+            self._close()
+        self.solving = self.synthetic = self.saved = None
+        self.panel.show_no_volume()
+        self._show_controls()
+
+    def state_changed(self, old: ProjectState, new: ProjectState) -> None:
+        """Follow H, light field and settings."""
+        same = ReconstructSettings.of(old) == ReconstructSettings.of(new)
+        if not same or any(getattr(old, key) != getattr(new, key) for key in FOLLOWED):
+            self._show(new)
+            if old.light_field != new.light_field:
+                self._load()
+            else:
+                self._forecast()
+            if old.volume != new.volume:
+                self._load_volume()
+
+    def _matrix_changed(self, path: str) -> None:
+        if path == self.context.state.psf:
+            self._show(self.context.state)
+            self._forecast()
+
+    def _show(self, state: ProjectState) -> None:
+        self.context.matrices.want(state.psf)
+        matrix = self.context.matrix(self.context.state.psf)
+        if matrix is None:
+            self.hint.setText(self.spec.hint)
+            self.show_no_matrix(
+                state.psf,
+                "A reconstruction needs an H: assemble one, simulate one, or open one on the PSF page.",
+                {
+                    "PSF": self.lead("psf", "Open an H that was assembled, simulated or fitted before"),
+                    "Simulate": self.lead("simulate", "Compute an H of the camera and plan; no recording is needed"),
+                },
+            )
+            return
+        self.show_body()
+        nz, ny, nx, nt, ns = matrix.shape
+        said = f"H: {Path(state.psf).name}, {nz} planes, period {nx} × {ny} px, cutout {ns} × {nt} px"
+        self.hint.setText("; ".join(filter(None, (said, empty_words(matrix)))))
+        settings = self.settings
+        values = {key: getattr(settings, key) for key in self.panel.form.fields}
+        self.panel.form.set_values(values)
+        self.panel.show_device(settings.device)
+        self.panel.show_solver(settings)
+        self._show_file()
+        self._show_region()
+        self._show_controls()
+
+    def _device_looked_for(self, reason: str) -> None:
+        self.panel.no_device = reason
+        self.panel.show_device(self.settings.device)
+
+    def _check(self, key: str, value: Any) -> str:
+        try:
+            self.settings.changed(key, value)
+        except LfcalError as error:
+            return str(error)
+        return ""
+
+    def _edited(self, key: str, value: Any) -> None:
+        settings = self.settings.changed(key, value).into(self.context.state)
+        self.context.project.merge(f"change of {key.replace('_', ' ')}", settings=settings)
+
+    def _show_controls(self) -> None:
+        # also of the project before: its run ends after the iteration under way
+        running, ready = self.spec.key in self.context.jobs.running_pages(), self.image is not None
+        state, buttons = self.context.state, self.panel.buttons
+        done = self.solving is not None and self.solving.state is not None
+        same = self.solving is not None and self.solving.fits(state.psf, self.settings)
+        same = same and self._opened == state.light_field
+        buttons["start"].setEnabled(ready and not running)
+        buttons["stop"].setEnabled(running)
+        buttons["more"].setEnabled(done and same and not running)
+        buttons["save"].setEnabled(done)
+        for widget in (self.panel.form, self.panel.open, self.panel.make):
+            widget.setEnabled(not running)
+        if not running:
+            self.panel.show_solver(self.settings)
+        if not done and not running and self.saved is None:
+            self.panel.show_hint(
+                "Press Reconstruct."
+                if ready
+                else "Open a light field recorded behind the same optics, or make one: "
+                "Make one … projects a phantom through this H."
+            )
+
+    # -- light field -----------------------------------------------------------------------------------
+    def choose_light_field(self) -> None:
+        """Ask for a light field."""
+        path = QFileDialog.getOpenFileName(self, "Open light field", "", IMAGES)[0]
+        if path:
+            self.open_light_field(path)
+
+    def open_light_field(self, path: str) -> None:
+        """Take an image as the light field, once it is known to be good."""
+
+        def read(image: NDArray[Any]) -> None:
+            self._ready = (path, image)
+            self.context.project.update("open light field", light_field=path)
+            if self._ready is not None:  # it was the project's before
+                self._load()
+
+        self.load(Path(path).name, lambda: light_field(path), read)
+
+    def accept_drop(self, paths: list[str]) -> bool:
+        """Take a dropped image."""
+        if len(paths) == 1 and takes(paths[0]):
+            self.open_light_field(paths[0])
+            return True
+        return False
+
+    def _load(self) -> None:
+        path = self.context.state.light_field
+        self.image = None
+        self.panel.light_field.set_image(None)
+        self._show_controls()
+        ready, self._ready = self._ready, None
+        self.context.jobs.drop("reconstruct load")
+        if ready is not None and ready[0] == path:
+            self._loaded(*ready)
+        elif path:
+            self.panel.light_field.blank.wait(f"Opening {Path(path).name} …")
+            self.context.jobs.load(
+                "reconstruct load",
+                lambda: light_field(path),
+                lambda image: self._loaded(path, image),
+                self._not_loaded,
+            )
+
+    def _loaded(self, path: str, image: NDArray[Any]) -> None:
+        self.image, self._opened = image, path
+        self._show_file()
+        self.panel.light_field.set_image(image, name="light_field", keep_view=False)
+        self._show_region()
+        self._show_controls()
+        self._forecast()
+
+    def _show_file(self) -> None:
+        path, image = self.context.state.light_field, self.image
+        size = "" if image is None or path != self._opened else f", {image.shape[1]} × {image.shape[0]} px"
+        self.panel.file.setText(f"{Path(path).name}{size}" if path else "none yet")
+
+    def _not_loaded(self, words: str) -> None:
+        self.panel.light_field.blank.wait("")
+        self.panel.file.setText(words)
+        self.context.message.emit(words)
+
+    def _show_region(self) -> None:
+        if self.image is None:
+            self.panel.show_region(None)
+            return
+        try:
+            rows, columns = self.settings.window((self.image.shape[0], self.image.shape[1]))
+        except LfcalError as error:
+            self.panel.show_forecast(str(error))
+            return
+        self.panel.show_region((rows.start, rows.stop, columns.start, columns.stop))
+
+    def make_light_field(self, phantom: str, path: str = "", shape: tuple[int, int] | None = None) -> None:
+        """Project a phantom through H and take the result as the light field."""
+        matrix = self.context.matrix(self.context.state.psf)
+        if matrix is None or self._job:
+            what = "H is still being opened" if matrix is None else "a reconstruction is under way"
+            self.context.message.emit(f"{what}; make a light field when it has ended")
+            return
+        if not path:
+            name = Path(self.context.state.psf).with_name(f"{phantom}.tif")
+            path = ask_target(self, "Light field to make", str(name), "TIFF (*.tif)")
+        if path:
+            self.panel.file.setText(f"making {Path(path).name} …")
+            self.panel.light_field.blank.wait(f"Making {Path(path).name} …")
+            begun = self.context.project.begun
+            self.context.jobs.compute(
+                "reconstruct make",
+                lambda: make_light_field(matrix, phantom, path, shape=shape),
+                lambda synthetic: self._made(synthetic, begun),
+                self._not_loaded,
+            )
+
+    def _made(self, synthetic: Synthetic, begun: int) -> None:
+        if begun != self.context.project.begun:
+            return
+        self.synthetic = synthetic
+        if self.context.state.light_field == synthetic.path:
+            self._load()  # the same file holds something else now
+        else:
+            self.open_light_field(synthetic.path)
+
+    # -- forecast --------------------------------------------------------------------------------------
+    def _forecast(self) -> None:
+        matrix, image, settings = self.context.matrix(self.context.state.psf), self.image, self.settings
+        if matrix is None or image is None or self._job:
+            return
+        shape = (image.shape[0], image.shape[1])
+        self.panel.show_forecast("forecasting …")
+        self.context.jobs.compute(
+            "reconstruct forecast",
+            lambda: forecast_words(projector_for(matrix, shape, settings), settings.choice_for(matrix, shape)),
+            self.panel.show_forecast,
+            self.panel.show_forecast,
+        )
+
+    # -- solving ---------------------------------------------------------------------------------------
+    def _pressed(self, key: str) -> None:
+        actions: dict[str, Callable[[], None]] = {
+            "start": self.start,
+            "stop": self.stop,
+            "more": self.go_on,
+            "save": self.save,
+        }
+        actions[key]()
+
+    def start(self) -> None:
+        """Reconstruct anew."""
+        if self.image is None or self._job:
+            return
+        self._close()
+        self.saved = None
+        made = self.synthetic
+        truth = made.truth if made is not None and made.path == self._opened else None
+        self.solving = Solving(self.context.state.psf, self.image, self.settings, truth)
+        self._shown_iteration = -1
+        self._run()
+
+    def go_on(self) -> None:
+        """As many iterations again."""
+        if self.solving is not None and not self._job:
+            self._run()
+
+    def stop(self) -> None:
+        """End after the iteration under way."""
+        if self.solving is not None and self._job:
+            self.solving.stop()
+            self.panel.show_status(STOPPING, None)
+        if self._job in self.context.jobs.waiting():
+            self.context.jobs.cancel(self._job)
+
+    def _run(self) -> None:
+        solving = self.solving
+        assert solving is not None
+        work = solving.work(self.settings.iterations)
+        title = f"Reconstruct by {solving.settings.solver}"
+        taken = self.context.taken("reconstruct", title, draft=True)
+        jobs, needs = self.context.jobs, (solving.psf,)
+
+        def ended(_: WindowJob) -> None:
+            if solving is not self.solving:  # another project was begun meanwhile
+                solving.close()
+
+        self._job = jobs.start(title, "reconstruct", lambda: work, on_end=ended, abandon=True, needs=needs, taken=taken)
+        self.panel.show_running()
+        self.panel.show_status(WAITS if self._job in jobs.waiting() else "setting up …", None)
+        self._show_controls()
+
+    def _job_changed(self, job: WindowJob) -> None:
+        if job.number != self._job or job.progress is None or self.solving is None or not job.active:
+            return
+        record = job.progress
+        if self.solving.stopping or job.stopping:
+            self.panel.show_status(STOPPING, record.fraction)
+            return
+        self.panel.show_status(f"{record.stage}: {record.done} of {record.total}<br>{record.note}", record.fraction)
+        self._show_progress()
+
+    def _show_progress(self) -> None:
+        solving = self.solving
+        if solving is None or not solving.history or solving.history[-1].iteration == self._shown_iteration:
+            return
+        self._shown_iteration = solving.history[-1].iteration
+        self.panel.show_history(solving.history, solving.pixels)
+        self._show_volume()
+
+    def _show_volume(self) -> None:
+        solving = self.solving
+        if solving is None or solving.state is None:
+            return
+        truth = solving.truth
+        self.panel.shown.setVisible(truth is not None)
+        if truth is not None and self.panel.shown.currentData() == "truth":
+            self.panel.show_volume(truth, solving.depths, "True volume of the light field")
+            return
+        title = f"Volume after {solving.state.iteration} iterations, {format_seconds(solving.state.seconds)}"
+        if solving.psf != self.context.state.psf:
+            title += f", by {Path(solving.psf).name}"
+        self.panel.show_volume(solving.volume, solving.depths, title)
+
+    def _job_finished(self, job: WindowJob) -> None:
+        if job.number != self._job:
+            if job.page == self.spec.key:
+                self._show_controls()
+            return
+        self._job = 0
+        solving = self.solving
+        self._show_progress()
+        self._show_volume()  # of a run that stopped by itself an earlier one is the best
+        if job.state is JobState.FAILED:
+            self.panel.show_status(job.error, 0.0, bad=True)
+        elif solving is not None and solving.history:
+            self.panel.show_status(solving.words(), 1.0)
+        else:
+            self.panel.show_status("stopped", 0.0)
+        self._show_controls()
+
+    def save(self, path: str = "") -> None:
+        """Write the volume."""
+        if self.solving is not None:
+            self.volume_file.save(self.solving, path)
+
+    def _load_volume(self) -> None:
+        """Show the volume of the project until there is a newer one."""
+        if self.solving is None:
+            self.saved = None
+            self.panel.show_no_volume()
+            self.volume_file.load()
+
+    def _volume_loaded(self, path: str, volume: NDArray[Any]) -> None:
+        if self.solving is None and path == self.context.state.volume:
+            self.saved = volume
+            self.panel.show_volume(volume, None, f"Volume {Path(path).name}")
+
+    def _close(self) -> None:
+        if self.solving is not None:
+            self.solving.close()

@@ -1,0 +1,198 @@
+"""The Simulate page: what the user chose and gave, and previews of single positions. No Qt."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.base.errors import InputError
+from lfcal.base.units import format_length
+from lfcal.camera import Camera, ScanPlan
+from lfcal.camera.planes import checked_depths
+from lfcal_gui.models.settings import PageSettings
+
+if TYPE_CHECKING:
+    from lfcal.simulate.accuracy.planner import EffectSelection
+    from lfcal.simulate.effects.base import Effect
+
+__all__ = [
+    "LEVELS",
+    "Z_STEPS",
+    "SimulateSettings",
+    "depth_of",
+    "preview",
+    "preview_words",
+    "tolerance_of",
+    "tolerance_step",
+]
+
+LEVELS = (
+    ("auto", "auto: as the effects need"),
+    ("geometric", "geometric: rays, instant"),
+    ("wave", "wave: per lenslet"),
+    ("grid", "grid: all lenslets at once"),
+    ("microscope", "microscope: coherent"),
+)
+"""Levels of the computation, and what is shown of them."""
+
+Z_STEPS = 200
+"""Steps of the preview's depth."""
+
+CHOICES = ("auto", "on", "off")
+
+GIVEN = ("stated", "measured")
+"""How a magnitude that the user gave is known; as in `lfcal.simulate.effects.magnitudes`."""
+
+STEPS = 60
+LOW, HIGH = 0.001, 0.5
+_lock = threading.Lock()
+
+
+@dataclass(frozen=True)
+class SimulateSettings(PageSettings):
+    """What the simulation is asked for.
+
+    Attributes
+    ----------
+    tolerance
+        Relative L1 error allowed for everything that is left out.
+    level
+        One of `LEVELS`.
+    overrides
+        Pairs of effect and ``"on"`` or ``"off"``; the planner decides on the others.
+    magnitudes
+        What the user gave, as (effect, field, value, how it is known): ``"stated"`` or ``"measured"``. Those of
+        effects that are not installed are kept.
+    passes
+        Whether H is simulated in passes: whole after the first, better after each.
+    """
+
+    page: ClassVar[str] = "simulate"
+
+    tolerance: float = 0.05
+    level: str = "auto"
+    overrides: tuple[tuple[str, str], ...] = ()
+    magnitudes: tuple[tuple[str, str, Any, str], ...] = ()
+    passes: bool = False
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        if not 0 < self.tolerance < 1:
+            raise InputError.expected("tolerance", "above 0 and below 1", self.tolerance, "correct it")
+        if self.level not in dict(LEVELS):
+            raise InputError.expected("level", " or ".join(dict(LEVELS)), self.level, "choose one of these")
+        for effect, choice in self.overrides:
+            if choice not in CHOICES:
+                raise InputError.expected(f"choice for {effect}", " or ".join(CHOICES), choice, "choose one of these")
+        for effect, field, _, mark in self.magnitudes:
+            if not isinstance(effect, str) or not isinstance(field, str) or mark not in GIVEN:
+                raise InputError.expected(f"{field} of {effect}", " or ".join(GIVEN), mark, "choose one of these")
+
+    def usable(self) -> None:
+        """Raise `InputError` unless the effects can have these magnitudes."""
+        self.effects()
+
+    def with_override(self, effect: str, choice: str) -> SimulateSettings:
+        """Return the settings with one effect's choice changed."""
+        rest = {k: v for k, v in self.overrides if k != effect}
+        if choice != "auto":
+            rest[effect] = choice
+        return replace(self, overrides=tuple(sorted(rest.items())))
+
+    def given(self, effect: str) -> dict[str, tuple[Any, str]]:
+        """Return the magnitudes given for an effect: field to value and how it is known."""
+        return {field: (value, mark) for name, field, value, mark in self.magnitudes if name == effect}
+
+    def with_magnitude(self, effect: str, field: str, value: Any, mark: str = "stated") -> SimulateSettings:
+        """Return the settings with a magnitude given; a value of None is given no longer.
+
+        Raises
+        ------
+        InputError
+            If the effect cannot have it.
+        """
+        rest = [entry for entry in self.magnitudes if entry[:2] != (effect, field)]
+        if value is not None:
+            rest.append((effect, field, value, mark))
+        changed = replace(self, magnitudes=tuple(sorted(rest, key=lambda entry: entry[:2])))
+        changed.usable()
+        return changed
+
+    def effects(self) -> tuple[Effect, ...]:
+        """Return the effects that have magnitudes given, of those that are installed."""
+        from lfcal.simulate.effects import CATALOGUE
+        from lfcal.simulate.effects.described import effect_from
+
+        names = dict.fromkeys(entry[0] for entry in self.magnitudes if entry[0] in CATALOGUE)
+        return tuple(effect_from(n, {field: value for field, (value, _) in self.given(n).items()}) for n in names)
+
+    def choices(self) -> dict[str, str]:
+        """Return what is chosen for effects that are installed."""
+        from lfcal.simulate.effects import CATALOGUE
+
+        return {name: choice for name, choice in self.overrides if name in CATALOGUE}
+
+    def missing(self) -> tuple[str, ...]:
+        """Return the names of effects that are chosen or given and not installed."""
+        from lfcal.simulate.effects import CATALOGUE
+
+        named = [*dict(self.overrides), *(entry[0] for entry in self.magnitudes)]
+        return tuple(name for name in dict.fromkeys(named) if name not in CATALOGUE)
+
+
+def tolerance_of(step: int) -> float:
+    """Return the tolerance of a slider step: logarithmic from 0.1 % to 50 %."""
+    value = LOW * (HIGH / LOW) ** (step / STEPS)
+    return float(f"{value:.2g}")
+
+
+def tolerance_step(tolerance: float) -> int:
+    """Return the slider step of a tolerance: inverse of `tolerance_of`."""
+    return round(STEPS * float(np.log(tolerance / LOW) / np.log(HIGH / LOW)))
+
+
+def preview(
+    plan: ScanPlan, z_um: float, effects: EffectSelection | tuple[Effect, ...], level: str, tolerance: float
+) -> NDArray[np.float32]:
+    """Return the pattern of the middle position at depth ``z_um``, ``(nt, ns)``; one preview is computed at a time."""
+    from lfcal.simulate.simulate import simulate_psf
+
+    ny, nx = plan.period
+    middle = (plan.anchor[0] + ny // 2, plan.anchor[1] + nx // 2)
+    one = replace(plan, depths_um=(z_um,), exposure_s=plan.exposures[0], period=(1, 1), anchor=middle, resample=False)
+    with _lock:
+        matrix = simulate_psf(plan.camera, one, effects, level, tolerance=tolerance, workers=1)
+    pattern: NDArray[np.float32] = matrix[0, 0, 0]
+    return pattern
+
+
+def depth_of(plan: ScanPlan, step: int) -> float:
+    """Return the depth (µm) of a step of the preview: from the nearest to the farthest plane, or about the only one.
+
+    There it goes no farther than the camera sees.
+    """
+    low, high = min(plan.depths_um), max(plan.depths_um)
+    if low == high:
+        reach = abs(low or 100) / 2
+        while not all(_sees(plan.camera, low + side * reach) for side in (-1, 1)):
+            reach /= 2
+        low, high = low - reach, high + reach
+    return low + (high - low) * step / Z_STEPS
+
+
+def _sees(camera: Camera, z_um: float) -> bool:
+    try:
+        checked_depths(camera, (z_um,))
+    except InputError:
+        return False
+    return True
+
+
+def preview_words(plan: ScanPlan, z_um: float, level: str) -> str:
+    """Return the title of a preview; the level is empty while only rays are shown."""
+    words = f"level {level}" if level else "rays …"
+    return f"Preview at z = {format_length(z_um)}, v = {plan.camera.virtual_depth(z_um):.2f}: {words}"

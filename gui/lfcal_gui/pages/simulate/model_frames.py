@@ -1,0 +1,243 @@
+"""Sensor frames of the simulated camera: one of a chosen position, or those of a whole session. No Qt."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.base.axes import centre
+from lfcal.base.errors import InputError
+from lfcal.base.progress import Work
+from lfcal.base.units import format_length
+from lfcal.camera import ScanPlan
+from lfcal_gui.pages.simulate.model import SimulateSettings
+from lfcal_gui.pages.simulate.model_effects import EffectsVerdict, verdict_of
+
+if TYPE_CHECKING:
+    from lfcal.simulate.effects.base import Effect
+    from lfcal.simulate.sensor.camera_source import SimulatedCamera
+
+__all__ = [
+    "FrameBench",
+    "FrameQuestion",
+    "KeptFrames",
+    "SimulatedFrame",
+    "check_folder",
+    "frame_question",
+    "iter_session",
+    "write_frame",
+]
+
+PEAK = 0.8
+"""Share of the full well that the brightest pixel of a plane reaches."""
+
+
+@dataclass(frozen=True)
+class FrameQuestion:
+    """What is asked: the frame of one position (z, y, x) under effects, those of stage and sensor included.
+
+    ``tolerance`` is the computation's share.
+    """
+
+    plan: ScanPlan
+    position: tuple[int, int, int]
+    effects: tuple[Effect, ...]
+    level: str
+    tolerance: float
+
+    def place(self) -> str:
+        """Return plane and position in words."""
+        z, y, x = self.position
+        return f"z = {format_length(self.plan.depths_um[z])}, position ({y}, {x})"
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedFrame:
+    """A simulated sensor frame.
+
+    Attributes
+    ----------
+    samples
+        Sample values ``(rows, columns)``.
+    question
+        What was asked.
+    """
+
+    samples: NDArray[Any]
+    question: FrameQuestion
+
+    def window(self) -> tuple[int, int]:
+        """Return the first pixel (row, column) of the position's cutout; it may lie off the sensor."""
+        from lfcal.simulate.staging import origin_of
+
+        plan = self.question.plan
+        row, column, _, _ = origin_of(plan)
+        _, y, x = self.question.position
+        fy, fx = plan.resample_factors
+        middle = row + round(y / fy), column + round(x / fx)
+        return middle[0] - centre(plan.cutout[0]), middle[1] - centre(plan.cutout[1])
+
+    def cutout(self) -> tuple[NDArray[np.float32], tuple[int, int]]:
+        """Return the samples of the cutout that lie on the sensor, and their first pixel (row, column)."""
+        top, left = self.window()
+        nt, ns = self.question.plan.cutout
+        r0, c0 = max(0, top), max(0, left)
+        part = self.samples[r0 : max(r0, top + nt), c0 : max(c0, left + ns)]
+        if part.size == 0:
+            raise InputError.expected(
+                "position", "one whose cutout is on the sensor", self.question.place(), "choose another"
+            )
+        return part.astype(np.float32), (r0, c0)
+
+    def words(self) -> str:
+        """Return what the frame is, in a line."""
+        sensor = self.question.plan.camera.sensor
+        rows, columns = self.samples.shape
+        top = float(self.samples.max())
+        full = int(np.count_nonzero(self.samples >= sensor.saturated_from))
+        kind = "whole numbers" if self.samples.dtype.kind == "u" else "not rounded"
+        return (
+            f"{self.question.place()}: {rows} × {columns} px, {kind}, highest {top:.0f} of {sensor.max_value:.0f} "
+            f"counts, {full} px saturated"
+        )
+
+
+def frame_question(verdict: EffectsVerdict, position: tuple[int, int, int]) -> FrameQuestion:
+    """Return the question for the frame of a position with everything that the planner has on for frames."""
+    from lfcal.simulate.plane_task import budgeted
+
+    depth = verdict.plan.depths_um[position[0]]
+    effects, share = budgeted(verdict.frames, verdict.plan, verdict.settings.tolerance).at(depth)
+    return FrameQuestion(verdict.plan, position, effects, verdict.settings.level, share)
+
+
+class FrameBench:
+    """Makes frames of single positions; the light of the last one is kept, on which sensor effects act anew.
+
+    The frames are those of a session of that plane alone: its brightest pixel reaches `PEAK` of the full well.
+    """
+
+    def __init__(self) -> None:
+        self._light: tuple[object, SimulatedCamera, int, NDArray[np.float32]] | None = None
+        self._lock = threading.Lock()
+
+    def frame(self, asked: FrameQuestion, stopped: Callable[[], bool] = lambda: False) -> SimulatedFrame | None:
+        """Return the frame, None where ``stopped()`` said so before it was there.
+
+        Raises
+        ------
+        InputError
+            If plan and effects do not fit.
+        """
+        from lfcal.simulate.effects.base import FrameEffect
+        from lfcal.simulate.sensor.noise import expose
+
+        with self._lock:
+            camera, index, light = self._lit(asked)
+        if stopped():
+            return None
+        on_sensor = [effect for effect in asked.effects if isinstance(effect, FrameEffect)]
+        samples = expose(
+            light, camera.camera, on_sensor, exposure_s=camera.exposure_s(index), seed=camera.seed, index=index
+        )
+        return None if stopped() else SimulatedFrame(samples, asked)
+
+    def _lit(self, asked: FrameQuestion) -> tuple[SimulatedCamera, int, NDArray[np.float32]]:
+        from lfcal.simulate.effects.base import FrameEffect
+        from lfcal.simulate.sensor.camera_source import SimulatedCamera
+
+        before = tuple(effect for effect in asked.effects if not isinstance(effect, FrameEffect))
+        key = (replace(asked, effects=before), asked.plan.camera)
+        if self._light is None or self._light[0] != key:
+            z, y, x = asked.position
+            one = replace(asked.plan, depths_um=(asked.plan.depths_um[z],), exposure_s=asked.plan.exposures[z])
+            camera = SimulatedCamera(one, before, level=asked.level, tolerance=asked.tolerance, peak=PEAK)
+            index = int(np.flatnonzero((one.order_indices() == (0, y, x)).all(axis=1))[0])
+            self._light = key, camera, index, camera.light(index)
+        return self._light[1:]
+
+
+def write_frame(frame: SimulatedFrame, path: Path, part: Path) -> None:
+    """Write the samples to ``part``, as the name ``path`` asks: TIFF of any samples, PNG of whole numbers.
+
+    Raises
+    ------
+    InputError
+        For another kind of file, or PNG of samples that are not rounded.
+    """
+    if path.suffix.lower() in (".tif", ".tiff"):
+        from lfcal.base.tiff_file import write_tiff
+
+        write_tiff(part, frame.samples)
+        return
+    if path.suffix.lower() != ".png":
+        raise InputError.expected(path.name, "a name that ends with .tif or .png", path.suffix or "none", "change it")
+    if frame.samples.dtype != np.uint16:
+        raise InputError.expected(path.name, "whole numbers", "others", "switch quantisation on, or save as TIFF")
+    import cv2
+
+    ok, encoded = cv2.imencode(".png", frame.samples)
+    if not ok:
+        raise InputError.expected(path.name, "a picture that PNG can hold", "another", "save it as TIFF")
+    part.write_bytes(encoded.tobytes())
+
+
+def check_folder(folder: Path) -> None:
+    """Raise `InputError` unless a session may be written to ``folder``: frames of two would be read as one.
+
+    One that was stopped may be gone on with.
+    """
+    from lfcal.simulate.sensor.session import unfinished
+
+    if unfinished(folder) is not None:
+        return
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError.expected(str(folder), "a new or empty folder", "one with files in it", "choose another")
+
+
+def iter_session(
+    plan: ScanPlan, settings: SimulateSettings, folder: str, verdict: EffectsVerdict | None = None
+) -> Work[int]:
+    """Write the frames of the whole plan; asks the planner first unless ``verdict`` is its answer.
+
+    Frames that are written stay where it is stopped; called again it goes on from them.
+    """
+    from lfcal.simulate.sensor.camera_source import SimulatedCamera
+    from lfcal.simulate.sensor.session import iter_write_session
+
+    check_folder(Path(folder))
+    if verdict is None or not verdict.fits(plan, settings):
+        verdict = verdict_of(plan, settings)
+    source = SimulatedCamera(plan, verdict.frames, level=settings.level, tolerance=settings.tolerance, peak=PEAK)
+    return (yield from iter_write_session(source, folder, resume=True))
+
+
+@dataclass(frozen=True)
+class KeptFrames:
+    """The frames of a session that was stopped; see `lfcal_gui.models.job.Keeping`."""
+
+    out: str
+
+    def look(self) -> str:
+        """Return how many frames are written; where none is, nothing stays."""
+        from lfcal.simulate.sensor.session import unfinished
+
+        found = unfinished(self.out)
+        if found is None:
+            return ""
+        if found[0]:
+            return f"{found[0]} of {found[1]} frames"
+        self.discard()
+        return ""
+
+    def discard(self) -> None:
+        """Remove the frames."""
+        from lfcal.simulate.sensor.session import discard_unfinished
+
+        discard_unfinished(self.out)

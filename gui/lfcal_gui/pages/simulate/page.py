@@ -1,0 +1,380 @@
+"""Simulate: only the effects the scene calls for, and what accuracy costs in time."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PySide6.QtWidgets import QFileDialog
+
+from lfcal.base.errors import LfcalError
+from lfcal.camera import ScanPlan
+from lfcal_gui.base_page import BasePage
+from lfcal_gui.context import Context
+from lfcal_gui.jobs import JobState, WindowJob
+from lfcal_gui.models.page import PageSpec
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.pages.simulate.model import SimulateSettings, depth_of, preview, preview_words
+from lfcal_gui.pages.simulate.model_effects import EffectsVerdict, iter_simulation, verdict_of
+from lfcal_gui.pages.simulate.model_files import read_settings, settings_text
+from lfcal_gui.pages.simulate.model_frames import (
+    FrameBench,
+    KeptFrames,
+    SimulatedFrame,
+    check_folder,
+    frame_question,
+    iter_session,
+)
+from lfcal_gui.pages.simulate.model_influence import InfluencePictures, Influences, influence_question
+from lfcal_gui.pages.simulate.model_passes import Passes
+from lfcal_gui.pages.simulate.panel import SimulatePanel
+from lfcal_gui.saving import ask_target, write_file
+
+__all__ = ["Page"]
+
+
+class Page(BasePage):
+    """Asks the planner after every change; what it answered to an earlier question is never used."""
+
+    def __init__(self, spec: PageSpec, context: Context) -> None:
+        super().__init__(spec, context)
+        self.verdict: EffectsVerdict | None = None
+        self.bench = FrameBench()
+        self.influences = Influences(self.bench)
+        self._stop = threading.Event()
+        self._computing = False
+        self._measuring = 0
+        self._ladder: Any = None
+        self._asked: tuple[Any, ...] = (None, None)
+        """Plan and settings of the frame that is shown, or being made."""
+        self.tool_button("Measure accuracy", "Time and error of every level and sampling for this camera", self.ladder)
+        self.tool_button(
+            "Simulate frames …", "Write the frames of the whole plan to a folder, as a job", self.simulate_frames
+        )
+        self.tool_button("Simulate H …", "Compute the whole H of the plan as a job", self.simulate, primary=True)
+        self.panel = SimulatePanel(context.jobs)
+        self._connect()
+        self.set_panel(self.panel)
+        self.theme_changed.connect(self._apply_theme)
+        context.jobs.changed.connect(self._measured)
+        self._show(context.state)
+
+    def _connect(self) -> None:
+        panel, effect = self.panel, self.panel.effect
+        panel.tolerance_asked.connect(self._set_tolerance)
+        panel.level_asked.connect(self._set_level)
+        panel.passes_asked.connect(self._set_passes)
+        panel.choice_asked.connect(self._set_choice)
+        panel.depth_moved.connect(lambda: self._preview(fine=False))
+        panel.import_asked.connect(lambda: self.import_magnitudes())
+        panel.export_asked.connect(lambda: self.export_magnitudes())
+        panel.reset_asked.connect(self._reset)
+        panel.table.chosen.connect(self._choose)
+        panel.tabs.currentChanged.connect(lambda _: self._look())
+        panel.frame.frame_asked.connect(self.make_frame)
+        effect.given.connect(self._give)
+        effect.place_changed.connect(self._influence)
+        effect.stop_asked.connect(self._stop_waiting)
+        effect.frame_asked.connect(self.make_frame)
+
+    # -- project ---------------------------------------------------------------------------------------
+    @property
+    def settings(self) -> SimulateSettings:
+        """What the user chose."""
+        return SimulateSettings.of(self.context.state)
+
+    def state_changed(self, old: ProjectState, new: ProjectState) -> None:
+        """Ask the planner again if plan or settings changed, or where the camera's values come from."""
+        marks = old.camera.marks != new.camera.marks
+        if old.plan != new.plan:
+            self._forget_ladder()
+        elif SimulateSettings.of(old).tolerance != SimulateSettings.of(new).tolerance:
+            self._show_ladder()
+        if (new.plan, SimulateSettings.of(new)) != self._asked:
+            self._forget_frame()
+        if old.plan != new.plan or marks or SimulateSettings.of(old) != SimulateSettings.of(new):
+            self._show(new)
+
+    def _forget_ladder(self) -> None:
+        """Take away what was measured of another plan, and stop measuring it."""
+        number, self._measuring = self._measuring, 0
+        self.context.jobs.cancel(number)
+        self._ladder = None
+        self.panel.show_no_ladder()
+
+    def _forget_frame(self) -> None:
+        """Take away a frame that was made for another plan, or with other choices."""
+        if self._asked != (None, None):
+            self._asked = (None, None)
+            self.panel.frame.show_none()
+
+    def _show(self, state: ProjectState) -> None:
+        if state.plan is None:
+            self.show_empty(
+                "The simulation needs a scan plan: which positions, planes and cutout.",
+                {"Plan": self.lead("plan", "Say which source positions and depth planes there are")},
+            )
+            return
+        self.show_body()
+        settings, plan = self.settings, state.plan
+        self.panel.show_settings(settings)
+        self.context.jobs.compute(
+            "simulate plan", lambda: verdict_of(plan, settings), self._planned, self.context.message.emit
+        )
+
+    def _set_tolerance(self, tolerance: float) -> None:
+        settings = replace(self.settings, tolerance=tolerance)
+        self.context.project.merge("tolerance", settings=settings.into(self.context.state))
+
+    def _set_level(self, level: str) -> None:
+        settings = replace(self.settings, level=level)
+        self.context.project.update("level of simulation", settings=settings.into(self.context.state))
+
+    def _set_passes(self, passes: bool) -> None:
+        settings = replace(self.settings, passes=passes)
+        self.context.project.update("simulation in passes", settings=settings.into(self.context.state))
+
+    def _set_choice(self, effect: str, choice: str) -> None:
+        self._change(f"choice for {effect}", lambda: self.settings.with_override(effect, choice))
+
+    def _give(self, effect: str, field: str, value: Any, mark: str) -> None:
+        self._change(f"{field} of {effect}", lambda: self.settings.with_magnitude(effect, field, value, mark))
+
+    def _reset(self) -> None:
+        self._change("reset of effects", lambda: replace(self.settings, overrides=(), magnitudes=()))
+
+    def _change(self, label: str, make: Callable[[], SimulateSettings]) -> None:
+        """Make settings and keep them; why they cannot be is said on the page."""
+        try:
+            settings = make()
+        except LfcalError as error:
+            self.refuse(str(error))
+            return
+        self.notice.clear()
+        self.context.project.update(label, settings=settings.into(self.context.state))
+
+    # -- planner and preview ---------------------------------------------------------------------------
+    def _planned(self, verdict: EffectsVerdict) -> None:
+        self.verdict = verdict
+        self.panel.show_verdict(verdict)
+        self._look()
+
+    def _look(self) -> None:
+        """Compute what is looked at, and nothing else."""
+        self._preview(fine=True)
+        self._influence()
+
+    def _answer(self) -> EffectsVerdict | None:
+        """Return the planner's answer to what is asked now, None while it is still at work."""
+        fits = self.verdict is not None and self.verdict.fits(self.context.state.plan, self.settings)
+        return self.verdict if fits else None
+
+    def _preview(self, *, fine: bool) -> None:
+        """Show rays at once; when nothing newer came, the chosen level with the effects the planner has on."""
+        plan, verdict, settings = self.context.state.plan, self._answer(), self.settings
+        if plan is None or (fine and verdict is None):  # the planner's answer brings the fine preview
+            return
+        if not self.panel.preview_shown:  # the tab brings it
+            return
+        z = depth_of(plan, self.panel.z_slider.value())
+        level = settings.level if fine else "geometric"
+        # the selection and not its effects: what it leaves out uses its part of the tolerance
+        effects = verdict.found if fine and verdict is not None else ()
+        self.panel.preview_label.setText(preview_words(plan, z, settings.level if fine else ""))
+        self.context.jobs.compute(
+            "simulate preview",
+            lambda: preview(plan, z, effects, level, settings.tolerance),
+            lambda image: self._previewed(image, plan, settings, fine),
+            self.panel.preview_label.setText,
+        )
+
+    def _previewed(self, image: NDArray[np.float32], plan: ScanPlan, settings: SimulateSettings, fine: bool) -> None:
+        if (plan, settings) != (self.context.state.plan, self.settings):
+            return  # of an earlier question; the planner's answer brings the next
+        self.panel.show_preview(image)
+        if not fine:
+            self._preview(fine=True)
+
+    # -- one effect, one frame ---------------------------------------------------------------------------
+    def _choose(self, name: str) -> None:
+        if self.verdict is not None:
+            self.panel.effect.show_row(self.verdict.row(name))
+            self._influence()
+
+    def _stop_influence(self) -> None:
+        self._stop.set()
+        self._stop = threading.Event()
+
+    def _stop_waiting(self) -> None:
+        self._stop.set()
+        self.panel.effect.show_influence(None, "Stopped. Choose the effect, plane or position anew to go on.")
+
+    def _influence(self) -> None:
+        """Show what the selected effect does to the position, if that is looked at."""
+        self._stop_influence()
+        verdict, panel = self._answer(), self.panel
+        row = None if verdict is None else verdict.row(panel.table.selected)
+        if verdict is None or row is None or panel.tabs.currentWidget() is not panel.effect:
+            return
+        asked = influence_question(verdict, row, panel.effect.place)
+        known = self.influences.known(asked)
+        if known is not None:
+            panel.effect.show_influence(known)
+            return
+        panel.effect.show_waiting("Computing without and with it …")
+        if self._computing:  # its end brings this one: a second would only wait, and keep the planner waiting
+            return
+        self._computing, stop = True, self._stop
+        self.context.jobs.compute(
+            "simulate influence",
+            lambda: self.influences.answer(asked, stop.is_set),
+            lambda found: self._influenced(stop, found),
+            lambda why: self._influenced(stop, None, why),
+        )
+
+    def _influenced(self, stop: threading.Event, found: InfluencePictures | None, why: str = "") -> None:
+        self._computing = False
+        if stop is not self._stop:
+            self._influence()
+        elif found is not None or why:
+            self.panel.effect.show_influence(found, why)
+
+    def make_frame(self) -> None:
+        """Make the sensor frame of the chosen position."""
+        verdict, panel = self._answer(), self.panel
+        if verdict is None:
+            return
+        asked = frame_question(verdict, panel.effect.place)
+        panel.show_frame_tab()
+        panel.frame.show_waiting()
+        self._asked = question = (self.context.state.plan, self.settings)
+        self.context.jobs.compute(
+            "simulate frame",
+            lambda: self.bench.frame(asked),
+            lambda frame: self._framed(question, frame),
+            lambda why: self._framed(question, None, why),
+        )
+
+    def _framed(self, question: tuple[Any, ...], frame: SimulatedFrame | None, why: str = "") -> None:
+        if question == self._asked:
+            self.panel.frame.show_frame(frame, why)
+
+    # -- files -------------------------------------------------------------------------------------------
+    def import_magnitudes(self, path: str = "") -> None:
+        """Take magnitudes and settings from a JSON file."""
+        path = path or QFileDialog.getOpenFileName(self, "Import magnitudes", "", "effects (*.json)")[0]
+        if path:
+            settings = self.settings
+            self.load(Path(path).name, lambda: read_settings(Path(path), settings), self._imported)
+
+    def _imported(self, found: tuple[SimulateSettings, str]) -> None:
+        settings, words = found
+        now = replace(self.settings, overrides=settings.overrides, magnitudes=settings.magnitudes)
+        self.context.project.update("import of magnitudes", settings=now.into(self.context.state))
+        self.context.message.emit(words)
+
+    def export_magnitudes(self, path: str = "") -> None:
+        """Write magnitudes and settings to a JSON file for the command line."""
+        text = settings_text(self.settings)
+        path = path or ask_target(self, "Export magnitudes", "effects.json", "effects (*.json)")
+        if path and write_file(self, path, lambda part: part.write_text(text, encoding="utf-8")):
+            self.context.message.emit(f"written: {path}; lfcal simulate … --effects {Path(path).name} reads it")
+
+    # -- work --------------------------------------------------------------------------------------------
+    def _plan(self) -> ScanPlan | None:
+        """Return the plan; where there is none, say so."""
+        if self.context.state.plan is None:
+            self.refuse("there is no scan plan to simulate; make or open one on the page Plan")
+        return self.context.state.plan
+
+    def simulate(self, path: str = "") -> None:
+        """Simulate the whole H as a job, with plan and settings as they are now."""
+        plan, settings, verdict = self._plan(), self.settings, self._answer()
+        if plan is None:
+            return
+        path = path or ask_target(self, "Simulate H", "simulated.h5", "H file (*.h5)")
+        if not path:
+            return
+        title = f"Simulate {Path(path).name}"
+        taken = self.context.taken("simulate", title, path)
+        if not settings.passes:
+            work = partial(iter_simulation, plan, settings, path, verdict)
+            self.context.start_writing(title, "simulate", path, work, self._simulated, taken=taken)
+            return
+        passes = Passes(plan, settings, path, verdict)
+
+        def ended(job: WindowJob) -> None:
+            if job.state is not JobState.DONE and passes.whole:  # the last whole pass stays
+                self._take(path, f"kept {path}, {passes.whole}")
+
+        self.context.start_writing(title, "simulate", path, passes.work, self._simulated, on_end=ended, taken=taken)
+
+    def _simulated(self, matrix: Any) -> None:
+        path = matrix.path
+        matrix.close()
+        self._take(path, f"simulated {path}")
+
+    def _take(self, path: str, words: str) -> None:
+        self.context.message.emit(words)
+        changes = {"reference": path} if self.context.state.psf else {"psf": path, "reference": path}
+        self.context.project.update("simulation", **changes)
+
+    def simulate_frames(self, folder: str = "") -> None:
+        """Write the frames of a simulated session as a job, with plan and settings as they are now."""
+        plan, settings, verdict = self._plan(), self.settings, self._answer()
+        if plan is None:
+            return
+        folder = folder or QFileDialog.getExistingDirectory(self, "Folder for the frames (new or empty)")
+        if not folder:
+            return
+        try:
+            check_folder(Path(folder))
+        except LfcalError as error:
+            self.refuse(str(error))
+            return
+        self.context.jobs.start(
+            f"Simulate frames in {Path(folder).name}",
+            "simulate",
+            lambda: iter_session(plan, settings, folder, verdict),
+            lambda count: self.context.message.emit(f"{count} frames, dark and white frames written to {folder}"),
+            keeping=KeptFrames(folder),
+        )
+
+    def ladder(self) -> None:
+        """Measure time and error of every level, as a job."""
+        from lfcal.simulate.accuracy.ladder import iter_ladder
+
+        plan = self._plan()
+        if plan is not None:
+            tolerance = self.settings.tolerance
+            self.panel.show_accuracy_tab()
+            self._measuring = self.context.jobs.start(
+                "Accuracy against time", "simulate", lambda: iter_ladder(plan.camera, plan, tolerance), leave=True
+            )
+
+    def _measured(self, job: WindowJob) -> None:
+        """Show the rungs as they come; those of a measurement that is stopped stay."""
+        if job.number != self._measuring:
+            return
+        from lfcal.simulate.accuracy.ladder import LadderProgress
+
+        found = job.progress.ladder if isinstance(job.progress, LadderProgress) else None
+        if found is not None and found.rungs and found is not self._ladder:
+            self._ladder = found
+            self._show_ladder()
+
+    def _show_ladder(self) -> None:
+        """Show the rungs, and which of them the tolerance picks that is asked for now."""
+        if self._ladder is not None:
+            self.panel.show_ladder(replace(self._ladder, tolerance=self.settings.tolerance))
+
+    def _apply_theme(self) -> None:
+        self.panel.apply_theme()
+        if self.verdict is not None:
+            self.panel.show_verdict(self.verdict)

@@ -1,0 +1,125 @@
+"""The command palette: everything that can be done now, found by a part of its name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+from PySide6.QtCore import QEvent, QObject, Qt
+from PySide6.QtGui import QAction, QKeyEvent, QKeySequence
+from PySide6.QtWidgets import QDialog, QLineEdit, QListWidget, QMenuBar, QPushButton, QVBoxLayout, QWidget
+from shiboken6 import isValid
+
+from lfcal_gui.theme import style_sheet
+
+__all__ = ["Palette", "PaletteEntry", "doable"]
+
+SIZE = (520, 420)
+TITLE = "Command palette"
+STEPS = {Qt.Key.Key_Down: 1, Qt.Key.Key_Up: -1}
+
+
+@dataclass(frozen=True)
+class PaletteEntry:
+    """One thing to do: its name, its key if it has one, the call, and whether it can be done now."""
+
+    name: str
+    key: str
+    do: Callable[[], object]
+    can_be_done: Callable[[], bool]
+
+    def matches(self, typed: str) -> bool:
+        """Return whether the name has every word of ``typed`` in it."""
+        return all(word in self.name.lower() for word in typed.lower().split())
+
+
+def doable(bar: QMenuBar, page: QWidget, title: str) -> list[PaletteEntry]:
+    """Return the buttons of ``page``, which is called ``title``, and the actions of the menus that can be used now."""
+    # what was listed may be gone when it is chosen: a job's row, a file of the menu
+    entries = [
+        PaletteEntry(f"{title}: {name}", "", button.click, partial(_pressable, button, page))
+        for button in page.findChildren(QPushButton)
+        if _pressable(button, page) and (name := _name_of(button))
+    ]
+    for menu in (action.menu() for action in bar.actions()):
+        for action in [] if menu is None else menu.actions():
+            if action.text() and action.isEnabled() and action.menu() is None and not action.isSeparator():
+                shortcut = action.shortcut().toString(QKeySequence.SequenceFormat.NativeText)
+                name = f"{menu.title()}: {action.text()}".replace("&", "")
+                entries.append(PaletteEntry(name, shortcut, action.trigger, partial(_triggerable, action)))
+    return entries
+
+
+def _name_of(button: QPushButton) -> str:
+    """Return what a button does: its text, or, where that is no word, its accessible name or tooltip."""
+    names = (button.text().replace("&", ""), button.accessibleName(), button.toolTip())
+    return next((name for name in names if any(letter.isalpha() for letter in name)), "")
+
+
+def _pressable(button: QPushButton, page: QWidget) -> bool:
+    return isValid(button) and isValid(page) and button.isEnabled() and button.isVisibleTo(page)
+
+
+def _triggerable(action: QAction) -> bool:
+    return isValid(action) and action.isEnabled()
+
+
+class Palette(QDialog):
+    """A line to type in and what matches it; Enter does the marked one."""
+
+    def __init__(self, parent: QWidget, entries: Sequence[PaletteEntry]) -> None:
+        super().__init__(parent)
+        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        self.setWindowTitle(TITLE)
+        self.setStyleSheet(style_sheet())
+        self.resize(*SIZE)
+        self._entries = tuple(entries)
+        self.line = QLineEdit()
+        self.line.setPlaceholderText("Type a part of what to do")
+        self.line.setAccessibleName("command")
+        self.line.setToolTip("A part of its name; the arrows choose among what matches, Enter does it")
+        self.line.textChanged.connect(self._show)
+        self.line.returnPressed.connect(self._do)
+        self.line.installEventFilter(self)
+        self.list = QListWidget()
+        self.list.setAccessibleName("commands that match")
+        self.list.setToolTip("All that can be done here; a double click does it")
+        self.list.itemActivated.connect(lambda _: self._do())
+        column = QVBoxLayout(self)
+        column.addWidget(self.line)
+        column.addWidget(self.list, 1)
+        self._show("")
+        self.line.setFocus()
+
+    @property
+    def shown(self) -> list[PaletteEntry]:
+        """What matches the line."""
+        return [entry for entry in self._entries if entry.matches(self.line.text())]
+
+    def _show(self, _: str) -> None:
+        self.list.clear()
+        self.list.addItems([f"{entry.name}    {entry.key}".rstrip() for entry in self.shown])
+        self.list.setCurrentRow(0)
+
+    def _do(self) -> None:
+        row, shown = self.list.currentRow(), self.shown
+        if not 0 <= row < len(shown):
+            return
+        if not shown[row].can_be_done():
+            self.setWindowTitle(f"{TITLE}: “{shown[row].name}” is gone")
+            self._entries = tuple(entry for entry in self._entries if entry.can_be_done())
+            self._show("")
+            return
+        self.accept()
+        shown[row].do()
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Move in the list by the arrow keys while the line is typed in."""
+        if event.type() == QEvent.Type.KeyPress and isinstance(event, QKeyEvent):
+            step = STEPS.get(Qt.Key(event.key()))
+            if step is not None:
+                row = self.list.currentRow() + step
+                self.list.setCurrentRow(max(0, min(self.list.count() - 1, row)))
+                return True
+        return super().eventFilter(watched, event)

@@ -1,0 +1,95 @@
+"""Preferences: what is kept between starts, and everything as it was at first."""
+
+from __future__ import annotations
+
+import os
+
+from PySide6.QtCore import QSettings, Qt, Signal
+from PySide6.QtWidgets import QCheckBox, QDialog, QFormLayout, QPushButton, QSpinBox, QVBoxLayout, QWidget
+
+from lfcal.base.system import processors
+from lfcal.base.threads import WORKERS
+from lfcal_gui.theme import current_theme, style_sheet
+from lfcal_gui.widgets.cards import choice_box, line
+from lfcal_gui.widgets.words import WrappedLabel
+
+__all__ = ["Preferences", "apply_threads", "welcome_wanted"]
+
+THEMES = (("light", "light"), ("dark", "dark"), ("night", "red on black, for a dark lab"))
+
+
+def welcome_wanted(settings: QSettings) -> bool:
+    """Return whether the welcome is shown at the start."""
+    return bool(settings.value("welcome", True, type=bool))
+
+
+def apply_threads(settings: QSettings) -> None:
+    """Let work use as many threads as were chosen, unless the environment says so already."""
+    chosen = settings.value("threads", 0, type=int)
+    if isinstance(chosen, int) and chosen > 0:
+        os.environ.setdefault(WORKERS, str(chosen))
+
+
+class Preferences(QDialog):
+    """Theme, threads, welcome; and a button for what they were at first, with the window's layout.
+
+    Signals
+    -------
+    theme_asked(name)
+        Of one of the themes.
+    layout_reset()
+        Docks and size as at first.
+    """
+
+    theme_asked = Signal(str)
+    layout_reset = Signal()
+
+    def __init__(self, settings: QSettings, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.settings = settings
+        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        self.setWindowTitle("Preferences")
+        self.setStyleSheet(style_sheet())
+        self.theme = choice_box(THEMES, "Dark or night where the lab is dark (Ctrl+T changes between light and dark)")
+        self.theme.setAccessibleName("theme")
+        self.threads = QSpinBox()
+        self.threads.setRange(0, processors())
+        self.threads.setSpecialValueText("every processor")
+        self.threads.setAccessibleName("threads")
+        self.threads.setToolTip("Most threads of simulations, assembly and reconstructions; from the next start on")
+        self.welcome = QCheckBox("Show the welcome at the start")
+        self.welcome.setToolTip("Off: the window starts with an empty project at once")
+        self.hint = WrappedLabel()
+        self.hint.setProperty("role", "hint")
+        self.reset, close = QPushButton("Reset all"), QPushButton("Close")
+        self.reset.setToolTip("Theme, threads, welcome, docks and size of the window as at the first start")
+        close.setToolTip("What was chosen is kept already")
+        form = QFormLayout()
+        form.addRow("Theme", self.theme)
+        form.addRow("Threads", self.threads)
+        form.addRow("", self.welcome)
+        column = QVBoxLayout(self)
+        column.addLayout(form)
+        column.addWidget(self.hint)
+        column.addLayout(line(self.reset, QWidget(), close, stretch=1))
+        self._show()
+        self.theme.currentIndexChanged.connect(lambda _: self.theme_asked.emit(self.theme.currentData()))
+        self.threads.valueChanged.connect(lambda count: settings.setValue("threads", count))
+        self.welcome.toggled.connect(lambda on: settings.setValue("welcome", on))
+        self.reset.clicked.connect(self._reset)
+        close.clicked.connect(self.close)
+
+    def _show(self) -> None:
+        self.theme.setCurrentIndex(self.theme.findData(current_theme().name))
+        count = self.settings.value("threads", 0, type=int)
+        self.threads.setValue(count if isinstance(count, int) else 0)
+        self.welcome.setChecked(welcome_wanted(self.settings))
+        given = os.environ.get(WORKERS, "")
+        said = f"The environment sets {WORKERS} to {given}, which counts until the next start. " if given else ""
+        self.hint.setText(f"{said}Kept in {self.settings.fileName()}.")
+
+    def _reset(self) -> None:
+        self.settings.clear()
+        self._show()
+        self.theme.setCurrentIndex(0)
+        self.layout_reset.emit()

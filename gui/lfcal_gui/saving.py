@@ -1,0 +1,83 @@
+"""Where something is written: no existing file is replaced before the user said so."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+from PySide6.QtWidgets import QFileDialog, QMessageBox, QWidget
+
+from lfcal.base.errors import LfcalError, StorageError
+from lfcal.base.files import replace_whole
+from lfcal_gui.workers import words_of
+
+__all__ = ["ask_target", "may_replace", "write_file", "write_picture"]
+
+
+def ask_target(
+    parent: QWidget, title: str, name: str, kinds: str, outputs: Callable[[Path], Sequence[Path]] | None = None
+) -> str:
+    """Ask where to write; return the path, empty if the user thought better of it.
+
+    A name without a suffix takes that of the chosen kind. The dialog asks about replacing the name as it was typed,
+    so the files that are written instead are asked about here.
+
+    Parameters
+    ----------
+    parent, title, name, kinds
+        Of the dialog; ``name`` is offered, ``kinds`` are such as ``"TIFF (*.tif);;numpy (*.npy)"``.
+    outputs
+        Returns the files that are written for a path, where that is not the path itself.
+    """
+    typed, kind = QFileDialog.getSaveFileName(parent, title, name, kinds)
+    if not typed:
+        return ""
+    path = Path(with_suffix(typed, kind or kinds))
+    files = [path] if outputs is None else list(outputs(path))
+    return str(path) if may_replace(parent, [file for file in files if file != Path(typed)]) else ""
+
+
+def with_suffix(path: str, kind: str) -> str:
+    """Return ``path`` with the first suffix of a kind such as ``"TIFF (*.tif *.tiff)"`` unless it has one itself."""
+    own = Path(path).suffix
+    offered = re.findall(r"\*(\.[\w.]+)", kind)
+    # "H_0.5um" ends in no suffix of a file
+    if (own and re.fullmatch(r"\.[A-Za-z][A-Za-z0-9]{1,5}", own)) or not offered:
+        return path
+    return path + str(offered[0])
+
+
+def write_file(parent: QWidget, path: str, write: Callable[[Path], object]) -> bool:
+    """Let ``write`` fill a scratch file that takes the place of ``path`` when it is whole; say why if that fails."""
+    try:
+        with replace_whole(path) as part:
+            write(part)
+    except (LfcalError, OSError) as error:
+        QMessageBox.warning(parent, "Cannot write", words_of(error))
+        return False
+    return True
+
+
+def write_picture(widget: QWidget, path: str) -> bool:
+    """Write what a widget shows as PNG; say why if that fails."""
+
+    def write(part: Path) -> None:
+        if not widget.grab().save(str(part), "PNG"):
+            raise StorageError(f"{path}: the picture could not be written; check the disk and the path")
+
+    return write_file(widget, path, write)
+
+
+def may_replace(parent: QWidget, paths: Iterable[Path]) -> bool:
+    """Return whether the files may be written: none is there, or the user agrees to lose what they hold."""
+    there = [path for path in paths if path.exists()]
+    if not there:
+        return True
+    names = "\n".join(str(path) for path in there[:8]) + ("\n…" if len(there) > 8 else "")
+    what = "This file exists" if len(there) == 1 else f"These {len(there)} files exist"
+    buttons = QMessageBox.StandardButton
+    answer = QMessageBox.question(
+        parent, "Replace it?", f"{what}:\n{names}\n\nReplace what is there?", buttons.Yes | buttons.No, buttons.No
+    )
+    return answer == buttons.Yes

@@ -1,0 +1,28 @@
+"""All scenes by their names, in the order in which they are played."""
+
+from __future__ import annotations
+
+from lfcal_gui.scenes.dialogs import dialogs
+from lfcal_gui.scenes.faults import faults
+from lfcal_gui.scenes.large import large
+from lfcal_gui.scenes.parts import parts
+from lfcal_gui.scenes.recording import recording
+from lfcal_gui.scenes.sample import sample
+from lfcal_gui.scenes.stage import Scene
+from lfcal_gui.scenes.start import empty
+from lfcal_gui.scenes.target import target
+from lfcal_gui.scenes.trouble import trouble
+
+__all__ = ["SCENES"]
+
+SCENES: dict[str, Scene] = {
+    "empty": empty,
+    "sample": sample,
+    "parts": parts,
+    "dialogs": dialogs,
+    "trouble": trouble,
+    "faults": faults,
+    "large": large,
+    "recording": recording,
+    "target": target,
+}

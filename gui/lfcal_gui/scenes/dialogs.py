@@ -1,0 +1,47 @@
+"""Dialogs and docks over the sample session."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from lfcal.cli.sample import sample_session
+from lfcal_gui.palette import Palette, doable
+from lfcal_gui.scenes.sample import open_sample
+from lfcal_gui.scenes.stage import Shot, Stage
+
+__all__ = ["dialogs"]
+
+
+def dialogs(stage: Stage) -> Iterator[Shot]:
+    """Open one after the other."""
+    window = stage.window
+    open_sample(stage)
+    page = stage.page("frames")
+    page.start_import(str(sample_session() / "frames"))
+    stage.settle()
+    yield Shot("dialog_import", page.dialog)
+    page.dialog.close()
+    page = stage.page("psf")
+    page.export()
+    stage.settle()
+    yield Shot("dialog_export", page._export_dialog)
+    page._export_dialog.close()
+    page = stage.page("camera")
+    page.measure_sensor()
+    stage.settle()
+    yield Shot("dialog_sensor", page.dialog)
+    page.dialog.close()
+    for name in ("preferences", "doctor", "verify"):
+        dialog = getattr(window.tools, name)()
+        stage.settle()
+        yield Shot(f"dialog_{name}", dialog)
+        dialog.close()
+    palette = Palette(window, doable(window.menuBar(), window.stack.currentWidget(), "Camera"))
+    palette.open()
+    stage.turn()
+    yield Shot("dialog_palette", palette)
+    palette.close()
+    window.show_manual("faults.md")
+    stage.settle()
+    yield Shot("dialog_manual", window._manual)
+    window._manual.close()

@@ -1,0 +1,108 @@
+"""A session recorded with the simulator: devices, live view, what is found, recording, the dark lab."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+from lfcal.camera import ScanPlan
+from lfcal.cli.sample import sample_session
+from lfcal.devices.simulated.faults import DeviceFault
+from lfcal_gui.scenes.stage import Shot, Stage
+
+__all__ = ["recording"]
+
+
+def recording(stage: Stage) -> Iterator[Shot]:
+    """Set up, record one plane, assemble it."""
+    page = _begin(stage)
+    yield from _set_up(stage, page)
+    yield from _record(stage, page)
+
+
+def _begin(stage: Stage) -> Any:
+    """Begin a project of one plane of the sample, to be recorded into a new folder; return its page."""
+    window, folder = stage.window, stage.folder / "session"
+    shutil.rmtree(folder, ignore_errors=True)
+    plan = ScanPlan.from_json((sample_session() / "plan.json").read_text(encoding="utf-8"))
+    window.project.update(
+        "one plane", plan=replace(plan, depths_um=plan.depths_um[:1], exposure_s=plan.exposures[:1], settle_s=0.0)
+    )
+    window.project.update("where to record", camera=plan.camera, recording=str(folder), redo=(), frames="", psf="")
+    page = stage.page("acquire")
+    stage.until(lambda: page.panel.setup.devices.backend.count() > 0, "the list of devices")
+    stage.settle()
+    return page
+
+
+def _set_up(stage: Stage, page: Any) -> Iterator[Shot]:
+    setup = page.panel.setup
+    page.panel.setCurrentWidget(setup)
+    stage.tidy()
+    yield Shot("acquire_setup_unconnected")
+    page.setup.connect_devices()
+    stage.until(lambda: page.setup.station is not None, "the simulator")
+    setup.live.setChecked(True)
+    stage.until(lambda: not setup._waiting, "the first live frame")
+    setup.lattice.setChecked(True)
+    stage.turn(40)
+    stage.tidy()
+    yield Shot("acquire_setup_live")
+    setup.live.setChecked(False)
+    stage.settle()
+    for key in ("stage", "axis", "exposure", "white", "dark"):
+        page.setup.measuring.find(key)
+        stage.until(lambda: page.setup.free, key)
+        stage.settle()
+    stage.tidy()
+    yield Shot("acquire_setup_found")
+    setup.devices.more.setChecked(True)
+    setup.faults.fold.open()
+    stage.turn()
+    yield Shot("acquire_setup_options")
+    setup.devices.more.setChecked(False)
+
+
+def _record(stage: Stage, page: Any) -> Iterator[Shot]:
+    """Record, let the camera fail on the way, go on, and assemble."""
+    tab, panel = page.record, page.panel.record
+    page.panel.setCurrentWidget(panel)
+    stage.settle()
+    stage.tidy()
+    yield Shot("acquire_record_ready")
+    tab.start()
+    stage.until(lambda: tab.recording and panel.bar.value() > 250, "a quarter of the recording")
+    tab.pause()
+    stage.turn(60)
+    yield Shot("acquire_record_running")
+    yield from _dark_lab(stage, page)
+    page.setup.station.inject(DeviceFault("vanishes", 40, 1))
+    tab.pause()
+    stage.until(lambda: not tab.recording, "the camera to be unplugged")
+    stage.settle()
+    yield Shot("acquire_record_failed")
+    page.setup.disconnect_devices()
+    stage.settle()
+    tab.start()
+    stage.until(lambda: tab.recording, "the recording to go on")
+    stage.until(lambda: not tab.recording, "the end of the recording")
+    stage.settle()
+    stage.tidy()
+    yield Shot("acquire_record_complete")
+    panel.extent.setCurrentIndex(panel.extent.findData("error"))
+    panel.extent_asked.emit("error")
+    stage.settle()
+    yield Shot("acquire_record_error")
+    tab.after.assemble(str(stage.folder / "session" / "H.h5"))
+    stage.settle()
+    stage.tidy()
+    yield Shot("psf_recorded")
+
+
+def _dark_lab(stage: Stage, page: Any) -> Iterator[Shot]:
+    page.lab.toggle.setChecked(True)
+    stage.turn(20)
+    yield Shot("acquire_lab", theme="night")
+    page.lab.toggle.setChecked(False)

@@ -1,0 +1,207 @@
+"""The sample session: every page and tab with content."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from lfcal.accuracy import PLACES
+from lfcal.cli.sample import sample_session
+from lfcal_gui.scenes.stage import Shot, Stage
+
+__all__ = ["camera", "frames", "open_sample", "plan", "psf", "sample"]
+
+
+def sample(stage: Stage) -> Iterator[Shot]:
+    """Go through all pages with the sample session."""
+    open_sample(stage)
+    for scene in (camera, plan, frames, psf, simulate, quality, fit, reconstruct, multiplex, accuracy):
+        yield from scene(stage)
+
+
+def open_sample(stage: Stage) -> None:
+    """Open the sample session, unless the project has its frames and H already."""
+    state = stage.window.project.state
+    if not (state.frames and state.psf):
+        stage.window.tools.sample()
+        stage.done()
+
+
+def camera(stage: Stage) -> Iterator[Shot]:
+    """Show the camera's tabs, with its white image."""
+    page = stage.page("camera")
+    stage.tidy()
+    yield Shot("camera")
+    page.panel.tabs.setCurrentIndex(1)
+    stage.turn()
+    yield Shot("camera_assumed")
+    white = next((sample_session() / "white").glob("*.png"))
+    page.check_white(str(white))
+    stage.settle()
+    stage.tidy()
+    yield Shot("camera_white")
+
+
+def plan(stage: Stage) -> Iterator[Shot]:
+    """Show the plan."""
+    stage.page("plan")
+    stage.tidy()
+    yield Shot("plan")
+
+
+def frames(stage: Stage) -> Iterator[Shot]:
+    """Show a frame whole, and followed with its lattice."""
+    page = stage.page("frames")
+    stage.tidy()
+    yield Shot("frames")
+    page.panel.lattice_box.setChecked(True)
+    page.panel.follow.setChecked(True)
+    stage.settle()
+    yield Shot("frames_follow")
+    page.panel.follow.setChecked(False)
+    page.panel.view.show_all()
+
+
+def psf(stage: Stage) -> Iterator[Shot]:
+    """Show H, HT, and a logarithmic scale."""
+    page = stage.page("psf")
+    stage.settle()
+    stage.tidy()
+    yield Shot("psf")
+    page.set_intent(transposed=True, pixel=(20, 20))
+    page.panel.toggle_scale("log")
+    stage.settle()
+    yield Shot("psf_transposed")
+    page.set_intent(transposed=False)
+    page.panel.toggle_scale("log")
+
+
+def simulate(stage: Stage) -> Iterator[Shot]:
+    """Show an effect, the response, a frame, and accuracy; then hold H against the simulation."""
+    page = stage.page("simulate")
+    page.panel.table.select("vignetting")
+    stage.settle()
+    stage.tidy()
+    yield Shot("simulate")
+    page.panel.tabs.setCurrentIndex(1)
+    stage.settle()
+    yield Shot("simulate_response")
+    page.make_frame()
+    stage.settle()
+    yield Shot("simulate_frame")
+    page.ladder()
+    stage.done()
+    stage.tidy()
+    yield Shot("simulate_accuracy")
+    simulated = stage.folder / "simulated.h5"
+    if simulated.is_file():
+        stage.window.project.update("reference", reference=str(simulated))
+    else:
+        page.simulate(str(simulated))
+    stage.done()
+    judge = stage.page("psf")
+    judge.set_intent(show="difference")
+    stage.settle()
+    stage.tidy()
+    yield Shot("psf_difference")
+    judge.set_intent(show="measured")
+
+
+def quality(stage: Stage) -> Iterator[Shot]:
+    """Show the inspection, the comparison in its modes, and the trend."""
+    page = stage.page("quality")
+    if page.inspection is None:
+        page.measure(force=True)
+        stage.done()
+    stage.tidy()
+    yield Shot("quality")
+    inspect = page.panel.inspect
+    inspect.table.setCurrentCell(4, 0)
+    stage.settle()
+    yield Shot("quality_metric")
+    page.panel.setCurrentWidget(page.panel.compare)
+    page.comparing.compare()
+    stage.done()
+    stage.tidy()
+    yield Shot("quality_compare")
+    for mode in ("blink", "difference"):
+        box = page.panel.compare.mode
+        box.setCurrentIndex(box.findData(mode))
+        stage.turn()
+        yield Shot(f"quality_compare_{mode}")
+    box.setCurrentIndex(0)
+    yield from _trend(stage)
+    page.panel.setCurrentWidget(page.panel.inspect)
+
+
+def _trend(stage: Stage) -> Iterator[Shot]:
+    page = stage.window.page("quality")
+    page.panel.setCurrentWidget(page.panel.trend)  # type: ignore[attr-defined]
+    stage.turn()
+    yield Shot("quality_trend_empty")
+    reports = stage.folder / "reports"
+    for day in ("2026-03-02", "2026-03-09", "2026-03-16"):
+        if not (reports / day).is_dir():
+            page.write_report(str(reports / day))  # type: ignore[attr-defined]
+            stage.done()
+    page.trending.choose(str(reports))  # type: ignore[attr-defined]
+    stage.done()
+    page.panel.trend.table.setCurrentCell(2, 0)  # type: ignore[attr-defined]
+    stage.tidy()
+    yield Shot("quality_trend")
+
+
+def fit(stage: Stage) -> Iterator[Shot]:
+    """Show the choices, and the tabs of a fit."""
+    page = stage.page("fit")
+    stage.tidy()
+    yield Shot("fit_ready")
+    page._edited("positions", 12)
+    page.fit()
+    stage.done()
+    stage.tidy()
+    tabs = page.panel.tabs
+    for k, name in enumerate(("patterns", "parameters", "findings", "convergence")):
+        tabs.setCurrentIndex(k)
+        stage.settle()
+        yield Shot(f"fit_{name}")
+    tabs.setCurrentIndex(0)
+
+
+def reconstruct(stage: Stage) -> Iterator[Shot]:
+    """Show a light field, and the volume made of it."""
+    page = stage.page("reconstruct")
+    page.make_light_field("points", str(stage.folder / "points.tif"))
+    stage.done()
+    stage.tidy()
+    yield Shot("reconstruct_light_field")
+    page.panel.form.set_values({"iterations": 5})
+    page._edited("iterations", 5)
+    stage.settle()
+    page.start()
+    stage.done()
+    stage.tidy()
+    yield Shot("reconstruct")
+
+
+def multiplex(stage: Stage) -> Iterator[Shot]:
+    """Show the modulator and the reconstruction."""
+    page = stage.page("multiplex")
+    stage.tidy()
+    yield Shot("multiplex")
+    page.panel.tabs.setCurrentIndex(1)
+    stage.settle()
+    stage.tidy()
+    yield Shot("multiplex_reconstruction")
+    page.panel.tabs.setCurrentIndex(0)
+
+
+def accuracy(stage: Stage) -> Iterator[Shot]:
+    """Show what accuracy costs."""
+    page = stage.page("accuracy")
+    for name in PLACES.names():
+        page.measure((name,))
+        stage.settle()
+        page._edited("place", name)
+        stage.settle()
+        stage.tidy()
+        yield Shot(f"accuracy_{name}")

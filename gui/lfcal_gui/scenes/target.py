@@ -1,0 +1,72 @@
+"""A target of many points: planned, with fewer frames than it needs, as it lies, and recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from shutil import rmtree
+from typing import Any
+
+from lfcal.camera import preset
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.scenes.stage import Shot, Stage
+
+__all__ = ["target"]
+
+
+def target(stage: Stage) -> Iterator[Shot]:
+    """Plan a target for the bench camera, and record it."""
+    stage.window.files.start_with(ProjectState(camera=preset("bench")))
+    page = stage.page("plan")
+    page.make_default()
+    page.panel.tabs.setCurrentIndex(1)
+    stage.tidy()
+    yield Shot("plan_point")
+    _type(page, "source", "array")
+    _planned(stage, page)
+    yield Shot("plan_target")
+    _type(page, "most_frames", "30")
+    _planned(stage, page)
+    yield Shot("plan_target_part")
+    yield from _recorded(stage, page)
+    page = stage.page("plan")
+    _type(page, "source", "array:4x4@1mm")
+    _planned(stage, page)
+    yield Shot("plan_target_refused")
+
+
+def _recorded(stage: Stage, plan: Any) -> Iterator[Shot]:
+    """Record the target that was planned, with the simulator."""
+    _type(plan, "pose", "rotation=0.2")
+    _type(plan, "regions", "1x3")
+    _planned(stage, plan)
+    yield Shot("plan_target_pose")
+    file = stage.folder / "target_plan.json"
+    file.write_text(plan.panel.target.found.plan.to_json(), encoding="utf-8")
+    page = stage.page("acquire")
+    page.panel.setCurrentWidget(page.panel.record)
+    page.record.target.take(str(file))
+    stage.settle()
+    folder = stage.folder / "target_session"
+    rmtree(folder, ignore_errors=True)
+    page.record.folder_choice.take(str(folder))
+    stage.settle()
+    stage.tidy()
+    yield Shot("acquire_target_ready")
+    page.record.start()
+    stage.until(lambda: page.record.recording, "the recording to begin")
+    stage.until(lambda: not page.record.recording, "the recording to end")
+    stage.settle()
+    stage.tidy()
+    yield Shot("acquire_target_complete")
+
+
+def _type(page: Any, key: str, text: str) -> None:
+    editor = page.panel.target.form.editor(key)
+    editor.setText(text)
+    editor.textEdited.emit(text)
+
+
+def _planned(stage: Stage, page: Any) -> None:
+    page.plan_target()
+    stage.settle()
+    stage.tidy()

@@ -1,0 +1,55 @@
+"""What was done in the window, and what a page does, as scripts: on the clipboard or in a file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtWidgets import QApplication
+
+from lfcal.base.errors import LfcalError
+from lfcal_gui.models.step import step_of
+from lfcal_gui.saving import ask_target, write_file
+
+__all__ = ["Scripts"]
+
+NONE_YET = "no step that is also a command was taken yet"
+
+
+class Scripts:
+    """Copies and saves for a `lfcal_gui.window.MainWindow`."""
+
+    def __init__(self, window: Any) -> None:
+        self._window = window
+
+    def copy_step(self, *, python: bool = False) -> None:
+        """Put what the page does on the clipboard, as a command or as Python; say what it lacks."""
+        window = self._window
+        spec = window.specs[window.rail.currentRow()]
+        try:
+            step = step_of(spec, window.project.state, window.context.history.latest(spec.key))
+            QApplication.clipboard().setText(step.script() if python else step.shell())
+        except LfcalError as error:
+            window.log(f"{spec.title}: nothing copied; {error}")
+            return
+        window.log(f"{spec.title} copied as {'Python' if python else 'a command'}")
+
+    def copy_history(self) -> None:
+        """Put what was done in this window on the clipboard, as a script for a shell."""
+        history = self._window.context.history
+        if not history.taken:
+            self._window.log(f"nothing copied; {NONE_YET}")
+            return
+        QApplication.clipboard().setText(history.shell())
+        self._window.log(f"steps copied as a script: {len(history.taken)}")
+
+    def save_history(self, path: str = "") -> None:
+        """Write what was done in this window as a script for a shell, or for Python."""
+        window, history = self._window, self._window.context.history
+        if not history.taken:
+            window.log(f"nothing saved; {NONE_YET}")
+            return
+        path = path or ask_target(window, "Save history", "history.sh", "Shell script (*.sh);;Python script (*.py)")
+        text = history.python() if Path(path).suffix.lower() == ".py" else history.shell()
+        if path and write_file(window, path, lambda part: part.write_text(text, encoding="utf-8")):
+            window.log(f"steps saved as {path}: {len(history.taken)}")

@@ -1,0 +1,156 @@
+"""Verify: whether a session or an H file still is what was written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtWidgets import QDialog, QFileDialog, QLineEdit, QPlainTextEdit, QPushButton, QVBoxLayout, QWidget
+
+from lfcal.base.progress import Work
+from lfcal_gui.context import Context
+from lfcal_gui.jobs import WindowJob
+from lfcal_gui.theme import style_sheet
+from lfcal_gui.widgets.cards import heading, line
+
+__all__ = ["VerifyDialog"]
+
+FILES = "H files (*.h5)"
+SIZE = (640, 380)
+
+
+class VerifyDialog(QDialog):
+    """Checks every frame of a session, or every plane of an H file, against its checksum, as a job.
+
+    It lives as long as its window: a job may end when it is closed.
+
+    Parameters
+    ----------
+    context
+        Whose jobs and project; the project's recording, else its H, is offered.
+    """
+
+    def __init__(self, context: Context, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.context = context
+        self._number, self._redo = 0, ()
+        self.setWindowTitle("Verify")
+        self.resize(*SIZE)
+        self.path = QLineEdit()
+        self.path.setPlaceholderText("folder of a session, or an H file")
+        self.path.setAccessibleName("what to verify")
+        self.path.setToolTip("What is doubted, after a crash or a copy: the folder of a session, or an H file")
+        self.path.textChanged.connect(lambda _: self._forget())
+        self.path.returnPressed.connect(self.check)
+        self.choosers = folder, file = QPushButton("Session …"), QPushButton("H file …")
+        folder.setToolTip("Choose the folder of a recorded session")
+        file.setToolTip("Choose an H that lfcal wrote: other files have no checksums")
+        folder.clicked.connect(self._choose_folder)
+        file.clicked.connect(self._choose_file)
+        self.start, self.stop = QPushButton("Check"), QPushButton("Stop")
+        self.start.setToolTip("Read all of it and compare; nothing is changed")
+        self.stop.setToolTip("Read no further")
+        self.start.setProperty("role", "primary")
+        self.start.clicked.connect(self.check)
+        self.stop.clicked.connect(lambda: context.jobs.cancel(self._number))
+        self.again = QPushButton("Record damaged positions again")
+        self.again.setToolTip("Put them into the list of the page Acquire")
+        self.again.clicked.connect(self._send)
+        self.found = QPlainTextEdit()
+        self.found.setReadOnly(True)
+        self.found.setAccessibleName("what was found")
+        self.found.setPlaceholderText("Press Check. What was found stands here.")
+        self.found.setToolTip("Every frame or plane that is not what was written, and what to do about it")
+        column = QVBoxLayout(self)
+        column.addWidget(heading("Every frame or plane is read and compared with its checksum"))
+        column.addLayout(line(self.path, folder, file, stretch=0))
+        column.addWidget(self.found, 1)
+        column.addLayout(line(self.again, QWidget(), self.stop, self.start, stretch=1))
+        context.jobs.changed.connect(self._job_changed)
+        context.jobs.finished.connect(self._job_finished)
+        self._enable()
+
+    def offer(self) -> None:
+        """Offer what the project has, unless something is named already."""
+        self.setStyleSheet(style_sheet())
+        if not self.path.text().strip():
+            self.path.setText(self.context.state.recording or self.context.state.psf)
+        self._enable()
+
+    def check(self) -> None:
+        """Check what is named, as a job."""
+        text = self.path.text().strip()
+        if self._number or not text:
+            return
+        self._redo = ()
+        self.found.setPlainText("reading …")
+        self._number = self.context.jobs.start(
+            f"Verify {Path(text).name}", "verify", lambda: _work(Path(text)), self._done, self._failed, at_once=True
+        )
+        self._enable()
+
+    def _done(self, result: Any) -> None:
+        lines, ok, self._redo = result
+        self.found.setPlainText(
+            "\n".join((*lines, "All is what was written." if ok else "Not all is what was written."))
+        )
+
+    def _failed(self, job: WindowJob) -> None:
+        self.found.setPlainText(job.error)
+
+    def _job_changed(self, job: WindowJob) -> None:
+        if job.number == self._number and job.progress is not None and job.active:
+            self.found.setPlainText(f"{job.progress.done} of {job.progress.total} read")
+
+    def _job_finished(self, job: WindowJob) -> None:
+        if job.number == self._number:
+            self._number = 0
+            if self.found.toPlainText().endswith("read") or self.found.toPlainText() == "reading …":
+                self.found.setPlainText("stopped")
+            self._enable()
+
+    def _send(self) -> None:
+        self.context.project.update("positions to record again", redo=tuple(tuple(p) for p in self._redo))
+        self.context.go.emit("acquire", None)
+        self.close()
+
+    def _forget(self) -> None:
+        """Let go of what was found where another path stood."""
+        self._redo = ()
+        self.found.clear()
+        self._enable()
+
+    def _choose_folder(self) -> None:
+        path = QFileDialog.getExistingDirectory(self, "Folder of the session")
+        if path:
+            self.path.setText(path)
+
+    def _choose_file(self) -> None:
+        path = QFileDialog.getOpenFileName(self, "H file", "", FILES)[0]
+        if path:
+            self.path.setText(path)
+
+    def _enable(self) -> None:
+        self.start.setEnabled(not self._number and bool(self.path.text().strip()))
+        self.stop.setEnabled(bool(self._number))
+        self.path.setReadOnly(bool(self._number))  # what is found is of what stands there
+        for chooser in self.choosers:
+            chooser.setEnabled(not self._number)
+        own = Path(self.path.text().strip() or ".") == Path(self.context.state.recording or ".")
+        self.again.setVisible(bool(self._redo))
+        self.again.setEnabled(own and bool(self.context.state.recording))
+
+
+def _work(path: Path) -> Work[tuple[list[str], bool, tuple[Any, ...]]]:
+    """Check a folder as a session and anything else as an H file; return words, whether all is well, what to redo."""
+    from lfcal.cli.verify import matrix_lines, session_lines  # a command line is slow to load
+
+    if path.is_dir():
+        from lfcal.acquire.recording.verify import iter_verify
+
+        report = yield from iter_verify(path)
+        return list(session_lines(report)), report.ok, tuple(report.to_redo)
+    from lfcal.psf.verify import iter_verify as iter_verify_matrix
+
+    check = yield from iter_verify_matrix(path)
+    return list(matrix_lines(check)), check.ok, ()

@@ -1,0 +1,95 @@
+"""Welcome: how to begin."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtWidgets import QCheckBox, QDialog, QHBoxLayout, QLabel, QListWidget, QPushButton, QVBoxLayout, QWidget
+
+from lfcal_gui.theme import style_sheet
+from lfcal_gui.widgets.cards import heading, line
+
+__all__ = ["Welcome"]
+
+WORDS = (
+    "lfcal measures the point spread function of a plenoptic camera: describe the camera, plan a scan, record it or "
+    "bring frames you have, assemble H, judge it, fit and reconstruct. The rail on the left leads through these steps."
+)
+STARTS = (
+    ("sample", "Open the sample session", "A small recorded session: frames, dark and white frames, assembled into H"),
+    ("new", "Describe a camera", "Begin with the camera: a preset, a Raytrix file, or a white image"),
+    ("open", "Open a project …", "A saved project (.lfcal)"),
+)
+SIZE = (560, 420)
+
+
+class Welcome(QDialog):
+    """What the window can begin with, and the projects opened lately.
+
+    Signals
+    -------
+    chosen(key)
+        One of `STARTS`.
+    project_chosen(path)
+        A project opened lately.
+    kept(on)
+        Whether this is to be shown at the next start.
+    """
+
+    chosen = Signal(str)
+    project_chosen = Signal(str)
+    kept = Signal(bool)
+
+    def __init__(self, recent: list[Path], shown: bool, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        self.setWindowTitle("Welcome")
+        self.setStyleSheet(style_sheet())
+        self.resize(*SIZE)
+        title, words = QLabel("Welcome to lfcal"), QLabel(WORDS)
+        title.setProperty("role", "title")
+        words.setWordWrap(True)
+        column = QVBoxLayout(self)
+        column.setSpacing(10)
+        column.addWidget(title)
+        column.addWidget(words)
+        self.buttons: dict[str, QPushButton] = {}
+        for key, text, tip in STARTS:
+            button = QPushButton(text)
+            button.setToolTip(tip)
+            button.setAccessibleDescription(tip)
+            button.clicked.connect(lambda _=False, key=key: self._choose(key))
+            self.buttons[key] = button
+            column.addWidget(button)
+        self.buttons["sample"].setProperty("role", "primary")
+        column.addWidget(heading("Opened lately"))
+        self.list = QListWidget()
+        self.list.setAccessibleName("projects opened lately")
+        self.list.setToolTip("Enter or a double click goes on with a project")
+        self.list.addItems([str(path) for path in recent])
+        self.list.itemActivated.connect(lambda item: self._open(item.text()))
+        self.none = QLabel("none yet")
+        self.none.setProperty("role", "hint")
+        self.list.setVisible(bool(recent))
+        self.none.setVisible(not recent)
+        column.addWidget(self.list, 1)
+        column.addWidget(self.none, 1, Qt.AlignmentFlag.AlignTop)
+        column.addLayout(self._last_line(shown))
+
+    def _last_line(self, shown: bool) -> QHBoxLayout:
+        self.box, close = QCheckBox("Show this at the start"), QPushButton("Close")
+        self.box.setToolTip("Off: the window starts with an empty project; Preferences bring this back")
+        close.setToolTip("Go on with what the window shows; menu Help opens this again")
+        self.box.setChecked(shown)
+        self.box.toggled.connect(self.kept.emit)
+        close.clicked.connect(self.close)
+        return line(self.box, QWidget(), close, stretch=1)
+
+    def _choose(self, key: str) -> None:
+        self.close()
+        self.chosen.emit(key)
+
+    def _open(self, path: str) -> None:
+        self.close()
+        self.project_chosen.emit(path)

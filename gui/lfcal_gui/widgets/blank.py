@@ -1,0 +1,77 @@
+"""What stands where a picture or a plot has nothing to show: a line, and no made-up numbers at its axes."""
+
+from __future__ import annotations
+
+import pyqtgraph as pg
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QLabel
+
+from lfcal_gui.theme import current_theme
+
+__all__ = ["NOTHING", "Blank"]
+
+NOTHING = "Nothing to show yet."
+
+
+class Blank(QLabel):
+    """A line in the middle of a plot on ``graphics``; ``words`` may be changed to the next step.
+
+    While the picture is read or made, `wait` says so in the place of the words.
+    """
+
+    def __init__(self, graphics: pg.GraphicsLayoutWidget, plot: pg.PlotItem) -> None:
+        super().__init__(graphics)
+        self._graphics, self._plot = graphics, plot
+        self._words, self._waits, self._shown = NOTHING, "", False
+        self.setWordWrap(True)
+        self.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        self.hide()
+        plot.vb.sigResized.connect(self._fill)
+
+    @property
+    def words(self) -> str:
+        """What is said while nothing is under way."""
+        return self._words
+
+    @words.setter
+    def words(self, words: str) -> None:
+        self._words, self._waits = words, ""
+        self.setText(words)
+
+    def wait(self, words: str) -> None:
+        """Say what is under way, until there is a picture or other words are set; empty: it has ended."""
+        self._waits = words
+        self.setText(words or self._words)
+
+    @property
+    def shown(self) -> bool:
+        """Whether there is nothing to show."""
+        return self._shown
+
+    def show_blank(self, blank: bool) -> None:
+        """Show the line and no numbers, or neither."""
+        if blank == self._shown:
+            return
+        self._shown = blank
+        if not blank:
+            self._waits = ""
+        for side in ("bottom", "left"):
+            axis = self._plot.getAxis(side)
+            axis.setTicks([] if blank else None)
+        if blank:
+            self.setText(self._waits or self._words)
+            self.apply_theme()
+        self.setVisible(blank)
+        self._fill()
+
+    def apply_theme(self) -> None:
+        """Take the colours of the theme in use."""
+        self.setStyleSheet(f"color: {current_theme().muted}; background: transparent;")
+
+    def _fill(self) -> None:
+        """Lie over the inside of the plot; where nothing is seen it is not worth laying the plot out for."""
+        if not self._shown:
+            return
+        inside = self._graphics.mapFromScene(self._plot.vb.sceneBoundingRect()).boundingRect()
+        self.setGeometry(inside.adjusted(4, 4, -4, -4))

@@ -1,0 +1,114 @@
+"""What a right click on a picture or a plot offers: copy and save, as pixels, as drawing, as values."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PySide6.QtCore import QPoint, QRect, QSize, Qt
+from PySide6.QtGui import QAction, QPainter
+from PySide6.QtWidgets import QApplication, QMenu, QWidget
+
+from lfcal.base.npy import npy_header
+from lfcal_gui.saving import ask_target, write_file, write_picture
+from lfcal_gui.widgets.enlarging import can_be_enlarged, enlarge, enlarged_of
+
+__all__ = ["PICTURES", "copy_picture", "offer_menu", "save_picture", "save_values", "table_entries", "write_svg"]
+
+PICTURES = "PNG (*.png);;SVG, lines stay lines (*.svg)"
+
+Entry = tuple[str, Callable[[], Any]]
+
+
+def offer_menu(
+    widget: QWidget,
+    name: Callable[[], str],
+    entries: Callable[[], Sequence[Entry]] = lambda: (),
+    at: Callable[[QPoint], Sequence[Entry]] = lambda _: (),
+) -> None:
+    """Give ``widget`` a menu: ``entries`` of its own, then enlarging, copying and saving it under ``name()``.
+
+    ``at`` returns those of what lies at a point of it.
+    """
+
+    def show(position: QPoint) -> None:
+        menu = QMenu(widget)
+        menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        own = (
+            ("Enlarge" if enlarged_of(widget) is None else "Back to its place (Esc)", lambda: enlarge(widget)),
+            ("Copy picture", lambda: copy_picture(widget)),
+            ("Save picture …", lambda: save_picture(widget, name())),
+        )
+        for text, action in (*at(position), *entries(), *own):
+            entry = QAction(text, menu)
+            entry.triggered.connect(lambda _=False, action=action: action())
+            menu.addAction(entry)
+        menu.popup(widget.mapToGlobal(position))
+
+    can_be_enlarged(widget)
+    widget.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
+    widget.customContextMenuRequested.connect(show)
+
+
+def copy_picture(widget: QWidget) -> None:
+    """Put what a widget shows on the clipboard."""
+    QApplication.clipboard().setPixmap(widget.grab())
+
+
+def save_picture(widget: QWidget, name: str, path: str = "") -> None:
+    """Write what a widget shows, as PNG or, where the name ends so, as SVG; asks for the file unless it is given."""
+    path = path or ask_target(widget, "Save picture", f"{name}.png", PICTURES)
+    if path.lower().endswith(".svg"):
+        write_svg(widget, path)
+    elif path:
+        write_picture(widget, path)
+
+
+def table_entries(widget: QWidget, name: str, lines: Callable[[str], Iterable[str]]) -> list[Entry]:
+    """Return entries that copy a table and save it as text; ``lines(between)`` has ``between`` its columns."""
+
+    def save() -> None:
+        path = ask_target(widget, "Save data", f"{name}.csv", "Text (*.csv)")
+        if path:
+            write_file(widget, path, lambda part: part.write_text("".join(lines(",")), encoding="utf-8"))
+
+    return [
+        ("Copy values", lambda: QApplication.clipboard().setText("".join(lines("\t")))),
+        ("Save data …", save),
+    ]
+
+
+def save_values(widget: QWidget, values: NDArray[Any], name: str, path: str = "") -> None:
+    """Write a picture's values as ``.npy``, or as text with ``.csv``; asks for the file unless it is given."""
+    path = path or ask_target(widget, "Save data", f"{name}.npy", "numpy (*.npy);;text (*.csv)")
+    if path:
+        write_file(widget, path, lambda part: _write_values(part, values, text=path.endswith(".csv")))
+
+
+def _write_values(part: Path, image: NDArray[Any], *, text: bool) -> None:
+    with part.open("wb") as file:
+        if text:
+            np.savetxt(file, image, delimiter=",", fmt="%.7g")
+        else:
+            file.write(npy_header(image.shape, image.dtype))
+            file.write(np.ascontiguousarray(image).data)
+
+
+def write_svg(widget: QWidget, path: str) -> bool:
+    """Write what a widget shows as a drawing; say why if that fails."""
+    from PySide6.QtSvg import QSvgGenerator
+
+    def write(part: Path) -> None:
+        drawing = QSvgGenerator()
+        drawing.setFileName(str(part))
+        drawing.setSize(QSize(widget.width(), widget.height()))
+        drawing.setViewBox(QRect(0, 0, widget.width(), widget.height()))
+        drawing.setTitle(Path(path).stem)
+        painter = QPainter(drawing)
+        widget.render(painter, QPoint(0, 0))
+        painter.end()
+
+    return write_file(widget, path, write)

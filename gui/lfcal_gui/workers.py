@@ -1,0 +1,91 @@
+"""Threads that a hanging file cannot turn into a hanging window, and what an error says in one line. No Qt."""
+
+from __future__ import annotations
+
+import itertools
+import logging
+import queue
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from lfcal.base.errors import LfcalError
+from lfcal.base.files import storage_words
+from lfcal_gui.models.words import said_in_window
+
+__all__ = ["LOG", "Workers", "keep", "start_thread", "wait_for", "words_of"]
+
+LOG = logging.getLogger("lfcal.gui")
+"""Where the window keeps what happened; `lfcal_gui.log` gives it a file."""
+
+MAX_WORDS = 500
+_numbers = itertools.count(1)
+
+
+def words_of(error: BaseException) -> str:
+    """Return an error in one line of at most 500 characters; what nobody meant to be read names its type."""
+    text = " ".join(str(error).split())
+    if isinstance(error, MemoryError):
+        text = "memory: it does not suffice; close other programs, or choose something smaller"
+    elif isinstance(error, LfcalError):
+        text = said_in_window(text)
+    elif isinstance(error, OSError) and error.filename is not None:
+        text = storage_words(error, error.filename)
+    else:
+        text = f"{type(error).__name__}: {text}" if text else type(error).__name__
+    return text if len(text) <= MAX_WORDS else f"{text[: MAX_WORDS - 2]} …"
+
+
+def keep(what: str, error: BaseException) -> None:
+    """Log an error: with its trace where nobody foresaw it."""
+    if isinstance(error, LfcalError):
+        LOG.info("%s: %s", what, words_of(error))
+    else:
+        LOG.error("%s: %s", what, words_of(error), exc_info=error)
+
+
+class Workers:
+    """A few threads that work calls off in their order.
+
+    They are daemons: unlike those of an executor, one whose call never returns does not keep the program from ending.
+    """
+
+    def __init__(self, count: int, name: str) -> None:
+        self._calls: queue.SimpleQueue[Callable[[], Any] | None] = queue.SimpleQueue()
+        self._closing = threading.Event()
+        self._threads = [
+            threading.Thread(target=self._work, name=f"{name}-{k}", daemon=True) for k in range(1, count + 1)
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    def submit(self, call: Callable[[], Any]) -> None:
+        """Do ``call``, which must not raise, when a thread is free."""
+        self._calls.put(call)
+
+    def _work(self) -> None:
+        while (call := self._calls.get()) is not None:
+            if not self._closing.is_set():
+                call()
+
+    def close(self, timeout_s: float) -> None:
+        """Drop what waits and wait for what is under way, at most ``timeout_s`` seconds for all of it."""
+        self._closing.set()
+        for _ in self._threads:
+            self._calls.put(None)
+        wait_for(self._threads, timeout_s)
+
+
+def wait_for(threads: list[threading.Thread], timeout_s: float) -> None:
+    """Wait until the threads have ended, at most ``timeout_s`` seconds for all of them."""
+    end = time.monotonic() + timeout_s
+    for thread in threads:
+        thread.join(max(0.0, end - time.monotonic()))
+
+
+def start_thread(call: Callable[[], None], name: str) -> threading.Thread:
+    """Do ``call`` in a daemon thread of its own."""
+    thread = threading.Thread(target=call, name=f"{name}-{next(_numbers)}", daemon=True)
+    thread.start()
+    return thread

@@ -1,0 +1,153 @@
+"""Validation of what users and files give, shared by every part."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from numbers import Integral, Real
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.base.errors import InputError, choose
+
+__all__ = [
+    "MAX_SAMPLE",
+    "as_sensor_frame",
+    "check_choice",
+    "check_commas",
+    "check_exposure",
+    "check_length",
+    "check_number",
+    "check_tuple",
+    "check_type",
+    "check_wavelength",
+]
+
+MAX_SAMPLE = 1e12
+"""Values of a frame or a PSF matrix beyond this are no counts of light; sums of their squares would overflow."""
+
+LARGEST = 1e15
+"""Numbers beyond this are those of damaged files: sums of their squares would overflow."""
+
+
+def check_number(
+    what: str,
+    value: object,
+    *,
+    above: float | None = None,
+    below: float | None = None,
+    at_least: float | None = None,
+    at_most: float | None = None,
+    integer: bool = False,
+    remedy: str = "correct this value",
+) -> None:
+    """Raise `InputError` unless ``value`` is a finite number within the bounds, and of at most `LARGEST` either way."""
+    # plain kinds first: a look at the abstract ones takes as long as all else. A bool is an Integral in Python.
+    plain = isinstance(value, int if integer else (float, int))
+    good = (plain or isinstance(value, Integral if integer else Real)) and not isinstance(value, bool)
+    if good and _finite(value):
+        number = float(value)  # type: ignore[arg-type]
+        if abs(number) > LARGEST:
+            at_most = LARGEST if below is None and at_most is None else at_most
+            at_least = -LARGEST if above is None and at_least is None else at_least
+        if (
+            (above is None or number > above)
+            and (at_least is None or number >= at_least)
+            and (below is None or number < below)
+            and (at_most is None or number <= at_most)
+        ):
+            return
+    bounds = [
+        f"{sign} {limit:g}"
+        for sign, limit in ((">", above), ("≥", at_least), ("<", below), ("≤", at_most))
+        if limit is not None
+    ]
+    wanted = " ".join([("a whole number" if integer else "a number"), " and ".join(bounds)]).strip()
+    raise InputError.expected(what, wanted, repr(value), remedy)
+
+
+def check_commas(what: str, text: str, *, whole: bool = False, several: bool = False) -> None:
+    """Raise `InputError` where a comma stands directly between digits of ``text``.
+
+    "2,5" may be 2.5 or two numbers, "1,000" one or a thousand: no reading is right for everybody. The message names
+    the readings that are possible here: ``whole`` numbers have no decimals, ``several`` allows a list.
+    """
+    found = re.search(r"\d+(?:,\d+)+", text)
+    if found is None:
+        return
+    parts = found.group().split(",")
+    readings = []
+    if all(len(part) == 3 for part in parts[1:]) and len(parts[0]) <= 3 and parts[0] != "0":
+        readings.append("".join(parts))
+    if len(parts) == 2 and not whole:
+        readings.append(f"{'.'.join(parts)} with a decimal point")
+    if several:
+        readings.append(f"{', '.join(parts)} with a space after the comma")
+    remedy = f"write {' or '.join(readings)}" if readings else "write one number"
+    raise InputError.expected(what, "no comma between digits", repr(text), remedy)
+
+
+def check_length(what: str, value_um: object, **bounds: Any) -> None:
+    """Raise `InputError` unless ``value_um`` is a length that optics can have (µm), within the ``bounds`` given.
+
+    Beyond these limits, far outside everything that is built, squares of lengths and of their ratios overflow.
+    """
+    check_number(what, value_um, **{"at_most": LARGEST, **(bounds or {"at_least": 1e-9})})
+
+
+def check_exposure(what: str, value_s: object) -> None:
+    """Raise `InputError` unless ``value_s`` is an exposure that a camera can have (s): ratios of others overflow."""
+    check_number(what, value_s, at_least=1e-12, at_most=1e9)
+
+
+def check_wavelength(value_um: object) -> None:
+    """Raise `InputError` unless ``value_um`` is a wavelength of light (µm), from hard ultraviolet to far infrared."""
+    remedy = "give it in µm, or to --wavelength in nm"
+    check_number("wavelength (µm)", value_um, above=0.05, below=20, remedy=remedy)
+
+
+def _finite(value: Any) -> bool:
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # whole numbers have no end
+        return False
+
+
+def check_choice(what: str, value: object, choices: tuple[str, ...]) -> None:
+    """Raise `InputError` unless ``value`` is one of ``choices``."""
+    if value not in choices:
+        raise InputError.expected(what, " or ".join(choices), repr(value), choose(value, choices))
+
+
+def check_tuple(what: str, values: object, count: int | None = None, **bounds: Any) -> tuple[Any, ...]:
+    """Return ``values`` as a tuple of ``count`` numbers (None: one or more), each within `check_number`'s bounds."""
+    wanted = "one or more numbers" if count is None else f"{count} numbers"
+    if not isinstance(values, Sequence) or isinstance(values, str) or (len(values) != count if count else not values):
+        raise InputError.expected(what, wanted, repr(values)[:60], "correct it")
+    for value in values:
+        check_number(what, value, **bounds)
+    return tuple(int(v) if bounds.get("integer") else float(v) for v in values)
+
+
+def check_type(what: str, value: object, kind: type | tuple[type, ...]) -> None:
+    """Raise `InputError` unless ``value`` is of ``kind``."""
+    if not isinstance(value, kind):
+        names = " or ".join(k.__name__ for k in (kind if isinstance(kind, tuple) else (kind,)))
+        raise InputError.expected(what, names, repr(value)[:60], "correct it")
+
+
+def as_sensor_frame(what: str, frame: ArrayLike) -> NDArray[np.float32]:
+    """Return ``frame`` as a read-only, contiguous float32 array after checking that it is a finite 2-D frame."""
+    array = np.asarray(frame)
+    if array.ndim != 2 or not array.size or array.dtype.kind not in "iuf":
+        raise InputError.expected(
+            what, "a 2-D frame of numbers", f"{array.dtype} {array.shape}", "give one frame or their mean"
+        )
+    if not np.isfinite(array).all():
+        raise InputError.expected(what, "finite values", "NaN or infinity", "take it again")
+    result = np.array(array, np.float32, order="C")
+    result.setflags(write=False)
+    return result

@@ -1,0 +1,359 @@
+"""Atomic writing of files, and reading of files that may be anything."""
+
+from __future__ import annotations
+
+import errno
+import glob
+import os
+import re
+import shutil
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from lfcal.base.errors import FileFormatError, InputError, StorageError
+from lfcal.base.system import OPEN_FLAGS, is_alive, lock, name_refused, replace, sync_file, sync_folder, too_long
+from lfcal.base.units import format_bytes
+
+__all__ = [
+    "check_other_file",
+    "check_regular",
+    "check_writable",
+    "only_writer",
+    "read_text",
+    "replace_store",
+    "replace_whole",
+    "require_space",
+    "storage_errors",
+    "storage_words",
+    "sweep_scratch",
+    "system_error",
+]
+
+STORES = frozenset({".zarr"})
+"""Endings of folders that are one output, written and replaced as a whole."""
+
+MAX_EXPANSION = 2000
+"""Declared bytes a dataset may hold per byte of file; gzip reaches 1030 on constant data."""
+
+
+_REMEDIES = {
+    errno.ENOSPC: "free some space or choose another disk",
+    errno.EDQUOT: "free some of your space or choose another disk",
+    errno.EFBIG: "choose a disk that takes files of this size",
+    errno.EACCES: "choose a folder you may write to",
+    errno.EPERM: "choose a folder you may write to",
+    errno.EROFS: "the disk is read-only; choose another one",
+    errno.ENOENT: "check the path",
+    errno.ENOTDIR: "a part of the path is a file; check the path",
+    errno.EEXIST: "a part of the path is a file; check the path",
+    errno.EISDIR: "the path is a folder; name a file in it",
+    errno.ENAMETOOLONG: "choose a shorter name",
+}
+
+
+@contextmanager
+def storage_errors(path: Path) -> Iterator[None]:
+    """Turn what the operating system says about ``path`` into a one-line `StorageError`.
+
+    HDF5 reports a disk that fails as OSError or RuntimeError with the system's number in its text.
+    """
+    try:
+        yield
+    except StorageError:
+        raise
+    except (OSError, RuntimeError) as error:
+        if system_error(error) is None and not isinstance(error, OSError):
+            raise
+        raise StorageError(storage_words(error, path)) from error
+
+
+def storage_words(error: OSError | RuntimeError, path: object) -> str:
+    """Return in one line what the operating system says about ``path``, and what to do."""
+    number = system_error(error)
+    known = None if number is None else os.strerror(number)
+    reason = known or (error.strerror if isinstance(error, OSError) else None) or " ".join(str(error).split())
+    if number is None and re.search(r"\d+ requested and \d+ written", reason):
+        # numpy's words; the system's number is lost
+        number, reason = errno.ENOSPC, "the disk took only a part of it"
+    remedy = _REMEDIES.get(number or 0, "check the disk and the path")
+    if too_long(path):
+        remedy = "choose a shorter path, or let Windows take long ones"
+    return f"{path}: {reason}; {remedy}"
+
+
+def system_error(error: OSError | RuntimeError) -> int | None:
+    """Return the system's error number, also where HDF5 only writes it in its message."""
+    if isinstance(error, OSError) and error.errno is not None:
+        return error.errno
+    found = re.search(r"errno = (\d+)", str(error))
+    return int(found[1]) if found else None
+
+
+def require_space(folder: Path, nbytes: int, *, what: str = "the file") -> None:
+    """Raise `StorageError` unless the disk that holds ``folder`` has ``nbytes`` and 1 % to spare.
+
+    A chunked HDF5 write onto a full disk can end the process, so this is asked first.
+    """
+    probe = folder.absolute()
+    # the folder may not exist yet; the disk is that of its nearest parent
+    while not probe.exists() and probe != probe.parent:
+        probe = probe.parent
+    with storage_errors(probe):
+        free = shutil.disk_usage(probe).free
+    # HDF5 adds chunk indices and headers to the data
+    need = int(nbytes * 1.01) + (1 << 20)
+    if free < need:
+        raise StorageError.expected(
+            f"disk space for {what} in {folder}",
+            format_bytes(need),
+            f"{format_bytes(free)} free",
+            "free some space or choose another folder",
+        )
+
+
+def check_writable(path: str | os.PathLike[str]) -> Path:
+    """Return the file that a link or name leads to; raise `StorageError` unless it can be written or replaced.
+
+    Refused are folders, pipes and devices, files that are read-only, and names in folders that may not be written to.
+    Where the name is that of a store (`STORES`), a folder that holds one is none of these.
+    """
+    # before links are followed: Windows makes a path of devices of such a name
+    if why := name_refused(Path(path)):
+        raise StorageError(f"{path}: {why}; choose another name")
+    target = Path(os.path.realpath(path))
+    with storage_errors(target):
+        if target.suffix.lower() in STORES and target.is_dir():
+            _check_store(target)
+        elif target.exists():
+            check_regular(target)
+            if not target.stat().st_mode & stat.S_IWUSR:
+                raise StorageError(f"{target}: is read-only; choose another name, or make it writable")
+        folder = target.parent
+        # folders that are not there yet are made in the nearest one that is
+        while not folder.exists() and folder != folder.parent:
+            folder = folder.parent
+        if not folder.is_dir():
+            raise StorageError(f"{target}: {folder} is a file; check the path")
+        if not os.access(folder, os.W_OK):
+            raise StorageError(f"{target}: {folder} may not be written to; choose another folder")
+    return target
+
+
+@contextmanager
+def replace_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Give a scratch path beside ``path``; put it in place when the block ends well, else remove it.
+
+    The scratch file is flushed to disk before it takes the name (`lfcal.base.system.replace`), so that ``path`` is at
+    every moment the old file, the new file whole, or absent. Folders above ``path`` are made. A link is followed, not
+    replaced; an existing file keeps its mode, and one that is read-only is refused. One program writes a file at a
+    time; scratch files that dead ones left for the same name are removed.
+
+    Raises
+    ------
+    StorageError
+        If the file cannot be written, another program is writing it, or the disk refuses anything in the block.
+    """
+    target = check_writable(path)
+    with storage_errors(target):
+        mode = stat.S_IMODE(target.stat().st_mode) if target.exists() else None
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with only_writer(target) as alone:
+            _sweep(target, alone=alone)
+            part = target.with_name(f".{target.name}.{os.getpid()}.part")
+            try:
+                # new, and no link that leads elsewhere: the folder may be one that others write to
+                os.close(os.open(part, os.O_CREAT | os.O_EXCL | os.O_WRONLY | getattr(os, "O_NOFOLLOW", 0), 0o666))
+                yield part
+                sync_file(part)
+                if mode is not None:
+                    os.chmod(part, mode)
+                replace(part, target)
+                sync_folder(target.parent)
+            finally:
+                with suppress(FileNotFoundError):
+                    part.unlink()
+
+
+def _check_store(target: Path) -> None:
+    """Raise `StorageError` unless a folder is a store, or empty: nobody's own files are ever replaced."""
+    if not any((target / name).is_file() for name in (".zgroup", ".zarray", "zarr.json")) and any(target.iterdir()):
+        raise StorageError(f"{target}: is a folder of other files; choose another name")
+    if not os.access(target, os.W_OK):
+        raise StorageError(f"{target}: is read-only; choose another name, or make it writable")
+
+
+@contextmanager
+def replace_store(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Give an empty scratch folder beside ``path``; put it in place when the block ends well, else remove it.
+
+    As `replace_whole`, for outputs that are folders of files (`STORES`). What was there is moved aside for the moment
+    between two renames; a program that is killed right then leaves it for the next one to put back.
+
+    Raises
+    ------
+    StorageError
+        If it cannot be written, another program is writing it, or the disk refuses anything in the block.
+    """
+    target = check_writable(path)
+    with storage_errors(target):
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with only_writer(target) as alone:
+            aside = target.with_name(f".{target.name}.before")
+            if aside.exists() and alone:
+                if target.exists():
+                    _remove(aside)
+                else:
+                    replace(aside, target)
+            _sweep(target, alone=alone)
+            part = target.with_name(f".{target.name}.{os.getpid()}.part")
+            try:
+                part.mkdir()
+                yield part
+                for folder, _, names in os.walk(part):
+                    for name in names:
+                        sync_file(Path(folder, name))
+                    sync_folder(Path(folder))
+                try:
+                    if target.exists():
+                        replace(target, aside)
+                    replace(part, target)
+                except BaseException:
+                    if aside.exists() and not target.exists():
+                        replace(aside, target)
+                    raise
+                sync_folder(target.parent)
+                _remove(aside)
+            finally:
+                _remove(part)
+
+
+def _remove(path: Path) -> bool:
+    """Remove a file, or a folder with all that is in it; return whether it is gone."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+        return not path.exists()
+    return _unlink(path)
+
+
+@contextmanager
+def only_writer(target: Path) -> Iterator[bool]:
+    """Keep other writers of ``target`` out by a lock beside it; yield whether this file system keeps locks."""
+    path = target.with_name(f".{target.name}.lock")
+    descriptor = _locked(path, target)
+    try:
+        yield descriptor is not None
+    finally:
+        if descriptor is not None:
+            # removed before it is closed, so that nobody else can hold it; Windows removes no open file
+            removed = _unlink(path)
+            os.close(descriptor)
+            if not removed:
+                _unlink(path)
+
+
+def _locked(path: Path, target: Path) -> int | None:
+    """Return a descriptor of the lock file, locked; None where others made it or the file system has no locks."""
+    while True:
+        try:
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | OPEN_FLAGS, 0o666)
+        except PermissionError:
+            if path.exists():  # left by another user's program
+                return None
+            raise
+        try:
+            lock(descriptor)
+        except OSError as error:
+            os.close(descriptor)
+            if error.errno not in (errno.EAGAIN, errno.EACCES, errno.EDEADLK):
+                return None
+            raise StorageError(
+                f"{target}: another program is writing it; wait for it to end, or choose another name"
+            ) from error
+        if _is_name_of(path, descriptor):
+            return descriptor
+        os.close(descriptor)  # its owner has removed it meanwhile: it keeps nobody out
+
+
+def _is_name_of(path: Path, descriptor: int) -> bool:
+    try:
+        return os.path.samestat(os.fstat(descriptor), path.stat())
+    except FileNotFoundError:
+        return False
+
+
+def _unlink(path: Path) -> bool:
+    """Remove a file; return whether it is gone."""
+    with suppress(OSError):
+        path.unlink(missing_ok=True)
+        return True
+    return False
+
+
+def sweep_scratch(folder: Path) -> None:
+    """Remove what programs that were killed left in ``folder`` of files they were writing."""
+    left = {path.name[1:].rsplit(".", 2)[0] for path in folder.glob(".*.*.part")}
+    left |= {path.name[1:].removesuffix(".lock") for path in folder.glob(".*.lock")}
+    for name in left:
+        target = folder / name
+        with suppress(StorageError), only_writer(target) as alone:
+            _sweep(target, alone=alone)
+
+
+def _sweep(target: Path, *, alone: bool) -> None:
+    """Remove scratch files for ``target``: all where nobody else can be writing, else those of dead processes."""
+    for part in target.parent.glob(f".{glob.escape(target.name)}.*.part"):
+        process = part.name.removesuffix(".part").rpartition(".")[2]
+        if process.isdigit() and (alone or not is_alive(int(process))):
+            _remove(part)
+
+
+def check_regular(path: Path) -> None:
+    """Raise `StorageError` unless ``path`` is a file: pipes and devices may never come to an end."""
+    with storage_errors(path):
+        kind = path.stat().st_mode
+    if stat.S_ISDIR(kind):
+        raise StorageError(f"{path}: is a folder; name a file in it")
+    if not stat.S_ISREG(kind):
+        raise StorageError(f"{path}: is a pipe or a device; name a file on a disk")
+
+
+def read_text(path: str | os.PathLike[str], *, limit: int = 1 << 26, foreign: bool = False) -> str:
+    """Return a text file in UTF-8 of at most ``limit`` bytes (64 MB).
+
+    A ``foreign`` one may also be as spreadsheets save it: UTF-16 with its mark, or Western Windows (code page 1252).
+
+    Raises
+    ------
+    StorageError
+        If it cannot be read, or is no file on a disk.
+    FileFormatError
+        If it is larger, or not text.
+    """
+    source = Path(path)
+    check_regular(source)
+    with storage_errors(source), source.open("rb") as file:
+        data = file.read(limit + 1)  # one byte more shows that there is more
+    if len(data) > limit:
+        raise FileFormatError.expected(
+            str(source), f"text of at most {format_bytes(limit)}", "a larger file", "check the path"
+        )
+    encodings: tuple[str, ...] = ("utf-8-sig",)
+    if foreign and data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        encodings = ("utf-16",)
+    elif foreign and b"\0" not in data:  # of bytes without text code page 1252 makes letters, too
+        encodings = ("utf-8-sig", "cp1252")
+    for encoding in encodings:
+        with suppress(UnicodeDecodeError):
+            return data.decode(encoding)
+    raise FileFormatError.expected(str(source), "text in UTF-8", "other bytes", "check the path")
+
+
+def check_other_file(source: str | os.PathLike[str], target: str | os.PathLike[str]) -> None:
+    """Raise `InputError` where the output ``target`` would replace the input ``source``, links followed."""
+    if not str(source):
+        return
+    with suppress(OSError):  # what is not there yet is another file
+        if os.path.samefile(source, target):
+            raise InputError.expected("output", "another file than the input", str(target), "choose another name")

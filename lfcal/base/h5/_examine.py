@@ -1,0 +1,133 @@
+"""Read an HDF5 file to its end, in a process that may die of it. Run as a script by `lfcal.base.h5.probe`.
+
+Asked by lines of JSON ``[path, seconds]`` on standard input; answers each with a line of JSON: what is wrong, or "".
+It imports nothing of lfcal, so that it starts fast.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from contextlib import suppress
+from typing import Any
+
+import h5py
+import hdf5plugin  # noqa: F401  registers zstd, blosc and lz4 with HDF5
+
+OBJECTS = 20_000  # most groups and datasets that are looked at
+SMALL = 1 << 25  # datasets of up to so many bytes are read whole
+MEMORY = 1 << 33  # bytes of address space that reading may take
+OWN_FILTERS = {1, 2, 3}  # deflate, shuffle, fletcher32: they take damaged bytes without harm
+
+
+class Examination:
+    """Everything a reader might ask of a file, asked in the same way; errors that Python raises are left to it."""
+
+    def __init__(self) -> None:
+        self.finding = ""
+        self.left = OBJECTS
+
+    def ask(self, question: Any) -> Any:
+        """Return the answer, None where h5py raises."""
+        try:
+            return question()
+        except Exception as error:
+            # refused here by the limit on memory, and taken elsewhere until there is none
+            if isinstance(error, MemoryError) or "alloc" in str(error).lower():
+                self.finding = "data that take more memory than there is"
+            return None
+
+    def group(self, group: Any, above: frozenset[Any]) -> None:
+        """Look at a group and all below it; ``above`` are the groups it lies in."""
+        self.attributes(group)
+        names = self.ask(lambda: list(group)) or []
+        for name in names:
+            if not isinstance(self.ask(lambda name=name: group.get(name, getlink=True)), h5py.HardLink):
+                continue
+            entry = self.ask(lambda name=name: group[name])
+            self.left -= 1
+            if self.left < 0:
+                self.finding = f"more than {OBJECTS} entries"
+                return
+            if isinstance(entry, h5py.Dataset):
+                self.attributes(entry)
+                self.dataset(entry)
+            elif isinstance(entry, h5py.Group):
+                mark = self.ask(lambda entry=entry: h5py.h5o.get_info(entry.id).addr)
+                if mark not in above and len(above) < 50:  # a group may hold itself
+                    self.group(entry, above | {mark})
+
+    def attributes(self, owner: Any) -> None:
+        """Read all attributes."""
+        for name in self.ask(lambda: list(owner.attrs)) or []:
+            self.ask(lambda name=name: owner.attrs[name])
+
+    def dataset(self, data: Any) -> None:
+        """Walk the index of chunks, and decode all of small data or third-party filters, else the first and last."""
+        plist = self.ask(data.id.get_create_plist)
+        if plist is None or self.ask(plist.get_external_count) or self.ask(plist.get_layout) == h5py.h5d.VIRTUAL:
+            return
+        for question in (lambda: data.fillvalue, data.id.get_storage_size, data.id.get_offset):
+            self.ask(question)
+        nbytes = self.ask(lambda: int(data.size or 0) * data.dtype.itemsize)
+        if nbytes is None or nbytes > 1 << 44:
+            return
+        if data.chunks is None:
+            # stored as it is: nothing is decoded
+            if nbytes <= SMALL:
+                self.ask(lambda: data[()])
+            return
+        chunks: list[tuple[int, ...]] = []
+        self.ask(lambda: data.id.chunk_iter(lambda chunk: chunks.append(chunk.chunk_offset)))
+        if nbytes <= SMALL:
+            self.ask(lambda: data[()])
+            return
+        filters = {self.ask(lambda k=k: plist.get_filter(k)[0]) for k in range(self.ask(plist.get_nfilters) or 0)}
+        if filters <= OWN_FILTERS:
+            chunks = chunks[:1] + chunks[-1:]
+        for start in chunks:
+            where = tuple(slice(a, a + n) for a, n in zip(start, data.chunks, strict=True))
+            self.ask(lambda where=where: data[where])
+
+
+def examine(path: str) -> str:
+    """Return what makes a file unreadable beyond what h5py itself reports, or an empty string."""
+    found = Examination()
+    file = found.ask(lambda: h5py.File(path, "r", locking=False))
+    if file is not None:
+        found.group(file, frozenset())
+        found.ask(file.close)
+    return found.finding
+
+
+def limit(seconds: int) -> None:
+    """Ask the system to end this process if one file takes more processor time or memory than that."""
+    try:
+        import resource
+    except ImportError:  # Windows: the parent watches the clock
+        return
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    wanted = {
+        resource.RLIMIT_CPU: int(used.ru_utime + used.ru_stime) + 1 + seconds,
+        resource.RLIMIT_AS: MEMORY,
+        resource.RLIMIT_CORE: 0,
+    }
+    for what, most in wanted.items():
+        # macOS refuses any limit on the address space; a refused limit says nothing about the file
+        with suppress(ValueError, OSError):
+            _, hard = resource.getrlimit(what)
+            # a limit that was set from outside may be lower still
+            resource.setrlimit(what, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
+
+
+def main() -> None:
+    """Serve until the parent closes its end."""
+    print(json.dumps("ready"), flush=True)
+    for line in sys.stdin:
+        path, seconds = json.loads(line)
+        limit(seconds)
+        print(json.dumps(examine(path)), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,194 @@
+"""The chunks of a dataset: where they lie in the file, read and decoded without HDF5.
+
+HDF5's own look-up and filters can end the process on a damaged index. Here the index is walked once, every entry of it
+must lie within the file, and what it points at is read as plain bytes.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+import weakref
+from collections.abc import Iterable, Iterator
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.base.errors import FileFormatError
+from lfcal.base.files import storage_errors
+from lfcal.base.system import OPEN_FLAGS, read_at
+
+__all__ = ["FILTER_NAMES", "ChunkTable"]
+
+FILTER_NAMES = {1: "deflate", 2: "shuffle", 3: "fletcher32"}
+"""Filters of HDF5 itself that are decoded here, by the numbers of H5Zpublic.h."""
+
+AT_ONCE = 1 << 14
+"""Entries of an index that are looked at together."""
+
+READ_AHEAD = 1 << 20
+"""Bytes that are read at a time of chunks that are read one after the other."""
+
+Start = tuple[int, ...]
+
+
+def _numbers(chunk: Any) -> tuple[int, int, int]:
+    return chunk.byte_offset, chunk.size, chunk.filter_mask
+
+
+class ChunkTable:
+    """Where the chunks of a dataset are.
+
+    Parameters
+    ----------
+    dataset
+        Open h5py dataset in chunks.
+    path, where
+        Its file, and file and name for messages.
+
+    Raises
+    ------
+    FileFormatError
+        If the index names a chunk that is none, or twice, or lies beyond the file.
+    """
+
+    def __init__(self, dataset: Any, path: Path, where: str) -> None:
+        self._path, self._where = path, where
+        self._shape = tuple(int(n) for n in dataset.shape)
+        self._chunk = tuple(int(n) for n in dataset.chunks)
+        self._dtype = np.dtype(dataset.dtype)
+        self._grid = tuple(-(-n // c) for n, c in zip(self._shape, self._chunk, strict=True))
+        plist = dataset.id.get_create_plist()
+        numbers = [int(plist.get_filter(k)[0]) for k in range(plist.get_nfilters())]
+        self.filters: tuple[str, ...] | None = None
+        """Names of the filters in the order of writing; None where HDF5 must decode them."""
+        if set(numbers) <= set(FILTER_NAMES):
+            self.filters = tuple(FILTER_NAMES[number] for number in numbers)
+        self._at = np.full(self._grid, -1, np.int64)
+        self._size = np.zeros(self._grid, np.int64)
+        self._left_out = np.zeros(self._grid, np.uint32)
+        self._fill = dataset.fillvalue
+        self._lock = threading.Lock()
+        self._walk(dataset)
+        self._closer: weakref.finalize[..., Any] | None = None
+
+    def _walk(self, dataset: Any) -> None:
+        # of a file that is being written HDF5 knows of more bytes than the system
+        if dataset.file.mode != "r":
+            dataset.file.flush()
+        end = dataset.file.id.get_filesize()
+        largest = min(end, 2 * int(np.prod(self._chunk, dtype=np.int64)) * self._dtype.itemsize + 4096)
+        found: list[Any] = []
+
+        def look(chunk: Any) -> None:
+            found.append(chunk)
+            if len(found) == AT_ONCE:  # an index that leads round and round has one of them twice
+                self._take(found, end, largest)
+                found.clear()
+
+        dataset.id.chunk_iter(look)
+        self._take(found, end, largest)
+
+    def _take(self, found: list[Any], end: int, largest: int) -> None:
+        """Take over entries of the index; raise for the first that is none, or was there before."""
+        if not found:
+            return
+        # unsigned, as HDF5 has them: damaged numbers are of any size
+        starts = np.array([chunk.chunk_offset for chunk in found], np.uint64)
+        at, size, mask = (np.array(column, np.uint64) for column in zip(*(_numbers(c) for c in found), strict=True))
+        places = starts // np.array(self._chunk, np.uint64)
+        inside = (places < np.array(self._grid, np.uint64)).all(axis=1)
+        fits = (size > 4) & (size <= largest) & (at > 0) & (at <= end - np.minimum(size, end))
+        index = tuple(places[inside].astype(np.intp).T)
+        new = np.zeros(len(found), bool)
+        new[np.flatnonzero(inside)[np.unique(np.ravel_multi_index(index, self._grid), return_index=True)[1]]] = True
+        new[inside] &= self._at[index] < 0
+        wrong = np.flatnonzero(~(fits & new))
+        if wrong.size:
+            chunk = found[wrong[0]]
+            raise FileFormatError.expected(
+                self._where,
+                "an index of the chunks in the file",
+                f"chunk {tuple(chunk.chunk_offset)} of {chunk.size} bytes at {chunk.byte_offset}",
+                "copy the file again from its source",
+            )
+        self._at[index], self._size[index], self._left_out[index] = at, size, mask
+
+    @property
+    def missing(self) -> int:
+        """Number of chunks that were never written."""
+        return int((self._at < 0).sum())
+
+    def stored(self, start: Start) -> tuple[int, bytes] | None:
+        """Return the filters left out of a chunk (bits) and its bytes as stored, None if it was never written.
+
+        ``start`` is its first sample. Safe from several threads.
+        """
+        place = tuple(k // length for k, length in zip(start, self._chunk, strict=True))
+        at, size = int(self._at[place]), int(self._size[place])
+        if at < 0:
+            return None
+        with storage_errors(self._path):
+            raw = read_at(self._open(), size, at)
+        return int(self._left_out[place]), raw
+
+    def each_stored(self, starts: Iterable[Start]) -> Iterator[tuple[Start, int, memoryview]]:
+        """Yield the chunks at ``starts`` that were written, as `stored`: many that follow each other at a time.
+
+        For one thread at a time; a chunk is valid until the next is asked for.
+        """
+        asked = list(starts)
+        # for all at once: of small chunks the look-up takes as long as reading them
+        places = tuple((np.array(asked, np.intp).reshape(-1, len(self._chunk)) // self._chunk).T)
+        columns = (column[places].tolist() for column in (self._at, self._size, self._left_out))
+        first, last, held = 0, 0, memoryview(b"")
+        for start, at, size, left_out in zip(asked, *columns, strict=True):
+            if at < 0:
+                continue
+            if at < first or at + size > last:
+                with storage_errors(self._path):
+                    first, held = at, memoryview(read_at(self._open(), max(size, READ_AHEAD), at))
+                last = first + len(held)
+            yield start, left_out, held[at - first : at - first + size]
+
+    def _open(self) -> int:
+        """Return a descriptor of the file: HDF5's own must not be moved under its feet."""
+        with self._lock:
+            if self._closer is None:
+                self._descriptor = os.open(self._path, os.O_RDONLY | OPEN_FLAGS)
+                self._closer = weakref.finalize(self, os.close, self._descriptor)
+            return self._descriptor
+
+    def close(self) -> None:
+        """Close the file until the next read."""
+        with self._lock:
+            if self._closer is not None:
+                self._closer()
+                self._closer = None
+
+    def decoded(self, start: Start) -> NDArray[Any]:
+        """Return the values of a whole chunk, the fill value where it was never written."""
+        from lfcal.base.h5.filters import decode_chunk
+
+        stored = self.stored(start)
+        if stored is None:
+            return np.full(self._chunk, self._fill, self._dtype)
+        assert self.filters is not None
+        name = f"{self._where}, chunk {start}"
+        return decode_chunk(stored[1], self._dtype, self._chunk, stored[0], self.filters, where=name)
+
+    def read(self, slices: tuple[slice, ...]) -> NDArray[Any]:
+        """Return a box of samples, one slice of step 1 and known ends for each axis."""
+        out = np.empty([s.stop - s.start for s in slices], self._dtype)
+        starts = [range(s.start - s.start % c, s.stop, c) for s, c in zip(slices, self._chunk, strict=True)]
+        for start in product(*starts):
+            values = self.decoded(start)
+            ends = [a + n for a, n in zip(start, self._chunk, strict=True)]
+            both = [(max(s.start, a), min(s.stop, b)) for s, a, b in zip(slices, start, ends, strict=True)]
+            there = tuple(slice(a - s.start, b - s.start) for (a, b), s in zip(both, slices, strict=True))
+            here = tuple(slice(a - first, b - first) for (a, b), first in zip(both, start, strict=True))
+            out[there] = values[here]
+        return out

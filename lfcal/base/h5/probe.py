@@ -1,0 +1,173 @@
+"""A file is read by a child process first: damaged HDF5 files exist that end or hang the process that opens them.
+
+One child serves a process for its life; it is started by the first file and restarted after one that ended it. It costs
+a quarter of a second once and a millisecond a file.
+"""
+
+from __future__ import annotations
+
+import atexit
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+from contextlib import suppress
+from pathlib import Path
+from typing import IO
+
+from lfcal.base.errors import FileFormatError
+
+__all__ = ["EXAMINE", "probe", "trust"]
+
+CPU_S = 5
+"""Processor time that a small file may take (s)."""
+
+BYTES_PER_S = 20_000_000
+"""Bytes of file for each further second."""
+
+PATIENCE = 20
+"""Seconds of the clock for each second of processor time: other programs run too, and network disks are slow."""
+
+EXAMINE = "--examine-hdf5"
+"""First word after which a bundled application is the child; it has no Python beside it."""
+
+_SCRIPT = Path(__file__).with_name("_examine.py")
+
+_OUT_OF_TIME = {-int(getattr(signal, name)) for name in ("SIGXCPU", "SIGKILL") if hasattr(signal, name)}
+"""Statuses of a child that the system ended because its processor time was used up."""
+
+_OF_PYTHON = (0, 1)
+"""Statuses of a child that ended normally or by a Python exception: they say nothing about the file."""
+
+Mark = tuple[int, int, int, int]
+
+
+def probe(path: Path) -> None:
+    """Raise `FileFormatError` where reading the HDF5 file ``path`` ends or hangs the process that does it.
+
+    A file that was looked at before, and has not changed since, is not looked at again. Where no child can be started
+    (no memory, no permission, libraries that do not load there), or where it ends by a Python exception, the file is
+    taken as it is.
+    """
+    mark = _mark(path)
+    with _CHILD.lock:
+        if mark in _CHILD.known:
+            return
+        seconds = CPU_S + mark[2] // BYTES_PER_S
+        finding = _CHILD.ask(path, seconds)
+        if not finding:
+            _CHILD.known.add(mark)
+            return
+    raise FileFormatError.expected(str(path), "an intact HDF5 file", finding, "copy the file again from its source")
+
+
+def trust(path: Path) -> None:
+    """Take a file that this process has just written as it is."""
+    with _CHILD.lock:
+        _CHILD.known.add(_mark(path))
+
+
+def _mark(path: Path) -> Mark:
+    found = path.stat()
+    return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns
+
+
+class _Child:
+    """The process that reads files first."""
+
+    def __init__(self) -> None:
+        self.lock = threading.Lock()
+        self.known: set[Mark] = set()
+        self._process: subprocess.Popen[str] | None = None
+        self._owner = 0
+        self._ready = False
+
+    def ask(self, path: Path, seconds: int) -> str:
+        """Return what is wrong with a file, an empty string for nothing."""
+        process = self._started()
+        if process is None:
+            return ""
+        assert process.stdin is not None and process.stdout is not None
+        # asked for only now: it starts while this process goes on
+        if not self._ready and not _line(process.stdout, CPU_S * PATIENCE)[0]:
+            self.end()
+            return ""
+        self._ready = True
+        question = json.dumps([os.path.abspath(path), seconds]) + "\n"
+        try:
+            process.stdin.write(question)
+            process.stdin.flush()
+        except OSError:  # it ended while it waited
+            self.end()
+            return ""
+        answer, in_time = _line(process.stdout, seconds * PATIENCE)
+        if answer:
+            return str(json.loads(answer))
+        if not in_time:
+            process.kill()
+        status = process.wait()
+        self.end()
+        if not in_time or status in _OUT_OF_TIME:
+            return f"damaged data that cannot be read to their end in {seconds} s"
+        if status in _OF_PYTHON:
+            return ""
+        return f"damaged data that end the process reading them (status {status})"
+
+    def _started(self) -> subprocess.Popen[str] | None:
+        """Return the child, None where none can be had."""
+        # after a fork the child still belongs to the parent
+        if self._process is not None and (self._owner != os.getpid() or self._process.poll() is not None):
+            if self._owner == os.getpid():
+                self.end()
+            self._process = None
+        if self._process is None:
+            with suppress(OSError):
+                self._process = subprocess.Popen(
+                    _words(),
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.PIPE,
+                    stderr=subprocess.DEVNULL,
+                    text=True,
+                    encoding="utf-8",
+                    start_new_session=True,  # Ctrl-C in the terminal is for the parent
+                    creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
+                )
+                self._owner, self._ready = os.getpid(), False
+        return self._process
+
+    def end(self) -> None:
+        """End the child."""
+        process, self._process = self._process, None
+        if process is None or self._owner != os.getpid():
+            return
+        with suppress(OSError):
+            process.kill()
+        process.wait()
+        for pipe in (process.stdin, process.stdout):
+            with suppress(OSError):
+                assert pipe is not None
+                pipe.close()
+
+
+def _words() -> list[str]:
+    """Return what starts the child: Python on a script, or the command line of a bundled application."""
+    if getattr(sys, "frozen", False):
+        own = Path(sys.executable)
+        return [str(own.with_name(f"lfcal{own.suffix}")), EXAMINE]
+    return [sys.executable, "-P", str(_SCRIPT)]
+
+
+def _line(pipe: IO[str], seconds: float) -> tuple[str, bool]:
+    """Return the next line, empty at the end of the pipe, and whether it came within ``seconds``."""
+    found: list[str] = []
+    # a pipe cannot be waited for with a limit on every system; a thread can
+    reader = threading.Thread(target=lambda: found.append(pipe.readline()), daemon=True)
+    reader.start()
+    reader.join(seconds)
+    return (found[0] if found else ""), not reader.is_alive()
+
+
+_CHILD = _Child()
+atexit.register(_CHILD.end)

@@ -1,0 +1,110 @@
+"""Values as plain JSON types, and JSON text as values that can be relied on."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import re
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lfcal.base.errors import FileFormatError
+
+__all__ = ["parse_json", "plain"]
+
+DEEPEST = 50
+"""Levels of lists and objects within each other; files of lfcal have 6."""
+
+
+def plain(value: Any) -> Any:
+    """Return ``value`` as JSON types: arrays as lists, dataclasses as objects, NaN and infinity as null."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if isinstance(value, dict):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple | set | frozenset):
+        return [plain(v) for v in value]
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    if isinstance(value, Path):
+        return str(value)
+    return value
+
+
+def parse_json(text: str, what: str, *, remedy: str = "check the file", finite: bool = True) -> Any:
+    """Return the value of JSON ``text``; ``what`` names it in messages.
+
+    Stricter than `json.loads`, whose result can end a program far from here: NaN, infinity and numbers beyond 64 bits,
+    entries given twice, nesting beyond `DEEPEST` levels, and text that is not Unicode are refused.
+    With ``finite`` false, NaN and infinity are read.
+
+    Raises
+    ------
+    FileFormatError
+        If it is no such text.
+    """
+
+    def refuse(got: str) -> FileFormatError:
+        return FileFormatError.expected(what, "JSON text", got, remedy)
+
+    def real(token: str) -> float:
+        value = float(token)
+        if finite and not math.isfinite(value):
+            raise refuse(f"the number {token}")
+        return value
+
+    def whole(token: str) -> int:
+        # beyond 20 characters it has no 64 bits
+        if len(token) > 20 or not -(1 << 63) <= (value := int(token)) < 1 << 63:
+            raise refuse(f"the number {token}")
+        return value
+
+    def entries(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        value = dict(pairs)
+        if len(value) < len(pairs):
+            count = Counter(name for name, _ in pairs)
+            raise refuse(f"{count.most_common(1)[0][0]!r} more than once")
+        return value
+
+    try:
+        value = json.loads(text, parse_float=real, parse_int=whole, parse_constant=real, object_pairs_hook=entries)
+    except FileFormatError:
+        raise
+    # deeply nested text ends in RecursionError, not in ValueError
+    except RecursionError:
+        raise refuse("lists within lists without end") from None
+    except ValueError as error:
+        raise refuse(str(error)) from None
+    if _deeper_than(value, DEEPEST):
+        raise refuse(f"more than {DEEPEST} lists within each other")
+    # halves of a surrogate pair cannot be written again
+    if re.search(r"\\u[dD][89a-fA-F]", text) and not _is_unicode(value):
+        raise refuse("characters that are not Unicode")
+    return value
+
+
+def _deeper_than(value: Any, levels: int) -> bool:
+    """Return whether lists and objects lie deeper, without recursion."""
+    level = [value] if isinstance(value, dict | list) else []
+    for _ in range(levels):
+        parts = (part for inner in level for part in (inner.values() if isinstance(inner, dict) else inner))
+        level = [part for part in parts if isinstance(part, dict | list)]
+        if not level:
+            return False
+    return True
+
+
+def _is_unicode(value: Any) -> bool:
+    try:
+        json.dumps(value, ensure_ascii=False).encode()
+    except UnicodeEncodeError:
+        return False
+    return True

@@ -1,0 +1,232 @@
+"""Long work as a generator of immutable `Progress` records that anyone can drain or cancel.
+
+Work that takes time is written once as ``iter_work(...) -> Generator[Progress, None, Result]``; the plain function is
+derived from it: ``work = drained(iter_work)``. Closing the generator (`Generator.close`) cancels: the work cleans up
+behind itself.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+import time
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from functools import update_wrapper
+from inspect import Signature
+from types import FunctionType
+from typing import Any, ParamSpec, TypeVar, cast, get_args, get_origin
+
+__all__ = [
+    "Clock",
+    "Progress",
+    "Unwanted",
+    "Work",
+    "drain",
+    "drained",
+    "in_place_of",
+    "leave_if_unwanted",
+    "wanted_while",
+]
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How far a piece of work has come.
+
+    Attributes
+    ----------
+    done, total
+        Units of work finished and in all (``total`` 0: not known).
+    stage
+        What is being done, for people.
+    seconds
+        Wall time since the work began.
+    note
+        Something worth a line, or empty.
+    per
+        Units of ``done`` and ``total`` in one that people count: a run of few long units moves in thousandths of them.
+    """
+
+    done: int
+    total: int
+    stage: str
+    seconds: float = 0.0
+    note: str = ""
+    per: int = 1
+
+    @property
+    def fraction(self) -> float:
+        """Finished share in [0, 1]."""
+        return min(1.0, self.done / self.total) if self.total > 0 else 0.0
+
+    @property
+    def count(self) -> str:
+        """How far it is as people count it; empty where the total is not known."""
+        return f"{self.done // self.per} of {self.total // self.per}" if self.total else ""
+
+    @property
+    def eta_seconds(self) -> float | None:
+        """Estimated seconds to the end, or None while there is nothing to go by."""
+        if self.done <= 0 or self.total <= 0:
+            return None
+        return self.seconds * max(0, self.total - self.done) / self.done
+
+
+Work = Generator[Progress, None, R]
+"""A running piece of work: yields `Progress`, returns its result."""
+
+
+class Clock:
+    """Make `Progress` records of one stage against a common start time."""
+
+    def __init__(self, stage: str, total: int) -> None:
+        self.stage = stage
+        self.total = total
+        # perf_counter never goes backwards, unlike the clock of the day
+        self._start = time.perf_counter()
+
+    def at(self, done: int, note: str = "") -> Progress:
+        """Return the record for ``done`` finished units."""
+        return Progress(done, self.total, self.stage, time.perf_counter() - self._start, note)
+
+
+def drain(work: Work[R], on_progress: Callable[[Progress], None] | None = None) -> R:
+    """Run ``work`` to its end, hand each record to ``on_progress``, return its result."""
+    try:
+        while True:
+            record = next(work)
+            if on_progress is not None:
+                on_progress(record)
+    except StopIteration as stop:
+        result: R = stop.value
+        return result
+    finally:
+        # closes the generator also where the caller's own code raised: its files are closed then
+        work.close()
+
+
+STEPS = ("Yields", "Examples")
+"""Sections of a generator's docstring that do not apply to the function derived from it."""
+
+_HEADING = re.compile(r"^([A-Z][A-Za-z ]+)\n-{3,}$", re.MULTILINE)
+
+
+def drained(work: Callable[P, Generator[Progress, None, R]], doc: str = "") -> Callable[P, R]:
+    """Return the function that runs ``work`` to its end: of ``iter_assemble`` it is ``assemble``.
+
+    It has the parameters of ``work``, returns its result, and belongs to the same module or class.
+
+    Parameters
+    ----------
+    work
+        A function or method named ``iter_...`` that returns a generator of `Progress`.
+    doc
+        Parts of the docstring that differ from that of ``work``: a summary, sections in numpy style, or both. Yields
+        and Examples of ``work`` are left out.
+
+    Examples
+    --------
+    >>> from lfcal.base.progress import Clock, Work, drained
+    >>> def iter_add(a: int, b: int = 1) -> Work[int]:
+    ...     yield Clock("add", 1).at(1)
+    ...     return a + b
+    >>> add = drained(iter_add, "Add two numbers.")
+    >>> print(add.__name__, add(2, b=3), add.__doc__)
+    add 5 Add two numbers.
+    """
+    run = drain
+
+    def whole(*args: P.args, **kwargs: P.kwargs) -> R:
+        return run(work(*args, **kwargs))
+
+    own = in_place_of(work, whole)
+    own.__name__ = work.__name__.removeprefix("iter_")
+    own.__qualname__ = work.__qualname__.removesuffix(work.__name__) + own.__name__
+    own.__doc__ = docstring_of(work.__doc__ or "", doc)
+    result = _result_of(work)
+    _sign(own, inspect.signature(work).replace(return_annotation=result))
+    return cast(Callable[P, R], own)
+
+
+def in_place_of(function: Callable[..., Any], made: Callable[..., Any], signature: Signature | None = None) -> Any:
+    """Return ``made``, defined in another function, as a function of the module of ``function`` with its docstring.
+
+    Doctest, pickle and `inspect` then treat it as written there. It refers to its closure and to no global names.
+    """
+    # doctest finds functions by the globals of their module
+    own = FunctionType(made.__code__, function.__globals__, closure=made.__closure__)
+    update_wrapper(own, function)
+    if signature is not None:
+        _sign(own, signature)
+    return own
+
+
+def _sign(function: FunctionType, signature: Signature) -> None:
+    function.__signature__ = signature  # type: ignore[attr-defined]
+    known = {name: one.annotation for name, one in signature.parameters.items()}
+    known["return"] = signature.return_annotation
+    function.__annotations__ = {name: said for name, said in known.items() if said is not Signature.empty}
+
+
+def _result_of(work: Callable[..., Any]) -> Any:
+    """Return the annotation of the result of ``work``: R of ``Work[R]``."""
+    annotation = work.__annotations__.get("return")
+    if isinstance(annotation, str):
+        if annotation.startswith("Work["):
+            return annotation.removeprefix("Work[").removesuffix("]")
+        # an alias of work with its own kind of progress, such as `SolverWork`
+        annotation = work.__globals__.get(annotation, annotation)
+    if get_origin(annotation) is not Generator:
+        raise TypeError(f"{work.__qualname__}: expected a result annotated as Work[...], got {annotation}")
+    return get_args(annotation)[-1]
+
+
+def docstring_of(generator: str, doc: str = "") -> str:
+    """Return the docstring of the function derived from a generator: the generator's, with the parts in ``doc``."""
+    kept = {heading: text for heading, text in _parts_of(generator).items() if heading not in STEPS}
+    merged = kept | {heading: text for heading, text in _parts_of(doc).items() if text}
+    return "\n\n".join(text for text in merged.values() if text)
+
+
+def _parts_of(doc: str) -> dict[str, str]:
+    """Return the parts of a docstring: its summary, its description, and sections with their headings."""
+    head, *rest = _HEADING.split(inspect.cleandoc(doc))
+    summary, _, description = head.strip().partition("\n\n")
+    parts = {"summary": summary, "description": description}
+    for heading, text in zip(rest[::2], rest[1::2], strict=True):
+        parts[heading] = f"{heading}\n{'-' * len(heading)}\n{text.strip()}"
+    return parts
+
+
+class Unwanted(Exception):
+    """Nobody waits for what is computed any more."""
+
+
+_WANTED: ContextVar[Callable[[], bool] | None] = ContextVar("wanted", default=None)
+"""Of this thread, and of those that help it in its context (`lfcal.base.threads.for_each_chunk`)."""
+
+
+@contextmanager
+def wanted_while(wanted: Callable[[], bool]) -> Iterator[None]:
+    """Let what this thread computes end early, by `Unwanted`, once ``wanted`` says no.
+
+    For functions that are no generators, and answer questions that may be asked anew before they are answered.
+    """
+    token = _WANTED.set(wanted)
+    try:
+        yield
+    finally:
+        _WANTED.reset(token)
+
+
+def leave_if_unwanted() -> None:
+    """Raise `Unwanted` where nobody waits for what this thread computes any more."""
+    wanted = _WANTED.get()
+    if wanted is not None and not wanted():
+        raise Unwanted

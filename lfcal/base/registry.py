@@ -1,0 +1,135 @@
+"""Parts found by name: those of a package of lfcal, and those that other distributions bring.
+
+A kind of part (image format, effect, metric, solver, page …) has a package whose modules each name what they bring in
+one module attribute, and an entry point group for everybody else. Adding a part is adding one module.
+"""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from collections.abc import Callable, Iterator
+from importlib import metadata
+from typing import Any, Generic, Protocol, TypeVar
+
+from lfcal.base.errors import InputError, choose
+
+__all__ = ["Named", "Registry"]
+
+
+class Named(Protocol):
+    """Anything with a name; names are unique within a registry."""
+
+    @property
+    def name(self) -> str:
+        """What commands, files and people call it."""
+        ...
+
+
+T = TypeVar("T", bound=Named)
+
+
+class Registry(Generic[T]):
+    """Parts of one kind by name, found at the first question.
+
+    Parameters
+    ----------
+    what
+        The kind, for messages: ``"solver"``.
+    package
+        Package whose public modules are searched; its own ``__init__`` is not.
+    attribute
+        Module attribute that holds a part or a tuple of parts.
+    group
+        Entry point group of other distributions; each point loads a part or a tuple of parts.
+    order
+        Sort key of the parts; by name when None.
+    check
+        Called with every part of another distribution; raises where it is not fit for use.
+    make
+        Turns what an entry point loads into the part; what it loads is the part when None.
+    """
+
+    def __init__(
+        self,
+        what: str,
+        package: str,
+        attribute: str,
+        group: str,
+        *,
+        order: Callable[[T], Any] | None = None,
+        check: Callable[[T], object] | None = None,
+        make: Callable[[Any], T] | None = None,
+    ) -> None:
+        self.what, self.package, self.attribute, self.group = what, package, attribute, group
+        self._order, self._check, self._make = order, check, make
+        self._parts: dict[str, T] | None = None
+        self._failures: dict[str, str] = {}
+
+    def _found(self) -> dict[str, T]:
+        if self._parts is None:
+            parts: dict[str, T] = {}
+            for part in self._own():
+                if part.name in parts:
+                    raise ValueError(f"two {self.what}s are called {part.name!r}")
+                parts[part.name] = part
+            for part in self._foreign():
+                parts.setdefault(part.name, part)  # others cannot hide lfcal's own
+            key = self._order or (lambda part: part.name)
+            self._parts = {part.name: part for part in sorted(parts.values(), key=key)}
+        return self._parts
+
+    def _own(self) -> Iterator[T]:
+        path = importlib.import_module(self.package).__path__
+        for module in pkgutil.iter_modules(path):
+            if not module.name.startswith("_"):
+                loaded = importlib.import_module(f"{self.package}.{module.name}")
+                yield from _several(getattr(loaded, self.attribute, ()))
+
+    def _foreign(self) -> Iterator[T]:
+        for point in metadata.entry_points(group=self.group):
+            try:
+                parts = _several(point.load())
+                if self._make is not None:
+                    parts = tuple(map(self._make, parts))
+                for part in parts:
+                    if not isinstance(getattr(part, "name", None), str):
+                        raise TypeError("it has no name")
+                    if self._check is not None:
+                        self._check(part)
+            except Exception as error:  # a package of someone else may fail in any way
+                self._failures[point.name] = f"{self.what} {point.name}: {type(error).__name__}: {error}"
+            else:
+                yield from parts
+
+    def names(self) -> tuple[str, ...]:
+        """Return the names, in order."""
+        return tuple(self._found())
+
+    def get(self, name: str) -> T:
+        """Return the part called ``name``; raises `InputError` with the names there are."""
+        found = self._found()
+        if name not in found:
+            raise InputError.expected(self.what, " or ".join(found), repr(name), choose(name, found))
+        return found[name]
+
+    def failures(self) -> dict[str, str]:
+        """Return why parts of other distributions could not be loaded, by entry point."""
+        self._found()
+        return dict(self._failures)
+
+    def __iter__(self) -> Iterator[T]:
+        """Iterate over the parts, in order."""
+        return iter(self._found().values())
+
+    def __contains__(self, name: object) -> bool:
+        """Return whether a part has this name."""
+        return name in self._found()
+
+    def __len__(self) -> int:
+        """Return the number of parts."""
+        return len(self._found())
+
+
+def _several(found: Any) -> tuple[Any, ...]:
+    return found if isinstance(found, tuple) else (found,)

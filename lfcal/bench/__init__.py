@@ -1,1 +1,0 @@
-"""Side-by-side timings: one module per benchmark, each with ``register(app)``; run by ``lfcal bench``."""

@@ -1,0 +1,365 @@
+"""What patterns show beside what their camera should give: the evidence that faults are found in."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import ScanPlan
+from lfcal.fit.expected import Behind
+from lfcal.judge.modelled import Starts, correlation, modelled, parts
+from lfcal.judge.scatter import misfit, noise_of, start_of, variance_of
+from lfcal.psf import PSFMatrix
+from lfcal.psf.quality.pattern_table import NOISELESS
+
+__all__ = ["COLUMNS", "Evidence", "Unlike", "fitted"]
+
+F4 = NDArray[np.float32]
+F8 = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+COLUMNS = ("gain", "background", "source_y", "source_x", "window_y", "window_x", "depth")
+"""What each pattern is fitted with: share of its light, counts, pixels of the source, pixels of the cutout, and the
+shift of depth as a share of the virtual depth."""
+
+CHANCE = 2
+"""Patterns of those spread evenly that a rare fault may have: no more tell how frequent it is."""
+
+CLIP = 4.0
+"""Standard deviations beyond which a sample has no say in the fit of its pattern."""
+
+APART = 0.3
+"""Correlation with the model, less than that of other patterns, that makes one unlike its place."""
+
+APART_ASKED = 0.05
+"""The same of those that were suspected: what they show of the sensor, others show as well."""
+
+ASIDE_PX, SOME = 0.4, 0.25
+"""Displacement of single cutouts (pixels) that makes their patterns unlike their places, and the share of all patterns
+below which they are single ones."""
+
+DIMMEST = 0.25
+"""Share of the samples, those of the least light, from which the noise of patterns is estimated."""
+
+ROUNDS = 3
+"""Fits of each pattern: outliers are clipped, and the noise is told anew, after each."""
+
+
+@dataclass(frozen=True, eq=False)
+class Unlike:
+    """Why patterns cannot be compared with a camera.
+
+    Attributes
+    ----------
+    reason
+        In words.
+    stated
+        Whether a camera is stated that should explain the patterns, and does not.
+    camera
+        That camera, where patterns can be computed with it.
+    correlation
+        Median correlation of the patterns with those of the camera; None: not measured.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.judge import Unlike, iter_evidence
+    >>> from lfcal.base.progress import drain
+    >>> from lfcal.psf import PSFMatrix
+    >>> found = drain(iter_evidence(PSFMatrix(np.ones((1, 3, 3, 5, 5)))))
+    >>> if isinstance(found, Unlike):
+    ...     print(found.reason)
+    H has no camera
+    """
+
+    reason: str
+    stated: bool = False
+    camera: Behind | None = None
+    correlation: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Some patterns of an H beside those that its camera should give.
+
+    Attributes
+    ----------
+    matrix, plan
+        H, and the scan that it is of.
+    camera
+        The camera behind it.
+    index
+        Positions ``(n, 3)`` as (z, y, x).
+    data, valid
+        Values ``(n, nt, ns)`` and which of them carry a measurement.
+    model
+        The same by the camera, as shares of the light of the iris.
+    columns
+        Derivatives of ``model`` by `COLUMNS` after the first two ``(n, 5, nt, ns)``.
+    values, sigmas
+        What fitted each pattern best, and the standard deviations ``(n, 7)``, in the order of `COLUMNS`; derivatives
+        are those of the model times the pattern's gain.
+    variance
+        Of each sample ``(n, nt, ns)``: noise, and what the model is off by as a rule.
+    misfit
+        Share of the light by which the model is off as a rule.
+    starts
+        Where the model and its derivatives were computed: displacements are told from there on.
+    asked
+        Patterns ``(n,)`` that are there because they were suspected: the others are spread evenly.
+    more_suspected
+        Positions that were suspected beyond those: the oddest were asked for.
+    rounding
+        Variance that values have by the steps they come in.
+
+    Examples
+    --------
+    >>> from lfcal.judge import Evidence, iter_evidence
+    >>> from lfcal.base.progress import drain
+    >>> from lfcal.psf import open_psf
+    >>> with open_psf("H.h5") as H:
+    ...     evidence: Evidence = drain(iter_evidence(H, patterns=24))
+    >>> print(evidence.data.shape, f"{evidence.unlike.sum()} patterns unlike those of their places")
+    (24, 55, 55) 0 patterns unlike those of their places
+    """
+
+    matrix: PSFMatrix
+    plan: ScanPlan
+    camera: Behind
+    index: NDArray[np.intp]
+    data: F4
+    valid: Flags
+    model: F4
+    columns: F4
+    values: F8
+    sigmas: F8
+    variance: F4
+    misfit: float
+    starts: Starts
+    asked: Flags
+    rounding: float
+    more_suspected: int = 0
+
+    def __len__(self) -> int:
+        """Return the number of patterns."""
+        return len(self.index)
+
+    def extent(self, which: NDArray[np.intp]) -> float:
+        """Return the share of all positions that are like ``which`` of the patterns (numbers).
+
+        By those that were not asked for, where more than chance is among them; at least those that were found.
+        """
+        even = np.flatnonzero(~self.asked)
+        hits = int(np.isin(even, which).sum())
+        among = hits / even.size if hits > CHANCE else 0.0
+        return max(among, len(which) / max(1, int((self.matrix.recorded > 0).sum())))
+
+    def likely_extent(self, which: NDArray[np.intp]) -> float:
+        """Return the same where more were suspected than asked for: as many of the others are like ``which``."""
+        asked = np.flatnonzero(self.asked)
+        others = self.more_suspected * int(np.isin(asked, which).sum()) / max(1, asked.size)
+        most = (len(which) + others) / max(1, int((self.matrix.recorded > 0).sum()))
+        return max(self.extent(which), min(most, 1.0))
+
+    def column(self, name: str) -> tuple[F8, F8]:
+        """Return values and standard deviations ``(n,)`` of one of `COLUMNS`, beside what was planned."""
+        k = COLUMNS.index(name)
+        return self.values[:, k] + self.starts.column(name, self.index[:, 0]), self.sigmas[:, k]
+
+    @cached_property
+    def light(self) -> F4:
+        """What the camera should give, at the gain of each pattern ``(n, nt, ns)``."""
+        return self.model * self.values[:, 0, None, None].astype(np.float32)
+
+    @cached_property
+    def left(self) -> F4:
+        """Data ``(n, nt, ns)`` less the best fit of each pattern; 0 where nothing was measured."""
+        values = self.values.astype(np.float32)
+        out = self.data - self.light - values[:, 1, None, None]
+        for k in range(2, len(COLUMNS)):
+            out -= (values[:, 0] * values[:, k])[:, None, None] * self.columns[:, k - 2]
+        out[~self.valid] = 0.0
+        return out
+
+    @cached_property
+    def weight(self) -> F4:
+        """1/variance of each sample ``(n, nt, ns)``; 0 where nothing was measured, and of patterns unlike theirs."""
+        found: F4 = np.where(self.valid, 1.0 / self.variance, 0.0).astype(np.float32)
+        found[self.unlike] = 0.0
+        return found
+
+    @cached_property
+    def computed(self) -> bool:
+        """Whether patterns have so little noise that they were computed: what a model leaves of them is its own error.
+
+        Neither a sensor nor a codec has been at these.
+        """
+        peak = float(self.light.max())
+        inner = self.valid[:, :, 2:] & self.valid[:, :, 1:-1] & self.valid[:, :, :-2]
+        inner &= self.light[:, :, 1:-1] <= np.quantile(self.light, DIMMEST)
+        # second differences of neighbours: smooth light has next to none
+        bend = (self.data[:, :, 2:] - 2 * self.data[:, :, 1:-1] + self.data[:, :, :-2])[inner] / math.sqrt(6)
+        noise = 1.4826 * float(np.median(np.abs(bend))) if bend.size else 0.0
+        return max(noise, math.sqrt(self.rounding)) * NOISELESS < peak
+
+    @cached_property
+    def alike(self) -> F8:
+        """Correlation of each pattern with the model at its place ``(n,)``."""
+        return correlation(np.where(self.valid, self.model, np.float32(0)), self.data)
+
+    @cached_property
+    def unlike(self) -> Flags:
+        """Patterns ``(n,)`` that are not those of their places: of the sensor they tell nothing."""
+        seen = self.valid.any((1, 2))
+        if not seen.any():
+            return np.zeros(len(self), np.bool_)
+        limit = np.median(self.alike[seen]) - np.where(self.asked, APART_ASKED, APART)
+        return np.asarray((seen & (self.alike < limit)) | self._aside, np.bool_)
+
+    @property
+    def _aside(self) -> Flags:
+        """Patterns ``(n,)`` whose cutouts lie elsewhere than those of their plane, where they are some of all."""
+        found = np.zeros(len(self), np.bool_)
+        for name in ("window_y", "window_x"):
+            values, sigmas = self.column(name)
+            for z in np.unique(self.index[:, 0]):
+                own = self.index[:, 0] == z
+                off = np.abs(values[own] - np.median(values[own]))
+                found[own] |= (off > ASIDE_PX) & (off > CLIP * sigmas[own])
+        return found if found.mean() < SOME else np.zeros_like(found)
+
+    def beyond(self, column: F4) -> tuple[F8, F8]:
+        """Return by how much of one more column ``(n, nt, ns)`` each pattern is fitted better, and its sigma ``(n,)``.
+
+        What the columns that are fitted anyhow make up for is none of it; infinite sigma where nothing is left.
+        """
+        values, sigmas = np.zeros(len(self)), np.full(len(self), np.inf)
+        left, root = self.left, np.sqrt(self.weight)
+        for k in range(len(self)):
+            own = np.concatenate([self.model[k][None], np.ones_like(self.model[k])[None], self.columns[k]])
+            a = (own * root[k]).reshape(len(COLUMNS), -1)
+            size = np.sqrt(np.einsum("ij,ij->i", a, a, dtype=np.float64))
+            a = a[size > 0] / size[size > 0, None].astype(np.float32)
+            b = (column[k] * root[k]).ravel()
+            before = float(b @ b)
+            inverse = np.linalg.pinv((a @ a.T).astype(np.float64), rcond=1e-6, hermitian=True)
+            b = b - (inverse @ (a @ b)).astype(np.float32) @ a
+            r = np.clip((left[k] * root[k]).ravel(), -CLIP, CLIP)
+            power = float(b @ b)
+            if power > 1e-8 * before and power > 0:
+                values[k], sigmas[k] = float(b @ r) / power, 1 / math.sqrt(power)
+        return values, sigmas
+
+    def with_data(self, data: F4, valid: Flags) -> Evidence:
+        """Return the evidence of other values at the same positions."""
+        data = np.where(valid, data, np.float32(0))
+        model, columns, starts = self.model, self.columns, self.starts
+        found = fitted(
+            self.matrix,
+            self.camera,
+            self.index,
+            data,
+            valid,
+            model=model,
+            columns=columns,
+            starts=starts,
+            rounding=self.rounding,
+        )
+        return replace(found, asked=self.asked, more_suspected=self.more_suspected)
+
+    def followed(self, values: F8 | None = None) -> Evidence:
+        """Return the evidence with models computed where patterns look to be, by ``values`` instead of their own.
+
+        Itself where that is near enough to where they were computed.
+        """
+        planes = self.index[:, 0]
+        moved = self.starts.nearer(self.values if values is None else values, planes)
+        again = moved.apart_from(self.starts, planes)
+        if not again.any():
+            return self
+        starts, model, columns = self.starts.only(moved, again), self.model.copy(), self.columns.copy()
+        for part in parts(self.index, np.flatnonzero(again)):
+            model[part], columns[part] = modelled(self.camera, self.index[part], starts.of(part))
+        return replace(self, model=model, columns=columns, starts=starts).with_data(self.data, self.valid)
+
+    def corners(self) -> NDArray[np.intp]:
+        """Return the sensor's pixel (row, column) of each cutout's first sample ``(n, 2)``, from H's first cutout."""
+        return self.index[:, 1:].copy()
+
+
+def fitted(
+    matrix: PSFMatrix,
+    known: Behind,
+    index: NDArray[np.intp],
+    data: F4,
+    valid: Flags,
+    *,
+    model: F4,
+    columns: F4,
+    starts: Starts,
+    rounding: float,
+) -> Evidence:
+    """Return the evidence of patterns ``(n, nt, ns)``, each fitted with `COLUMNS` to its model.
+
+    Parameters are those of `Evidence`, by whose names they go.
+    """
+    n = len(index)
+    values, sigmas = np.zeros((n, len(COLUMNS))), np.full((n, len(COLUMNS)), np.inf)
+    variance = np.maximum(start_of(data, valid), np.float32(rounding))
+    light = np.zeros_like(data)
+    keep = valid.copy()
+    for _ in range(ROUNDS):
+        for k in range(n):
+            values[k], sigmas[k], light[k] = _fit_one(data[k], keep[k], model[k], columns[k], variance[k])
+        bright = np.maximum(model * values[:, 0, None, None], 0).astype(np.float32)
+        variance, constant, slope = variance_of(data - light, bright, valid)
+        # where noise is lost in steps of the values, most of what is left is exactly nothing
+        variance = np.maximum(variance, np.float32(rounding))
+        keep = valid & (np.square(data - light) < CLIP**2 * variance)
+    noise = noise_of(matrix, index, bright, max(constant, rounding), slope)
+    off = misfit(data - light, bright, valid, noise)
+    return Evidence(
+        matrix,
+        known.plan,
+        known,
+        index,
+        data,
+        valid,
+        model,
+        columns,
+        values,
+        sigmas,
+        variance,
+        off,
+        starts,
+        np.zeros(n, np.bool_),
+        rounding,
+    )
+
+
+def _fit_one(data: F4, keep: Flags, model: F4, columns: F4, variance: F4) -> tuple[F8, F8, F4]:
+    """Return what fits one pattern best, its standard deviations, and the pattern so fitted."""
+    root = np.where(keep, 1.0 / np.sqrt(variance), 0.0).astype(np.float32)
+    x = np.concatenate([model[None], np.ones_like(model)[None], columns]).reshape(len(COLUMNS), -1)
+    a = x * root.ravel()
+    normal = (a @ a.T).astype(np.float64)
+    size = np.sqrt(np.maximum(np.diag(normal), 0))
+    used = size > 1e-9 * max(size[0], 1e-300)
+    values, sigmas = np.zeros(len(COLUMNS)), np.full(len(COLUMNS), np.inf)
+    if not used[0]:
+        return values, sigmas, np.zeros_like(data)
+    scaled = normal[np.ix_(used, used)] / np.outer(size[used], size[used])
+    inverse = np.linalg.pinv(scaled, rcond=1e-6, hermitian=True)
+    step = inverse @ ((a[used] @ (data * root).ravel()) / size[used]) / size[used]
+    values[used] = step
+    sigmas[used] = np.sqrt(np.maximum(np.diag(inverse), 0)) / size[used]
+    fitted = (step.astype(np.float32) @ x[used]).reshape(data.shape)
+    # displacements in pixels, depth as a share: derivatives of the pattern as bright as it is
+    gain = values[0] if abs(values[0]) > 1e-300 else 1.0
+    values[2:] /= gain
+    sigmas[2:] /= abs(gain)
+    return values, sigmas, fitted

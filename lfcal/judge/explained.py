@@ -1,0 +1,632 @@
+"""What explains patterns better than their camera as it is described: orientation, positions, array, gap or iris."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import irfft2, next_fast_len, rfft2
+from scipy.ndimage import uniform_filter
+
+from lfcal.base.errors import InputError
+from lfcal.base.progress import Clock, Work
+from lfcal.base.units import format_share
+from lfcal.camera import Camera, MainLens
+from lfcal.fit.expected import Behind
+from lfcal.judge.compared import iter_fitted, patterns_of
+from lfcal.judge.evidence import Evidence
+from lfcal.judge.modelled import best_alike, plane_of
+from lfcal.judge.turned import OrientationMatch, few_positions, iter_matches
+from lfcal.psf import PSFMatrix
+from lfcal.psf.aperture import Iris
+from lfcal.psf.orientation import AS_IS, ORIENTATIONS
+from lfcal.psf.provenance import origin_of
+from lfcal.simulate.engines.base import EnergyError
+
+__all__ = ["BETTER", "EXPLAINED", "Disagreement", "Explanation", "iter_explained", "iter_rearranged"]
+
+T = TypeVar("T")
+
+F4 = NDArray[np.float32]
+F8 = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+EXPLAINED = 0.06
+"""Share of the light that a camera may be off by to explain patterns."""
+
+BETTER = 0.5
+"""Share of what the description leaves unexplained that something else may leave, to be named in its place."""
+
+AS_WELL = 1.25
+"""Times as much as the best that orientations leave which explain patterns as well: symmetric arrays have several."""
+
+NEAR_PX, MOST_OF = 1, 0.75
+"""Distance of positions from one rule (pixels), and share of them that must follow it."""
+
+MATCHING = 0.7
+"""Correlation with the camera's patterns that H's have in their orientation at least."""
+
+NONE = 1e6
+"""What a description leaves unexplained that says nothing of the patterns."""
+
+GAPS = (0.92, 0.94, 0.96, 0.97, 0.98, 0.985, 0.99, 1.01, 1.015, 1.02, 1.03, 1.04, 1.06, 1.08)
+"""Gaps that are tried, over the stated one."""
+
+PUPILS = (0.75, 0.85, 0.9, 0.95, 1.05, 1.1, 1.2, 1.35)
+"""Diameters of the iris that are tried, over the stated one."""
+
+FINER = (0.5, 0.25)
+"""Steps about the best of those, over their distance."""
+
+BLADES = (0, 4, 5, 6, 7, 8, 9)
+"""Numbers of iris blades that are tried."""
+
+TURNS = 3
+"""Rotations of an iris that are tried within a blade."""
+
+OF_PUPIL, OF_BLADES = 0.8, 0.4
+"""Shares of the light unexplained up to which another diameter, or other blades, may be what explains them."""
+
+ROWS = (-2, -1, 1, 2)
+"""Displacements of every other row or column that are tried (pixels)."""
+
+OVERLAP = 0.2
+"""Share of the camera's light that cutouts must show to be looked for elsewhere on the sensor."""
+
+DARK, LIT = 0.5, 0.05
+"""Share of the light below which a part of the pupil is blocked; share of the brightest part from which it counts."""
+
+BLOCKED = (0.03, 0.6)
+"""Shares of the pupil that may be blocked."""
+
+ADVICE_FRAMES = (
+    "Assemble again with the frames turned upright (--orientation), or correct the camera's description; no new "
+    "recording is needed."
+)
+ADVICE_CAMERA = "Correct the camera's description, or let lfcal fit find the true camera and name it with --fit."
+
+
+_STAGE = "looking for what explains the patterns"
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """What explains the patterns of an H far better than its camera as it is described.
+
+    Attributes
+    ----------
+    kind
+        ``"orientation"``, ``"rows"``, ``"part"``, ``"pupil"``, ``"types"``, ``"gap"``, ``"diameter"`` or ``"blades"``.
+    words
+        What it is, as a statement.
+    advice
+        What to do about it.
+    before, after
+        Share of the light (relative L2) that is unexplained with the description, and with this.
+
+    Examples
+    --------
+    >>> from lfcal.judge.explained import Explanation
+    >>> print(Explanation("gap", "the gap is about 1.5 % larger", "Correct the gap.", 0.22, 0.02).sentence)
+    the gap is about 1.5 % larger (22 % of the light unexplained as described, 2 % so)
+    """
+
+    kind: str
+    words: str
+    advice: str
+    before: float
+    after: float
+
+    @property
+    def of_recording(self) -> bool:
+        """Whether frames or recording are wrong: H must not be used; else the description may be."""
+        return self.kind in ("orientation", "rows", "part", "pupil")
+
+    @property
+    def sentence(self) -> str:
+        """The statement with the figures before and after."""
+        before, after = format_share(min(self.before, 1.0)), format_share(self.after)
+        return f"{self.words} ({before} of the light unexplained as described, {after} so)"
+
+
+CHECK = (
+    "No orientation, order of lens types, gap or iris that was tried explains them. Check that this is the camera, and "
+    "its pitch, gap, pixels, depths and iris"
+)
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """How a stated camera disagrees with the patterns of an H.
+
+    Attributes
+    ----------
+    reason
+        In words.
+    misfit, correlation
+        Share of the light that the camera leaves unexplained, and median correlation of the patterns with its; None:
+        not measured.
+    explanation
+        What explains them far better, if something does.
+    fitted
+        Whether the camera is as a fit found it.
+
+    Examples
+    --------
+    >>> from lfcal.judge.explained import Disagreement
+    >>> other = Disagreement("patterns have little in common with those of the camera (correlation 0.11)", None, 0.11)
+    >>> print(other.certain, other.sentence)
+    True patterns have little in common with those of the camera (correlation 0.11).
+    """
+
+    reason: str
+    misfit: float | None = None
+    correlation: float | None = None
+    explanation: Explanation | None = None
+    fitted: bool = False
+
+    @property
+    def certain(self) -> bool:
+        """Whether H must not be used with this camera; else its description may be what is wrong."""
+        if self.explanation is not None:
+            return self.explanation.of_recording
+        return self.correlation is not None
+
+    @property
+    def sentence(self) -> str:
+        """What disagrees."""
+        return f"{self.reason if self.explanation is None else self.explanation.sentence}."
+
+    @property
+    def advice(self) -> str:
+        """What to do about it."""
+        if self.explanation is not None:
+            return self.explanation.advice
+        if self.misfit is None and self.correlation is None:  # nothing was computed
+            return "Nothing was computed: correct the description or the recording, and inspect again."
+        return f"{CHECK}." if self.fitted else f"{CHECK}; or find the true one with lfcal fit, and name it with --fit."
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain values."""
+        return asdict(self) | {"certain": self.certain, "advice": self.advice}
+
+
+@dataclass(frozen=True, eq=False)
+class _Few:
+    """A few patterns of H, and what the camera as described leaves of them unexplained."""
+
+    matrix: PSFMatrix
+    known: Behind
+    index: Index
+    data: F4
+    valid: NDArray[np.bool_]
+    before: float
+
+    @property
+    def last(self) -> NDArray[np.bool_]:
+        """The patterns ``(n,)`` of the last plane: enough to choose what is then compared with all of them."""
+        found: NDArray[np.bool_] = self.index[:, 0] == self.index[-1, 0]
+        return found
+
+    def misfit(self, known: Behind, index: Index, data: F4, valid: NDArray[np.bool_]) -> Work[float]:
+        """Return the share of the light that a camera leaves unexplained; infinite where none is computed."""
+        try:
+            found = yield from iter_fitted(self.matrix, known, index, data, valid, Clock(_STAGE, 100), elsewhere=False)
+        except (InputError, EnergyError):
+            return math.inf
+        return found.misfit if float(np.median(found.values[:, 0])) > 0 else math.inf
+
+    def enough(self, after: float) -> bool:
+        """Return whether something is far better than the description, and better than nothing."""
+        return after <= BETTER * min(self.before, 1.0)
+
+
+def _iter_few(matrix: PSFMatrix, known: Behind, misfit: float | None) -> Work[_Few]:
+    """Return a few patterns; the description leaves no more of them than ``misfit``, which may be known of others."""
+    recorded = np.argwhere(matrix.recorded > 0)
+    index = few_positions(matrix, recorded)
+    data, valid = patterns_of(matrix, index)
+    few = _Few(matrix, known, index, data, valid, math.inf)
+    before = yield from few.misfit(known, index, data, valid)
+    return replace(few, before=min(before, NONE if misfit is None else misfit))
+
+
+# -- orientation -------------------------------------------------------------------------------------------
+def iter_rearranged(matrix: PSFMatrix, known: Behind, misfit: float | None = None) -> Work[Explanation | None]:
+    """Return what makes the patterns their camera's again: orientation, displaced lines or place; None: nothing does.
+
+    Parameters
+    ----------
+    matrix, known
+        H, and the camera behind it.
+    misfit
+        What the description leaves of other patterns unexplained, if that is known.
+    """
+    few = yield from _iter_few(matrix, known, misfit)
+    for look in (_orientation, _rows, _part):
+        found = yield from look(few)
+        if found is not None and few.enough(found.after):
+            return found
+    return None
+
+
+def _orientation(few: _Few) -> Work[Explanation | None]:
+    """Return in which orientation patterns are their camera's, where they are not as they lie.
+
+    Patterns of a few positions are compared with all of H in all eight orientations, so that an orientation is found
+    whatever happened to the positions.
+    """
+    matrix, known = few.matrix, few.known
+    matches = yield from iter_matches(matrix, known, few.index)
+    if matches[0].alike < MATCHING:
+        return None
+    by_name = {match.name: match for match in matches}
+    # orientations with similar correlations are distinguished by their residuals
+    tried = [match for match in matches if 1 - match.alike**2 <= _far(matches[0]) and match.name != AS_IS]
+    left = {}
+    for match in (by_name[AS_IS], *tried):
+        data, valid = _upright(few, match)
+        left[match.name] = yield from few.misfit(known, match.index, data, valid)
+    name = min(left, key=lambda name: (left[name], name != AS_IS))
+    after = left[name]
+    if not few.enough(after):
+        return None
+    period = matrix.period
+    alike = [by_name[other] for other in left if left[other] <= AS_WELL * after]
+    ruled = [(match, rule) for match in alike if (rule := _rule(match, period))]
+    if BETTER * left[AS_IS] <= after:
+        own = _rule(by_name[AS_IS], period)
+        if own in ("", AS_IS):  # upright patterns of other positions: the faults of the scan cover that
+            return None
+        words = f"the positions are {ORIENTATIONS[own].words} against the camera, or the patterns are"
+        return Explanation("orientation", words, ADVICE_FRAMES, few.before, after)
+    # of several that explain as much, one whose positions follow the patterns or stayed as planned
+    plain = [(match, rule) for match, rule in ruled if rule in (match.name, AS_IS)]
+    best, rule = next(iter((*plain, *ruled, (by_name[name], ""))))
+    words = f"the patterns are {ORIENTATIONS[best.name].words} against the camera"
+    also = [ORIENTATIONS[match.name].words for match, _ in plain if match is not best]
+    if also:
+        words = f"the patterns are {' or '.join((ORIENTATIONS[best.name].words, *also))} (its patterns look alike then)"
+    if rule == best.name:
+        words += ", and so are their positions"
+    turned = Explanation("orientation", words, ADVICE_FRAMES, few.before, after)
+    # three types in another order look like a mirrored array: only the iris distinguishes the two
+    types = yield from _types(few)
+    if types is None or types.after > AS_WELL * after:
+        return turned
+    if after > AS_WELL * types.after:
+        return types
+    return replace(turned, words=f"{words}, or {types.words}")
+
+
+def _far(best: OrientationMatch) -> float:
+    """Return what is not alike (1 - correlation²) up to which an orientation may be the best one."""
+    return 4 * (1 - best.alike**2) + 0.02
+
+
+def _upright(few: _Few, match: OrientationMatch) -> tuple[F4, NDArray[np.bool_]]:
+    """Return the patterns of a match upright; of oblong cutouts that lie on their side the middle."""
+    turn = ORIENTATIONS[match.name]
+    data, valid = patterns_of(few.matrix, match.found)
+    if not turn.transposed or data.shape[1] == data.shape[2]:
+        return _turned(turn.apply, data), _turned(turn.apply, valid)
+    side = min(data.shape[1:])
+    t, s = ((n - side) // 2 for n in data.shape[1:])
+    inner = (slice(None), slice(t, t + side), slice(s, s + side))
+    out, seen = np.zeros_like(data), np.zeros_like(valid)
+    out[inner], seen[inner] = _turned(turn.apply, data[inner]), _turned(turn.apply, valid[inner])
+    return out, seen
+
+
+def _turned(apply: Callable[[NDArray[np.generic]], NDArray[np.generic]], patterns: NDArray) -> NDArray:  # type: ignore[type-arg]
+    return np.stack([apply(pattern) for pattern in patterns])
+
+
+def _rule(match: OrientationMatch, period: tuple[int, int]) -> str:
+    """Return by which orientation H's positions follow from the camera's, but for a displacement; empty: by none.
+
+    Positions count within the period. Where patterns stayed at their places the rule is that nothing was done.
+    """
+    size = np.array(period)
+    for name in (AS_IS, match.name, *ORIENTATIONS):
+        # what makes frames upright moves their positions back
+        moved = match.index[:, 1:] @ ORIENTATIONS[name].inverse.moves().T
+        if _most_agree(match.found[:, 1:] - moved, size):
+            return name
+    return ""
+
+
+def _most_agree(shifts: F8, size: Index) -> bool:
+    for one in shifts:
+        away = np.abs((shifts - one + size / 2) % size - size / 2).max(1)
+        if (away <= NEAR_PX).mean() >= MOST_OF:
+            return True
+    return False
+
+
+# -- camera and sensor -------------------------------------------------------------------------------------
+def iter_explained(
+    matrix: PSFMatrix, known: Behind, *, iris: Iris | None = None, evidence: Evidence | None = None
+) -> Work[Explanation | None]:
+    """Return what explains patterns far better than their camera as described, as they lie; None: nothing does.
+
+    Parameters
+    ----------
+    matrix, known
+        H, and the camera behind it.
+    iris
+        The iris that the depth-plane sums show, if they do.
+    evidence
+        Patterns that were compared with the camera; None leaves out a pupil that is blocked in a part.
+    """
+    few = yield from _iter_few(matrix, known, None if evidence is None else evidence.misfit)
+    found: list[Explanation] = []
+    clock = Clock(_STAGE, 6)
+    looks: list[Callable[[_Few], Work[Explanation | None]]]
+    looks = [partial(_blocked, evidence=evidence), _types, _gap, _diameter, partial(_blades, iris=iris)]
+    for done, look in enumerate(looks):
+        yield clock.at(done)
+        one = yield from look(few)
+        if one is not None and one.after <= BETTER * one.before:
+            found.append(one)
+            if one.after <= EXPLAINED:
+                break
+    return min(found, key=lambda one: one.after / one.before, default=None)
+
+
+def _rows(few: _Few) -> Work[Explanation | None]:
+    """Return by how many pixels every other row, or column, is displaced against the others."""
+    yield Clock(_STAGE, 0).at(0)
+    model = _models(few, few.known)
+    if model is None:
+        return None
+    tried = [(axis, shift, even) for axis in (1, 2) for shift in ROWS for even in (False, True)]
+    best = max(tried, key=lambda one: best_alike(_every_other(few, few.data, *one)[few.last], model))
+    data, valid = (_every_other(few, array, *best) for array in (few.data, few.valid))
+    after = yield from few.misfit(few.known, few.index, data, valid)
+    axis, shift, _ = best
+    line, way = ("row", "along the rows") if axis == 1 else ("column", "along the columns")
+    words = f"every other {line} is displaced by {abs(shift)} px {way} against the others (interlaced)"
+    advice = "Read the camera without interlacing, or displace these lines back in the frames; assemble again."
+    return Explanation("rows", words, advice, few.before, after)
+
+
+def _every_other(few: _Few, values: NDArray, axis: int, shift: int, of_sensor: bool) -> NDArray:  # type: ignore[type-arg]
+    """Return patterns with every other line displaced back; counted on the sensor, or within cutouts."""
+    out = values.copy()
+    for k, place in enumerate(few.index[:, axis].tolist()):
+        first = (1 + place) % 2 if of_sensor else 1
+        lines = (slice(first, None, 2), slice(None)) if axis == 1 else (slice(None), slice(first, None, 2))
+        out[k][lines] = np.roll(values[k][lines], -shift, 1 if axis == 1 else 0)
+    return out
+
+
+def _part(few: _Few) -> Work[Explanation | None]:
+    """Return where on the sensor the cutouts lie, if that is elsewhere: frames may be a part of it."""
+    yield Clock(_STAGE, 0).at(0)
+    model = _models(few, few.known)
+    if model is None:
+        return None
+    data = few.data - np.median(few.data, axis=(1, 2), keepdims=True)
+    by = _elsewhere(data[few.last], model)
+    if by == (0, 0):
+        return None
+    data, valid = (_moved_back(array, by) for array in (few.data, few.valid))
+    after = yield from few.misfit(few.known, few.index, data, valid)
+    given = origin_of(few.matrix.provenance) or (0, 0)
+    row, column = (a + b for a, b in zip(given, by, strict=True))
+    ways = zip(by, (("up", "down"), ("left", "right")), strict=True)
+    away = " and ".join(f"{abs(n)} px {names[n > 0]}" for n, names in ways if n)
+    words = f"all cutouts lie {away} of their planned places"
+    if row < 0 or column < 0:
+        return Explanation("part", words, "Correct the anchor of the plan and assemble again.", few.before, after)
+    words += f", as if the frames were a part of the sensor that begins at row {row}, column {column}"
+    advice = (
+        f"Assemble again with the place of the frames on the sensor (--origin {row},{column}), or correct the anchor."
+    )
+    return Explanation("part", words, advice, few.before, after)
+
+
+def _elsewhere(data: F4, model: F4) -> tuple[int, int]:
+    """Return by how many rows and columns cutouts ``(n, nt, ns)`` are displaced, by the best correlation."""
+    rows, columns = data.shape[1:]
+    shape = tuple(next_fast_len(2 * n - 1, real=True) for n in (rows, columns))
+    energy = np.square(model)
+    both = irfft2(rfft2(model, shape) * np.conj(rfft2(data, shape)), shape)
+    there = irfft2(rfft2(energy, shape) * np.conj(rfft2(np.ones_like(data), shape)), shape)
+    total = energy.sum((1, 2), keepdims=True)
+    norm = np.sqrt(np.maximum(there, OVERLAP * total) * np.square(data).sum((1, 2), keepdims=True))
+    score = np.where(there > OVERLAP * total, both / np.maximum(norm, 1e-30), 0.0).mean(0)
+    top = np.unravel_index(int(np.argmax(score)), score.shape)
+    row, column = (int(k) - size if k >= size // 2 else int(k) for k, size in zip(top, shape, strict=True))
+    return row, column
+
+
+def _moved_back(patterns: NDArray, by: tuple[int, int]) -> NDArray:  # type: ignore[type-arg]
+    """Return patterns ``(n, nt, ns)`` as cutouts at their planned places would show them; 0 beyond what was seen."""
+    out = np.zeros_like(patterns)
+    sizes = tuple(zip(by, patterns.shape[1:], strict=True))
+    to = [slice(max(0, k), n + min(0, k)) for k, n in sizes]
+    of = [slice(max(0, -k), n - max(0, k)) for k, n in sizes]
+    out[:, *to] = patterns[:, *of]
+    return out
+
+
+def _types(few: _Few) -> Work[Explanation | None]:
+    """Return in which order the description has the lens types that the patterns show."""
+    camera = few.known.setup.camera
+    count = len(camera.lattice.types)
+    orders = [order for order in itertools.permutations(range(count)) if order != tuple(range(count))]
+    if not orders:
+        return None
+
+    def ordered(order: tuple[int, ...]) -> Camera:
+        types = tuple(camera.lattice.types[k] for k in order)
+        return replace(camera, lattice=replace(camera.lattice, types=types))
+
+    order = yield from _best(few, orders, ordered)
+    after = yield from _after(few, None if order is None else ordered(order))
+    words = f"the order of the lens types is {', '.join(map(str, order or ()))} of the description"
+    advice = "State the lens types in this order, or turn the frames upright if the array is mirrored."
+    return Explanation("types", words, advice, few.before, after)
+
+
+def _gap(few: _Few) -> Work[Explanation | None]:
+    """Return by how much the gap of lenslets and sensor is off."""
+    camera = few.known.setup.camera
+
+    def scaled(factor: float) -> Camera:
+        return replace(camera, lattice=replace(camera.lattice, gap_um=camera.lattice.gap_um * factor))
+
+    factor, after = yield from _nearest(few, GAPS, scaled)
+    words = f"the gap of lenslets and sensor is about {100 * (factor - 1):+.1f} % off the description"
+    return Explanation("gap", words, ADVICE_CAMERA, few.before, after)
+
+
+def _diameter(few: _Few) -> Work[Explanation | None]:
+    """Return by how much the iris is larger or smaller."""
+    camera = few.known.setup.camera
+    optics = camera.optics
+    if few.before > OF_PUPIL:
+        return None
+
+    def scaled(factor: float) -> Camera:
+        if isinstance(optics, MainLens):
+            return replace(camera, optics=replace(optics, f_number=optics.f_number / factor))
+        return replace(camera, optics=replace(optics, numerical_aperture=optics.numerical_aperture * factor))
+
+    factor, after = yield from _nearest(few, PUPILS, scaled)
+    words = f"the diameter of the iris is about {100 * (factor - 1):+.0f} % off the description"
+    return Explanation("diameter", words, ADVICE_CAMERA, few.before, after)
+
+
+def _blades(few: _Few, iris: Iris | None) -> Work[Explanation | None]:
+    """Return how many blades the iris has: as the sums show, else of those that are usual."""
+    camera = few.known.setup.camera
+    optics = camera.optics
+    if not isinstance(optics, MainLens) or few.before > OF_BLADES:
+        return None
+    if iris is not None and iris.confident and iris.blades != optics.blades:
+        half = math.pi / max(1, iris.blades)
+        tried = [(iris.blades, iris.rotation_rad + k * half, iris.curvature) for k in (0, 1)]
+    else:
+        turns = {n: TURNS if n else 1 for n in BLADES if n != optics.blades}
+        tried = [(n, 2 * math.pi * k / (many * max(1, n)), 0.0) for n, many in turns.items() for k in range(many)]
+
+    def bladed(one: tuple[int, float, float]) -> Camera:
+        blades, turn, curvature = one
+        return replace(
+            camera, optics=replace(optics, blades=blades, blade_rotation_rad=turn, blade_curvature=curvature)
+        )
+
+    best = yield from _best(few, tried, bladed)
+    after = yield from _after(few, None if best is None else bladed(best))
+    many = best[0] if best is not None else 0
+    words = f"the iris has {many} blades" if many else "the iris is round"
+    words += f", where the description has {optics.blades}" if optics.blades else ", where the description has it round"
+    return Explanation("blades", words, ADVICE_CAMERA, few.before, after)
+
+
+def _nearest(few: _Few, factors: Sequence[float], scaled: Callable[[float], Camera]) -> Work[tuple[float, float]]:
+    """Return the factor that explains most, refined, and what it leaves unexplained."""
+    best = yield from _best(few, factors, scaled)
+    if best is None:
+        return 1.0, math.inf
+    step = min(abs(best - one) for one in (*factors, 1.0) if one != best)
+    for share in FINER:
+        near = [best - share * step, best, best + share * step]
+        best = (yield from _best(few, near, scaled)) or best
+    after = yield from _after(few, scaled(best))
+    return best, after
+
+
+def _best(few: _Few, tried: Sequence[T], camera: Callable[[T], Camera]) -> Work[T | None]:
+    """Return the one of those tried whose patterns are most like H's; None where none is computed."""
+    best: T | None = None
+    top = -math.inf
+    for done, one in enumerate(tried):
+        yield Clock(_STAGE, len(tried)).at(done)
+        try:
+            model = _models(few, _with(few.known, camera(one)))
+        except InputError:
+            continue
+        alike = -math.inf if model is None else best_alike(few.data[few.last], model)
+        if alike > top:
+            best, top = one, alike
+    return best
+
+
+def _after(few: _Few, camera: Camera | None) -> Work[float]:
+    if camera is None:
+        return math.inf
+    return (yield from few.misfit(_with(few.known, camera), few.index, few.data, few.valid))
+
+
+def _with(known: Behind, camera: Camera) -> Behind:
+    """Return another camera that looks at the same positions."""
+    return replace(known, setup=replace(known.setup, camera=camera))
+
+
+def _models(few: _Few, known: Behind) -> F4 | None:
+    """Return the patterns of the last plane's positions by a camera; None where none is computed."""
+    own = few.last
+    try:
+        plane = plane_of(known, int(few.index[own, 0][0]), 0.0)
+        return plane.patterns(few.index[own, 1:], np.zeros((int(own.sum()), 2)))
+    except (InputError, EnergyError):
+        return None
+
+
+# -- a blocked pupil ---------------------------------------------------------------------------------------
+def _blocked(few: _Few, evidence: Evidence | None) -> Work[Explanation | None]:
+    """Return which share of the pupil is dark in all patterns of a plane, and what is left with it so."""
+    del few
+    yield Clock(_STAGE, 0).at(0)
+    if evidence is None:
+        return None
+    lens = evidence.camera.setup.camera.lattice
+    side = 2 * round(lens.pitch_um / evidence.camera.setup.camera.sensor.pixel_um / 2) + 1
+    seen = np.ones((evidence.plan.shape[0], *evidence.plan.cutout), np.float32)
+    lost = light = 0.0
+    for z, dark, expected in _dark_parts(evidence, side):
+        seen[z][dark] = 0.0
+        lost += float(expected[dark].sum())
+        light += float(expected.sum())
+    share = lost / light if light > 0 else 0.0
+    if not BLOCKED[0] <= share <= BLOCKED[1]:
+        return None
+    own = seen[evidence.index[:, 0]]
+    changed = replace(evidence, model=evidence.model * own, columns=evidence.columns * own[:, None])
+    after = changed.with_data(evidence.data, evidence.valid).misfit
+    words = f"about {100 * share:.0f} % of the pupil is blocked"
+    advice = (
+        "Look at the depth-plane sums: free the iris, take away what is in the way, and record again; or state the "
+        "vignetting in the camera."
+    )
+    return Explanation("pupil", words, advice, evidence.misfit, after)
+
+
+def _dark_parts(evidence: Evidence, side: int) -> Iterator[tuple[int, NDArray[np.bool_], F8]]:
+    """Yield planes, where their patterns are dark against the camera ``(nt, ns)``, and the light expected there."""
+    use = evidence.valid & ~evidence.unlike[:, None, None]
+    for z in np.unique(evidence.index[:, 0]).tolist():
+        own = evidence.index[:, 0] == z
+        there = use[own]
+        # lenslets do not show in light that is averaged over one of them
+        found, expected = (
+            uniform_filter(np.where(there, light[own], 0).sum(0, dtype=np.float64), side, mode="constant")
+            for light in (evidence.data - evidence.values[:, 1, None, None].astype(np.float32), evidence.model)
+        )
+        lit = expected > LIT * expected.max()
+        ratio = np.divide(found, expected, out=np.ones_like(found), where=lit)
+        # most of the pupil is free: its light sets the scale
+        order = np.argsort(ratio[lit])
+        weight = np.cumsum(expected[lit][order])
+        usual = float(ratio[lit][order][np.searchsorted(weight, 0.7 * weight[-1])]) if lit.any() else 1.0
+        yield z, lit & (ratio < DARK * usual), np.where(lit, expected, 0.0)

@@ -1,0 +1,1 @@
+"""Faults by name, one family a module; `lfcal.judge.finding.FAULTS` finds them."""

@@ -1,0 +1,94 @@
+"""Light that follows each pattern's own brightness: what a camera does that sets its exposure itself."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.judge.evidence import Evidence
+from lfcal.judge.faults.series import BETTER, FEW, SURE, robust, usual
+from lfcal.judge.finding import Fault, Finding, Picture, PutIn, adding
+from lfcal.judge.patch import Patch
+
+__all__ = ["FAULTS", "AutoExposure"]
+
+F4 = NDArray[np.float32]
+
+WORTH = 0.02
+"""Scatter of the light that is worth a word."""
+
+FOLLOWS = 0.1
+"""Exponent by which the light must follow the patterns' brightness at least."""
+
+
+class AutoExposure(Fault):
+    """Light that is less the brighter a pattern's peak: the camera set its exposure, or its gain, by itself."""
+
+    name = "auto_exposure"
+    title = "exposure that follows the pattern"
+    rank = 39
+    advice = "Switch automatic exposure and gain off, and record again; or divide each frame by its exposure time."
+    settles: ClassVar[tuple[str, ...]] = ("flicker", "lamp", "plane_energy")
+
+    def found(self, evidence: Evidence) -> Iterable[Finding]:
+        """Yield the power of the patterns' peaks that their light goes by."""
+        values, sigmas = evidence.column("gain")
+        tops = evidence.model.max((1, 2)).astype(np.float64)
+        seen = np.isfinite(sigmas) & (values > 0) & (tops > 0)
+        z = evidence.index[:, 0]
+        planes = np.stack([np.where(z == plane, 1.0, 0.0) for plane in np.unique(z)], 1)
+        if (planes[seen].sum(0) < FEW).any():
+            return
+        light, peaks = (np.log(np.where(seen, part, 1.0)) for part in (values, tops))
+        errors = np.where(seen, sigmas / np.where(seen, values, 1.0), np.inf)
+        # within planes: one that was lit less as a whole has another fault
+        found, told, left = robust(np.concatenate([planes, peaks[:, None]], 1), light, errors)
+        _, _, flat = robust(planes, light, errors)
+        power, error = float(found[-1]), float(told[-1])
+        after, before = usual(left, errors), usual(flat, errors)
+        if before is None or after is None or before.scatter < WORTH or after.scatter > BETTER * before.scatter:
+            return
+        if abs(power) < max(FOLLOWS, SURE * error):
+            return
+        alike = float(np.ptp(found[:-1])) < WORTH + FOLLOWS * abs(power)  # one law for all planes
+        law = np.exp(power * peaks)
+        if not alike:
+            law /= planes @ np.array([np.median(law[own > 0]) for own in planes.T])
+        law = np.where(seen, law / np.median(law[seen]), 1.0)
+        order = np.argsort(peaks)
+        yield Finding(
+            self,
+            f"the light of patterns goes by their peaks to the power of {power:+.2f} ± {error:.2f}",
+            abs(power) / error,
+            before.scatter,
+            picture=Picture(
+                100 * (values / np.median(values[seen]) - 1)[order],
+                "%",
+                "light of patterns beside the middle one",
+                ("peak of the pattern over the largest",),
+                tops[order] / tops.max(),
+            ),
+            repair=adding(evidence.index, evidence.data * (1 / law - 1)[:, None, None]),
+            put_in=_exposed(power, alike=alike),
+        )
+
+
+def _exposed(power: float, *, alike: bool) -> PutIn:
+    """Return what lets the light of patterns go by a power of their peaks, of all planes or each by itself."""
+
+    def put_in(patch: Patch) -> F4:
+        tops = np.maximum(patch.light.max((1, 2)).astype(np.float64), 1e-300)
+        z = patch.index[:, 0]
+        for plane in np.unique(z):
+            own = np.ones(len(z), np.bool_) if alike else z == plane
+            tops[own] /= np.median(tops[own])
+        found: F4 = (patch.light * (tops**power)[:, None, None]).astype(np.float32)
+        return found
+
+    return put_in
+
+
+FAULTS = (AutoExposure(),)

@@ -1,0 +1,216 @@
+"""Traces of a lossy compression: steps between blocks, and fine structure that is gone in them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+from scipy.fft import dctn
+
+from lfcal.judge.evidence import Evidence
+from lfcal.judge.faults.series import SURE
+from lfcal.judge.finding import Fault, Finding, Picture
+
+__all__ = ["FAULTS", "Compression"]
+
+F4 = NDArray[np.float32]
+F8 = NDArray[np.float64]
+
+BLOCK = 8
+"""Pixels along a block of the usual compressions."""
+
+DARK = 0.005
+"""Share of the brightest light below which neighbours are compared."""
+
+SPIKE = 4.0
+"""Times the mean difference of neighbours that counts at most."""
+
+STEPS = 1.1
+"""Times by which neighbours across blocks differ more than those within."""
+
+OTHERS = (5, 6, 7, 9, 10, 11)
+"""Periods (pixels) that no compression has: structure of the lenslets repeats with any of them as well as with a
+block's."""
+
+CLEARLY = 2.0
+"""Times as much more that neighbours differ across blocks than at any of those other periods."""
+
+LIT = 0.02
+"""Share of the brightest light that a block has to have for its finest structure to tell anything."""
+
+SMALL = 0.3
+"""Times the usual size of a coefficient of the finest structure below which it is gone."""
+
+GONE = 0.15
+"""Share of them that is gone in blocks of a compression, beyond that in blocks of pixels beside them."""
+
+FEW = 500
+"""Coefficients for each place of blocks that tell it."""
+
+WINDOWS = 60_000
+"""Blocks at most that are looked at."""
+
+BESIDE = tuple((y, x) for y in (-1, 0, 1) for x in (-1, 0, 1) if y or x)
+
+
+class Compression(Fault):
+    """Blocks of a lossy compression."""
+
+    name = "compression"
+    needs_camera = False
+    rank = 7
+    title = "lossy compression"
+    advice = "Record without compression: what it took away cannot be brought back."
+    settles: ClassVar[tuple[str, ...]] = (
+        "jitter",
+        "flicker",
+        "snr",
+        "background",
+        "stage_gain",
+        "depth",
+        "lamp",
+        "misplaced",
+        "drift",
+        "pitch",
+    )
+    explains: ClassVar[tuple[str, ...]] = ("not_linear", "bad_pixels", "jitter", "flicker")
+
+    def found(self, evidence: Evidence) -> Iterable[Finding]:
+        """Yield by how much neighbours across blocks differ more than those within.
+
+        Nothing where every frame was stored without loss, or was computed.
+        """
+        if evidence.computed or _lossless(evidence.matrix.provenance):
+            return
+        left = evidence.left
+        # where there is light, lost detail is larger than what blocks are made of
+        dark = evidence.valid & (evidence.light < DARK * float(evidence.light.max()))
+        most_of = SPIKE * float(np.abs(np.diff(left, axis=2)).mean())  # a single pixel makes no blocks
+        for what, corners in (("sensor", evidence.corners()), ("cutout", np.zeros((len(left), 2), np.intp))):
+            found = [_borders(left, dark, corners[:, axis], axis, most_of) for axis in (0, 1)]
+            ratios, sigmas = ([one[k] for one in found] for k in (0, 1))
+            # lines with offsets of their own differ anywhere, and by chance where blocks may end
+            if min(ratios) < STEPS or min(sigmas) < SURE or min(one[2] for one in found) < STEPS:
+                continue
+            # so does what the model leaves of small lenslets, with their own period
+            others = (
+                min(_borders(left, dark, corners[:, axis], axis, most_of, other)[0] for axis in (0, 1))
+                for other in OTHERS
+            )
+            if min(ratios) - 1 > CLEARLY * (max(others) - 1):
+                yield Finding(
+                    self,
+                    f"neighbours across blocks of {BLOCK} x {BLOCK} pixels of the {what} differ "
+                    f"{min(ratios):.2f} times as much as within",
+                    float(min(sigmas)),
+                    float(np.sqrt(np.square(left).mean()) / max(float(np.abs(evidence.light).mean()), 1e-300)),
+                    put_in=lambda patch: patch.recorded,
+                )
+                return
+        yield from self._rounded(evidence)
+
+    def _rounded(self, evidence: Evidence) -> Iterable[Finding]:
+        """Yield by how much more of the finest structure is gone in blocks of one place than in those beside it."""
+        for what, corners in (("sensor", evidence.corners()), ("cutout", np.zeros((len(evidence), 2), np.intp))):
+            gone, counts = _gone(evidence, corners)
+            if counts.min() < FEW:
+                continue
+            beside = np.mean([np.roll(gone, by, (0, 1)) for by in BESIDE], axis=0)
+            more = gone - beside
+            k = np.unravel_index(int(np.argmax(more)), more.shape)
+            told = float(more[k] / np.sqrt(beside[k] * (1 - beside[k]) / counts[k] * (1 + 1 / len(BESIDE))))
+            if more[k] < GONE or told < SURE:
+                continue
+            yield Finding(
+                self,
+                f"{100 * gone[k]:.0f} % of the finest structure in blocks of {BLOCK} x {BLOCK} pixels of the {what} "
+                f"is gone, and {100 * beside[k]:.0f} % in those beside them",
+                told,
+                float(np.sqrt(np.square(evidence.left).mean()) / max(float(np.abs(evidence.light).mean()), 1e-300)),
+                picture=Picture(
+                    100 * gone, "%", "finest structure that is gone, by where blocks begin", ("row (px)", "column (px)")
+                ),
+                put_in=lambda patch: patch.recorded,
+            )
+            return
+
+
+def _lossless(provenance: Mapping[str, Any]) -> bool:
+    """Return whether the provenance of H says that every frame was stored without loss."""
+    # from a file that anyone may have written
+    frames = provenance.get("frames")
+    codec = frames.get("codec") if isinstance(frames, Mapping) else None
+    return isinstance(codec, Mapping) and codec.get("lossless") is True
+
+
+def _borders(
+    left: F4, dark: NDArray[np.bool_], first: NDArray[np.intp], axis: int, most_of: float, block: int = BLOCK
+) -> tuple[float, float, float]:
+    """Return by how much neighbours differ more where blocks may end.
+
+    Parameters
+    ----------
+    left, dark
+        What is left of patterns ``(n, nt, ns)``, and where there is hardly any light.
+    first
+        Line of each pattern's first sample ``(n,)``.
+    axis
+        0: from row to row, 1: from column to column.
+    most_of
+        Difference that counts at most.
+    block
+        Pixels along a block.
+
+    Returns
+    -------
+    As a ratio, in standard deviations, and as a ratio where what a whole line differs by is taken out.
+    """
+    steps = np.clip(np.diff(left, axis=1 + axis), -most_of, most_of)
+    both = dark[:, 1:] & dark[:, :-1] if axis == 0 else dark[:, :, 1:] & dark[:, :, :-1]
+    lines = first[:, None] + np.arange(steps.shape[1 + axis])
+    counts = np.bincount(lines.ravel(), both.sum(2 - axis).ravel())
+    common = np.bincount(lines.ravel(), np.where(both, steps, 0).sum(2 - axis).ravel()) / np.maximum(counts, 1)
+    shared = common[lines][:, :, None] if axis == 0 else common[lines][:, None]
+    told = []
+    for some in (steps, steps - shared):
+        sums = np.where(both, np.abs(some), 0).sum(2 - axis)
+        many = np.bincount(lines.ravel() % block, both.sum(2 - axis).ravel(), block)
+        each = np.bincount(lines.ravel() % block, sums.ravel(), block) / np.maximum(many, 1)
+        most = int(np.argmax(each))
+        told.append(float(each[most] / max(float(np.delete(each, most).mean()), 1e-300)))
+    # means of so many magnitudes scatter by 0.75 over the root of their number; lost detail by more
+    return told[0], (told[0] - 1) * float(np.sqrt(max(float(many.min()), 1.0))) / 2.0, told[1]
+
+
+def _gone(evidence: Evidence, corners: NDArray[np.intp]) -> tuple[F8, F8]:
+    """Return the share of fine structure that is next to nothing, by where blocks begin, and how much was looked at."""
+    gone, counts = np.zeros((BLOCK, BLOCK)), np.zeros((BLOCK, BLOCK))
+    data = np.where(evidence.valid, evidence.data, np.float32(0))
+    nt, ns = (n - BLOCK + 1 for n in data.shape[1:])
+    if min(nt, ns) < 2 * BLOCK:
+        return gone, counts
+    some = np.linspace(0, len(data) - 1, max(1, min(len(data), WINDOWS // (nt * ns)))).astype(int)
+    u = np.arange(BLOCK)
+    fine = (u[:, None] + u) > BLOCK
+    bright = LIT * float(data.max())
+    each = []
+    for k in some.tolist():
+        windows = sliding_window_view(data[k], (BLOCK, BLOCK))
+        lit = windows.max((2, 3)) > bright
+        if lit.any():
+            y, x = np.nonzero(lit)
+            sizes = np.abs(dctn(windows[y, x], axes=(1, 2), norm="ortho"))[:, fine]
+            each.append(((y + corners[k, 0]) % BLOCK, (x + corners[k, 1]) % BLOCK, sizes))
+    if not each:
+        return gone, counts
+    small = SMALL * float(np.median(np.concatenate([sizes.ravel() for _, _, sizes in each])))
+    for y, x, sizes in each:
+        np.add.at(gone, (y, x), (sizes < small).sum(1))
+        np.add.at(counts, (y, x), sizes.shape[1])
+    return gone / np.maximum(counts, 1), counts
+
+
+FAULTS = (Compression(),)

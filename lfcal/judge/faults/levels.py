@@ -1,0 +1,209 @@
+"""Values that end at a ceiling, and a background under all of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr, ndtri
+
+from lfcal.judge.evidence import Evidence
+from lfcal.judge.faults.places import place_map
+from lfcal.judge.faults.series import SURE, usual
+from lfcal.judge.finding import Fault, Finding, Picture, PutIn, adding
+from lfcal.judge.patch import Patch
+
+__all__ = ["FAULTS", "BackgroundFault", "CutOff", "Saturated"]
+
+F4 = NDArray[np.float32]
+
+BANDS = (0.01, 0.05)
+"""Parts of the highest value that samples at a ceiling lie within: as the sensor gave them, and divided by a white
+image."""
+
+CROWDED = 4.0
+"""Times as many samples as in the band below that a ceiling has."""
+
+FEW = 12
+"""Samples that make a ceiling at least."""
+
+HIGHER = 2.0
+"""Times that part by which their light should have been over the ceiling."""
+
+ALWAYS, SEVERAL = 0.9, 4
+"""Share of the patterns that see a pixel in which it is at the ceiling if it is hot, and how many tell that."""
+
+BRIGHT = 2e-4
+"""Background over the brightest light that is worth a word."""
+
+MUCH = 0.005
+"""Share of the light that it adds or takes away at least."""
+
+
+UNEVEN = 2.0
+"""Scatter of the background over its error beyond which it is not the same everywhere."""
+
+DARK, MANY = 5e-4, 2000
+"""Share of the brightest light below which samples are dark, and how many of these tell their noise."""
+
+ZEROS = 0.1
+"""Share of them that is exactly zero, and that is not, where noise was cut off."""
+
+TAIL = 5.0
+"""Standard deviations that such noise reaches."""
+
+DIM = 4.0
+"""Standard deviations of the noise below which samples may have been cut off."""
+
+
+class Saturated(Fault):
+    """Values that end below what the light should make of them."""
+
+    name = "saturated"
+    title = "saturated values"
+    rank = 5
+    advice = "Shorten the exposure or dim the lamp, and record these positions again."
+    settles: ClassVar[tuple[str, ...]] = ("saturation", "jitter", "flicker", "plane_energy")
+
+    def found(self, evidence: Evidence) -> Iterable[Finding]:
+        """Yield the ceiling, where the camera has more light than that."""
+        for band in BANDS:
+            for one in self._within(evidence, band):
+                yield one
+                return
+
+    def _within(self, evidence: Evidence, band: float) -> Iterable[Finding]:
+        """Yield a ceiling whose samples lie within a part of the highest value."""
+        data = np.where(evidence.valid, evidence.data, -np.inf)
+        top = float(data.max())
+        level = np.float32((1 - band) * top)
+        at = data >= level
+        below = int(((data >= (1 - 3 * band) * top) & ~at).sum()) / 2
+        if at.sum() < FEW or at.sum() < CROWDED * (below + 1) or not _spread(evidence, at):
+            return
+        without = evidence.with_data(evidence.data, evidence.valid & ~at)
+        light = without.light
+        if float(np.median(light[at])) < (1 + HIGHER * band) * top:
+            return
+        ceiling = float(np.median(data[at]))
+        lost = np.where(at, light - evidence.data, 0).sum((1, 2), dtype=np.float64)
+        some = np.flatnonzero(at.any((1, 2)))
+        yield Finding(
+            self,
+            f"values end at {ceiling:.4g} in {len(some)} of {len(evidence)} patterns compared, "
+            f"where the light makes up to {float(light[at].max()):.4g}",
+            float(np.sqrt(at.sum())) * 3,
+            float(np.clip(lost.sum() / max(float(light.sum()), 1e-300), 0, 1)),
+            positions=evidence.index[some],
+            picture=place_map(evidence, at.sum((1, 2)).astype(np.float64), "samples", "samples at the ceiling"),
+            redo=True,
+            masked=lambda values: values >= level,
+            put_in=lambda patch: np.minimum(patch.light, np.float32(ceiling)),
+        )
+
+
+def _spread(evidence: Evidence, at: NDArray[np.bool_]) -> bool:
+    """Return whether most samples lie on pixels that are not always at the ceiling: a hot one is in all patterns."""
+    ny, nx = evidence.plan.period
+    nt, ns = evidence.plan.cutout
+    hits, seen = np.zeros((2, ny + nt - 1, nx + ns - 1))
+    for k, (row, column) in enumerate(evidence.corners().tolist()):
+        place = slice(row, row + nt), slice(column, column + ns)
+        hits[place] += at[k]
+        seen[place] += evidence.valid[k]
+    hot = (hits > ALWAYS * seen) & (seen >= SEVERAL)
+    return float(hits[~hot].sum()) > float(hits.sum()) / 3
+
+
+class CutOff(Fault):
+    """Values that end at zero: of dark samples the lower half of the noise is gone, and its mean looks like light."""
+
+    name = "cut_off"
+    title = "noise cut off at zero"
+    rank = 6
+    advice = "Keep values signed when the dark frame is subtracted, or record with an offset, and assemble H again."
+    settles: ClassVar[tuple[str, ...]] = ("clipped", "background", "leak", "snr")
+
+    def found(self, evidence: Evidence) -> Iterable[Finding]:
+        """Yield where the noise of dark samples ends, by how many of them are exactly zero and what the others are."""
+        peak = float(evidence.light.max())
+        dark = evidence.data[evidence.valid & (evidence.light < DARK * peak)].astype(np.float64)
+        if dark.size < MANY or float(evidence.data[evidence.valid].min()) < 0:
+            return
+        zeros = float((dark == 0).mean())
+        if not ZEROS < zeros < 1 - ZEROS:
+            return
+        # of Gaussian noise about a level, cut off at zero: share of zeros and mean tell both
+        t = -float(ndtri(zeros))
+        noise = float(dark.mean()) / (t * float(ndtr(t)) + math.exp(-(t**2) / 2) / math.sqrt(2 * math.pi))
+        level = t * noise
+        top = float(np.quantile(dark, 0.999))
+        if not top < TAIL * noise + max(level, 0.0):  # no such noise: light, or values in steps
+            return
+        dim = evidence.valid & (evidence.light + min(level, 0.0) < DIM * noise)
+        drawn = np.random.default_rng(0).standard_normal(evidence.data.shape, np.float32) * np.float32(noise)
+        whole = np.where(dim, evidence.light + drawn, evidence.data - np.float32(level))
+        yield Finding(
+            self,
+            f"{100 * zeros:.0f} % of dark samples are zero and none is negative: noise of {noise:.3g} counts about "
+            f"{level:+.3g} was cut off",
+            math.sqrt(dark.size) * zeros,
+            float(np.abs(whole - evidence.data)[dim].sum() / max(float(evidence.light.sum()), 1e-300)),
+            picture=Picture(
+                np.histogram(dark, np.linspace(0, top, 41))[0] / dark.size * 100,
+                "% of dark samples",
+                "dark samples by their value",
+                ("value (counts)",),
+                np.linspace(0, top, 41)[:-1],
+            ),
+            repair=adding(evidence.index, whole - evidence.data),
+            put_in=_cut_off(level),
+        )
+
+
+def _cut_off(level: float) -> PutIn:
+    def put_in(patch: Patch) -> F4:
+        # with the noise of H added again, nothing is negative
+        found: F4 = np.maximum(patch.light + patch.noise + np.float32(level), np.float32(0)) - patch.noise
+        return found
+
+    return put_in
+
+
+class BackgroundFault(Fault):
+    """The same counts under all patterns."""
+
+    name = "background"
+    title = "background under all patterns"
+    rank = 43
+    advice = "Take a dark frame of the same exposure and temperature, and assemble H again."
+    settles: ClassVar[tuple[str, ...]] = ("background", "leak", "truncation", "clipped")
+
+    def found(self, evidence: Evidence) -> Iterable[Finding]:
+        """Yield the background in the middle of all patterns."""
+        values, sigmas = evidence.column("background")
+        most = usual(values, sigmas)
+        if most is None:
+            return
+        level, error = most.middle, most.error
+        peak, total = float(evidence.light.max()), float(evidence.light.sum((1, 2)).mean())
+        share = abs(level) * evidence.light[0].size / max(total, 1e-300)
+        if abs(level) < max(BRIGHT * peak, SURE * error) or share < MUCH:
+            return
+        yield Finding(
+            self,
+            f"{level:+.3g} counts under every sample, {100 * level / peak:+.2f} % of the brightest light",
+            abs(level) / error,
+            share,
+            picture=Picture(values, "counts", "background of each pattern", ("pattern",)),
+            repair=lambda index, patterns: (patterns - np.float32(level)).astype(np.float32),
+            put_in=lambda patch: patch.light + np.float32(level),
+            # glow differs from place to place, and costs more than its middle
+            scatters=most.scatter > UNEVEN * float(np.median(sigmas[most.good])),
+        )
+
+
+FAULTS = (Saturated(), CutOff(), BackgroundFault())

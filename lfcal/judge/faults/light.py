@@ -1,0 +1,237 @@
+"""Light of the source over the scan: lamp, exposure, and focus that drifts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import ScanPlan
+from lfcal.judge.evidence import Evidence
+from lfcal.judge.faults.places import late, only_recorded, place_map, share_of
+from lfcal.judge.faults.series import ENOUGH, SURE, robust, scan_order, sharpest_step, usual
+from lfcal.judge.finding import Fault, Finding, Picture, PutIn
+from lfcal.judge.patch import Patch
+
+__all__ = ["FAULTS", "ExposureFault", "Flicker", "FocusDrift", "Lamp"]
+
+F8 = NDArray[np.float64]
+
+WORTH = 0.02
+"""Change of the light that is worth a word."""
+
+STEEP = 4.0
+"""Times the usual step of the light that a single one counts at most."""
+
+ODD = 0.25
+"""Light of a single frame beside that of its neighbours that makes it odd."""
+
+
+def _gains(evidence: Evidence) -> tuple[F8, F8]:
+    """Return the light of each pattern over that of its plane, less 1, and its standard deviation."""
+    values, sigmas = evidence.column("gain")
+    out, errors = np.zeros(len(values)), np.full(len(values), np.inf)
+    for z in np.unique(evidence.index[:, 0]):
+        own = (evidence.index[:, 0] == z) & np.isfinite(sigmas)
+        middle = float(np.median(values[own])) if own.any() else 0.0
+        if middle > 0:
+            out[own], errors[own] = values[own] / middle - 1, sigmas[own] / middle
+    return out, errors
+
+
+def _amid(evidence: Evidence) -> tuple[F8, F8]:
+    """Return the light of each pattern over the middle of what that of its plane ranges over, less 1, and its sigma.
+
+    Where light jumps in all planes, the median of a plane is that of the side on which more patterns were compared.
+    """
+    gains, sigmas = _gains(evidence)
+    for z in np.unique(evidence.index[:, 0]):
+        own = (evidence.index[:, 0] == z) & np.isfinite(sigmas)
+        even = own & ~evidence.asked
+        if own.any():
+            middle = 1 + float(np.quantile(gains[even if even.any() else own], (0.2, 0.8)).mean())
+            gains[own], sigmas[own] = (1 + gains[own]) / middle - 1, sigmas[own] / middle
+    return gains, sigmas
+
+
+def _within(plan: ScanPlan, index: NDArray[np.intp]) -> F8:
+    """Return how far the scan of each pattern's plane had come, -0.5 to 0.5 ``(n,)``."""
+    ny, nx = plan.period
+    _, y, x = index.T
+    found: F8 = (y * nx + np.where(y % 2, nx - 1 - x, x) + 0.5) / (ny * nx) - 0.5
+    return found
+
+
+class ExposureFault(Fault):
+    """Single frames of another exposure."""
+
+    name = "exposure"
+    title = "single frames of another exposure"
+    rank = 40
+    advice = "Record these positions again; switch automatic exposure off."
+    settles: ClassVar[tuple[str, ...]] = ("flicker",)
+
+    def found(self, evidence: Evidence) -> Iterable[Finding]:
+        """Yield frames whose light is far off that of all others."""
+        gains, sigmas = _gains(evidence)
+        most = usual(gains, sigmas)
+        if most is None:
+            return
+        scatter = max(1e-4, most.scatter)
+        bad = np.flatnonzero(most.good & (np.abs(gains) > max(ODD, 10 * scatter)) & (np.abs(gains) > SURE * sigmas))
+        if not bad.size or evidence.extent(bad) > 0.2:
+            return
+        worst = bad[np.argmax(np.abs(gains[bad]))]
+        place = tuple(int(v) for v in evidence.index[worst])
+        many = "1 frame" if bad.size == 1 else f"{bad.size} frames"
+        yield Finding(
+            self,
+            f"{many} of {len(evidence)} compared, the worst at {place} with {1 + gains[worst]:.2f} times the light",
+            float(abs(gains[worst]) / max(scatter, float(sigmas[worst]))),
+            float(np.abs(gains[bad]).mean()) * evidence.extent(bad),
+            positions=evidence.index[bad],
+            picture=place_map(evidence, 1 + gains, "ratio", "light over that of the plane"),
+            redo=True,
+            put_in=only_recorded(evidence.index[bad]),
+            extent=evidence.likely_extent(bad),
+        )
+
+
+class Lamp(Fault):
+    """Light that rises or falls during the scan, or jumps."""
+
+    name = "lamp"
+    title = "lamp that changes during the scan"
+    rank = 41
+    advice = "Let the lamp warm up, or record control frames that it is corrected by; scale H by the lamp's course."
+    settles: ClassVar[tuple[str, ...]] = ("lamp", "plane_energy")
+
+    def found(self, evidence: Evidence) -> Iterable[Finding]:
+        """Yield the trend over each plane's scan, and the sharpest step."""
+        gains, sigmas = _gains(evidence)
+        z = evidence.index[:, 0]
+        rows = [np.where(z == plane, 1.0, 0.0) for plane in np.unique(z)]
+        time = _within(evidence.plan, evidence.index)
+        found, errors, _ = robust(np.stack([*rows, time], 1), gains, sigmas)
+        trend, error = float(found[-1]), float(errors[-1])
+        step = sharpest_step(scan_order(evidence.index), gains, sigmas)
+        each = None
+        if len(rows) > 1:
+            each = sharpest_step(np.argsort(time, kind="stable"), *_amid(evidence))
+        if step is None or (each is not None and each.sigmas > step.sigmas):
+            step = each
+        if step is not None and step.sigmas > SURE and abs(step.size) > WORTH:
+            first = tuple(int(v) for v in evidence.index[step.after[0]])
+            where = f"{first[1:]} on in every plane" if step is each else f"{first} on"
+            detail, told, size = f"{100 * step.size:+.1f} % from {where}", step.sigmas, abs(step.size)
+        elif abs(trend) > SURE * error and abs(trend) > WORTH:
+            detail, told, size = f"{100 * trend:+.1f} % over the scan of a plane", abs(trend) / error, abs(trend)
+        else:
+            return
+
+        def light(index: NDArray[np.intp]) -> F8:
+            if step is not None and abs(step.size) == size:
+                if step is each:
+                    after = _within(evidence.plan, index) >= time[step.after[0]]
+                else:
+                    after = late(evidence.plan, index, evidence.index[step.after[0]])
+                return np.where(after, 1 + step.size / 2, 1 - step.size / 2)[:, None, None]
+            return (1 + trend * _within(evidence.plan, index))[:, None, None]
+
+        order = scan_order(evidence.index)
+        yield Finding(
+            self,
+            detail,
+            float(told),
+            size / 4,
+            picture=Picture(100 * gains[order], "%", "light beside that of the plane", ("pattern in scan order",)),
+            repair=lambda index, patterns: (patterns / light(index)).astype(np.float32),
+            put_in=lambda patch: (patch.light * light(patch.index)).astype(np.float32),
+        )
+
+
+class Flicker(Fault):
+    """Light that differs from frame to frame."""
+
+    name = "flicker"
+    title = "lamp that flickers"
+    rank = 42
+    advice = "Stabilise the lamp's current, or expose for whole periods of the mains."
+    settles: ClassVar[tuple[str, ...]] = ("flicker",)
+
+    def found(self, evidence: Evidence) -> Iterable[Finding]:
+        """Yield the scatter of the light beyond its own error."""
+        gains, sigmas = _gains(evidence)
+        most = usual(gains, sigmas)
+        if most is None:
+            return
+        order = scan_order(evidence.index)
+        # those that were asked for are the oddest of all
+        order = order[(most.good & ~evidence.asked)[order]]
+        if len(order) < ENOUGH:
+            return
+        # of neighbours in time: what changes slowly is the lamp's course
+        steps = np.abs(np.diff(gains[order])) / np.sqrt(2)
+        scatter = 1.4826 * float(np.median(steps))
+        chance = float(np.median(sigmas[order]))
+        # medians tell that it flickers, whatever single frames do; how much, the mean square tells better
+        mean = float(np.square(np.minimum(steps, STEEP * scatter)).mean())
+        rms = float(np.sqrt(max(0.0, mean - chance**2)))
+        if rms < WORTH or (scatter / chance - 1) * np.sqrt(len(order)) < SURE:
+            return
+        yield Finding(
+            self,
+            f"{100 * rms:.1f} % (rms) from frame to frame",
+            float((scatter / chance - 1) * np.sqrt(len(order))),
+            rms,
+            picture=Picture(100 * gains[order], "%", "light beside that of the plane", ("pattern in scan order",)),
+            put_in=lambda patch: patch.light * _scattered(len(patch.index), 1.0, rms).astype(np.float32)[:, None, None],
+            scatters=True,
+        )
+
+
+def _scattered(count: int, mean: float, rms: float) -> F8:
+    """Return values that scatter as a lamp's do, the same for each run."""
+    return np.maximum(0.0, mean + rms * np.random.default_rng(0).standard_normal(count))
+
+
+class FocusDrift(Fault):
+    """Depth that changes during the scan of a plane."""
+
+    name = "focus_drift"
+    title = "focus that drifts during the scan"
+    rank = 52
+    advice = "Let camera and stage come to temperature, and check that the focus is held; record the plane again."
+
+    def found(self, evidence: Evidence) -> Iterable[Finding]:
+        """Yield the planes whose depth changes over the scan."""
+        values, sigmas = evidence.column("depth")
+        z = evidence.index[:, 0]
+        for plane in np.unique(z).tolist():
+            own = np.flatnonzero(z == plane)
+            design = np.stack([np.ones(len(own)), _within(evidence.plan, evidence.index[own])], 1)
+            found, errors, _ = robust(design, values[own], np.hypot(sigmas[own], 2e-4))
+            if abs(found[1]) > SURE * errors[1] and abs(found[1]) > 0.005:
+                yield Finding(
+                    self,
+                    f"plane {plane}: virtual depth changes by {100 * found[1]:+.2f} % over the scan",
+                    float(abs(found[1]) / errors[1]),
+                    share_of(evidence, abs(float(found[1])) / 4, ("depth",)),
+                    positions=evidence.index[own],
+                    picture=place_map(evidence, 100 * values, "%", "virtual depth beside that of the plan"),
+                    redo=True,
+                    put_in=_drifting(plane, float(found[1])),
+                )
+
+
+def _drifting(plane: int, change: float) -> PutIn:
+    def put_in(patch: Patch) -> NDArray[np.float32]:
+        own = patch.index[:, 0] == plane
+        return patch.moved(depth=np.where(own, change * _within(patch.evidence.plan, patch.index), 0.0))
+
+    return put_in
+
+
+FAULTS = (ExposureFault(), Lamp(), Flicker(), FocusDrift())

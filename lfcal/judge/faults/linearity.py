@@ -1,0 +1,215 @@
+"""Values that are not proportional to the light: to a power of it, or falling behind where it is bright."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.judge.evidence import Evidence
+from lfcal.judge.faults.series import SURE
+from lfcal.judge.finding import Fault, Finding, Picture
+from lfcal.judge.modelled import correlation
+
+__all__ = ["FAULTS", "NotLinear"]
+
+F4 = NDArray[np.float32]
+F8 = NDArray[np.float64]
+
+CURVED = 0.02
+"""Difference of an exponent from 1 that is worth a word."""
+
+STRONG = 0.1
+"""The same from which on exponents are tried: a derivative tells no more of it."""
+
+EXPONENTS = np.geomspace(0.3, 3.0, 41)
+"""Exponents that are tried."""
+
+LIKE, GAINED = 0.99, 4.0
+"""Correlation with the camera below which they are, and times as near to 1 that the best of them must bring it."""
+
+TURNS = 2
+"""Times that a law is told again of values that were straightened by it: derivatives are those of no bend."""
+
+MOST_SAG = 0.24
+"""Bend of values that fall behind: at a quarter the curve is level at the brightest."""
+
+
+@dataclass(frozen=True)
+class _Law:
+    """A law that values follow the light by: its ``bend`` is 0 where they are proportional.
+
+    ``peak`` is the brightest value, in counts.
+    """
+
+    peak: float
+    bend: float = 0.0
+
+    def bent(self, light: F4) -> F4:
+        raise NotImplementedError
+
+    def straight(self, values: F4) -> F4:
+        raise NotImplementedError
+
+    def column(self, light: F4) -> F4:
+        """Return the derivative of values by the bend, at 0."""
+        raise NotImplementedError
+
+    def further(self, more: float) -> _Law:
+        """Return the law with what is left, told of values that were straightened, added to it."""
+        raise NotImplementedError
+
+    def words(self, sigma: float) -> str:
+        raise NotImplementedError
+
+
+class _Power(_Law):
+    """Values go with the light to the power of 1 + bend."""
+
+    def bent(self, light: F4) -> F4:
+        return _to_power(light, 1 + self.bend, self.peak)
+
+    def straight(self, values: F4) -> F4:
+        return _to_power(values, 1 / max(1 + self.bend, 0.1), self.peak)
+
+    def column(self, light: F4) -> F4:
+        peak = float(light.max())
+        lit = light > 1e-4 * peak
+        found: F4 = np.where(lit, light * np.log(np.maximum(light, 1e-30) / peak), 0.0).astype(np.float32)
+        return found
+
+    def further(self, more: float) -> _Power:
+        return _Power(self.peak, (1 + self.bend) * (1 + more) - 1)
+
+    def words(self, sigma: float) -> str:
+        return f"values follow the light to the power of {1 + self.bend:.3f} ± {sigma:.3f}"
+
+
+class _Sag(_Law):
+    """Values lack a share of the light that grows with it, and is the bend at a light of ``peak`` counts."""
+
+    def bent(self, light: F4) -> F4:
+        found: F4 = (light * (1 - np.float32(self.bend / self.peak) * np.abs(light))).astype(np.float32)
+        return found
+
+    def straight(self, values: F4) -> F4:
+        share = np.float32(self.bend / self.peak)
+        root = np.sqrt(np.maximum(1 - 4 * share * np.abs(values), 0))
+        found: F4 = (2 * values / (1 + root)).astype(np.float32)
+        return found
+
+    def column(self, light: F4) -> F4:
+        found: F4 = (-light * np.abs(light) / np.float32(self.peak)).astype(np.float32)
+        return found
+
+    def further(self, more: float) -> _Sag:
+        return _Sag(self.peak, float(np.clip(self.bend + more, -MOST_SAG, MOST_SAG)))
+
+    def words(self, sigma: float) -> str:
+        percent = 100 * float(self.straight(np.array(self.peak, np.float32))) / self.peak
+        which = "lack" if self.bend > 0 else "exceed"
+        return f"the brightest values {which} {abs(self.bend) * percent:.1f} ± {sigma * percent:.1f} % of the light"
+
+
+class NotLinear(Fault):
+    """Values that are not proportional to the light."""
+
+    name = "not_linear"
+    # before lines and pixels: of bent values the model is off everywhere, and any line of them may stand out
+    strong_rank = 8
+    rank = 9
+    title = "values not proportional to the light"
+    advice = "Switch the camera's gamma and contrast off, or linearise the frames, and import them anew."
+    settles: ClassVar[tuple[str, ...]] = ("background", "leak")
+
+    def found(self, evidence: Evidence) -> Iterable[Finding]:
+        """Yield the law that values follow: that of two which explains them best."""
+        peak = float(np.abs(evidence.data).max()) or 1.0
+        bend, sigma = _told(evidence, _Power(peak))
+        likely = _likeliest(evidence, peak)
+        if likely is None and abs(bend) < max(CURVED, SURE * sigma):
+            return
+        start, told = (_Power(peak, bend), abs(bend) / sigma) if likely is None else likely
+        tried = [_settled(evidence, start)]
+        if likely is None:
+            tried.append(_settled(evidence, _Sag(peak).further(_told(evidence, _Sag(peak))[0])))
+        law, sigma, now = min(tried, key=lambda one: one[2].misfit)
+        light = np.maximum(now.light, 0)
+        change = np.abs(law.bent(light) - light).sum(dtype=np.float64)
+        yield Finding(
+            self,
+            law.words(sigma),
+            told,
+            float(change / max(float(light.sum(dtype=np.float64)), 1e-300)),
+            picture=_tone(evidence, light, peak),
+            repair=lambda index, patterns: law.straight(patterns),
+            put_in=lambda patch: law.bent(patch.light),
+        )
+
+
+def _settled(evidence: Evidence, law: _Law) -> tuple[_Law, float, Evidence]:
+    """Return a law from a first guess, the standard deviation of its bend, and the evidence of straight values."""
+    for _ in range(TURNS):
+        now = evidence.with_data(law.straight(evidence.data), evidence.valid)
+        more, sigma = _told(now, law)
+        law = law.further(more)
+    return law, sigma, evidence.with_data(law.straight(evidence.data), evidence.valid)
+
+
+def _told(evidence: Evidence, law: _Law) -> tuple[float, float]:
+    """Return by how much more values are bent by a law, and its standard deviation."""
+    values, sigmas = evidence.beyond(law.column(np.maximum(evidence.light, 0)))
+    return _mean(values, sigmas) if np.isfinite(sigmas).any() else (0.0, np.inf)
+
+
+def _likeliest(evidence: Evidence, peak: float) -> tuple[_Law, float] | None:
+    """Return the power without which patterns are most like those of the camera, and by how much for the least sure.
+
+    None where they are like them as they are, or not much more so without: a small bend is told by its derivative.
+    """
+    model = _without_mean(evidence.model, evidence.valid)
+    alike = correlation(model, _without_mean(evidence.data, evidence.valid))
+    if float(np.median(alike)) > LIKE:
+        return None
+    straight = (_Power(peak, float(exponent) - 1).straight(evidence.data) for exponent in EXPONENTS)
+    tried = [correlation(model, _without_mean(one, evidence.valid)) for one in straight]
+    best = int(np.argmax([np.median(one) for one in tried]))
+    gained = (1 - alike) / np.maximum(1 - tried[best], 1e-9)
+    if abs(EXPONENTS[best] - 1) < STRONG or float(np.median(gained)) < GAINED:
+        return None
+    return _Power(peak, float(EXPONENTS[best]) - 1), float(np.median(gained) * np.sqrt(len(gained)))
+
+
+def _without_mean(patterns: F4, valid: NDArray[np.bool_]) -> F4:
+    """Return patterns ``(n, nt, ns)`` less the mean of what is valid of each: a background is no bend."""
+    mean = np.where(valid, patterns, 0).sum((1, 2)) / np.maximum(valid.sum((1, 2)), 1)
+    found: F4 = np.where(valid, patterns - mean[:, None, None], 0).astype(np.float32)
+    return found
+
+
+def _to_power(light: F4, exponent: float, peak: float) -> F4:
+    found: F4 = (np.sign(light) * peak * (np.abs(light) / peak) ** np.float32(exponent)).astype(np.float32)
+    return found
+
+
+def _mean(values: F8, sigmas: F8) -> tuple[float, float]:
+    """Return the weighted mean and its standard deviation, by the scatter where that is larger."""
+    good = np.isfinite(sigmas)
+    weight = 1 / np.square(sigmas[good])
+    mean = float((weight * values[good]).sum() / weight.sum())
+    scatter = float(np.sqrt((weight**2 * np.square(values[good] - mean)).sum()) / weight.sum())
+    return mean, max(scatter, float(1 / np.sqrt(weight.sum())))
+
+
+def _tone(evidence: Evidence, light: F4, peak: float) -> Picture:
+    edges = np.linspace(0.0, 1.0, 25) * peak
+    which = np.digitize(light[evidence.valid], edges)
+    seen = evidence.data[evidence.valid]
+    means = np.array([seen[which == k].mean() if (which == k).any() else np.nan for k in range(1, len(edges))])
+    return Picture(means, "counts", "mean value over the light it should be", ("light (counts)",), edges[:-1])
+
+
+FAULTS = (NotLinear(),)

@@ -1,0 +1,51 @@
+"""What findings share: the light that a change is worth, positions that come late or are wrong, and maps of them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import ScanPlan
+from lfcal.judge.evidence import COLUMNS, Evidence
+from lfcal.judge.finding import Picture, PutIn
+from lfcal.judge.patch import Patch
+
+__all__ = ["late", "only_recorded", "place_map", "share_of"]
+
+F4 = NDArray[np.float32]
+F8 = NDArray[np.float64]
+
+
+def share_of(evidence: Evidence, amount: float, names: tuple[str, ...]) -> float:
+    """Return the share of the light (relative L1) that so much of columns of `COLUMNS` changes."""
+    light = max(float(np.abs(evidence.model).sum(dtype=np.float64)), 1e-300)
+    change = [float(np.abs(evidence.columns[:, COLUMNS.index(n) - 2]).sum(dtype=np.float64)) for n in names]
+    return amount * float(np.mean(change)) / light
+
+
+def late(plan: ScanPlan, index: NDArray[np.intp], first: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Return which positions ``(n, 3)`` come no earlier than ``first``, plane by plane and row by row."""
+    shape = plan.shape[:3]
+    found: NDArray[np.bool_] = np.ravel_multi_index(tuple(index.T), shape) >= np.ravel_multi_index(tuple(first), shape)
+    return found
+
+
+def only_recorded(positions: NDArray[np.intp]) -> PutIn:
+    """Return what puts the recorded patterns of some positions into those that the camera should give."""
+    bad = set(map(tuple, positions.tolist()))
+
+    def put_in(patch: Patch) -> F4:
+        own = np.array([tuple(place) in bad for place in patch.index.tolist()], np.bool_)
+        return np.where(own[:, None, None], patch.recorded, patch.light) if own.any() else patch.light
+
+    return put_in
+
+
+def place_map(evidence: Evidence, values: F8, unit: str, title: str) -> Picture:
+    """Return values of patterns as a map over the positions of the plane that they stand out most in."""
+    z = evidence.index[:, 0]
+    worst = max(np.unique(z).tolist(), key=lambda k: float(np.ptp(values[z == k])))
+    found = np.full(evidence.plan.period, np.nan)
+    own = z == worst
+    found[evidence.index[own, 1], evidence.index[own, 2]] = values[own]
+    return Picture(found, unit, f"{title}, plane {worst}", ("position y (px)", "position x (px)"))

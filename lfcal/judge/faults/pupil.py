@@ -1,0 +1,260 @@
+"""A pupil that is dark in a part, and a lens type that is out of focus."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.base.errors import InputError
+from lfcal.fit.expected import Behind
+from lfcal.judge.evidence import Evidence
+from lfcal.judge.faults.series import SURE
+from lfcal.judge.finding import Fault, Finding, Picture, PutIn, adding
+from lfcal.judge.modelled import cut, plane_of
+from lfcal.judge.patch import Patch
+from lfcal.simulate.engines.base import EnergyError
+
+__all__ = ["FAULTS", "Pupil", "TypeFocus"]
+
+F4 = NDArray[np.float32]
+F8 = NDArray[np.float64]
+
+TOLD = 2.5
+"""Root of the mean square of what parts are off by, over their errors, from which on they are tried."""
+
+BLOCKS = (11, 11, 21, 41, 83)
+"""Parts of a cutout along each axis whose light is told, one turn after the other: coarse ones are told apart from
+displacements, fine ones follow the edge of a shadow."""
+
+LIT = 0.02
+"""Share of the light of the brightest part from which on one counts."""
+
+UNEVEN = 0.03
+"""Scatter of the light of parts that is worth a word."""
+
+DARKEST = 0.02
+"""Share of the light that a part has at least: none would be told no more of."""
+
+FOLLOWS = 6.0
+"""Times the share of the light that the camera is off by, that parts may scatter by: displacements make up for some."""
+
+EXPLAINS = 0.3
+"""Share of what is left of patterns that it must explain."""
+
+LEFT = 0.02
+"""Misfit from which on lens types are tried: less leaves no room for one that is out of focus."""
+
+STEP = 0.01
+"""Change of a focal length that its derivative is made of."""
+
+ROUNDS, NEAR = 6, 0.001
+"""Times that the change is told anew at most, and from which change of it on: the derivative is that at one length."""
+
+BLUR = 0.005
+"""Change of a focal length that is worth a word."""
+
+
+class Pupil(Fault):
+    """Light that is missing in the same part of all patterns of a plane: there the pupil is dark."""
+
+    name = "pupil"
+    title = "pupil darker in a part"
+    strong_rank = 8
+    rank = 45
+    advice = (
+        "Look at the depth-plane sums: free the iris's blades, take away what is in the way, or centre the lens; "
+        "record again, or state the vignetting in the camera."
+    )
+    settles: ClassVar[tuple[str, ...]] = ("centring", "leak", "stage_gain", "pitch")
+    explains: ClassVar[tuple[str, ...]] = ("ghost",)
+
+    def found(self, evidence: Evidence) -> Iterable[Finding]:
+        """Yield how uneven the light is over the cutouts."""
+        here = now = evidence
+        lit = np.ones((evidence.plan.shape[0], *evidence.plan.cutout))
+        told, before = 0.0, _excess(evidence)
+        for turn, blocks in enumerate(BLOCKS):
+            gains, sigmas = _parts(now, blocks)
+            if turn == 0:
+                told = float(np.sqrt(np.square(gains / sigmas).mean()))
+                if told < TOLD:
+                    return
+            # less what chance adds: small parts are told by a few samples
+            sure = np.clip(1 - np.square(sigmas) / np.maximum(np.square(gains), 1e-12), 0, 1)
+            lit = np.clip(lit * np.clip(1 + sure * gains, 0.2, 5.0), DARKEST, 2.0)
+            now = _seen(here, lit)
+            nearer = here.followed(now.values) if turn == 1 else here
+            if nearer is not here:  # light that is missing to one side looked displaced
+                here, now = nearer, _seen(nearer, lit)
+        weight = np.stack([evidence.light[evidence.index[:, 0] == z].sum(0) for z in range(len(lit))]).clip(0)
+        scatter = float(np.sqrt((weight * np.square(lit - 1)).sum() / max(float(weight.sum()), 1e-300)))
+        # where so much light is missing, the camera is off by some of it
+        if scatter < UNEVEN or scatter > FOLLOWS * math.sqrt(before) or _excess(now) > (1 - EXPLAINS) * before:
+            return
+        z = int(np.argmax((weight * np.square(lit - 1)).sum((1, 2))))
+        image = np.where(weight[z] > LIT * weight[z].max(), lit[z], 1.0)
+        y, x = np.indices(image.shape)
+        lost = weight[z] * np.clip(1 - image, 0, None)
+        if not lost.any():
+            return
+        light = weight[z] * (image > 0)
+        # from the middle of the light to that of what is missing
+        down, across = ((lost * k).sum() / lost.sum() - (light * k).sum() / light.sum() for k in (y, x))
+        side = np.degrees(np.arctan2(down, across))
+        yield Finding(
+            self,
+            f"down to {100 * float(image.min()):.0f} % of the light {side:.0f}° from the right, downwards, "
+            f"of the middle of the pattern; {100 * scatter:.0f} % (rms) over it",
+            told,
+            scatter / 2,
+            picture=Picture(
+                100 * lit[z], "%", f"light over that of the camera, plane {z}", ("row (px)", "column (px)")
+            ),
+            repair=adding(evidence.index, now.left - replace(here, values=now.values).left),
+            put_in=_shaded(lit),
+        )
+
+
+def _seen(evidence: Evidence, lit: F8) -> Evidence:
+    """Return the evidence of models that are so bright ``(nz, nt, ns)``."""
+    own = lit[evidence.index[:, 0]].astype(np.float32)
+    shaded = replace(evidence, model=evidence.model * own, columns=evidence.columns * own[:, None])
+    return shaded.with_data(evidence.data, evidence.valid)
+
+
+def _shaded(lit: F8) -> PutIn:
+    def put_in(patch: Patch) -> F4:
+        (t, s), (nt, ns) = patch.inset.tolist(), patch.light.shape[1:]
+        own = lit[:, t : t + nt, s : s + ns].astype(np.float32)
+        found: F4 = patch.light * own[patch.index[:, 0]]
+        return found
+
+    return put_in
+
+
+def _excess(evidence: Evidence) -> float:
+    """Return the power of what is left beside noise, over that of the light."""
+    return evidence.misfit**2
+
+
+def _parts(evidence: Evidence, blocks: int) -> tuple[F8, F8]:
+    """Return what the light of each part of the cutouts is off by ``(nz, nt, ns)``, and its standard deviation."""
+    shape = (evidence.plan.shape[0], *evidence.plan.cutout)
+    gains, sigmas = np.zeros(shape), np.full(shape, np.inf)
+    rows, columns = (np.minimum(np.arange(n) * min(blocks, n) // n, blocks - 1) for n in shape[1:])
+    where = rows[:, None] * blocks + columns
+    for z in np.unique(evidence.index[:, 0]).tolist():
+        own = evidence.index[:, 0] == z
+        w, v, r = (part[own].astype(np.float64) for part in (evidence.weight, evidence.light, evidence.left))
+        by, power, light = (
+            np.bincount(where.ravel(), part.sum(0).ravel(), blocks**2) for part in (w * r * v, w * v * v, v)
+        )
+        good = light > LIT * light.max()
+        gain = np.where(good, by / np.maximum(power, 1e-300), 0.0)
+        sigma = np.where(good, 1 / np.sqrt(np.maximum(power, 1e-300)), np.inf)
+        gains[z], sigmas[z] = gain[where], sigma[where]
+    return gains, sigmas
+
+
+class TypeFocus(Fault):
+    """Lenslets of one type of another focal length than stated."""
+
+    name = "type_focus"
+    title = "lens type out of focus"
+    strong_rank = 8
+    rank = 57
+    advice = (
+        "Fit the focal lengths (lfcal fit, group focal), and describe the camera by them; nothing is recorded anew."
+    )
+    settles: ClassVar[tuple[str, ...]] = ("depth",)
+
+    def found(self, evidence: Evidence) -> Iterable[Finding]:
+        """Yield the type whose focal length explains most of what is left."""
+        types = len(evidence.plan.camera.lattice.types)
+        if evidence.misfit < LEFT or types < 2:
+            return
+        try:
+            tried = [_change(evidence, kind) for kind in range(types)]
+            kind = int(np.argmax([abs(value) / sigma for value, sigma in tried]))
+            change, sigma = tried[kind]
+            if abs(change) < max(BLUR, SURE * sigma):
+                return
+            settled = _settled(evidence, kind, change)
+        except (InputError, EnergyError):
+            return
+        if settled is None or settled[2].misfit > (1 - EXPLAINS) * evidence.misfit:
+            return
+        change, other, _ = settled
+        share = float(np.abs(other - evidence.light).sum() / max(float(evidence.light.sum()), 1e-300))
+        focal = evidence.plan.camera.lattice.types[kind].focal_length_um
+        told = np.array([100 * value for value, _ in tried])
+
+        def put_in(patch: Patch) -> F4:
+            return replace(patch, known=_with_focal(patch.known, kind, change)).moved()
+
+        yield Finding(
+            self,
+            f"type {kind}: focal length {focal * (1 + change):.1f} µm instead of {focal:.1f} µm",
+            abs(tried[kind][0]) / sigma,
+            share,
+            picture=Picture(told, "%", "focal length beside that stated, each alone", ("lens type",)),
+            repair=adding(evidence.index, evidence.light - other),
+            put_in=put_in,
+        )
+
+
+def _settled(evidence: Evidence, kind: int, change: float) -> tuple[float, F4, Evidence] | None:
+    """Return the change of a type's focal length from a first guess, the light with it, and the evidence without.
+
+    None where the first guess explains next to nothing: it is another fault.
+    """
+    for turn in range(ROUNDS):
+        other = _light(evidence, _with_focal(evidence.camera, kind, change))
+        moved = evidence.with_data(evidence.data + evidence.light - other, evidence.valid)
+        if turn == 0 and moved.misfit > (1 - EXPLAINS / 3) * evidence.misfit:
+            return None
+        more = _change(moved, kind)[0] if turn + 1 < ROUNDS else 0.0
+        if abs(more) < NEAR:
+            break
+        change += more
+    return change, other, moved
+
+
+def _with_focal(known: Behind, kind: int, change: float) -> Behind:
+    camera = known.setup.camera
+    types = list(camera.lattice.types)
+    types[kind] = replace(types[kind], focal_length_um=types[kind].focal_length_um * (1 + change))
+    lattice = replace(camera.lattice, types=tuple(types))
+    return replace(known, setup=replace(known.setup, camera=replace(camera, lattice=lattice)))
+
+
+def _light(evidence: Evidence, known: Behind) -> F4:
+    """Return the light of another camera at the gain and the places of the patterns ``(n, nt, ns)``."""
+    out = np.empty_like(evidence.light)
+    starts = evidence.starts
+    for z in np.unique(evidence.index[:, 0]).tolist():
+        own = np.flatnonzero(evidence.index[:, 0] == z)
+        plane = plane_of(known, z, float(starts.depth[z]))
+        out[own] = cut(plane.patterns(evidence.index[own, 1:], starts.source[own]), starts.window[own])
+    return out * evidence.values[:, 0, None, None].astype(np.float32)
+
+
+def _change(evidence: Evidence, kind: int) -> tuple[float, float]:
+    """Return by how much of its focal length a type is off, to first order, and the standard deviation."""
+    column = (_light(evidence, _with_focal(evidence.camera, kind, STEP)) - evidence.light) / np.float32(STEP)
+    values, sigmas = evidence.beyond(column)
+    good = np.isfinite(sigmas)
+    if not good.any():
+        return 0.0, np.inf
+    weight = 1 / np.square(sigmas[good])
+    mean = float((weight * values[good]).sum() / weight.sum())
+    scatter = 1.4826 * float(np.median(np.abs(values[good] - mean))) / np.sqrt(good.sum())
+    return mean, max(scatter, float(1 / np.sqrt(weight.sum())))
+
+
+FAULTS = (Pupil(), TypeFocus())

@@ -1,0 +1,228 @@
+"""Pixels of the sensor that are dead or hot, and a colour mosaic left in."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import convolve, median_filter
+
+from lfcal.judge.evidence import Evidence
+from lfcal.judge.faults.sensor_lines import BRIGHT
+from lfcal.judge.faults.series import SURE
+from lfcal.judge.finding import Fault, Finding, Picture, PutIn, Repair
+from lfcal.judge.patch import Patch
+from lfcal.judge.sensor_map import SensorMap, sensor_map
+
+__all__ = ["FAULTS", "BadPixels", "MosaicFault"]
+
+F4 = NDArray[np.float32]
+F8 = NDArray[np.float64]
+
+DEAD, DUSTY = 0.3, 0.2
+"""Share of the light that a single pixel must lack, and that each of several together must."""
+
+MOST = 0.02
+"""Share of the sensor's pixels that may be bad: more of them are none of single ones."""
+
+TOGETHER = 4
+"""Pixels of three by three that make a spot of dust."""
+
+UNEVEN = 0.04
+"""Share by which the four pixels of a colour mosaic differ at least."""
+
+LITTLE = 1e-4
+"""Share of the light that pixels must add or take away."""
+
+WIDE = 9
+"""Pixels about one, each way, that it is held against: spots of dust are a few pixels wide."""
+
+SEEN = 0.05
+"""Share of the light of the best lit pixel that one must have had to be called dead."""
+
+AXES = ("row of the sensor (px)", "column of the sensor (px)")
+
+
+class BadPixels(Fault):
+    """Single pixels that lack light or add counts."""
+
+    name = "bad_pixels"
+    rank = 20
+    title = "bad pixels of the sensor"
+    advice = "Add them to the sensor's defect map, and assemble H again; nothing need be recorded anew."
+    settles: ClassVar[tuple[str, ...]] = ("hot_pixels", "misplaced", "seam", "step", "leak")
+
+    def found(self, evidence: Evidence) -> Iterable[Finding]:
+        """Yield the pixels that stand out of their neighbours and of their row and column."""
+        if evidence.computed:
+            return
+        total = sensor_map(evidence)
+        each = total.pixels()
+        peak = float(evidence.light.max())
+        hot, hot_told = _apart(each.offset, each.offset_sigma)
+        # at the edges of the scanned part a few patterns' tails tell little
+        lit = total.light > SEEN * float(total.light.max())
+        dim, dim_told = _apart(each.gain, each.gain_sigma, lit)
+        dark = (dim_told < -SURE) & (dim < -DUSTY) & lit
+        spots = convolve(dark.astype(np.intp), np.ones((3, 3), np.intp), mode="constant") >= TOGETHER
+        bad = ((hot_told > SURE) & (hot > 10 * BRIGHT * peak)) | (dark & ((dim < -DEAD) | spots))
+        # a line has a fault of its own
+        for axis in (0, 1):
+            many = bad.sum(1 - axis) > 0.2 * bad.shape[1 - axis]
+            bad &= ~(many[:, None] if axis == 0 else many[None, :])
+        if not bad.any() or bad.mean() > MOST:
+            return
+        bad = _in_most(evidence, bad, np.where(hot_told > SURE, hot, 0.0), dim)
+        if not bad.any():
+            return
+        pixels = np.argwhere(bad)
+        worst = float(np.maximum(np.abs(hot_told), np.abs(dim_told))[bad].max())
+        more = " and more" if len(pixels) > 3 else ""
+        some = ", ".join(f"({r}, {c})" for r, c in pixels[:3].tolist())
+        lost = np.sqrt(total.light) * np.clip(-dim, 0, 1) / max(float(np.sqrt(total.light).sum()), 1e-300)
+        counts = float(np.maximum(evidence.light, 0).sum((1, 2)).mean())
+        share = float(np.abs(hot[bad]).sum()) / max(counts, 1e-300) + float(lost[bad].sum())
+        if share < LITTLE:
+            return
+        yield Finding(
+            self,
+            f"{'1 pixel' if len(pixels) == 1 else f'{len(pixels)} pixels'}: {some}{more}",
+            worst,
+            share,
+            pixels=pixels.astype(np.intp),
+            picture=Picture(hot, "counts", "counts beside those of the neighbours", AXES),
+            repair=_bridged(bad),
+            blinds=True,
+            put_in=_recorded_at(bad),
+        )
+
+
+def _in_most(evidence: Evidence, bad: NDArray[np.bool_], hot: F8, dim: F8) -> NDArray[np.bool_]:
+    """Return which of the bad pixels are so in most patterns, by their weights: one of another place makes spots too.
+
+    Parameters
+    ----------
+    evidence
+        What was compared.
+    bad
+        Pixels of the sensor ``(rows, columns)``.
+    hot, dim
+        Counts that they add, 0 of those that lack light; by what share they lack it, less than 0.
+    """
+    nt, ns = evidence.plan.cutout
+    found = np.zeros_like(bad)
+    for row, column in np.argwhere(bad).tolist():
+        t, s = (np.array([row, column]) - evidence.corners()).T
+        own = np.flatnonzero((t >= 0) & (t < nt) & (s >= 0) & (s < ns))
+        left, light, weight = (part[own, t[own], s[own]] for part in (evidence.left, evidence.light, evidence.weight))
+        if hot[row, column]:
+            alike = left > hot[row, column] / 2
+        else:
+            alike, weight = left < light * dim[row, column] / 2, weight * np.square(light)
+        found[row, column] = weight[alike].sum() > weight.sum() / 2
+    return found
+
+
+def _recorded_at(bad: NDArray[np.bool_]) -> PutIn:
+    """Return what puts the recorded values of pixels into patterns: what is divided by may be their noise."""
+
+    def put_in(patch: Patch) -> F4:
+        return np.where(patch.seen(bad.astype(np.float64)) > 0, patch.recorded, patch.light)
+
+    return put_in
+
+
+def _apart(values: F8, sigmas: F8, usual: NDArray[np.bool_] | None = None) -> tuple[F8, F8]:
+    """Return pixels less the median of those about them, and by how many standard deviations they differ from it.
+
+    The scatter of pixels among themselves, of those that are ``usual`` of all, counts as noise.
+    """
+    good = np.isfinite(sigmas)
+    filled = np.where(good, values, 0.0)
+    off = filled - median_filter(filled, size=WIDE, mode="nearest")
+    own = good if usual is None or not (good & usual).any() else good & usual
+    common = 1.4826 * float(np.median(np.abs(off[own]))) if own.any() else 0.0
+    return off, np.where(good, off / np.hypot(np.where(good, sigmas, 1.0), common), 0.0)
+
+
+def _bridged(bad: NDArray[np.bool_]) -> Repair:
+    """Return what replaces pixels of the sensor by the mean of their sound neighbours."""
+
+    def repair(index: NDArray[np.intp], patterns: F4) -> F4:
+        out = patterns.copy()
+        nt, ns = patterns.shape[1:]
+        for row, column in np.argwhere(bad).tolist():
+            near = [(row + i, column + j) for i, j in ((-1, 0), (1, 0), (0, -1), (0, 1))]
+            near = [(r, c) for r, c in near if 0 <= r < bad.shape[0] and 0 <= c < bad.shape[1] and not bad[r, c]]
+            t, s = row - index[:, 1], column - index[:, 2]
+            for n in np.flatnonzero((t >= 0) & (t < nt) & (s >= 0) & (s < ns)).tolist():
+                y, x = index[n, 1:].tolist()
+                sound = [patterns[n, r - y, c - x] for r, c in near if 0 <= r - y < nt and 0 <= c - x < ns]
+                if sound:
+                    out[n, t[n], s[n]] = np.mean(sound)
+        return out
+
+    return repair
+
+
+class MosaicFault(Fault):
+    """The filters of a colour sensor, left in."""
+
+    name = "mosaic"
+    rank = 14
+    title = "colour mosaic left in"
+    advice = "Take one channel, or develop the frames: import them anew with the sensor's pattern."
+    settles: ClassVar[tuple[str, ...]] = ("lamp", "flicker", "jitter", "stage_gain", "drift", "misplaced")
+
+    def found(self, evidence: Evidence) -> Iterable[Finding]:
+        """Yield how much the four pixels of two by two differ."""
+        total = sensor_map(evidence)
+        four = total.classes(2, 2)
+        # by the median over lines: a single one that is dead makes no mosaic
+        gains = _by_lines(total)
+        sigmas = four.gain_sigma
+        told = float((np.abs(gains) / sigmas).max())
+        if told < SURE or float(np.ptp(gains)) < UNEVEN:
+            return
+        ratios = 1 + gains
+        words = ", ".join(f"{v:.2f}" for v in (ratios / ratios.max()).ravel())
+
+        def repair(index: NDArray[np.intp], patterns: F4) -> F4:
+            rows, columns = (index[:, 1 + k, None] + np.arange(patterns.shape[1 + k]) for k in (0, 1))
+            seen = ratios[rows[:, :, None] % 2, columns[:, None, :] % 2]
+            found: F4 = (patterns / np.maximum(seen, 0.05)).astype(np.float32)
+            return found
+
+        yield Finding(
+            self,
+            f"pixels of two by two see {words} of the light",
+            told,
+            float(np.abs(gains).mean()),
+            picture=Picture(ratios, "ratio", "light of the pixels of two by two", ("row modulo 2", "column modulo 2")),
+            repair=repair,
+            put_in=lambda patch: patch.light * patch.seen(_tiled(ratios / ratios.mean(), total.weight.shape)),
+        )
+
+
+def _tiled(four: F8, shape: tuple[int, ...]) -> F8:
+    rows, columns = shape
+    return np.tile(four, (rows // 2 + 1, columns // 2 + 1))[:rows, :columns]
+
+
+def _by_lines(total: SensorMap) -> F8:
+    """Return the gains of the pixels of two by two, less their mean, by medians over single pixels."""
+    each = total.pixels()
+    lit = each.gain_sigma < 4 * np.min(each.gain_sigma)
+    four = np.array(
+        [
+            [np.median(each.gain[i::2, j::2][lit[i::2, j::2]]) if lit[i::2, j::2].any() else 0.0 for j in (0, 1)]
+            for i in (0, 1)
+        ]
+    )
+    gains: F8 = four - four.mean()
+    return gains
+
+
+FAULTS = (BadPixels(), MosaicFault())

@@ -1,0 +1,434 @@
+"""What is wrong with an H: by its camera's model where there is one, beside the metrics that need none."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import asdict, dataclass, replace
+
+from lfcal.base.progress import Work
+from lfcal.base.units import format_count, format_seconds, format_share
+from lfcal.fit.setup import Setup
+from lfcal.judge.compared import PATTERNS, iter_evidence
+from lfcal.judge.cost import iter_costs
+from lfcal.judge.evidence import Evidence, Unlike
+from lfcal.judge.explained import EXPLAINED, Disagreement, iter_explained, iter_rearranged
+from lfcal.judge.finding import Finding
+from lfcal.judge.metric_costs import FRAMES, as_findings, with_costs
+from lfcal.judge.search import iter_search
+from lfcal.judge.suspects import suspects
+from lfcal.psf import PSFMatrix
+from lfcal.psf.quality import QualityReport
+from lfcal.psf.quality.metric import RANK, Merit, Metric
+from lfcal.psf.quality.verdict import BAD, FAIR, QualityProblem, counted, judged_sentence, listed, problems_of, where
+
+__all__ = ["BAD", "FAIR", "MEASURED", "Inspection", "is_bad", "is_fair", "iter_inspection", "worst_first"]
+
+FAIR_SHARE, BAD_SHARE = 0.01, 0.05
+"""The same of the share of the light that it changes, where no cost was measured."""
+
+LIMIT_S = 1800.0
+"""Longest time of a comparison (s): far more than it takes on a slow machine, as what it does is fixed."""
+
+ODDEST = 48
+"""Suspected positions that are compared at most."""
+
+ORIENTATION = "scan_order"
+"""Key of the metric of the orientation of frames."""
+
+KINDS, LARGE = 3, 0.02
+"""Different faults, each of that share of the light at least, beyond which a camera that does not explain the patterns
+as they are is likelier than all of them at once."""
+
+LEFT, DEPTHS = 0.02, ("depth_label", "focus_drift")
+"""Share of the light that is left with planes at other depths, beyond which something else may explain more."""
+
+MEASURED = frozenset(
+    {
+        "stage_gain",
+        "drift",
+        "backlash",
+        "jitter",
+        "position",
+        "lamp",
+        "flicker",
+        "depth",
+        "background",
+        "hot_pixels",
+        "step",
+    }
+)
+"""Keys of model-free metrics whose subject the comparison with a camera measures itself, and more surely."""
+
+
+@dataclass(frozen=True, eq=False)
+class Inspection:
+    """The metrics of an H, and what stands out in a comparison with its camera.
+
+    Attributes
+    ----------
+    quality
+        The metrics that need no model.
+    findings
+        Faults that were found, the costliest first.
+    compared
+        Patterns that were compared with the camera; 0: none.
+    misfit
+        Share of the light by which the camera is off as a rule.
+    why_not
+        Why nothing was compared; empty where it was.
+    seconds
+        What the comparison took.
+    clean
+        Error of a reconstruction by the noise of H alone (NRMSE); None: not measured.
+    as_it_is
+        The same of H as it is.
+    disagreement
+        How the stated camera disagrees with H, where it does: such an H is never good.
+    unfinished
+        Why the comparison with the stated camera is not finished; empty where it is. Such an H is never good.
+
+    Examples
+    --------
+    >>> from lfcal.judge import Inspection, iter_inspection
+    >>> from lfcal.base.progress import drain
+    >>> from lfcal.psf import PSFMatrix, inspect, open_psf
+    >>> with open_psf("H.h5") as H:
+    ...     no_camera = PSFMatrix(H[:1])
+    >>> found: Inspection = drain(iter_inspection(no_camera, inspect(no_camera)))
+    >>> print(found.compared, found.why_not)
+    0 H has no camera
+    """
+
+    quality: QualityReport
+    findings: tuple[Finding, ...]
+    compared: int
+    misfit: float
+    why_not: str
+    seconds: float
+    clean: float | None = None
+    as_it_is: float | None = None
+    disagreement: Disagreement | None = None
+    unfinished: str = ""
+
+    def settled(self, metric: Metric) -> Finding | None:
+        """Return the fault that stands for a metric, or None."""
+        return next((one for one in self.findings if metric.key in one.fault.settles), None)
+
+    def withdrawn(self, metric: Metric) -> bool:
+        """Return whether the comparison measured what a metric suspects, and found next to nothing of it."""
+        harmless = metric.measured and metric.key not in FRAMES and metric.cost < FAIR
+        return bool(self.compared) and (metric.key in MEASURED or harmless) and self.settled(metric) is None
+
+    @property
+    def alarms(self) -> tuple[Metric, ...]:
+        """The bad metrics that no fault stands for and that the comparison does not refute."""
+        return tuple(m for m in self.doubts if m.merit == "bad")
+
+    @property
+    def doubts(self) -> tuple[Metric, ...]:
+        """The metrics that are not good, no fault causes and the comparison does not refute."""
+        return tuple(m for m in self._left if m.merit in ("bad", "fair"))
+
+    @property
+    def _left(self) -> list[Metric]:
+        """The metrics that no fault explains and that the comparison does not refute."""
+        return [m for m in self.quality.metrics if self.settled(m) is None and not self.withdrawn(m)]
+
+    @property
+    def bad(self) -> bool:
+        """Whether H should not be used as it is."""
+        return self.merit == "bad"
+
+    @property
+    def merit(self) -> Merit:
+        """The merit of H: unknown where its camera does not explain it, or the comparison is not finished."""
+        worst: Merit = min((one.merit for one in self.problems), key=RANK.__getitem__, default="good")
+        doubt = self.disagreement is not None or bool(self.unfinished)
+        if self.disagreement is not None and self.disagreement.certain:
+            return "bad"
+        if worst == "bad" or not doubt:
+            known = bool(self.compared or self.problems or counted(self.quality.metrics)["good"])
+            return worst if known else "unknown"
+        return "unknown"
+
+    @property
+    def problems(self) -> tuple[QualityProblem, ...]:
+        """What is wrong with H, the worst first: faults that matter, and metrics that none of them explains."""
+        found = [self._problem(one) for one in self.findings if is_bad(one) or is_fair(one) or _single(one)]
+        found += problems_of(self._left, self.quality.shape)
+        return tuple(sorted(found, key=lambda one: RANK[one.merit]))
+
+    def _problem(self, finding: Finding) -> QualityProblem:
+        frames = math.prod(self.quality.shape[:3])
+        if finding.cost is None:
+            cost = f"not measured; it changes {format_share(min(finding.share, 1.0))} of the light"
+        else:
+            noise = "" if self.clean is None else f", to {self.clean:.3f} by noise alone"
+            cost = f"{finding.cost:.3f} (NRMSE{noise})"
+        merit: Merit = "bad" if is_bad(finding) else "fair" if is_fair(finding) else "good"
+        places = where(finding.positions.tolist(), frames) or "all positions"
+        repeat = len(finding.positions) if finding.redo and finding.extent is not None else 0
+        return QualityProblem(finding.title, finding.detail, places, cost, finding.fault.advice, merit, repeat)
+
+    @property
+    def verdict(self) -> str:
+        """What is wrong with H, where, what it costs, what to do, and what remains then."""
+        disagreement, problems = self.disagreement, self.problems
+        if disagreement is not None and disagreement.certain:
+            return f"This PSF should not be used as it is: {disagreement.sentence} {disagreement.advice}{self._besides}"
+        if self.merit != "unknown":
+            words = judged_sentence(problems, self._rest)
+            # what is doubtful is said, whatever else is wrong
+            return words if disagreement is None or self._rest in words else f"{words} Besides, it is {self._rest}."
+        if disagreement is None and not self.unfinished:
+            return self.quality.verdict
+        return f"This PSF is {self._rest}.{self._besides}"
+
+    @property
+    def _besides(self) -> str:
+        """What metrics and patterns show besides a doubt."""
+        names = [one.title for one in self.problems if one.merit in ("bad", "fair")]
+        return f" Besides, it shows {listed(names, 3)}." if names else ""
+
+    @property
+    def _rest(self) -> str:
+        """What is known of H besides its problems."""
+        good = sum(m.merit == "good" for m in self.quality.metrics)
+        by = f"good by {format_count(good, 'metric', 'metrics')}"
+        if self.disagreement is not None:
+            return f"not shown to be good: {self.disagreement.sentence} {self.disagreement.advice}".removesuffix(".")
+        if self.unfinished:
+            return f"not fully judged: {self.unfinished}; it is {by} alone"
+        if self.compared or self.findings:
+            return f"{by}, and {self._shown}"
+        return f"{by}; it was not compared with a camera ({self.why_not})"
+
+    @property
+    def _shown(self) -> str:
+        """What was found in patterns besides what is named: nothing, or faults that are there and do not matter."""
+        source = f"{self.compared} patterns compared with the camera show" if self.compared else "its patterns show"
+        found = [one for one in self.findings if not (is_bad(one) or is_fair(one) or _single(one))]
+        if not found:
+            return f"{source} no {'other ' if self.findings else ''}fault"
+        measured = all(one.cost is not None for one in found)
+        which = "cost a reconstruction next to nothing" if measured else "are too small to matter"
+        which = which.replace("cost ", "costs ").replace("are ", "is ") if len(found) == 1 else which
+        many = format_count(len(found), "fault", "faults")
+        return f"{source} {many} that {which} ({listed([one.title for one in found], 4)})"
+
+    def redo(self) -> list[tuple[tuple[int, int, int], str]]:
+        """Return positions (z, y, x) to record again with the reasons, in scan order."""
+        others = [m.key for m in self.quality.metrics if self.withdrawn(m) or self.settled(m) is not None]
+        reasons = {place: [words] for place, words in self.quality.redo(others)}
+        for one in self.findings:
+            # a single frame is soon taken again, whatever it costs
+            if one.redo and len(one.positions) and (one.extent is not None or is_bad(one) or is_fair(one)):
+                for place in map(tuple, one.positions.tolist()):
+                    reasons.setdefault(place, []).append(one.title)
+        return [(place, ", ".join(reasons[place])) for place in sorted(reasons)]
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what the comparison found as plain values."""
+        return {
+            "compared": self.compared,
+            "misfit": self.misfit,
+            "why_not": self.why_not,
+            "unfinished": self.unfinished,
+            "disagreement": None if self.disagreement is None else self.disagreement.to_dict(),
+            "seconds": self.seconds,
+            "error_clean": self.clean,
+            "error_as_it_is": self.as_it_is,
+            "faults": [
+                {
+                    "name": one.name,
+                    "title": one.title,
+                    "detail": one.detail,
+                    "sigmas": one.sigmas,
+                    "confidence": one.confidence,
+                    "share": one.share,
+                    "cost": one.cost,
+                    "advice": one.fault.advice,
+                    "positions": one.positions.tolist(),
+                    "pixels": one.pixels.tolist(),
+                    "redo": one.redo,
+                }
+                for one in self.findings
+            ],
+            "withdrawn": [m.key for m in self.quality.metrics if m.merit in ("bad", "fair") and self.withdrawn(m)],
+        }
+
+    def judged(self) -> dict[str, object]:
+        """Return what has the last word in a report for programs: it replaces that of the metrics alone."""
+        return {
+            "merit": self.merit,
+            "verdict": self.verdict,
+            "problems": [asdict(one) for one in self.problems],
+            "redo": [list(place) for place, _ in self.redo()],
+        }
+
+
+def _single(finding: Finding) -> bool:
+    """Return whether a fault is of single frames that are soon recorded again, whatever it costs."""
+    return finding.redo and finding.extent is not None and len(finding.positions) > 0
+
+
+def is_bad(finding: Finding) -> bool:
+    """Return whether an H with this fault should not be used: by what it costs, else by what it changes."""
+    return finding.share >= BAD_SHARE if finding.cost is None else finding.cost >= BAD
+
+
+def is_fair(finding: Finding) -> bool:
+    """Return whether an H with this fault is worth a look: by what it costs, else by what it changes."""
+    return finding.share >= FAIR_SHARE if finding.cost is None else finding.cost >= FAIR
+
+
+def worst_first(finding: Finding) -> tuple[float, float]:
+    """Return what findings are sorted by: less what they cost, else what they change."""
+    # without a cost by the share of the limit that the changed light is
+    cost = finding.share * BAD / BAD_SHARE if finding.cost is None else finding.cost
+    return -cost, -finding.share
+
+
+def iter_inspection(
+    matrix: PSFMatrix,
+    quality: QualityReport,
+    *,
+    setup: Setup | None = None,
+    seconds: float = LIMIT_S,
+    patterns: int = PATTERNS,
+) -> Work[Inspection]:
+    """Compare H with its camera, and name the faults that differences show.
+
+    What is done is fixed by H and ``patterns``: the verdict is the same on every machine.
+
+    Parameters
+    ----------
+    matrix
+        H.
+    quality
+        Its metrics.
+    setup
+        The camera as it was found by a fit; None takes what H says of it.
+    seconds
+        Longest time of the comparison. Where it is reached, the verdict is "not fully judged".
+    patterns
+        Patterns that are compared, besides those that metrics find odd.
+
+    Examples
+    --------
+    >>> from lfcal.judge import iter_inspection
+    >>> from lfcal.base.progress import drain
+    >>> from lfcal.psf import inspect, open_psf
+    >>> with open_psf("H.h5") as H:
+    ...     found = drain(iter_inspection(H, inspect(H), patterns=24))
+    >>> print(found.verdict)
+    This PSF is good by ... metrics, and 24 patterns compared with the camera show no fault.
+    """
+    start = time.perf_counter()
+    kept = [Inspection(quality, (), 0, 0.0, "", 0.0)]
+    with closing(_iter_stages(matrix, kept, setup, patterns)) as work:
+        for record in work:
+            # without a camera there is nothing that could take long
+            if matrix.camera is not None and time.perf_counter() - start >= seconds:
+                break
+            yield record
+        else:
+            return replace(kept[-1], seconds=time.perf_counter() - start)
+    why = f"its comparison with the camera was not finished within {format_seconds(seconds)} (--seconds)"
+    why = why if seconds > 0 else "its comparison with the camera was left out (--seconds 0)"
+    best = replace(kept[-1], unfinished=why, why_not="" if kept[-1].compared else why)
+    return replace(best, seconds=time.perf_counter() - start)
+
+
+def _iter_stages(matrix: PSFMatrix, kept: list[Inspection], setup: Setup | None, patterns: int) -> Work[None]:
+    """Add what is known to ``kept``, stage by stage; the last one is the whole."""
+    quality, fitted = kept[0].quality, setup is not None
+    odd = suspects(quality)
+    evidence = yield from iter_evidence(
+        matrix,
+        setup=setup,
+        patterns=patterns,
+        suspected=odd[:ODDEST],
+        more_suspected=max(0, len(odd) - ODDEST),
+    )
+    if isinstance(evidence, Unlike):
+        kept.append((yield from _iter_unlike(matrix, quality, evidence, fitted)))
+        return
+    if evidence.misfit > EXPLAINED:
+        turned = yield from iter_rearranged(matrix, evidence.camera, evidence.misfit)
+        if turned is not None:
+            kept.append(_disagreeing(quality, Disagreement(turned.words, evidence.misfit, None, turned, fitted)))
+            return
+    found, cleaned = yield from iter_search(evidence)
+    misfit = _unexplained(evidence, cleaned, found)
+    explanation = None
+    if misfit is not None or _doubtful(cleaned, found):
+        explanation = yield from iter_explained(matrix, evidence.camera, iris=quality.iris, evidence=evidence)
+    if misfit is not None or explanation is not None:
+        misfit = cleaned.misfit if misfit is None else misfit
+        reason = f"its camera leaves {format_share(min(misfit, 1.0))} of the light unexplained"
+        disagreement = Disagreement(reason, misfit, None, explanation, fitted)
+        kept.append((yield from _iter_unexplained(quality, evidence, found, disagreement)))
+        return
+    quality = _confirmed(quality)
+    whole = Inspection(quality, found, len(evidence), cleaned.misfit, "", 0.0)
+    kept.append(whole)
+    told = dict(as_findings(whole.doubts, cleaned))
+    costs = yield from iter_costs(cleaned, (*found, *told.values()))
+    quality = with_costs(quality, tuple(told), costs, costs.costs[: len(found)])
+    found = tuple(replace(one, cost=cost) for one, cost in zip(found, costs.costs, strict=False))
+    ranked = tuple(sorted(found, key=worst_first))
+    kept.append(replace(whole, quality=quality, findings=ranked, clean=costs.clean, as_it_is=costs.as_it_is))
+
+
+def _disagreeing(quality: QualityReport, disagreement: Disagreement) -> Inspection:
+    misfit = 0.0 if disagreement.misfit is None else disagreement.misfit
+    return Inspection(quality, (), 0, misfit, disagreement.reason, 0.0, disagreement=disagreement)
+
+
+def _iter_unlike(matrix: PSFMatrix, quality: QualityReport, unlike: Unlike, fitted: bool) -> Work[Inspection]:
+    """Return what is said where nothing was compared: with a stated camera, what explains the patterns in its place."""
+    if not unlike.stated:
+        return Inspection(quality, (), 0, 0.0, unlike.reason, 0.0)
+    explanation = None
+    if unlike.camera is not None:
+        explanation = yield from iter_rearranged(matrix, unlike.camera)
+        if explanation is None:
+            explanation = yield from iter_explained(matrix, unlike.camera, iris=quality.iris)
+    return _disagreeing(quality, Disagreement(unlike.reason, None, unlike.correlation, explanation, fitted))
+
+
+def _iter_unexplained(
+    quality: QualityReport, evidence: Evidence, found: Sequence[Finding], disagreement: Disagreement
+) -> Work[Inspection]:
+    """Return what is said where the camera leaves too much unexplained, or something else explains more."""
+    # what an unsuitable model leaves looks like any fault, and what was taken out for it is in H
+    sure = () if disagreement.certain else tuple(one for one in found if not one.fault.needs_camera)
+    costs = yield from iter_costs(evidence, sure)
+    sure = tuple(replace(one, cost=cost) for one, cost in zip(sure, costs.costs, strict=True))
+    return replace(_disagreeing(quality, disagreement), findings=sure, clean=costs.clean, as_it_is=costs.as_it_is)
+
+
+def _confirmed(quality: QualityReport) -> QualityReport:
+    """Return the metrics with the orientation of the frames good: the camera explains the patterns as they lie."""
+    metrics = [
+        replace(m, value=0.0, merit="good", cost=0.0, detail="") if m.key == ORIENTATION and m.merit == "unknown" else m
+        for m in quality.metrics
+    ]
+    return replace(quality, metrics=tuple(sorted(metrics, key=lambda m: RANK[m.merit])))
+
+
+def _unexplained(evidence: Evidence, cleaned: Evidence, found: Sequence[Finding]) -> float | None:
+    """Return the share of the light that the camera does not explain; None where it does."""
+    if cleaned.misfit > EXPLAINED:
+        return cleaned.misfit
+    kinds = {one.name for one in found if one.fault.needs_camera and one.share >= LARGE}
+    return evidence.misfit if evidence.misfit > EXPLAINED and len(kinds) > KINDS else None
+
+
+def _doubtful(cleaned: Evidence, found: Sequence[Finding]) -> bool:
+    """Return whether other depths may not be what is wrong: a wrong gap moves all planes, and blurs them besides."""
+    return cleaned.misfit > LEFT and any(one.name in DEPTHS for one in found)

@@ -1,0 +1,256 @@
+"""Patterns as their camera should give them, computed where sources, cutouts and planes look to be."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft as sf
+from scipy.ndimage import shift
+
+from lfcal.base.errors import InputError
+from lfcal.fit.expected import Behind
+from lfcal.fit.model import Fineness, PlaneModel
+from lfcal.fit.setup import Setup
+from lfcal.simulate.engines.base import EnergyError
+
+__all__ = [
+    "NEAR_ARRAY",
+    "REACH_PX",
+    "Starts",
+    "best_alike",
+    "correlation",
+    "cut",
+    "depths_seen",
+    "modelled",
+    "parts",
+    "plane_of",
+    "windows_seen",
+]
+
+F4 = NDArray[np.float32]
+F8 = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+SOME = 5
+"""Patterns of a plane, spread over it, by which its depth is looked for."""
+
+STEP_PX = 0.2
+"""Displacement of the source of which its derivative is made (pixels)."""
+
+STEP_DEPTH = 0.01
+"""Change of the virtual depth of which its derivative is made."""
+
+FAR_PX, FAR_DEPTH = 0.2, 0.005
+"""Displacement (pixels) and change of depth (share) from which on derivatives are made anew."""
+
+REACH_PX = 0.95
+"""Displacement of sources that models follow (pixels)."""
+
+POOR, CLEARLY = 0.9, 0.05
+"""Correlation below which another depth or place is looked for, and how much better it must be there."""
+
+DEPTHS = (0.75, 0.8, 0.85, 0.9, 0.94, 0.97, 1.03, 1.06, 1.1, 1.15, 1.2, 1.3, 1.4)
+"""Virtual depths that are tried, over the stated one."""
+
+NEAR_ARRAY = 0.1
+"""Virtual depth below which changes of it are told as they are, not as shares."""
+
+MOST_OF = 0.3
+"""Share of a plane's patterns that must show a displacement for the others to follow."""
+
+WINDOW_PX = 6
+"""Displacement of cutouts that is looked for (pixels)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Starts:
+    """Where models are computed: displacements of sources and cutouts ``(n, 2)`` (px), depths of planes ``(nz,)``."""
+
+    source: F8
+    window: F8
+    depth: F8
+
+    @classmethod
+    def none(cls, count: int, planes: int) -> Starts:
+        """Return those of the plan."""
+        return cls(np.zeros((count, 2)), np.zeros((count, 2)), np.zeros(planes))
+
+    def of(self, part: NDArray[np.intp]) -> Starts:
+        """Return those of some of the patterns."""
+        return Starts(self.source[part], self.window[part], self.depth)
+
+    def column(self, name: str, planes: NDArray[np.intp]) -> F8:
+        """Return one of `COLUMNS` ``(n,)``; 0 of those that have no start."""
+        if name == "depth":
+            found: F8 = self.depth[planes]
+            return found
+        kind, _, axis = name.partition("_")
+        if kind not in ("source", "window"):
+            return np.zeros(len(planes))
+        both: F8 = getattr(self, kind)
+        return both[:, "yx".index(axis)]
+
+    def nearer(self, values: F8, planes: NDArray[np.intp]) -> Starts:
+        """Return the starts moved to what was fitted ``(n, 7)``: sources and cutouts each, depths by the plane."""
+        source = np.clip(self.source + np.clip(values[:, 2:4], -1, 1), -REACH_PX, REACH_PX)
+        window = self.window + np.clip(values[:, 4:6], -1, 1)
+        depth = self.depth.copy()
+        for z in np.unique(planes):
+            depth[z] += float(np.clip(np.median(values[planes == z, 6]), -0.05, 0.05))
+        return Starts(source, window, depth)
+
+    def only(self, moved: Starts, again: Flags) -> Starts:
+        """Return these, with those of ``moved`` for the patterns ``again`` and the planes that lie far off.
+
+        Of all others the model stays, and with it where it was computed.
+        """
+        far = np.abs(moved.depth - self.depth) > FAR_DEPTH
+        return Starts(
+            np.where(again[:, None], moved.source, self.source),
+            np.where(again[:, None], moved.window, self.window),
+            np.where(far, moved.depth, self.depth),
+        )
+
+    def apart_from(self, other: Starts, planes: NDArray[np.intp]) -> Flags:
+        """Return which patterns ``(n,)`` are so far from others that the model is computed anew."""
+        moved = np.maximum(np.abs(self.source - other.source), np.abs(self.window - other.window)).max(1)
+        found: Flags = (moved > FAR_PX) | (np.abs(self.depth - other.depth)[planes] > FAR_DEPTH)
+        return found
+
+
+def parts(index: NDArray[np.intp], which: NDArray[np.intp]) -> list[NDArray[np.intp]]:
+    """Return ``which`` patterns plane by plane, some at a time."""
+    found = []
+    for z in np.unique(index[which, 0]).tolist():
+        own = which[index[which, 0] == z]
+        found += np.array_split(own, max(1, len(own) // 32))
+    return found
+
+
+def modelled(known: Behind, index: NDArray[np.intp], starts: Starts | None = None) -> tuple[F4, F4]:
+    """Return patterns of positions of one or more planes ``(n, nt, ns)`` and their derivatives ``(n, 5, nt, ns)``."""
+    starts = starts or Starts.none(len(index), known.plan.shape[0])
+    model = np.empty((len(index), *known.plan.cutout), np.float32)
+    columns = np.zeros((len(index), 5, *known.plan.cutout), np.float32)
+    for z in np.unique(index[:, 0]).tolist():
+        own = np.flatnonzero(index[:, 0] == z)
+        places, source, window = index[own, 1:], starts.source[own], starts.window[own]
+        plane = plane_of(known, z, float(starts.depth[z]))
+
+        def seen(at: F8, plane: PlaneModel = plane, places: NDArray[np.intp] = places, by: F8 = window) -> F4:
+            return cut(plane.patterns(places, at), by)
+
+        model[own] = seen(source)
+        for k in (0, 1):
+            aside = np.zeros((len(own), 2))
+            aside[:, k] = STEP_PX
+            columns[own, k] = (seen(source + aside) - seen(source - aside)) / (2 * STEP_PX)
+            # a cutout that lies too far down shows the light too far up
+            columns[own, 2 + k] = np.gradient(model[own], axis=1 + k)
+        try:
+            further = plane_of(known, z, float(starts.depth[z]) + STEP_DEPTH)
+        except (InputError, EnergyError):
+            continue
+        columns[own, 4] = (cut(further.patterns(places, source), window) - model[own]) / np.float32(STEP_DEPTH)
+    return model, columns
+
+
+def plane_of(known: Behind, z: int, share: float) -> PlaneModel:
+    """Return the model of a plane whose virtual depth is larger by a share of it; near 0 by a share of 1."""
+    if share == 0.0:
+        return PlaneModel(known.setup, known.plan, z, Fineness.coarse)
+    camera, planned = known.plan.camera, float(known.plan.depths_um[z])
+    v = camera.virtual_depth(planned)
+    errors = list(known.setup.depth_errors_um)
+    errors[z] += camera.depth_of(v + share * (v if abs(v) > NEAR_ARRAY else 1.0)) - planned
+    setup: Setup = replace(known.setup, depth_errors_um=tuple(errors))
+    return PlaneModel(setup, known.plan, z, Fineness.coarse)
+
+
+def cut(patterns: F4, windows: F8) -> F4:
+    """Return patterns as cutouts show them that lie displaced by ``(n, 2)`` pixels down and across."""
+    if not windows.any():
+        return patterns
+    return np.stack(
+        [shift(p, -w, order=3, mode="constant") if w.any() else p for p, w in zip(patterns, windows, strict=True)]
+    )
+
+
+def correlation(a: F4, b: F4) -> F8:
+    """Return the correlation of patterns ``(n, nt, ns)`` one by one ``(n,)``."""
+    both = (a * b).sum((1, 2), dtype=np.float64)
+    sizes = np.square(a).sum((1, 2), dtype=np.float64) * np.square(b).sum((1, 2), dtype=np.float64)
+    found: F8 = both / np.sqrt(np.maximum(sizes, 1e-300))
+    return found
+
+
+def depths_seen(known: Behind, index: NDArray[np.intp], data: F4) -> F8:
+    """Return by what share of the virtual depth planes look to be elsewhere than stated; as a rule 0."""
+    found = np.zeros(known.plan.shape[0])
+    for z in np.unique(index[:, 0]).tolist():
+        own = np.flatnonzero(index[:, 0] == z)
+        some = own[np.linspace(0, len(own) - 1, min(SOME, len(own))).astype(int)]
+        places, still = index[some, 1:], np.zeros((len(some), 2))
+        best = best_alike(data[some], plane_of(known, z, 0.0).patterns(places, still))
+        if best > POOR:
+            continue
+        best += CLEARLY
+        for share in (*(ratio - 1.0 for ratio in DEPTHS), *_of_other_planes(known, z)):
+            try:
+                alike = best_alike(data[some], plane_of(known, z, share).patterns(places, still))
+            except (InputError, EnergyError):
+                continue
+            if alike > best:
+                best, found[z] = alike, share
+    return found
+
+
+def _of_other_planes(known: Behind, z: int) -> list[float]:
+    """Return by what share the depths of the next planes, and of the one counted from the other end, lie elsewhere."""
+    depths = known.plan.depths_um
+    own = known.plan.camera.virtual_depth(float(depths[z]))
+    others = sorted({z - 2, z - 1, z + 1, z + 2, len(depths) - 1 - z} & set(range(len(depths))) - {z})
+    there = (known.plan.camera.virtual_depth(float(depths[k])) for k in others)
+    return [(v - own) / (own if abs(own) > NEAR_ARRAY else 1.0) for v in there]
+
+
+def best_alike(data: F4, models: F4) -> float:
+    """Return the median correlation of patterns, their cutouts displaced as is best: depth and place look alike."""
+    return float(np.median([_displaced(a, b).max() for a, b in zip(data, models, strict=True)]))
+
+
+def windows_seen(index: NDArray[np.intp], data: F4, model: F4) -> F8:
+    """Return by how many whole pixels cutouts look to be displaced ``(n, 2)``; as a rule 0."""
+    found = np.zeros((len(data), 2))
+    poor = np.flatnonzero(correlation(data, model) < POOR)
+    tops = {k: _displaced(data[k], model[k]) for k in poor.tolist()}
+    for k, top in tops.items():
+        at = np.unravel_index(int(np.argmax(top)), top.shape)
+        if top[at] - top[WINDOW_PX, WINDOW_PX] > CLEARLY:
+            found[k] = np.array(at) - WINDOW_PX
+    # what moved a plane moved all of it: patterns that hardly tell follow the others
+    for z in np.unique(index[poor, 0]).tolist():
+        own = np.flatnonzero(index[:, 0] == z)
+        moves, counts = np.unique(found[own], axis=0, return_counts=True)
+        best = moves[int(np.argmax(counts * moves.any(1)))]
+        if not best.any() or (found[own] == best).all(1).mean() < MOST_OF:
+            continue
+        at = tuple(best.astype(int) + WINDOW_PX)
+        for k in own.tolist():
+            top = tops[k] if k in tops else _displaced(data[k], model[k])
+            if top[at] > top[WINDOW_PX, WINDOW_PX]:
+                found[k] = best
+    return found
+
+
+def _displaced(data: F4, model: F4) -> F8:
+    """Return the correlation of a pattern with its model displaced by up to `WINDOW_PX` each way."""
+    shape = tuple(sf.next_fast_len(n + WINDOW_PX, real=True) for n in data.shape)
+    top = sf.irfft2(sf.rfft2(model, shape) * np.conj(sf.rfft2(data, shape)), shape)
+    near = np.roll(top, (WINDOW_PX, WINDOW_PX), (0, 1))[: 2 * WINDOW_PX + 1, : 2 * WINDOW_PX + 1]
+    norm = math.sqrt(float(np.square(model).sum()) * float(np.square(data).sum())) or 1.0
+    found: F8 = near.astype(np.float64) / norm
+    return found

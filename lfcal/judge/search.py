@@ -1,0 +1,88 @@
+"""Faults one after the other: what is found is taken out of the patterns before the next is looked for."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.base.progress import Clock, Work
+from lfcal.judge.evidence import Evidence
+from lfcal.judge.finding import FAULTS, Fault, Finding
+
+__all__ = ["iter_search"]
+
+STRONG, MOST, SURELY = 0.04, 0.5, 6.0
+"""Misfit from which on strong faults are looked for before others, the share of it that one must then explain, and the
+standard deviations that it must lie above none."""
+
+
+def iter_search(evidence: Evidence) -> Work[tuple[tuple[Finding, ...], Evidence]]:
+    """Look for every fault; return what was found, and the evidence without it.
+
+    Examples
+    --------
+    >>> from lfcal.judge import iter_evidence, iter_search
+    >>> from lfcal.base.progress import drain
+    >>> from lfcal.psf import PSFMatrix, open_psf
+    >>> with open_psf("H.h5") as H:
+    ...     values, own = H[:], {"depths": H.depths, "camera": H.camera, "anchor": H.anchor}
+    >>> for x in range(33):
+    ...     values[:, :, x, :, 40 - x] += 200.0
+    >>> evidence = drain(iter_evidence(PSFMatrix(values, **own), patterns=24))
+    >>> findings, rest = drain(iter_search(evidence))
+    >>> for one in findings:
+    ...     print(f"{one.title}: {one.detail}")
+    hot line of the sensor: column 40 of the scanned part: 200 counts too many
+    """
+    found: list[Finding] = []
+    explained: set[str] = set()
+    whole: set[str] = set()
+    looks = _looks()
+    clock = Clock("looking for faults", len(looks))
+    for k, (fault, strong) in enumerate(looks):
+        yield clock.at(k)
+        if fault.name in explained or (strong and evidence.misfit < STRONG):
+            continue
+        for one in tuple(fault.found(evidence)):
+            without = _without(evidence, one)
+            if strong and (one.sigmas < SURELY or without.misfit > (1 - MOST) * evidence.misfit):
+                continue
+            # a strong fault may have looked like other places, which models have followed
+            evidence = without.followed() if strong else without
+            explained.update(fault.explains)
+            # what a strong fault left of itself is no second one
+            if fault.name not in whole:
+                found.append(one)
+        if strong and any(one.fault is fault for one in found):
+            whole.add(fault.name)
+    yield clock.at(len(looks))
+    return tuple(found), evidence
+
+
+def _looks() -> list[tuple[Fault, bool]]:
+    """Return every fault in the order of the search; those that are looked for as strong ones come a second time."""
+    both = [(fault.rank, fault.name, fault, False) for fault in FAULTS]
+    both += [(fault.strong_rank, fault.name, fault, True) for fault in FAULTS if fault.strong_rank is not None]
+    return [(fault, strong) for _, _, fault, strong in sorted(both, key=lambda one: one[:2])]
+
+
+def _without(evidence: Evidence, finding: Finding) -> Evidence:
+    if finding.repair is None and not finding.blinds and finding.masked is None and finding.extent is None:
+        return evidence
+    data = evidence.data if finding.repair is None else finding.repair(evidence.index, evidence.data)
+    valid = evidence.valid & ~_blinded(evidence, finding.pixels) if finding.blinds else evidence.valid
+    if finding.masked is not None:
+        valid = valid & ~finding.masked(evidence.data)
+    if finding.extent is not None:  # single frames that are none of their places tell nothing more
+        bad = set(map(tuple, finding.positions.tolist()))
+        valid = valid & ~np.array([place in bad for place in map(tuple, evidence.index.tolist())])[:, None, None]
+    return evidence.with_data(data, valid)
+
+
+def _blinded(evidence: Evidence, pixels: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Return which samples ``(n, nt, ns)`` fall on pixels of the sensor."""
+    ny, nx = evidence.plan.period
+    nt, ns = evidence.plan.cutout
+    blind = np.zeros((ny + nt - 1, nx + ns - 1), np.bool_)
+    blind[tuple(pixels.T)] = True
+    return np.stack([blind[r : r + nt, c : c + ns] for r, c in evidence.corners().tolist()])

@@ -1,0 +1,107 @@
+"""An inspection for people: its faults with pictures, as a report takes them."""
+
+from __future__ import annotations
+
+import io
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lfcal.base.figures import LINES, draw_image, figure
+from lfcal.base.units import format_share
+from lfcal.judge.finding import Finding, Picture
+from lfcal.judge.inspection import Inspection
+from lfcal.psf.report.beside import Beside, ToldFault
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = ["compared_words", "cost_words", "draw_picture", "drawn", "told"]
+
+
+def told(inspection: Inspection) -> Beside:
+    """Return what an inspection adds to the report of its metrics, pictures drawn."""
+    quality = inspection.quality
+    faults = tuple(
+        ToldFault(
+            one.title,
+            one.detail,
+            format_share(min(one.share, 1.0)),
+            cost_words(inspection, one),
+            one.fault.advice,
+            b"" if one.picture is None else drawn(one.picture),
+            "" if one.picture is None else f"{one.title}: {one.picture.title}.",
+        )
+        for one in inspection.findings
+    )
+    settled = {m.key: one.title for m in quality.metrics if (one := inspection.settled(m)) is not None}
+    return Beside(
+        inspection.verdict,
+        inspection.merit,
+        compared_words(inspection),
+        faults,
+        settled,
+        frozenset(m.key for m in quality.metrics if inspection.withdrawn(m)),
+        tuple(inspection.redo()),
+        inspection.to_dict(),
+        inspection.judged(),
+    )
+
+
+def cost_words(inspection: Inspection, finding: Finding) -> str:
+    """Return what a fault makes of the error of a reconstruction: from that of the noise to that with the fault."""
+    if finding.cost is None or inspection.clean is None:
+        return "not measured"
+    return f"{inspection.clean:.3f} → {math.hypot(inspection.clean, finding.cost):.3f}"
+
+
+def scene_words(inspection: Inspection) -> str:
+    """Return what a reconstruction with H as it is, and without its faults, differs by; empty where not measured."""
+    if inspection.clean is None or inspection.as_it_is is None:
+        return ""
+    return (
+        f"a fixed scene is reconstructed with an error (NRMSE) of {inspection.as_it_is:.3f} with H as it is, "
+        f"{inspection.clean:.3f} with its noise alone"
+    )
+
+
+def compared_words(inspection: Inspection) -> str:
+    """Return how much was compared with the camera, or why nothing was."""
+    if not inspection.compared:
+        weaker = "the metrics below are weaker than a comparison"
+        if inspection.findings:
+            weaker = f"the patterns alone show these faults; {weaker}"
+        if inspection.disagreement is not None:
+            return f"the camera disagrees: {inspection.why_not}; {weaker}"
+        return f"not compared with a camera: {inspection.why_not}; {weaker}"
+    beside = f"{inspection.compared} patterns compared with the camera"
+    if not inspection.findings:
+        return f"{beside}: no fault found"
+    scene = scene_words(inspection)
+    return f"{beside}: these faults stand out" + (f"; {scene}" if scene else "")
+
+
+def draw_picture(axes: Axes, picture: Picture) -> None:
+    """Draw a map, or a curve."""
+    values = np.asarray(picture.values, float)
+    if values.ndim == 2:
+        (rows, columns), (top, left) = picture.axes, picture.origin
+        extent = (left - 0.5, left + values.shape[1] - 0.5, top + values.shape[0] - 0.5, top - 0.5)
+        draw_image(axes, values, title=picture.title, unit=picture.unit, xlabel=columns, ylabel=rows, extent=extent)
+        axes.set_aspect("auto")
+        return
+    across = np.arange(len(values)) if picture.across is None else picture.across
+    axes.plot(across, values, color=LINES[0], lw=1, marker="o" if len(values) < 40 else None, ms=3)
+    axes.set_title(picture.title)
+    axes.set_xlabel(picture.axes[0])
+    axes.set_ylabel(picture.unit)
+
+
+def drawn(picture: Picture) -> bytes:
+    """Return a picture as PNG."""
+    out = io.BytesIO()
+    with figure(5.2, 3.4) as fig:
+        draw_picture(fig.add_subplot(), picture)
+        fig.savefig(out, format="png")
+    return out.getvalue()

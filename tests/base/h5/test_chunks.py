@@ -1,0 +1,157 @@
+"""Any part of any chunked dataset is what HDF5 reads, without HDF5."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import cycle
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+
+import h5py
+import numpy as np
+import pytest
+
+from lfcal.base.errors import FileFormatError
+from lfcal.base.h5.chunks import ChunkTable
+from lfcal.base.h5.file import H5File
+
+SHAPE = (5, 7, 11)
+VALUES = np.random.default_rng(3).integers(-30000, 30000, SHAPE).astype(">i2")
+CHUNKS = [(1, 7, 11), (2, 3, 4), (5, 7, 11), (8, 8, 16)]
+OPTIONS: list[dict[str, object]] = [
+    {},
+    {"compression": "gzip", "shuffle": True, "fletcher32": True},
+    {"compression": "lzf"},
+]
+PARTS = [
+    (),
+    3,
+    -1,
+    (slice(None), 2),
+    (4, slice(1, 6, 2), slice(None, None, -3)),
+    (slice(1, 1), slice(None), 5),
+    (2, 3, 4),
+    (slice(-2, None), slice(2, 5), slice(3, 4)),
+]
+
+
+@pytest.mark.parametrize("userblock", [0, 512])
+@pytest.mark.parametrize("options", OPTIONS)
+@pytest.mark.parametrize("chunks", CHUNKS)
+def test_parts_are_those_of_h5py(
+    tmp_path: Path, chunks: tuple[int, ...], options: dict[str, object], userblock: int
+) -> None:
+    with h5py.File(tmp_path / "a.h5", "w", userblock_size=userblock) as file:
+        file.create_dataset("a", data=VALUES, chunks=chunks, maxshape=(None, None, None), **options)
+    with H5File(tmp_path / "a.h5") as file:
+        data = file.dataset("a")
+        for part in PARTS:
+            found = data.read(part)
+            assert found.dtype == VALUES.dtype
+            np.testing.assert_array_equal(found, VALUES[part])
+        for wrong in (5, (0, 0, 11), (0, 0, 0, 0)):
+            with pytest.raises(IndexError):
+                data.read(wrong)
+
+
+@pytest.mark.parametrize("kind", ["latest", "earliest"])
+def test_every_kind_of_index(tmp_path: Path, kind: str) -> None:
+    """HDF5 keeps chunks in five ways: single, implicit, fixed and extensible arrays, B-trees of two versions."""
+    whole = {"single": ((5, 7, 11), None), "fixed": ((2, 3, 4), None), "extensible": ((2, 3, 4), (None, 7, 11))}
+    with h5py.File(tmp_path / "a.h5", "w", libver=kind) as file:
+        for name, (chunks, limit) in {**whole, "tree": ((2, 3, 4), (None, None, 11))}.items():
+            file.create_dataset(name, data=VALUES, chunks=chunks, maxshape=limit, compression="gzip")
+    with H5File(tmp_path / "a.h5") as file:
+        for name in file.names():
+            np.testing.assert_array_equal(file.dataset(name).read(), VALUES)
+
+
+def test_holes_read_as_the_fill_value(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        made = file.create_dataset("a", (4, 6), "f4", chunks=(1, 6), fillvalue=-2.5)
+        made[1] = 7
+    with H5File(tmp_path / "a.h5") as file:
+        with pytest.raises(FileFormatError, match="expected all chunks written, got 3 missing"):
+            file.dataset("a")
+        data = file.dataset("a", holes=True)
+        assert data.read((slice(None), 0)).tolist() == [-2.5, 7, -2.5, -2.5]
+
+
+@pytest.mark.parametrize("ahead", [1, 100, 1 << 20])
+def test_chunks_that_are_read_together_are_those_that_are_read_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ahead: int
+) -> None:
+    """In any order, whatever lies between them, and whichever are missing."""
+    monkeypatch.setattr("lfcal.base.h5.chunks.READ_AHEAD", ahead)
+    random = np.random.default_rng(5)
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        made = file.create_dataset("a", (40, 30), "i4", chunks=(1, 30), compression="gzip")
+        other = file.create_dataset("b", (40, 30), "i4", chunks=(1, 30))
+        for k in random.permutation(40)[:33]:
+            made[k], other[k] = random.integers(0, 9 + k, 30), k
+    with H5File(tmp_path / "a.h5") as file:
+        table = file.dataset("a", holes=True).table
+        assert table is not None
+        for order in (range(40), random.permutation(40).tolist()):
+            starts = [(k, 0) for k in order]
+            found = {start: (left_out, bytes(raw)) for start, left_out, raw in table.each_stored(starts)}
+            assert found == {start: stored for start in starts if (stored := table.stored(start)) is not None}
+            assert len(found) == 33 and list(found) == [start for start in starts if start in found]
+
+
+def test_a_file_that_is_still_written(tmp_path: Path) -> None:
+    from lfcal.base.h5.dataset import H5Data
+
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        made = file.create_dataset("a", (4, 6), "f4", chunks=(1, 6), compression="gzip")
+        made[...] = 3
+        assert (H5Data(made).read() == 3).all()
+
+
+class Entry(NamedTuple):
+    """An entry of an index, as h5py has it."""
+
+    chunk_offset: tuple[int, ...]
+    filter_mask: int
+    byte_offset: int
+    size: int
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        ({"byte_offset": 0}, "8 bytes at 0"),
+        ({"byte_offset": 2**64 - 1}, f"8 bytes at {2**64 - 1}"),
+        ({"byte_offset": 10**6}, "8 bytes at 1000000"),
+        ({"size": 4}, "of 4 bytes"),
+        ({"size": 2**63 + 5}, f"of {2**63 + 5} bytes"),
+        ({"chunk_offset": (5, 0)}, r"chunk \(5, 0\)"),
+        ({"chunk_offset": (2**64 - 2, 0)}, f"chunk .{2**64 - 2}, 0"),
+        ({"chunk_offset": (0, 0)}, r"chunk \(0, 0\)"),
+    ],
+    ids=["nowhere", "undefined", "beyond", "small", "huge", "outside", "far", "twice"],
+)
+@pytest.mark.parametrize("endless", [False, True])
+@pytest.mark.parametrize("at_once", [1, 2, 1 << 14])
+def test_an_index_that_is_damaged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wrong: dict[str, Any], told: str, endless: bool, at_once: int
+) -> None:
+    """The first entry that cannot be is named; an index that leads round and round comes to an end."""
+    monkeypatch.setattr("lfcal.base.h5.chunks.AT_ONCE", at_once)
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_dataset("a", data=np.zeros((4, 6), "f4"), chunks=(1, 6), compression="gzip")
+    with h5py.File(tmp_path / "a.h5") as file:
+        real = file["a"]
+        good = [Entry((k, 0), 0, 100, 8) for k in range(3)]
+        entries = [*good, Entry((3, 0), 0, 100, 8)._replace(**wrong)]
+
+        def chunk_iter(look: Callable[[Entry], None]) -> None:
+            for entry in cycle(entries) if endless else entries:
+                look(entry)
+
+        index = SimpleNamespace(chunk_iter=chunk_iter, get_create_plist=real.id.get_create_plist)
+        names = ("shape", "chunks", "dtype", "fillvalue", "file")
+        data = SimpleNamespace(id=index, **{name: getattr(real, name) for name in names})
+        with pytest.raises(FileFormatError, match=told):
+            ChunkTable(data, tmp_path / "a.h5", "a")

@@ -1,0 +1,206 @@
+"""Files that end or hang the process that reads them are refused by one that lives on."""
+
+from __future__ import annotations
+
+import os
+import struct
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from lfcal.base.errors import FileFormatError
+from lfcal.base.h5 import probe as probing
+from lfcal.base.h5.file import H5File
+from lfcal.base.h5.probe import probe, trust
+
+
+@pytest.fixture
+def endless(tmp_path: Path) -> Path:
+    """Return a file on which reading an attribute never returns: a heap whose free space has no length."""
+    path = tmp_path / "endless.h5"
+    with h5py.File(path, "w") as file:
+        file.attrs["format"] = "lfcal-psf"
+    data = bytearray(path.read_bytes())
+    heap = data.index(b"GCOL") + 16
+    # an object of the heap: number, references, four bytes of nothing, size; the next one follows its padded bytes
+    number, size = struct.unpack_from("<H", data, heap)[0], struct.unpack_from("<Q", data, heap + 8)[0]
+    assert (number, size) == (1, len("lfcal-psf"))
+    struct.pack_into("<HHIQ", data, heap + 16 + 16, 2, 0, 0, 0)
+    struct.pack_into("<H", data, heap, 7)  # the number looked for is not found before the end
+    struct.pack_into("<Q", data, heap + 8, (1 << 64) - 16)
+    path.write_bytes(data)
+    return path
+
+
+@pytest.fixture
+def short_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(probing, "CPU_S", 1)
+
+
+def small_file(path: Path) -> Path:
+    with h5py.File(path, "w") as file:
+        file["a"] = np.arange(5.0)
+        file.attrs["word"] = "text"
+    return path
+
+
+@pytest.mark.usefixtures("short_time")
+@pytest.mark.skipif(sys.platform == "win32", reason="processor time is not limited on Windows; the clock is")
+def test_endless_reading_is_given_up(endless: Path, tmp_path: Path) -> None:
+    with pytest.raises(
+        FileFormatError, match=r"endless\.h5: .* got damaged data that cannot be read to their end in 1 s"
+    ):
+        H5File(endless)
+    probe(small_file(tmp_path / "good.h5"))  # the next file finds a new child
+
+
+def test_the_end_of_the_child_is_not_ours(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    dies = tmp_path / "dies.py"
+    dies.write_text("import os, sys\nprint('ready', flush=True)\nfor line in sys.stdin:\n    os.abort()\n")
+    monkeypatch.setattr(probing, "_SCRIPT", dies)
+    monkeypatch.setattr(probing, "_CHILD", probing._Child())
+    path = small_file(tmp_path / "a.h5")
+    for _ in range(2):
+        with pytest.raises(
+            FileFormatError, match=r"got damaged data that end the process reading them \(status -?\d+\)"
+        ):
+            probe(path)
+    probing._CHILD.end()
+
+
+def test_a_file_is_looked_at_once_until_it_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Path] = []
+    monkeypatch.setattr(probing, "_CHILD", probing._Child())
+    monkeypatch.setattr(probing._CHILD, "ask", lambda path, seconds: asked.append(path) or "")
+    path = small_file(tmp_path / "a.h5")
+    probe(path)
+    probe(path)
+    assert asked == [path]
+    os.utime(path, ns=(1, 1))
+    probe(path)
+    assert asked == [path, path]
+    os.utime(path, ns=(2, 2))
+    trust(path)
+    probe(path)
+    assert asked == [path, path]
+
+
+def test_without_a_child_a_file_is_taken_as_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(probing, "_CHILD", probing._Child())
+
+    def refused(*_: object, **__: object) -> None:
+        raise PermissionError("no processes here")
+
+    monkeypatch.setattr(subprocess, "Popen", refused)
+    with H5File(small_file(tmp_path / "a.h5")) as file:
+        assert file.values("a").tolist() == [0, 1, 2, 3, 4]
+
+
+def test_a_child_that_cannot_begin_says_nothing_of_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    broken = tmp_path / "broken.py"
+    broken.write_text("import a_library_that_is_missing\n")
+    monkeypatch.setattr(probing, "_SCRIPT", broken)
+    monkeypatch.setattr(probing, "_CHILD", probing._Child())
+    with H5File(small_file(tmp_path / "a.h5")) as file:
+        assert file.values("a").tolist() == [0, 1, 2, 3, 4]
+
+
+def test_a_python_exception_in_the_child_says_nothing_about_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    raises = tmp_path / "raises.py"
+    raises.write_text("print('ready', flush=True)\nraise ValueError(input())\n")
+    monkeypatch.setattr(probing, "_SCRIPT", raises)
+    monkeypatch.setattr(probing, "_CHILD", probing._Child())
+    with H5File(small_file(tmp_path / "a.h5")) as file:
+        assert file.values("a").tolist() == [0, 1, 2, 3, 4]
+
+
+def test_a_child_without_an_answer_is_out_of_time_whatever_its_status(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On Windows a process that is ended from outside has status 1, as one that ends by an exception."""
+    hangs = tmp_path / "hangs.py"
+    hangs.write_text(
+        "import signal, sys, time\nsignal.signal(signal.SIGTERM, lambda *_: sys.exit(1))\n"
+        "print('ready', flush=True)\ntime.sleep(60)\n"
+    )
+    monkeypatch.setattr(probing, "_SCRIPT", hangs)
+    monkeypatch.setattr(probing, "_CHILD", probing._Child())
+    monkeypatch.setattr(probing, "CPU_S", 1)
+    monkeypatch.setattr(probing, "PATIENCE", 2)
+    monkeypatch.setattr(subprocess.Popen, "kill", subprocess.Popen.terminate)
+    with pytest.raises(FileFormatError, match="cannot be read to their end in 1 s"):
+        probe(small_file(tmp_path / "a.h5"))
+
+
+@pytest.mark.skipif(os.name != "posix", reason="limits of the system")
+def test_a_refused_limit_is_no_damage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Answer as macOS does: it refuses every limit on the address space with EINVAL."""
+    (tmp_path / "sitecustomize.py").write_text(
+        "import resource\nreal = resource.setrlimit\n"
+        "def setrlimit(what, limits):\n"
+        "    if what == resource.RLIMIT_AS:\n"
+        "        raise ValueError('current limit exceeds maximum limit')\n"
+        "    real(what, limits)\n"
+        "resource.setrlimit = setrlimit\n"
+    )
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setattr(probing, "_CHILD", probing._Child())
+    path = small_file(tmp_path / "a.h5")
+    with H5File(path) as file:
+        assert file.values("a").tolist() == [0, 1, 2, 3, 4]
+    # the child answered: it was not ended by the refusal
+    assert probing._CHILD._process is not None and probing._CHILD._process.poll() is None
+    probing._CHILD.end()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="limits of a shell")
+@pytest.mark.parametrize("limit", ["-t 5", "-v 4000000", "-c 0", "-n 20"])
+def test_limits_from_outside_are_no_damage(tmp_path: Path, limit: str) -> None:
+    path = small_file(tmp_path / "a.h5")
+    code = "import sys; from pathlib import Path; from lfcal.base.h5.probe import probe; probe(Path(sys.argv[1]))"
+    command = f'ulimit {limit}; exec "$0" -c "$1" "$2"'
+    done = subprocess.run(["sh", "-c", command, sys.executable, code, str(path)], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_the_child_ends_with_its_parent(tmp_path: Path) -> None:
+    path = small_file(tmp_path / "a.h5")
+    code = (
+        "import sys; from pathlib import Path; from lfcal.base.h5 import probe as p\n"
+        "p.probe(Path(sys.argv[1])); print(p._CHILD._process.pid, flush=True); import os; os._exit(0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=True)
+    import psutil
+
+    try:
+        # it sees the end of its input; nothing has to tell it
+        psutil.Process(int(done.stdout)).wait(60)
+    except psutil.NoSuchProcess:
+        pass
+
+
+def test_names_of_files_are_carried_whole(tmp_path: Path) -> None:
+    probe(small_file(tmp_path / "Mikroskop ü — 像.h5"))
+    if sys.platform.startswith("linux"):
+        probe(small_file(tmp_path / os.fsdecode(b"latin \xfc.h5")))
+
+
+@pytest.mark.parametrize("filters", [{"compression": "gzip", "fletcher32": True}, {"fletcher32": True}])
+def test_a_chunk_of_impossible_size_is_refused(tmp_path: Path, filters: dict[str, object]) -> None:
+    path = tmp_path / "a.h5"
+    with h5py.File(path, "w") as file:
+        made = file.create_dataset("H", data=np.arange(64.0).reshape(4, 16), chunks=(1, 16), **filters)
+        size = made.id.get_chunk_info(2).size
+    data = path.read_bytes()
+    key = struct.pack("<IIQQ", size, 0, 2, 0)  # size, filters left out, first sample: the index of chunks
+    assert data.count(key) == 1
+    for wrong in (0, 2, 1 << 30):
+        path.write_bytes(data.replace(key, struct.pack("<IIQQ", wrong, 0, 2, 0)))
+        with pytest.raises(FileFormatError, match="; copy the file again"), H5File(path) as file:
+            file.dataset("H")

@@ -1,0 +1,171 @@
+"""Work that is cancelled or drained, and the plain functions made of it."""
+
+from __future__ import annotations
+
+import doctest
+import inspect
+import pickle
+import sys
+import threading
+from collections.abc import Generator, Iterator
+from typing import Any
+
+import pytest
+
+from lfcal.base.progress import Clock, Progress, Unwanted, Work, drained, leave_if_unwanted, wanted_while
+
+
+def iter_sum_of(first: int, second: int = 2, *, times: float = 1.0) -> Work[float]:
+    """Return the sum, scaled."""
+    yield Clock("adding", 1).at(1)
+    return (first + second) * times
+
+
+sum_of = drained(iter_sum_of)
+
+
+class Doubled:
+    """A class whose work is drained as well."""
+
+    def __init__(self) -> None:
+        self.closed = False
+
+    def iter_value(self, value: int) -> Work[int]:
+        """Return the value, doubled."""
+        try:
+            yield Clock("doubling", 1).at(1)
+            if value < 0:
+                raise ValueError("negative")
+            return 2 * value
+        finally:
+            self.closed = True
+
+    value = drained(iter_value, "Return the doubled value.")
+
+
+def test_drained_has_the_signature_types_and_docstring_of_its_work() -> None:
+    assert str(inspect.signature(sum_of)) == "(first: 'int', second: 'int' = 2, *, times: 'float' = 1.0) -> 'float'"
+    assert sum_of.__annotations__ == {"first": "int", "second": "int", "times": "float", "return": "float"}
+    assert (sum_of.__name__, sum_of.__module__, sum_of.__doc__) == ("sum_of", __name__, "Return the sum, scaled.")
+    assert pickle.loads(pickle.dumps(sum_of)) is sum_of
+
+
+def test_drained_returns_the_result_and_refuses_other_arguments() -> None:
+    assert sum_of(1) == 3.0 and sum_of(1, 5, times=0.5) == 3.0
+    other: Any = sum_of
+    with pytest.raises(TypeError, match="unexpected keyword argument 'time'"):
+        other(1, time=2)
+
+
+def test_drained_method_is_bound_and_closes_its_work_on_an_error() -> None:
+    doubled = Doubled()
+    assert doubled.value(4) == 8
+    assert (Doubled.value.__qualname__, Doubled.value.__doc__) == ("Doubled.value", "Return the doubled value.")
+    doubled.closed = False
+    with pytest.raises(ValueError, match="negative"):
+        doubled.value(-1)
+    assert doubled.closed
+
+
+Told = Generator[Progress, None, list[int]]
+
+
+def iter_count(most: int) -> Told:
+    """Count.
+
+    From one on.
+
+    Parameters
+    ----------
+    most
+        The last number.
+
+    Yields
+    ------
+    Progress
+        In numbers.
+
+    Raises
+    ------
+    ValueError
+        Never.
+
+    Examples
+    --------
+    >>> next(iter_count(2)).count
+    '1 of 2'
+    """
+    for number in range(1, most + 1):
+        yield Clock("count", most).at(number)
+    return list(range(1, most + 1))
+
+
+count = drained(
+    iter_count,
+    """
+    Raises
+    ------
+    TypeError
+        If it is no number.
+
+    Examples
+    --------
+    >>> count(2)
+    [1, 2]
+    """,
+)
+
+
+def test_drained_leaves_out_what_its_docstring_says_of_steps() -> None:
+    assert count.__doc__ is not None
+    assert count.__doc__.startswith("Count.\n\nFrom one on.\n\nParameters\n----------\nmost\n    The last number.")
+    assert "Yields" not in count.__doc__ and "iter_count" not in count.__doc__ and "ValueError" not in count.__doc__
+    assert count.__doc__.endswith(
+        "Raises\n------\nTypeError\n    If it is no number.\n\nExamples\n--------\n>>> count(2)\n[1, 2]"
+    )
+
+
+def test_drained_gives_the_result_of_an_alias() -> None:
+    assert inspect.signature(count).return_annotation == list[int] and count(2) == [1, 2]
+
+
+def test_drained_is_a_function_of_the_module_of_its_work() -> None:
+    found = doctest.DocTestFinder().find(sys.modules[__name__])
+    assert [one.name.rpartition(".")[2] for one in found if one.examples] == ["count", "iter_count"]
+    assert inspect.getmodule(count) is sys.modules[__name__]
+
+
+def test_drained_refuses_what_is_not_annotated_as_work() -> None:
+    def iter_numbers() -> Iterator[int]:
+        yield 1
+
+    wrong: Any = iter_numbers
+    with pytest.raises(TypeError, match=r"iter_numbers: .* annotated as Work\[...\], got Iterator"):
+        drained(wrong)
+
+
+def test_what_nobody_asks_about_goes_on() -> None:
+    leave_if_unwanted()
+    with wanted_while(lambda: True):
+        leave_if_unwanted()
+
+
+def test_it_is_left_where_nobody_waits_and_in_that_thread_alone() -> None:
+    left: list[str] = []
+
+    def other() -> None:
+        leave_if_unwanted()
+        left.append("went on")
+
+    with wanted_while(lambda: False):
+        with pytest.raises(Unwanted):
+            leave_if_unwanted()
+        thread = threading.Thread(target=other)
+        thread.start()
+        thread.join()
+        with wanted_while(lambda: True):
+            leave_if_unwanted()
+        with pytest.raises(Unwanted):
+            leave_if_unwanted()
+    leave_if_unwanted()
+    assert left == ["went on"]

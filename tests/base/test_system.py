@@ -1,0 +1,365 @@
+"""Calls of the operating system, with and without what single systems lack."""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import os
+import re
+import subprocess
+import sys
+import types
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from lfcal.base import system
+from lfcal.base.errors import StorageError
+from lfcal.base.files import check_writable, replace_whole, storage_errors, storage_words
+from lfcal.base.system import (
+    free_memory,
+    is_alive,
+    lock,
+    memory_in_use,
+    name_refused,
+    peak_memory,
+    processors,
+    read_at,
+    replace,
+    reserve,
+    sync_data,
+    sync_file,
+    sync_folder,
+    too_long,
+    total_memory,
+    write_at,
+)
+
+POSIX = pytest.mark.skipif(os.name == "nt", reason="this system has no such call to hide")
+
+
+@pytest.fixture
+def descriptor(tmp_path: Path) -> Iterator[int]:
+    found = os.open(tmp_path / "f", os.O_RDWR | os.O_CREAT)
+    yield found
+    os.close(found)
+
+
+def hide(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
+    for name in names:
+        monkeypatch.delattr(os, name, raising=False)
+
+
+@pytest.mark.parametrize("plain", [False, True])
+def test_write_read_and_reserve(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, plain: bool, descriptor: int) -> None:
+    if plain:
+        hide(monkeypatch, "pwrite", "pread", "posix_fallocate", "fdatasync", "O_DIRECTORY")
+        monkeypatch.setattr(system, "BLOCK", 1000)
+    reserve(descriptor, 12345)
+    assert os.fstat(descriptor).st_size == 12345
+    assert write_at(descriptor, b"hello", 7) == 5
+    sync_data(descriptor)
+    sync_file(tmp_path / "f")
+    sync_folder(tmp_path)
+    assert read_at(descriptor, 5, 7) == b"hello" and read_at(descriptor, 10, 12340) == bytes(5)
+    reserve(descriptor, 13000)  # what is there stays
+    assert (tmp_path / "f").read_bytes() == bytes(7) + b"hello" + bytes(13000 - 12)
+
+
+@pytest.mark.parametrize("why", ["no call", errno.EOPNOTSUPP, errno.EINVAL])
+def test_a_length_without_blocks_is_reserved(monkeypatch: pytest.MonkeyPatch, why: str | int, descriptor: int) -> None:
+    """HDF5 lays a recording out at full length without a byte on the disk behind it."""
+    os.ftruncate(descriptor, 1 << 20)
+    if os.fstat(descriptor).st_blocks * 512 >= 1 << 20:
+        pytest.skip("this file system has no files with holes")
+
+    def refuse(*_: int) -> None:
+        raise OSError(why, "refused")
+
+    if why == "no call":
+        hide(monkeypatch, "posix_fallocate")
+    else:
+        monkeypatch.setattr(os, "posix_fallocate", refuse, raising=False)
+    reserve(descriptor, 1 << 20)
+    assert os.fstat(descriptor).st_blocks * 512 >= 1 << 20
+
+
+@POSIX
+def test_a_disk_that_is_full_is_not_taken_for_one_that_cannot_reserve(
+    monkeypatch: pytest.MonkeyPatch, descriptor: int
+) -> None:
+    def full(*_: int) -> None:
+        raise OSError(errno.ENOSPC, "full")
+
+    monkeypatch.setattr(os, "posix_fallocate", full, raising=False)
+    with pytest.raises(OSError, match="full"):
+        reserve(descriptor, 100)
+
+
+@POSIX
+def test_short_writes_and_reads_are_completed(monkeypatch: pytest.MonkeyPatch, descriptor: int) -> None:
+    write, read = os.pwrite, os.pread
+    monkeypatch.setattr(os, "pwrite", lambda fd, data, at: write(fd, memoryview(data)[:3], at))
+    monkeypatch.setattr(os, "pread", lambda fd, size, at: read(fd, min(size, 3), at))
+    write_at(descriptor, b"0123456789", 2)
+    assert read_at(descriptor, 12, 0) == b"\0\x000123456789"
+
+
+@pytest.mark.parametrize("able", [True, False])
+def test_on_a_mac_the_drive_is_flushed_too(monkeypatch: pytest.MonkeyPatch, descriptor: int, able: bool) -> None:
+    asked: list[str] = []
+
+    def call(fd: int, command: int) -> None:
+        asked.append(f"fcntl {command}")
+        if not able:
+            raise OSError(errno.ENOTSUP, "a network disk")
+
+    monkeypatch.setattr(sys, "platform", "darwin")
+    monkeypatch.setitem(sys.modules, "fcntl", types.SimpleNamespace(fcntl=call, F_FULLFSYNC=51))  # type: ignore[misc]
+    hide(monkeypatch, "fdatasync")
+    monkeypatch.setattr(os, "fsync", lambda fd: asked.append("fsync"))
+    sync_data(descriptor)
+    assert asked == ["fcntl 51"] + ([] if able else ["fsync"])
+
+
+def test_files_are_flushed_by_a_descriptor_that_may_write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Windows flushes no other, and opens no folder."""
+    modes: list[int] = []
+    real = os.open
+
+    def opened(path: Path, flags: int, *more: int) -> int:
+        modes.append(flags & (os.O_RDONLY | os.O_WRONLY | os.O_RDWR))
+        return real(path, flags, *more)
+
+    (tmp_path / "f").write_bytes(b"1")
+    hide(monkeypatch, "O_DIRECTORY")
+    monkeypatch.setattr(os, "open", opened)
+    sync_file(tmp_path / "f")
+    sync_folder(tmp_path)
+    assert modes == [os.O_RDWR]
+
+
+def test_a_target_that_is_open_elsewhere_is_one_line_on_windows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(*_: object) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr(os, "replace", refused)
+    with pytest.raises(PermissionError):
+        replace(tmp_path / "a", tmp_path / "b")
+    monkeypatch.setattr(sys, "platform", "win32")
+    with pytest.raises(StorageError, match=r"b: is open in another program; close it there and start again"):
+        replace(tmp_path / "a", tmp_path / "b")
+
+
+def test_a_file_is_written_whole_without_the_calls_of_unix(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    hide(monkeypatch, "pwrite", "pread", "posix_fallocate", "fdatasync", "O_DIRECTORY", "sched_getaffinity")
+    for text in ("old", "new"):
+        with replace_whole(tmp_path / "H.h5") as part:
+            part.write_text(text)
+    assert (tmp_path / "H.h5").read_text() == "new" and len(list(tmp_path.iterdir())) == 1
+
+
+@POSIX
+def test_a_lock_is_held_until_the_file_is_closed(tmp_path: Path, descriptor: int) -> None:
+    lock(descriptor)
+    other = os.open(tmp_path / "f", os.O_RDWR)
+    try:
+        with pytest.raises(OSError, match=r"."):
+            lock(other)
+    finally:
+        os.close(other)
+
+
+def test_windows_locks_a_byte_far_from_the_data(monkeypatch: pytest.MonkeyPatch, descriptor: int) -> None:
+    places: list[tuple[int, int]] = []
+    fake = types.SimpleNamespace(
+        LK_NBLCK=2, locking=lambda fd, mode, n: places.append((os.lseek(fd, 0, os.SEEK_CUR), n))
+    )
+    monkeypatch.setitem(sys.modules, "msvcrt", fake)  # type: ignore[misc]
+    monkeypatch.setattr(sys, "platform", "win32")
+    lock(descriptor)
+    assert places == [(1 << 30, 1)]
+
+
+@POSIX
+def test_processes_live_and_die() -> None:
+    child = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    assert is_alive(child.pid) and is_alive(os.getpid()) and is_alive(1)
+    child.communicate(b"\n")
+    assert not is_alive(child.pid)
+    assert not is_alive(1 << 80)
+
+
+@pytest.mark.parametrize(
+    ("handle", "error", "code", "alive"), [(0, 87, 0, False), (0, 5, 0, True), (7, 0, 259, True), (7, 0, 1, False)]
+)
+def test_windows_is_asked_by_a_handle_and_never_by_a_signal(
+    monkeypatch: pytest.MonkeyPatch, handle: int, error: int, code: int, alive: bool
+) -> None:
+    closed: list[int] = []
+
+    def exit_code(_: int, place: object) -> int:
+        place._obj.value = code  # type: ignore[attr-defined]
+        return 1
+
+    kernel = types.SimpleNamespace(
+        OpenProcess=lambda *_: handle, GetExitCodeProcess=exit_code, CloseHandle=closed.append
+    )
+    monkeypatch.setattr(ctypes, "WinDLL", lambda *_, **__: kernel, raising=False)
+    monkeypatch.setattr(ctypes, "get_last_error", lambda: error, raising=False)
+    monkeypatch.setattr(sys, "platform", "win32")
+    monkeypatch.setattr(os, "kill", lambda *_: pytest.fail("a signal was sent"))
+    assert is_alive(1234) is alive
+    assert closed == ([7] if handle else [])
+
+
+@pytest.mark.parametrize(
+    ("groups", "files", "expected"),
+    [
+        ("0::/", {"cpu.max": "150000 100000"}, 2),
+        ("0::/", {"cpu.max": "max 100000"}, 64),
+        ("0::/", {}, 64),
+        ("0::/a/b", {"a/b/cpu.max": "max 100000", "a/cpu.max": "300000 100000"}, 3),
+        ("0::/docker/123", {"cpu.max": "50000 100000"}, 1),
+        ("0::/../..", {"cpu.max": "200000 100000"}, 2),
+        (
+            "4:cpu,cpuacct:/d",
+            {"cpu,cpuacct/d/cpu.cfs_quota_us": "250000", "cpu,cpuacct/d/cpu.cfs_period_us": "1e5"},
+            64,
+        ),
+        ("4:cpu,cpuacct:/d", {"cpu/cpu.cfs_quota_us": "250000", "cpu/cpu.cfs_period_us": "100000"}, 3),
+        ("4:cpu:/d\n0::/", {"cpu/d/cpu.cfs_quota_us": "-1", "cpu/d/cpu.cfs_period_us": "100000"}, 64),
+        ("4:memory:/d", {"memory/d/cpu.max": "100000 100000"}, 64),
+        ("nonsense", {"cpu.max": "7 0"}, 64),
+        ("0::/", {"cpu.max": "9999999 100000"}, 64),
+    ],
+)
+def test_the_limits_of_containers_are_seen(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, groups: str, files: dict[str, str], expected: int
+) -> None:
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(64)), raising=False)
+    (tmp_path / "proc" / "self").mkdir(parents=True)
+    (tmp_path / "proc" / "self" / "cgroup").write_text(groups + "\n")
+    for name, text in files.items():
+        path = tmp_path / "sys" / "fs" / "cgroup" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text + "\n")
+    assert processors(tmp_path) == expected
+
+
+def test_processors_where_affinity_is_unknown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    hide(monkeypatch, "sched_getaffinity")
+    monkeypatch.setattr(os, "cpu_count", lambda: 5)
+    assert processors(tmp_path) == 5
+    monkeypatch.setattr(os, "cpu_count", lambda: None)
+    assert processors(tmp_path) == 1
+
+
+@pytest.mark.parametrize(
+    ("groups", "files", "expected"),
+    [
+        ("0::/", {}, 6_000),
+        ("0::/", {"memory.max": "max", "memory.current": "1024"}, 6_000),
+        ("0::/", {"memory.max": "4096000", "memory.current": "1024000"}, 3_000),
+        ("0::/", {"memory.max": "1024", "memory.current": "2048"}, 0),
+        (
+            "0::/",
+            {"memory.max": "4096000", "memory.current": "3072000", "memory.stat": "anon 5\ninactive_file 2048000"},
+            3_000,
+        ),
+        ("0::/a/b", {"a/memory.max": "2048000", "a/memory.current": "1024000"}, 1_000),
+        (
+            "6:memory:/d",
+            {"memory/d/memory.limit_in_bytes": "2048000", "memory/d/memory.usage_in_bytes": "0"},
+            2_000,
+        ),
+        ("6:cpu:/d", {"memory/d/memory.limit_in_bytes": "2048000", "memory/d/memory.usage_in_bytes": "0"}, 6_000),
+    ],
+)
+def test_memory_that_is_free(tmp_path: Path, groups: str, files: dict[str, str], expected: int) -> None:
+    (tmp_path / "proc" / "self").mkdir(parents=True)
+    (tmp_path / "proc" / "self" / "cgroup").write_text(groups + "\n")
+    (tmp_path / "proc" / "meminfo").write_text("MemTotal: 9000 kB\nMemAvailable:    6000 kB\n")
+    for name, text in files.items():
+        path = tmp_path / "sys" / "fs" / "cgroup" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text + "\n")
+    assert free_memory(tmp_path) == expected * 1024
+
+
+def test_memory_where_the_system_does_not_tell(tmp_path: Path) -> None:
+    assert free_memory(tmp_path) > 1 << 20
+    assert memory_in_use(tmp_path) == 0
+
+
+def test_memory_in_use_grows_with_what_is_held() -> None:
+    before = memory_in_use()
+    held = bytearray(b"x" * (64 << 20))
+    assert memory_in_use() == 0 or memory_in_use() > before + len(held) // 2
+    assert peak_memory() >= before + len(held) // 2
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="two ways to ask are held against each other")
+def test_other_systems_tell_the_same_of_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Through psutil, which asks this system as it asks theirs."""
+    total, used = total_memory(), memory_in_use()
+    monkeypatch.setattr(system, "sys", types.SimpleNamespace(platform="darwin"))
+    assert total_memory() == total
+    assert 0 < free_memory() < total
+    assert 0.5 * used < memory_in_use() < 2 * used
+    in_bytes = peak_memory()
+    monkeypatch.setattr(system, "sys", types.SimpleNamespace(platform="linux"))
+    assert peak_memory() == 1024 * in_bytes, "the same number, told in kilobytes there"
+
+
+def test_the_most_memory_is_told_on_windows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A field of psutil that is there only."""
+    told = types.SimpleNamespace(memory_info=lambda: types.SimpleNamespace(peak_wset=123))
+    monkeypatch.setitem(sys.modules, "psutil", types.SimpleNamespace(Process=lambda: told))  # type: ignore[misc]
+    monkeypatch.setattr(system, "sys", types.SimpleNamespace(platform="win32"))
+    assert peak_memory() == 123 and peak_memory(children=True) == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        ("H.h5", ""),
+        ("console.h5", ""),
+        ("../x/./H.h5", ""),
+        ("comet.tif", ""),
+        ("NUL", "NUL is the name of a device on Windows"),
+        ("out/aux.h5", "aux.h5 is the name of a device on Windows"),
+        ("Com1.tar.gz", "Com1.tar.gz is the name of a device on Windows"),
+        ("lpt9 .csv", "lpt9 .csv is the name of a device on Windows"),
+        ("nul/H.h5", "nul is the name of a device on Windows"),
+        ("H.", "'H.': Windows drops a dot or a space at the end of a name"),
+        ("plane ", "'plane ': Windows drops a dot or a space at the end of a name"),
+        ("12:30.h5", "':' may not be in the name of a file on Windows"),
+        ("what?.h5", "'?' may not be in the name of a file on Windows"),
+        ("a\tb", "'\\t' may not be in the name of a file on Windows"),
+    ],
+)
+def test_names_that_windows_does_not_give_to_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, why: str
+) -> None:
+    assert name_refused(Path(name)) == ""
+    monkeypatch.setattr(system, "sys", types.SimpleNamespace(platform="win32"))
+    assert name_refused(Path(name)) == why
+    assert name_refused(tmp_path / "H.h5") == "", "the anchor of a path is none of its names"
+    if why:
+        with pytest.raises(StorageError, match=re.escape(f"{why}; choose another name")):
+            check_writable(tmp_path / name)
+
+
+def test_a_path_that_is_too_long_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    long = Path("C:/", *["folder"] * 40)
+    missing = FileNotFoundError(errno.ENOENT, "No such file or directory")
+    assert not too_long(long) and storage_words(missing, long).endswith("check the path")
+    monkeypatch.setattr(system, "sys", types.SimpleNamespace(platform="win32"))
+    assert too_long(long) and not too_long("C:/H.h5") and not too_long(f"\\\\?\\{long}")
+    assert storage_words(missing, long).endswith("choose a shorter path, or let Windows take long ones")
+    with pytest.raises(StorageError, match="choose a shorter name"), storage_errors(tmp_path):
+        raise OSError(errno.ENAMETOOLONG, "File name too long")

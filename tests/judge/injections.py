@@ -1,0 +1,279 @@
+"""Each fault as it is put into the clean recording of the bench camera, for its tests and for the atlas."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmarks._fault_optics import blurred_type, equalised, shadow
+from benchmarks._fault_scan import mirrored
+from tests.judge.common import (
+    PEAK,
+    Values,
+    added,
+    clean,
+    compressed,
+    evidence_of,
+    light,
+    noisy,
+    plan,
+    recording,
+    scaled,
+    sensor,
+)
+from tests.judge.test_stage_faults import displaced, grid
+
+__all__ = ["INJECTIONS", "Injection"]
+
+
+@dataclass(frozen=True)
+class Injection:
+    """A fault as it is put in.
+
+    Attributes
+    ----------
+    what
+        What is done to the recording.
+    how
+        What tells the fault.
+    made
+        The recording with it.
+    """
+
+    what: str
+    how: str
+    made: Callable[[], Values]
+
+
+def _line(value: float, column: int) -> Values:
+    image = sensor(1.0 if value <= 1 else 0.0)
+    image[:, column] = value
+    return image
+
+
+def _offsets() -> Values:
+    spread = np.random.default_rng(1).normal(0, 6, (len(sensor(0)), 1))
+    return added(clean(), sensor(0.0) + spread.astype(np.float32))
+
+
+def _pixel() -> Values:
+    image = sensor(0.0)
+    image[20, 33] = 0.3 * PEAK
+    return added(clean(), image)
+
+
+def _mosaic() -> Values:
+    image = sensor(1.0)
+    image[::2, ::2], image[1::2, 1::2] = 0.6, 0.5
+    return noisy(scaled(light(), image))
+
+
+def _bent() -> Values:
+    values = noisy(light())
+    return (np.sign(values) * PEAK * (np.abs(values) / PEAK) ** 1.1).astype(np.float32)
+
+
+def _swapped() -> Values:
+    values = clean()
+    values[:, :, [3, 4]] = values[:, :, [4, 3]]
+    return values
+
+
+def _region() -> Values:
+    values = clean()
+    values[1] = np.roll(values[1], 1, axis=3)
+    return values
+
+
+def _stage() -> Values:
+    y, x = grid()
+    turn = np.radians(1.0)
+    return displaced(0.02 * y + turn * x, 0.02 * x - turn * y)
+
+
+def _play() -> Values:
+    back = np.arange(plan().period[0])[:, None] % 2 == 1
+    aside = np.where(back, 0.15, -0.15) + np.zeros(plan().period)
+    return displaced(0 * aside, aside)
+
+
+def _jitter() -> Values:
+    return displaced(*np.random.default_rng(5).normal(0, 0.1, (2, *plan().period)))
+
+
+def _exposure() -> Values:
+    values = light()
+    values[tuple(evidence_of(clean()).index[17])] *= 3
+    return noisy(values)
+
+
+def _course() -> Values:
+    ny, nx = plan().period
+    come = (np.arange(ny * nx) / (ny * nx)).reshape(ny, nx).astype(np.float32)
+    return noisy(light() * (1 - 0.08 * come)[None, :, :, None, None])
+
+
+def _flicker() -> Values:
+    lamp = 1 + 0.05 * np.random.default_rng(2).standard_normal(light().shape[:3])
+    return noisy((light() * lamp[..., None, None]).astype(np.float32))
+
+
+def _focus() -> Values:
+    from tests.judge.test_stage_faults import _patterns, _scale
+
+    moved = plan().camera.depth_of(3.0 * 1.03) - plan().depths_um[0]
+    ny = plan().period[0]
+    come = (np.arange(ny)[:, None, None, None] + 0.5) / ny
+    values = clean()
+    mixed = (1 - come) * _patterns(0.0, 0.0) + come * _patterns(0.0, 0.0, moved)
+    values[0] = noisy(mixed[None].astype(np.float32) * np.float32(_scale()))[0]
+    return values
+
+
+def _ghost() -> Values:
+    return noisy(light() + np.float32(0.02) * np.roll(light()[..., ::-1, :], (7, -5), (3, 4)))
+
+
+def _type() -> Values:
+    camera, values = plan().camera, light()
+    _, ny, nx, nt, ns = values.shape
+    rows, columns = (plan().anchor[k] - (n - 1) / 2 + np.arange(m) for k, n, m in ((0, nt, ny + nt), (1, ns, nx + ns)))
+    points = camera.sensor_um(np.stack(np.meshgrid(rows, columns, indexing="ij"), -1))
+    return noisy(scaled(values, np.where(camera.lattice.type_at(points) == 1, 0.8, 1.0).astype(np.float32)))
+
+
+INJECTIONS: dict[str, Injection] = {
+    "saturated": Injection(
+        "the sensor is full at half of the brightest light",
+        "light of the brightest samples missing beside the camera, at one common value",
+        lambda: np.minimum(clean(), np.float32(0.5 * PEAK)),
+    ),
+    "cut_off": Injection(
+        "values below zero, half of the noise of dark samples, are set to it",
+        "how many dark samples are exactly zero, and what the mean of all of them is",
+        lambda: np.maximum(clean(), np.float32(0)),
+    ),
+    "background": Injection(
+        "2 % of the peak is added to every sample",
+        "what samples have where the camera has no light",
+        lambda: added(clean(), sensor(0.02 * PEAK)),
+    ),
+    "order": Injection(
+        "the columns of both planes are stored in reverse",
+        "patterns that fit the camera at other positions, by one rule for all",
+        lambda: mirrored(1)(recording(), 2),
+    ),
+    "pupil": Injection(
+        "a blade of the iris hides what lies beyond 0.7 of its radius on one side",
+        "light missing at the same side of every pattern's shadow",
+        lambda: shadow(straight=True)(recording(), 0.3),
+    ),
+    "type_focus": Injection(
+        "the focal length of one lens type is 15 % too long",
+        "what is left over behind the lenslets of one type, as a change of their focus",
+        lambda: blurred_type(recording(), 0.15),
+    ),
+    "compression": Injection(
+        "every frame is stored as a JPEG of 8 bits and quality 75",
+        "neighbours across blocks of 8 x 8 pixels differ more than those within",
+        lambda: compressed(clean(), 75),
+    ),
+    "dead_line": Injection(
+        "column 30 of the scanned part sees no light",
+        "light missing along a row or column, beside its neighbours",
+        lambda: noisy(scaled(light(), _line(0.0, 30))),
+    ),
+    "hot_line": Injection(
+        "column 25 of the scanned part adds 60 counts",
+        "counts added along a row or column, beside its neighbours",
+        lambda: added(clean(), _line(60.0, 25)),
+    ),
+    "line_offsets": Injection(
+        "every row has an offset of its own, 6 counts rms",
+        "the rows' or columns' mean left over scatters more than noise",
+        _offsets,
+    ),
+    "not_linear": Injection(
+        "values are the power 1.1 of the light",
+        "the exponent that values follow, or the share that the brightest lack, with its standard deviation",
+        _bent,
+    ),
+    "mosaic": Injection(
+        "pixels of two by two see 60, 100, 100 and 50 % of the light",
+        "the light of the pixels of two by two",
+        _mosaic,
+    ),
+    "bad_pixels": Injection(
+        "one pixel adds 30 % of the peak",
+        "light missing or counts added at single pixels in every pattern that they are in",
+        _pixel,
+    ),
+    "strangers": Injection(
+        "two neighbouring columns of the scan are swapped",
+        "sources far from their places, or patterns unlike them; where it is next to it, the true position",
+        _swapped,
+    ),
+    "frame_shift": Injection(
+        "the frames of the second plane lie one pixel to the side",
+        "a step of the cutouts' displacement, from which frame on",
+        _region,
+    ),
+    "stage_axes": Injection(
+        "the stage's steps are 2 % too long, and its axes are turned by 1 degree",
+        "displacements of sources that grow with row and column",
+        _stage,
+    ),
+    "backlash": Injection(
+        "rows are scanned to and fro with 0.3 pixels of play",
+        "sources of rows of one direction are displaced against those of the other",
+        _play,
+    ),
+    "jitter": Injection(
+        "the source is 0.1 pixels rms beside its places",
+        "displacements of sources that scatter beyond their errors",
+        _jitter,
+    ),
+    "auto_exposure": Injection(
+        "each frame is exposed by its own peak: its light goes by that to the power of -0.6",
+        "the light of patterns beside their peaks, by which power it goes",
+        lambda: noisy((light() * equalised(recording(), 0.6)).astype(np.float32)),
+    ),
+    "exposure": Injection(
+        "one frame has three times the light",
+        "the light of a pattern that lies beyond that of all others",
+        _exposure,
+    ),
+    "lamp": Injection(
+        "the lamp fades by 8 % over the scan of each plane",
+        "the light of patterns as a course over the scan",
+        _course,
+    ),
+    "flicker": Injection(
+        "the light differs by 5 % rms from frame to frame",
+        "the light of patterns scatters about its course beyond its errors",
+        _flicker,
+    ),
+    "depth_label": Injection(
+        "two planes have each other's depths",
+        "the depth at which the patterns of a plane fit",
+        lambda: clean()[::-1].copy(),
+    ),
+    "focus_drift": Injection(
+        "the first plane's depth changes by 3 % of its virtual depth while it is scanned",
+        "the depth at which patterns fit, over the scan of a plane",
+        _focus,
+    ),
+    "ghost": Injection(
+        "2 % of the light make a second pattern, mirrored up and down, 7 pixels below and 5 to the left",
+        "what is left looks like the pattern displaced, turned or mirrored: share and place",
+        _ghost,
+    ),
+    "type_light": Injection(
+        "lenslets of type 1 pass 80 % of the light",
+        "the light through the lenslets of each type",
+        _type,
+    ),
+}
+"""How each fault is put in, by its name."""
