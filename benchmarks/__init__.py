@@ -1,1 +1,4 @@
-"""Side-by-side timings: one module per benchmark, each with ``register(app)``; run by ``python -m benchmarks``."""
+"""Side-by-side timings, outside the installed package: ``python -m benchmarks NAME`` in the folder of the source.
+
+One public module per benchmark, each with ``register(app)``; modules with an underscore are what they share.
+"""

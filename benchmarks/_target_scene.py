@@ -121,7 +121,7 @@ def predicted(setup: Setup, plan: ScanPlan, at: NDArray[np.intp]) -> NDArray[np.
 def target_scene(frames: int, seed: int = 0, *, wrong: bool = True) -> TargetScene:
     """Return the scene of so many frames.
 
-    The camera departs from its description as those of ``python -m benchmarks fit`` do, unless it is not to be ``wrong``: by
+    The camera departs from its description as those of ``benchmarks.fit`` do, unless it is not to be ``wrong``: by
     1 to 3 % of gap and focal lengths, 5 % of the iris, 0.3 waves of aberrations, and an array beside its place. Its
     cat's eye is stronger than the usual one, by which a fit begins.
     """

@@ -1,4 +1,4 @@
-"""``python -m benchmarks aperture``: synthetic depth-plane sums of irises, round stops under ripple, and stuck blades."""
+"""``benchmarks aperture``: synthetic depth-plane sums of irises, round stops under ripple, and stuck blades."""
 
 from __future__ import annotations
 

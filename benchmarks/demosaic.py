@@ -1,4 +1,4 @@
-"""``python -m benchmarks demosaic``: error against seconds of every filter, OpenCV's and colour-demosaicing's on photographs."""
+"""``benchmarks demosaic``: error against seconds of every filter, OpenCV's and colour-demosaicing's on photographs."""
 
 from __future__ import annotations
 

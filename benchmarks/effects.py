@@ -1,4 +1,4 @@
-"""``python -m benchmarks effects``: what is said of effects and of the error, against finer simulations at other positions."""
+"""``benchmarks effects``: what is said of effects and of the error, against finer simulations at other positions."""
 
 from __future__ import annotations
 

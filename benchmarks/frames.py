@@ -1,4 +1,4 @@
-"""``python -m benchmarks frames``: what reading and correcting a frame costs beside the bare decoder and a plain copy."""
+"""``benchmarks frames``: what reading and correcting a frame costs beside the bare decoder and a plain copy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``python -m benchmarks reconstruct``: what accuracy costs in time, by iterations, precision, threshold, method and solver."""
+"""``benchmarks reconstruct``: what accuracy costs in time, by iterations, precision, threshold, method and solver."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``python -m benchmarks storage``: the error of a stored H against its bytes, and against seconds to write and to read it."""
+"""``benchmarks storage``: the error of a stored H against its bytes, and against seconds to write and to read it."""
 
 from __future__ import annotations
 

@@ -1,40 +1,40 @@
-"""Packages that load their public names when the first of them is asked for.
+"""Packages that load each of their public names when it is asked for.
 
-The public names of a package are imported by its module ``_face``; its ``__init__`` imports nothing. An eager
-``__init__`` runs while the import system holds the lock of the submodule that was asked for: two threads that begin
-with different submodules of one package would then wait for each other, and one of them would fail.
+The public names of a package are imported by its module ``_face``, whose code is read and not run: a name is imported
+from where it stands when it is asked for, and nothing else is. An eager ``__init__`` would load all of a package for
+one of its names, and runs while the import system holds the lock of the submodule that was asked for: two threads that
+begin with different submodules of one package would then wait for each other, and one of them would fail.
 """
 
 from __future__ import annotations
 
+import builtins
 import importlib
 import sys
+from importlib.util import find_spec
 from types import ModuleType
-
-# numpy is loaded whole first: `numpy.typing` fails in a thread that asks for it while another one still loads numpy.
-import numpy
-import numpy.typing  # noqa: F401
 
 __all__ = ["lazy_face"]
 
 
 def lazy_face(package: str) -> None:
-    """Give ``package``, which is being imported, the names in ``__all__`` of its module ``_face``."""
+    """Give ``package``, which is being imported, the names that its module ``_face`` imports."""
+    if not package.startswith("lfcal.base"):
+        # Loaded whole first: `numpy.typing` fails in a thread that asks for it while another one still loads numpy.
+        import numpy.typing  # noqa: F401
     sys.modules[package].__class__ = _Package
 
 
 class _Package(ModuleType):
-    """A package whose public names come from its module ``_face``."""
+    """A package whose public names come from where its module ``_face`` imports them."""
 
     def __getattr__(self, name: str) -> object:
-        if name == "__all__" or not name.startswith("_"):
-            face = importlib.import_module(f"{self.__name__}._face")
-            if name == "__all__":
-                return face.__all__
-            # a module of the package that imports another one finds the face incomplete
-            if name in getattr(face, "__all__", ()):
-                self.__dict__[name] = getattr(face, name)
-                return self.__dict__[name]
+        if name == "__all__":
+            return sorted(_names(self))
+        if not name.startswith("_") and name in _names(self):
+            module, there = _names(self)[name]
+            self.__dict__[name] = getattr(importlib.import_module(module), there)
+            return self.__dict__[name]
         part = sys.modules.get(f"{self.__name__}.{name}")
         if part is not None:
             return part
@@ -46,4 +46,27 @@ class _Package(ModuleType):
             super().__setattr__(name, value)
 
     def __dir__(self) -> list[str]:
-        return sorted({*super().__dir__(), *importlib.import_module(f"{self.__name__}._face").__all__})
+        return sorted({*super().__dir__(), *_names(self)})
+
+
+class _Noted:
+    """Stands for a module in a face that is read: says for each name which module it is to come from."""
+
+    def __init__(self, module: str) -> None:
+        self._module = module
+
+    def __getattr__(self, name: str) -> tuple[str, str]:
+        return self._module, name
+
+
+def _names(package: ModuleType) -> dict[str, tuple[str, str]]:
+    """Return module and name there of each public name of a package, read once from the code of its face."""
+    known: dict[str, tuple[str, str]] | None = package.__dict__.get("_names")
+    if known is None:
+        spec = find_spec(f"{package.__name__}._face")
+        assert spec is not None and spec.loader is not None
+        space = {"__builtins__": {**vars(builtins), "__import__": lambda module, *_: _Noted(module)}}
+        exec(spec.loader.get_code(spec.name), space)  # type: ignore[attr-defined]
+        known = {name: found for name, found in space.items() if isinstance(found, tuple) and found[0] != "__future__"}
+        package.__dict__["_names"] = known
+    return known

@@ -12,7 +12,7 @@ import types
 from pathlib import Path
 
 SCREENSHOTS = "--screenshots"
-"""First word after which pictures of the window's pages are taken, see `lfcal_gui.screenshots`; the bundle's check does."""
+"""First word after which pictures of the pages are taken, see `lfcal_gui.screenshots`; the bundle's check does."""
 
 
 def main() -> int:

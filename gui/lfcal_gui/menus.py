@@ -21,7 +21,7 @@ def page_key(row: int) -> QKeySequence | None:
 
 
 class WindowMenus:
-    """Fills the menu bar of a `lfcal_gui.window.MainWindow`; ``undo`` and ``redo`` are renamed as the project changes."""
+    """Fills the menu bar of a `lfcal_gui.window.MainWindow`: undo and redo are renamed as the project changes."""
 
     def __init__(self, window: Any) -> None:
         self._window = window

@@ -1,4 +1,4 @@
-"""Pictures of every page with content: ``python -m lfcal_gui.screenshots OUT``, each state in both themes at all sizes."""
+"""Pictures of every page: ``python -m lfcal_gui.screenshots OUT``, each state in both themes at all sizes."""
 
 from __future__ import annotations
 

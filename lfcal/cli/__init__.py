@@ -6,10 +6,10 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
-from typing import cast
+from typing import Any, cast
 
 __all__ = ["main"]
 
@@ -26,8 +26,15 @@ class _Ended(BaseException):
             self.add_note(note)
 
 
-def main() -> None:
+def main(command_line: Callable[[], Any] | None = None, name: str = "lfcal") -> None:
     """Run ``lfcal``: bad input ends with one clear line and exit code 2, a signal with 128 and its number.
+
+    Parameters
+    ----------
+    command_line
+        Makes the parser of another program that ends in the same way; ``lfcal``'s own by default.
+    name
+        What the program is called in its help.
 
     Examples
     --------
@@ -46,7 +53,7 @@ def main() -> None:
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))
     try:
         with _signals_clean_up():
-            _run()
+            _run(command_line, name)
     except _Ended as ended:
         # what shells expect of a program that a signal has ended.
         from lfcal.cli.console import KEPT
@@ -57,7 +64,7 @@ def main() -> None:
         )
 
 
-def _run() -> None:
+def _run(command_line: Callable[[], Any] | None, name: str) -> None:
     # imported late: a package that only asks where the command line is must not load every library.
     import logging
 
@@ -72,9 +79,10 @@ def _run() -> None:
     usage_error = cast(type[Exception], typer.BadParameter.__mro__[2])
     try:
         with bounded_threads():
-            from lfcal.cli.app import command_line
+            if command_line is None:
+                from lfcal.cli.app import command_line
 
-            code = command_line()(standalone_mode=False, prog_name="lfcal")
+            code = command_line()(standalone_mode=False, prog_name=name)
         sys.exit(code if isinstance(code, int) else 0)
     except usage_error as error:
         from lfcal.cli.usage import usage_line

@@ -1,22 +1,26 @@
-"""``python -m benchmarks``: time lfcal side by side with other ways to do the same."""
+"""``lfcal bench``: where the benchmarks are."""
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
-
 import typer
 
-import benchmarks
+from lfcal.base.errors import InputError
+
+__all__ = ["register"]
+
+WHERE = "run `python -m benchmarks` in the folder of lfcal's source, where uv or pip has installed it"
 
 
 def register(app: typer.Typer) -> None:
-    """Add ``bench`` with the sub-commands of the modules of `benchmarks`."""
-    bench = typer.Typer(
-        help="Time lfcal side by side with other ways to do the same.",
-        epilog="Example: `python -m benchmarks multiplex --quick`",
-        no_args_is_help=True,
-    )
-    for name in sorted(m.name for m in pkgutil.iter_modules(benchmarks.__path__) if not m.name.startswith("_")):
-        importlib.import_module(f"benchmarks.{name}").register(bench)
-    app.add_typer(bench, name="bench")
+    """Add ``bench`` to the command line."""
+    app.command("bench")(command)
+
+
+def command(name: str = typer.Argument("", help="Benchmark that is looked for.")) -> None:
+    """Say where the benchmarks are: beside the installed package, in the source.
+
+    Example: `lfcal bench`
+    """
+    if name:
+        raise InputError(f"bench {name}: benchmarks are not part of the installed program; {WHERE}")
+    typer.echo(f"The benchmarks time lfcal side by side with other ways to do the same: {WHERE}.")

@@ -7,9 +7,23 @@ import gc
 from functools import cache
 from pathlib import Path
 
-__all__ = ["ROOT", "text_of", "tree_of"]
+__all__ = ["FILES", "MODULES", "PACKAGES", "ROOT", "WINDOW", "name_of", "text_of", "tree_of"]
 
 ROOT = Path(__file__).resolve().parents[2]
+WINDOW = ROOT / "gui" / "lfcal_gui"
+PACKAGES = {"lfcal": ROOT / "lfcal", "lfcal_gui": WINDOW}
+"""The packages that are installed, and their folders."""
+
+
+def name_of(path: Path) -> str:
+    """Return the name by which a file of the packages is imported."""
+    folder = WINDOW.parent if path.is_relative_to(WINDOW) else ROOT
+    parts = path.relative_to(folder).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+FILES = sorted(path for folder in PACKAGES.values() for path in folder.rglob("*.py"))
+MODULES = {name_of(path): path for path in FILES}
 
 
 @cache

@@ -8,20 +8,10 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-from tests.architecture.sources import ROOT, text_of, tree_of
-
-FILES = sorted(p for package in ("lfcal", "gui") for p in (ROOT / package).rglob("*.py"))
+from tests.architecture.sources import FILES, MODULES, PACKAGES, ROOT, WINDOW, name_of, text_of, tree_of
 
 LONG_BODY = 40
 MOST_POSITIONAL = 6
-
-
-def name_of(path: Path) -> str:
-    parts = path.relative_to(ROOT).with_suffix("").parts
-    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
-
-
-MODULES = {name_of(path): path for path in FILES}
 
 
 def statements(tree: ast.Module) -> Iterator[ast.stmt]:
@@ -127,10 +117,11 @@ def private(path: Path) -> list[str]:
     here = name_of(path) if path.name == "__init__.py" else name_of(path).rpartition(".")[0]
     found = []
     for module, name in imports(path):
-        if not module.startswith(("lfcal", "gui")):
+        if module.split(".")[0] not in PACKAGES:
             continue
         home, _, last = module.rpartition(".")
-        if last.startswith("_") and not last.startswith("__") and home != here:
+        inside = f"{here}.".startswith(f"{home}.")
+        if last.startswith("_") and not last.startswith("__") and not inside:
             found.append(module)
         if name.startswith("_") and not name.startswith("__") and here not in (home, module):
             found.append(f"{module}.{name}")
@@ -142,7 +133,7 @@ def test_no_private_name_crosses_a_package() -> None:
 
 
 def test_no_qt_where_the_window_keeps_its_models() -> None:
-    for path in (p for p in FILES if p.is_relative_to(ROOT / "gui")):
+    for path in (p for p in FILES if p.is_relative_to(WINDOW)):
         if "models" in path.parts or path.stem.startswith("model"):
             assert not {m for m, _ in imports(path) if m.split(".")[0] in ("PySide6", "pyqtgraph")}, path
 

@@ -9,10 +9,11 @@ import sys
 
 import pytest
 
-from tests.architecture.test_house import MODULES, ROOT, circles, runtime_imports
+from tests.architecture.sources import MODULES, ROOT
+from tests.architecture.test_house import circles, runtime_imports
 
 PARTS = 120
-OUTSIDE = ("lfcal.__main__", "lfcal_gui.__main__", "benchmarks", "lfcal.cli", "lfcal.napari", "gui")
+OUTSIDE = ("lfcal.__main__", "lfcal.cli", "lfcal.napari", "lfcal_gui")
 """Modules of the command line, of other programs and of Qt, which other libraries let only one thread import."""
 
 FIRST = """

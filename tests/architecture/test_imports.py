@@ -13,71 +13,39 @@ from pathlib import Path
 
 import pytest
 
-from tests.architecture.sources import ROOT, text_of, tree_of
-from tests.architecture.test_house import FILES, statements
+from tests.architecture.sources import FILES, PACKAGES, ROOT, WINDOW, name_of, text_of, tree_of
+from tests.architecture.test_house import statements
 
-COMMON = {
-    "h5",
-    "errors",
-    "checks",
-    "axes",
-    "progress",
-    "files",
-    "system",
-    "tiff_file",
-    "units",
-    "threads",
-    "compiled",
-    "registry",
-    "figures",
-    "npy",
-    "plain",
-    "face",
-}
+GROUND = {"base", "_lazy"}
 ALLOWED: dict[str, set[str]] = {
-    "errors": set(),
-    "face": set(),
-    "units": set(),
-    "version": set(),
-    "npy": {"errors", "files", "units"},
-    "plain": {"errors"},
-    "axes": {"errors"},
-    "checks": {"errors"},
-    "progress": set(),
-    "system": {"errors"},
-    "threads": {"errors", "system"},
-    "compiled": set(),
-    "registry": {"errors"},
-    "files": {"errors", "units", "system"},
-    "h5": {"compiled", "errors", "files", "system", "units"},
-    "figures": {"files"},
-    "tiff_file": {"files"},
-    "camera": COMMON,
-    "lattice": COMMON | {"camera"},
-    "frames": COMMON | {"camera", "lattice"},
-    "work": COMMON,
-    "psf": COMMON | {"work", "camera", "frames", "version"},
-    "simulate": COMMON | {"work", "camera", "frames", "psf"},
-    "fit": COMMON | {"work", "camera", "psf", "simulate"},
-    "targets": COMMON | {"camera", "frames", "simulate"},
-    "devices": COMMON | {"camera", "frames"},
-    "acquire": COMMON | {"devices", "camera", "frames", "psf", "targets"},
-    "campaign": COMMON | {"acquire", "devices", "fit", "camera", "frames", "psf", "simulate", "targets"},
-    "reconstruct": COMMON | {"psf"},
-    "inspect": COMMON | {"camera", "psf", "simulate", "fit", "reconstruct"},
-    "multiplex": COMMON | {"camera", "lattice", "frames"},
-    "napari": COMMON | {"acquire", "psf", "reconstruct"},
-    "accuracy": COMMON | {"camera", "frames", "lattice", "psf", "simulate", "acquire", "reconstruct", "multiplex"},
+    "base": {"_lazy"},
+    "_lazy": set(),
+    "camera": GROUND,
+    "lattice": GROUND | {"camera"},
+    "frames": GROUND | {"camera", "lattice"},
+    "work": GROUND,
+    "psf": GROUND | {"work", "camera", "frames"},
+    "simulate": GROUND | {"work", "camera", "frames", "psf"},
+    "fit": GROUND | {"work", "camera", "psf", "simulate"},
+    "targets": GROUND | {"camera", "frames", "simulate"},
+    "devices": GROUND | {"camera", "frames"},
+    "acquire": GROUND | {"devices", "camera", "frames", "psf", "targets"},
+    "campaign": GROUND | {"acquire", "devices", "fit", "camera", "frames", "psf", "simulate", "targets"},
+    "reconstruct": GROUND | {"psf"},
+    "inspect": GROUND | {"camera", "psf", "simulate", "fit", "reconstruct"},
+    "multiplex": GROUND | {"camera", "lattice", "frames"},
+    "napari": GROUND | {"acquire", "psf", "reconstruct"},
+    "accuracy": GROUND | {"camera", "frames", "lattice", "psf", "simulate", "acquire", "reconstruct", "multiplex"},
 }
 """Which parts of the library a part may import besides itself; a part stands on those below it."""
 
-TOP = {"cli", "bench", "__main__"}
+TOP = {"cli", "__main__"}
 FRAMES_OF_PSF = ("lfcal.frames.source", "lfcal.frames.regions", "lfcal.frames.orientation", "lfcal.frames.part")
 """All that the matrix knows of frames: the protocol, and the geometry of regions, parts, flips and turns."""
 
 
 def modules(package: str) -> list[Path]:
-    return sorted((ROOT / package).rglob("*.py"))
+    return [path for path in FILES if f"{name_of(path)}.".startswith(f"{package}.")]
 
 
 @cache
@@ -100,7 +68,7 @@ def part_of(path: Path) -> str:
 def beyond(path: Path) -> set[str]:
     """Return the parts of the library that a file of it imports and must not; the library never imports the window."""
     names = imported(path)
-    window = {n for n in names if n.split(".")[0] == "gui"}
+    window = {n for n in names if n.split(".")[0] in ("lfcal_gui", "benchmarks")}
     part = part_of(path)
     if part in TOP or part == "__init__":
         return window
@@ -117,7 +85,7 @@ def test_arrows() -> None:
 
 
 def test_psf_knows_frames_by_their_protocol_only() -> None:
-    for path in modules("lfcal/psf"):
+    for path in modules("lfcal.psf"):
         for name in imported(path):
             if name.startswith("lfcal.frames"):
                 assert name.startswith(FRAMES_OF_PSF), f"{path.name} imports {name}"
@@ -131,7 +99,7 @@ def test_the_arrow_test_can_fail(tmp_path: Path) -> None:
 
 
 def test_pages_do_not_import_each_other() -> None:
-    pages = ROOT / "gui" / "pages"
+    pages = WINDOW / "pages"
     for path in sorted(pages.glob("*/*.py")):
         others = {n.split(".")[2] for n in imported(path) if n.startswith("lfcal_gui.pages.")}
         assert others <= {path.parent.name}, path
@@ -149,10 +117,9 @@ def test_importing_the_library_loads_no_window_and_no_plotting(module: str) -> N
 
 
 def test_every_module_says_what_it_is() -> None:
-    for package in ("lfcal", "gui"):
-        for path in modules(package):
-            if text_of(path).strip():
-                assert ast.get_docstring(tree_of(path)), f"{path} has no docstring"
+    for path in FILES:
+        if text_of(path).strip():
+            assert ast.get_docstring(tree_of(path)), f"{path} has no docstring"
 
 
 PLATFORM_CALLS = re.compile(
@@ -162,7 +129,7 @@ PLATFORM_CALLS = re.compile(
 
 
 def test_calls_that_differ_between_systems_have_one_home() -> None:
-    files = [path for package in ("lfcal", "gui") for path in modules(package) if path != ROOT / "lfcal" / "system.py"]
+    files = [path for path in FILES if path != ROOT / "lfcal" / "base" / "system.py"]
     calls = {str(p.relative_to(ROOT)): PLATFORM_CALLS.search(text_of(p)) for p in files}
     assert not {name: found[0] for name, found in calls.items() if found}, "use lfcal.base.system"
 
@@ -187,7 +154,7 @@ def test_every_import_is_of_a_declared_dependency() -> None:
         at_once = set(map(id, tree.body))
         for node in statements(tree):
             declared = top if id(node) in at_once else always.union(*extras.values())
-            for name in packages_of(node) - sys.stdlib_module_names - AS_MAKERS_SAY - {"lfcal", "gui"}:
+            for name in packages_of(node) - sys.stdlib_module_names - AS_MAKERS_SAY - set(PACKAGES):
                 found = {PART_OF.get(name, ""), *map(canonical, brought_by.get(name, [name]))}
                 if not found & declared:
                     wrong.append(f"{path.relative_to(ROOT)}: {name}")

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.architecture.sources import ROOT, text_of, tree_of
+from tests.architecture.sources import FILES, PACKAGES, ROOT, text_of, tree_of
 
 MOST = 6
 EXCEPTIONS: dict[str, str] = {}
@@ -55,7 +55,7 @@ def borrowed(tree: ast.Module) -> set[str]:
     return {
         alias.asname or alias.name
         for node in ast.walk(tree)
-        if isinstance(node, ast.ImportFrom) and str(node.module).split(".")[0] in ("lfcal", "gui")
+        if isinstance(node, ast.ImportFrom) and str(node.module).split(".")[0] in PACKAGES
         for alias in node.names
     }
 
@@ -74,8 +74,7 @@ def too_many(tree: ast.Module) -> list[str]:
 @cache
 def trees() -> dict[str, ast.Module]:
     """Return the files that hold kernels, by their names."""
-    found = [path for package in ("lfcal", "gui") for path in sorted((ROOT / package).rglob("*.py"))]
-    parsed = {str(path.relative_to(ROOT)): tree_of(path) for path in found if "njit" in text_of(path)}
+    parsed = {str(path.relative_to(ROOT)): tree_of(path) for path in FILES if "njit" in text_of(path)}
     return {name: tree for name, tree in parsed.items() if any(kernels(tree))}
 
 

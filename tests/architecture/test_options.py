@@ -66,7 +66,7 @@ def test_every_option_of_every_command_is_read() -> None:
     assert [f"{path.name}: {node.name}: {name}" for path, node in found for name in unread(node)] == []
 
 
-@pytest.mark.parametrize("folder", ["lfcal", "gui"])
+@pytest.mark.parametrize("folder", ["lfcal", "gui/lfcal_gui"])
 def test_names_that_a_function_takes_are_used(folder: str) -> None:
     found = [(path, node) for path, node in functions(folder) if node.args.kwarg is not None]
     assert found, "there are such functions"

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 import typer.main
 
+import benchmarks.__main__
 from lfcal.cli.app import build_app
 
 TESTS = Path(__file__).parents[1]
@@ -39,7 +40,10 @@ def short_names(parameter: Any) -> tuple[str, ...]:
 
 OPTIONS = {
     (path, name): short_names(parameter)
-    for path, command in walk(typer.main.get_command(build_app()))
+    for path, command in (
+        *walk(typer.main.get_command(build_app())),
+        *walk(benchmarks.__main__.command_line(), ("benchmarks",)),
+    )
     for parameter in command.params
     for name in long_names(parameter)
 }
@@ -64,7 +68,7 @@ def names(text: str, path: tuple[str, ...], option: str) -> bool:
 
 
 def test_the_walk_finds_the_sub_commands() -> None:
-    assert (("bench", "transpose"), "--sizes") in OPTIONS and (("multiplex", "search"), "--chi2") in OPTIONS
+    assert (("benchmarks", "transpose"), "--sizes") in OPTIONS and (("multiplex", "search"), "--chi2") in OPTIONS
     assert ((), "--version") in OPTIONS and (("acquire",), "--no-pack") in OPTIONS
     assert (("acquire",), "--pack") not in OPTIONS, "it is the default"
 

@@ -109,7 +109,7 @@ def check_kills(name: str, place: Path, count: int, *, seed: int) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", [name for name in WRITERS if name not in ("bench accuracy", "reconstruct zarr")])
+@pytest.mark.parametrize("name", [name for name in WRITERS if name != "reconstruct zarr"])
 def test_ended_at_any_moment(place: Path, name: str) -> None:
     check_kills(name, place, 30 if name == "acquire" else 10, seed=sum(map(ord, name)))
 

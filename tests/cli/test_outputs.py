@@ -42,7 +42,6 @@ COMMANDS = (
     ("export",),
     ("reconstruct",),
     ("demo",),
-    ("bench", "accuracy"),
     *(("camera", name) for name in ("new", "import", "check", "sensor")),
     *(("multiplex", name) for name in ("compare", "show", "demosaic", "views", "search", "filters", "figures")),
     *(("multiplex", name) for name in ("map", "design", "recover", "coding")),
@@ -73,9 +72,9 @@ def test_every_command_that_takes_an_output_takes_force() -> None:
         if any(p.name in ("out", "report", "assemble", "draw") for p in command.params)
     }
     assert written - set(COMMANDS) == set()
-    assert {
-        tuple(w.words()[: 1 + (w.words()[0] in ("bench", "camera", "multiplex"))]) for w in WRITERS.values()
-    } == set(COMMANDS)
+    assert {tuple(w.words()[: 1 + (w.words()[0] in ("camera", "multiplex"))]) for w in WRITERS.values()} == set(
+        COMMANDS
+    )
 
 
 @pytest.mark.few(16)
@@ -146,7 +145,6 @@ def test_force_replaces_through_a_link(lfcal: Lfcal, place: Path, name: str) -> 
         ("multiplex demosaic frame.tif --pattern GRBG -o frame.tif", "frame.tif"),
         ("multiplex views frame.tif --white white.tif -o white.tif", "white.tif"),
         ("white white.tif --camera out/camera.json -o out", "out/camera.json"),
-        ("bench accuracy camera.json -o camera.json", "camera.json"),
     ],
 )
 def test_an_input_is_never_replaced(lfcal: Lfcal, place: Path, command: str, kept: str) -> None:

@@ -1,4 +1,4 @@
-"""``lfcal simulate`` and ``python -m benchmarks accuracy`` as a user runs them."""
+"""``lfcal simulate`` as a user runs it."""
 
 from __future__ import annotations
 
@@ -140,16 +140,6 @@ def test_the_peak_of_the_frames(lfcal: Lfcal, plan_file: Path, tmp_path: Path) -
 def test_bad_input_is_one_line_and_code_2(lfcal: Lfcal, arguments: tuple[str, ...], word: str) -> None:
     run = lfcal("simulate", *arguments)
     assert run.code == 2 and word in run.err and run.err.count("\n") == 1
-
-
-@pytest.mark.long
-def test_accuracy_bench(lfcal: Lfcal, tmp_path: Path) -> None:
-    arguments = ("--depth", "5", "--positions", "1", "--asked", "30,10", "-o", tmp_path / "c.png")
-    run = lfcal("bench", "accuracy", "lfm_20x05", *arguments)
-    assert run.code == 0, run.err
-    assert "picked" in run.out and "reference" in run.out and (tmp_path / "c.png").exists()
-    asked = run.out.split("what comes of a tolerance")[1]
-    assert "30 %" in asked and "10 %" in asked and "px" in asked
 
 
 def test_magnitudes_of_effects(lfcal: Callable[..., Run], tmp_path: Path) -> None:

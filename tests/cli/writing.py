@@ -80,11 +80,10 @@ WRITERS = {
     "multiplex recover": Writer("multiplex recover frame.tif --modulator Bayer -o out.tif", "out.tif", 3000),
     "multiplex coding": Writer("multiplex coding H.h5 --sensor r29 --points 3 -o out.png", "out.png", 3000),
     "demo": Writer("demo out", "out/H.h5", 8000),
-    "bench accuracy": Writer("bench accuracy bench --positions 1 -o out.png", "out.png", 3000),
 }
 if find_spec("zarr"):  # a folder: what is asked of it as a file holds for the file of that name that it replaces
     WRITERS["reconstruct zarr"] = Writer("reconstruct H.h5 frame.tif -n 1 -o out.ome.zarr", "out.ome.zarr", 3000)
-LONG = {"accuracy", "compare", "demo", "fit", "inspect", "trend", "white", "views", "bench accuracy"}
+LONG = {"accuracy", "compare", "demo", "fit", "inspect", "trend", "white", "views"}
 LONG |= {f"multiplex {name}" for name in ("compare", "show", "search", "filters", "figures", "map", "design", "coding")}
 """Those that take a second or more."""
 

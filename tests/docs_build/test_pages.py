@@ -36,14 +36,16 @@ def test_every_page_is_listed_once() -> None:
 
 def test_every_page_of_the_window_is_shown_with_its_picture_and_keys() -> None:
     text = (DOCS / "workstation.md").read_text(encoding="utf-8")
-    pages = [p.name for p in (ROOT / "gui" / "pages").iterdir() if (p / "page.py").is_file()]
+    pages = [p.name for p in (ROOT / "gui" / "lfcal_gui" / "pages").iterdir() if (p / "page.py").is_file()]
     assert (
         set(re.findall(r"images/workstation/(\w+)\.png", text)) == set(pages) == set(re.findall(r"keys: (\w+)", text))
     )
 
 
 def test_every_picture_of_a_page_is_taken_in_a_scene() -> None:
-    text = "".join((ROOT / "gui" / "scenes" / f"{name}.py").read_text(encoding="utf-8") for name in SCENES)
+    text = "".join(
+        (ROOT / "gui" / "lfcal_gui" / "scenes" / f"{name}.py").read_text(encoding="utf-8") for name in SCENES
+    )
     # a name that a scene makes of others stands for any
     taken = [re.sub(r"\\{\w+\\}", r"\\w+", re.escape(name)) for name in re.findall(r'Shot\(f?"([^"]+)"', text)]
     shown = re.findall(r"images/workstation/(\w+)\.png", (DOCS / "workstation.md").read_text(encoding="utf-8"))

@@ -30,7 +30,7 @@ def hook(event, arguments):
             loaded.append(name)
 
 sys.addaudithook(hook)
-from lfcal_gui.bench_holds import visit_all
+from benchmarks._window_holds import visit_all
 visit_all(Path({folder!r}))
 print(json.dumps(loaded))
 """

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-GUI = ROOT / "gui"
+GUI = ROOT / "gui" / "lfcal_gui"
 FILES = sorted(GUI.rglob("*.py"))
 PAGES = sorted(path.parent for path in (GUI / "pages").glob("*/__init__.py"))
 QT = ("PySide6", "pyqtgraph")
@@ -95,7 +95,7 @@ def private(path: Path) -> set[str]:
     return {
         n
         for n in imports(path)
-        if n.startswith(("gui.", "lfcal.")) and any(p[0] == "_" and p[:2] != "__" for p in n.split("."))
+        if n.startswith(("lfcal_gui.", "lfcal.")) and any(p[0] == "_" and p[:2] != "__" for p in n.split("."))
     }
 
 
@@ -104,7 +104,9 @@ def test_no_private_name_crosses_a_module() -> None:
 
 
 def test_files_import_each_other_in_one_direction() -> None:
-    names = {".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path for path in FILES}
+    names = {
+        ".".join(path.relative_to(GUI.parent).with_suffix("").parts).removesuffix(".__init__"): path for path in FILES
+    }
     arrows = {
         name: {other for other in imports(path) if other in names and other != name} for name, path in names.items()
     }

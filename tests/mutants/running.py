@@ -19,7 +19,7 @@ from tests.mutants.operators import mutated
 
 __all__ = ["Tree", "Verdict"]
 
-COPIED = ("lfcal", "gui", "tests", "sample_data", "docs", "docs_build", "packaging", ".ci")
+COPIED = ("lfcal", "gui", "benchmarks", "tests", "sample_data", "docs", "docs_build", "packaging", ".ci")
 PATIENCE, LEAST_S = 4.0, 180.0
 """A mutant's tests may take this many times longer than without it, and at least so long (s); then it hangs."""
 

@@ -100,7 +100,7 @@ def test_too_coarse_a_sampling_is_refused_by_its_energy() -> None:
 @pytest.mark.parametrize("case", ["microscope", "two planes"])
 @pytest.mark.few(1)
 def test_seconds_are_foretold(case: str) -> None:
-    """Within 1.5 on a quiet machine (`python -m benchmarks accuracy --check`); here within 4, for processors are shared."""
+    """Within 1.5 on a quiet machine (`benchmarks accuracy --check`); here within 4, for processors are shared."""
     if case == "microscope":
         camera = preset("lfm_20x05")
         plan = ScanPlan.for_camera(camera, depths_um=[15.0], cutout=91)

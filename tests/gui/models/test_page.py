@@ -52,7 +52,8 @@ def test_the_pages_of_the_window_in_the_order_of_the_data() -> None:
 
 def test_finding_the_pages_loads_no_window() -> None:
     code = (
-        "import sys; from lfcal_gui.models.page import PAGES, page_states; from lfcal_gui.models.project import ProjectState\n"
+        "import sys; from lfcal_gui.models.page import PAGES, page_states\n"
+        "from lfcal_gui.models.project import ProjectState\n"
         "page_states(ProjectState()); "
         "print([m for m in ('PySide6', 'pyqtgraph', 'numba', 'lfcal_gui.base_page') if m in sys.modules])"
     )

@@ -62,7 +62,7 @@ def recorded(
     live: tuple[Array, tuple[int, int]] | None,
     camera: Camera | None,
 ) -> Seen:
-    """Return what the sensor recorded behind the modulator; parameters as in `lfcal_gui.pages.multiplex.model_scene`."""
+    """Return what the sensor recorded behind the modulator; parameters as in `model_scene`."""
     if settings.scene == "live":
         if live is None:
             raise InputError("scene: no live frame yet; switch the live view of the Acquire page on")

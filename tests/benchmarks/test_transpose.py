@@ -11,8 +11,8 @@ import pytest
 
 from benchmarks import _transposers as ways
 from benchmarks import transpose as bench
+from benchmarks.__main__ import main
 from lfcal.base.errors import InputError, LfcalError
-from lfcal.cli import main
 from lfcal.psf import transpose
 
 

@@ -101,7 +101,7 @@ def _frames(held: LongestTurn, jobs: Any, shape: tuple[int, int]) -> None:
 VISITS = """
 import json, sys
 from pathlib import Path
-from lfcal_gui.bench_holds import visit_all
+from benchmarks._window_holds import visit_all
 print(json.dumps(visit_all(Path({folder!r}))))
 """
 

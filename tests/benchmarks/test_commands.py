@@ -15,8 +15,8 @@ import pytest
 from benchmarks import _r29, _reduced, acquire, aperture
 from benchmarks import multiplex as multiplex_bench
 from benchmarks import reconstruct as reconstruct_bench
+from benchmarks.__main__ import main
 from benchmarks._solver_scenes import CAMERAS, problem_of, subject_of
-from lfcal.cli import main
 from lfcal.psf import PSFMatrix, save
 from lfcal.reconstruct import Projector
 from lfcal.reconstruct.projectors.device import ArrayDevice
@@ -47,6 +47,17 @@ class Bench:
 def bench(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Bench:
     monkeypatch.setitem(sys.modules, "pyolaf", None)  # whether it is installed or not
     return Bench(monkeypatch, capsys)
+
+
+@pytest.mark.long
+def test_accuracy_says_what_comes_of_a_tolerance(bench: Bench, tmp_path: Path) -> None:
+    chart = tmp_path / "c.png"
+    said = bench("accuracy", "lfm_20x05", "--depth", "5", "--positions", "1", "--asked", "30,10", "-o", chart)
+    assert "picked" in said and "reference" in said and chart.exists()
+    asked = said.split("what comes of a tolerance")[1]
+    assert "30 %" in asked and "10 %" in asked and "px" in asked
+    chart.write_text("old")
+    assert "exists; add --force" in bench("accuracy", "bench", "--positions", 1, "-o", chart, code=2)
 
 
 @pytest.mark.long

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 
-from typer.testing import CliRunner
+import pytest
 
+from benchmarks.__main__ import command_line
 from benchmarks.frames import iter_compare
 from lfcal.base.progress import drain
-from lfcal.cli.app import build_app
 
 
 def test_rows() -> None:
@@ -18,7 +18,6 @@ def test_rows() -> None:
     assert {row.what for row in rows} >= {"dark + white", "read a.png, checked", "read deflate.tif, checked"}
 
 
-def test_command_prints_json() -> None:
-    result = CliRunner().invoke(build_app(), ["bench", "frames", "--megapixels", "0.02", "--repeats", "1", "--json"])
-    assert result.exit_code == 0, result.output
-    assert json.loads(result.stdout)[0]["ratio"] > 0
+def test_command_prints_json(capsys: pytest.CaptureFixture[str]) -> None:
+    command_line().main(["frames", "--megapixels", "0.02", "--repeats", "1", "--json"], standalone_mode=False)
+    assert json.loads(capsys.readouterr().out)[0]["ratio"] > 0

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from benchmarks import target as bench
+from benchmarks.__main__ import main
 from benchmarks._target_scene import target_scene
 from benchmarks.target import compared, error_of, single_error
-from lfcal.cli import main
 from lfcal.fit.model import Fineness
 from lfcal.fit.setup import Setup
 from lfcal.simulate.effects import Distortion, FiniteSource, MechanicalVignetting, ReadNoise, ShotNoise

@@ -7,9 +7,9 @@ import sys
 
 import pytest
 
+from benchmarks.__main__ import main
 from benchmarks.debye import measure
 from lfcal.base.errors import InputError
-from lfcal.cli import main
 
 
 @pytest.mark.long

@@ -1,4 +1,4 @@
-"""Speed of the window: ``python -m benchmarks window``; scrubbing HT, live frames, start-up, holds, first looks at pages.
+"""``python -m benchmarks window``: scrubbing HT, live frames, start-up, holds, first looks at pages.
 
 Beside the time on the clock, which other programs lengthen, stands the processor time of the window's thread, and where
 more threads are at work that of all of them.
@@ -6,8 +6,6 @@ more threads are at work that of all of them.
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 import statistics
 import subprocess
@@ -18,8 +16,12 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+import typer
 
-from lfcal_gui.bench_holds import first_visits, holds
+from benchmarks._window_holds import first_visits, holds
+from lfcal.base.errors import InputError
+from lfcal.cli.console import print_json
+from lfcal.cli.options import JsonOption
 
 MEASURED = ("first_visits", "start_up", "scrubbing", "live_frames", "holds")
 R29_PLANE = (55, 95, 181, 181)
@@ -43,15 +45,26 @@ print(time.perf_counter() - t[0], time.process_time() - t[1]); w.shut_down()
 """
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Print what was measured; return the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m lfcal_gui.bench", description=__doc__)
-    parser.add_argument("--json", action="store_true", help="print JSON")
-    parser.add_argument("--small", action="store_true", help="a plane and a frame of a tenth of the size")
-    parser.add_argument("--only", action="append", choices=MEASURED, help="only this; may be given again")
-    options = parser.parse_args(arguments)
+def register(bench: typer.Typer) -> None:
+    """Add ``window`` to the benchmarks."""
+    bench.command("window")(command)
+
+
+def command(
+    *,
+    small: bool = typer.Option(False, "--small", help="A plane and a frame of a tenth of the size."),
+    only: str = typer.Option(",".join(MEASURED), help="Only some of these."),
+    json: JsonOption = False,
+) -> None:
+    """Time the window: scrubbing HT, live frames, start-up, the longest holds, the first look at each page.
+
+    Example: `python -m benchmarks window --small --only scrubbing`
+    """
+    wanted = [name.strip() for name in only.split(",")]
+    if not set(wanted) <= set(MEASURED):
+        raise InputError.expected("--only", f"some of {', '.join(MEASURED)}", only, "correct it")
     os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
-    scale = 0.1 if options.small else 1.0
+    scale = 0.1 if small else 1.0
     side = scale**0.5
     plane = (*R29_PLANE[:2], int(R29_PLANE[2] * side) | 1, int(R29_PLANE[3] * side) | 1)
     frame = (int(R29_FRAME[0] * side), int(R29_FRAME[1] * side))
@@ -62,13 +75,12 @@ def main(arguments: list[str] | None = None) -> int:
         "live_frames": lambda: live_frames(scale),
         "holds": lambda: holds(plane, frame),
     }
-    found = {name: measure() for name, measure in measures.items() if not options.only or name in options.only}
-    if options.json:
-        print(json.dumps(found, indent=2))
-        return 0
+    found = {name: measure() for name, measure in measures.items() if name in wanted}
+    if json:
+        print_json(found)
+        return
     for name, measured in found.items():
-        print(WORDS[name](measured))
-    return 0
+        typer.echo(WORDS[name](measured))
 
 
 def _start_words(start: dict[str, Any]) -> str:
@@ -228,7 +240,3 @@ def live_frames(scale: float = 1.0, seconds: float = 4.0) -> dict[str, Any]:
         "busy_ms": 1e3 * statistics.median(busy) if busy else float("nan"),
         "all_ms": 1e3 * worked / seen if seen else float("nan"),
     }
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -12,7 +12,7 @@ from benchmarks import faults
 from benchmarks._fault_list import FAULTS, Injected
 from benchmarks._fault_recordings import CAMERAS, Recording
 from benchmarks.faults import Tried
-from tests.bench.test_commands import Bench, bench
+from tests.benchmarks.test_commands import Bench, bench
 
 __all__ = ["bench"]
 
