@@ -26,9 +26,9 @@ class LongestTurn:
         self._app, self._busy = app, busy
         self.found: dict[str, float] = {}
 
-    def do(self, name: str, action: Callable[[], object]) -> None:
-        """Do ``action``, and what follows from it until nothing is at work."""
-        longest = self._turn(action)
+    def do(self, name: str, action: Callable[..., object], *values: Any) -> None:
+        """Do ``action`` with ``values``, and what follows from it until nothing is at work."""
+        longest = self._turn(action, *values)
         end, calm = time.monotonic() + IDLE_S, 0
         while calm < 5 and time.monotonic() < end:
             longest = max(longest, self._turn(self._app.processEvents))
@@ -37,9 +37,9 @@ class LongestTurn:
         self.found[name] = max(longest, self.found.get(name, 0.0))
 
     @staticmethod
-    def _turn(action: Callable[[], object]) -> float:
+    def _turn(action: Callable[..., object], *values: Any) -> float:
         start = time.thread_time()
-        action()
+        action(*values)
         return 1e3 * (time.thread_time() - start)
 
 
@@ -65,14 +65,14 @@ def holds(plane: tuple[int, int, int, int], frame: tuple[int, int]) -> dict[str,
         held.do("H is opened", lambda: window.project.update("open", psf="plane"))
         page: Any = window.page("psf")
         for k in range(20):
-            held.do("another position", lambda k=k: page.panel.map.chosen.emit(7 * k % ny, 3 * k % nx))
+            held.do("another position", page.panel.map.chosen.emit, 7 * k % ny, 3 * k % nx)
         for _ in range(4):
             held.do("H and HT", lambda: page.set_intent(transposed=not page.intent.transposed))
             held.do("another scale", lambda: page.panel.toggle_scale("log"))
         for k in range(5):
-            held.do("pointer", lambda k=k: page.panel.main_view.hovered.emit(k, k, 1.0))
+            held.do("pointer", page.panel.main_view.hovered.emit, k, k, 1.0)
         for width in (1500, 1900, 1280):
-            held.do("another size", lambda width=width: window.resize(width, 900))
+            held.do("another size", window.resize, width, 900)
         for _ in range(2):
             held.do("another theme", window.toggle_theme)
         held.do("undo", window.project.undo)
@@ -92,8 +92,8 @@ def _frames(held: LongestTurn, jobs: Any, shape: tuple[int, int]) -> None:
     view.show()
     for k in range(3):
         pixels = rng.integers(0, 4096, shape, np.uint16)
-        held.do("another frame", lambda pixels=pixels: view.set_frame(pixels, (0, 4095)))
-        held.do("zoom into a frame", lambda k=k: view.show_region(100 * k, 100 * k, 300, 400))
+        held.do("another frame", view.set_frame, pixels, (0, 4095))
+        held.do("zoom into a frame", view.show_region, 100 * k, 100 * k, 300, 400)
         held.do("whole frame", view.show_all)
     view.close()
 
@@ -118,7 +118,7 @@ def visit_all(folder: Path) -> dict[str, float]:
     held = LongestTurn(app, lambda: window.jobs.busy)
     held.do("", lambda: None)
     for spec in window.specs:
-        held.do(spec.title, lambda key=spec.key: window.go(key))
+        held.do(spec.title, window.go, spec.key)
     window.shut_down()
     held.found.pop("")
     return held.found

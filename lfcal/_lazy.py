@@ -13,6 +13,7 @@ import importlib
 import sys
 from importlib.util import find_spec
 from types import ModuleType
+from typing import Any
 
 __all__ = ["lazy_face"]
 
@@ -65,7 +66,7 @@ def _names(package: ModuleType) -> dict[str, tuple[str, str]]:
     if known is None:
         spec = find_spec(f"{package.__name__}._face")
         assert spec is not None and spec.loader is not None
-        space = {"__builtins__": {**vars(builtins), "__import__": lambda module, *_: _Noted(module)}}
+        space: dict[str, Any] = {"__builtins__": {**vars(builtins), "__import__": lambda module, *_: _Noted(module)}}
         exec(spec.loader.get_code(spec.name), space)  # type: ignore[attr-defined]
         known = {name: found for name, found in space.items() if isinstance(found, tuple) and found[0] != "__future__"}
         package.__dict__["_names"] = known

@@ -26,14 +26,14 @@ class _Ended(BaseException):
             self.add_note(note)
 
 
-def main(command_line: Callable[[], Any] | None = None, name: str = "lfcal") -> None:
+def main(command_line: Callable[[], Any] | None = None, program: str = "lfcal") -> None:
     """Run ``lfcal``: bad input ends with one clear line and exit code 2, a signal with 128 and its number.
 
     Parameters
     ----------
     command_line
         Makes the parser of another program that ends in the same way; ``lfcal``'s own by default.
-    name
+    program
         What the program is called in its help.
 
     Examples
@@ -53,7 +53,7 @@ def main(command_line: Callable[[], Any] | None = None, name: str = "lfcal") -> 
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))
     try:
         with _signals_clean_up():
-            _run(command_line, name)
+            _run(command_line, program)
     except _Ended as ended:
         # what shells expect of a program that a signal has ended.
         from lfcal.cli.console import KEPT
@@ -64,7 +64,7 @@ def main(command_line: Callable[[], Any] | None = None, name: str = "lfcal") -> 
         )
 
 
-def _run(command_line: Callable[[], Any] | None, name: str) -> None:
+def _run(command_line: Callable[[], Any] | None, program: str) -> None:
     # imported late: a package that only asks where the command line is must not load every library.
     import logging
 
@@ -79,10 +79,10 @@ def _run(command_line: Callable[[], Any] | None, name: str) -> None:
     usage_error = cast(type[Exception], typer.BadParameter.__mro__[2])
     try:
         with bounded_threads():
-            if command_line is None:
-                from lfcal.cli.app import command_line
+            from lfcal.cli import app
 
-            code = command_line()(standalone_mode=False, prog_name=name)
+            parser = (command_line or app.command_line)()
+            code = parser(standalone_mode=False, prog_name=program)
         sys.exit(code if isinstance(code, int) else 0)
     except usage_error as error:
         from lfcal.cli.usage import usage_line
